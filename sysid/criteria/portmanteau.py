@@ -1,0 +1,222 @@
+"""The one statistic behind all residual tests: cᵀC⁺c with what the fit absorbed projected out.
+
+Instruments Z are lagged copies of signals. From them everything is removed that a right model's
+residuals are, or may be, correlated with by construction: the Jacobian J of the fit, the mean
+of each record, and optionally other lags of the same signals ("nuisance"). The rest Z̃ gives
+c = Z̃ᵀε and C = Z̃ᵀΣ̂Z̃. Z is built in blocks of rows and never held as a whole.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import qr
+
+from sysid.criteria.coloured import BLOCK, AutoRegression
+from sysid.criteria.fit import Array
+
+Mask = NDArray[np.bool_]
+
+ENERGY_TOLERANCE = 1e-8
+"""An instrument (or combination) with less than this share of its energy left counts as removed."""
+COLOUR_TOLERANCE = 1e-12
+"""Eigenvalues of C, relative to the largest, below which C is singular to working precision."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """A portmanteau statistic, its degrees of freedom, and where the correlation is largest.
+
+    ``worst`` is (signal, lag) of the largest |c|/√C; None when nothing was left to test.
+    """
+
+    statistic: float
+    dof: int
+    worst: tuple[int, int] | None
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What is tested against what; one array a record everywhere.
+
+    Attributes:
+        errors: residuals of one output, (N,), 0 where missing.
+        signals: signals whose lags are the instruments, (N, m), 0 where missing.
+        jacobian: ∂ŷ/∂θ, (N, n), 0 where missing.
+        keep: (N,), False where the residual is missing: such rows take no part at all.
+        rows: (N,), False where an instrument would reach outside the record: it is 0 there.
+        tested: lags that make Z.
+        nuisance: lags whose effect is removed from Z.
+        centred: whether each record's mean is removed.
+        noise: model of the residuals' colour; None for white.
+    """
+
+    errors: Sequence[Array]
+    signals: Sequence[Array]
+    jacobian: Sequence[Array]
+    keep: Sequence[Mask]
+    rows: Sequence[Mask]
+    tested: range
+    nuisance: range
+    centred: bool
+    noise: AutoRegression | None
+
+
+def score(trial: Trial) -> Score:
+    """cᵀC⁺c of a trial; asymptotically χ²(dof) when the model is right.
+
+    C is inverted on the directions where Z̃ has energy left (``ENERGY_TOLERANCE``), after they
+    were scaled to unit energy, so that neither the inputs' units nor their collinearity matter.
+    """
+    basis = _orthonormal(trial)
+    scale = _column_scale(trial)
+    shadows, means = _projections(trial, basis, scale)
+    count = len(scale)
+    tested = np.tile(np.arange(len(trial.tested) + len(trial.nuisance)), trial.signals[0].shape[1])
+    nuisance = tested >= len(trial.tested)
+
+    def instruments(r: int, start: int, stop: int) -> Array:
+        """Rows of record r without Jacobian and mean, still with the nuisance lags."""
+        block = _lagged(trial, r, start, stop) * scale
+        block -= basis[r][start:stop] @ shadows + means[r]
+        block[~trial.keep[r][start:stop]] = 0.0
+        return block
+
+    weights = np.eye(count)[:, ~nuisance]
+    if nuisance.any():
+        gram = np.zeros((count, count))
+        for r, start, stop in _blocks(trial):
+            block = instruments(r, start, stop)
+            gram += block.T @ block
+        weights[nuisance] = (
+            -_pseudo_inverse(gram[np.ix_(nuisance, nuisance)]) @ gram[np.ix_(nuisance, ~nuisance)]
+        )
+
+    c = np.zeros(weights.shape[1])
+    energy = np.zeros((len(c), len(c)))
+    covariance = np.zeros_like(energy)
+    for r in range(len(trial.errors)):
+
+        def last_to_first(r: int = r) -> Iterator[Array]:
+            for _, start, stop in reversed(list(_blocks(trial, r))):
+                block = instruments(r, start, stop) @ weights
+                c[:] += block.T @ trial.errors[r][start:stop]
+                energy[:] += block.T @ block
+                yield block
+
+        if trial.noise is not None and len(trial.errors[r]):
+            covariance += trial.noise.gram_of_blocks(last_to_first())
+        else:
+            for _ in last_to_first():
+                pass
+    if trial.noise is None:
+        samples = sum(int(k.sum()) for k in trial.keep)
+        covariance = energy * (sum(float(e @ e) for e in trial.errors) / samples)
+    elif CORR:
+        covariance *= _absorbed(trial, basis)
+    return _quadratic_form(trial, c, covariance, energy)
+
+
+CORR = True
+
+
+def _absorbed(trial: Trial, basis: list[Array]) -> float:
+    """How much more variance the noise v has than the residuals ε = (I − P)v that show it.
+
+    tr Σ / tr (I − P)Σ, which is N/(N − n) for white noise, and more where the fit took the
+    frequencies that hold the noise's power. At most 2: beyond, Σ̂ itself says little.
+    """
+    assert trial.noise is not None
+    taken = 0.0
+    for q, k in zip(basis, trial.keep, strict=True):
+        if k.any():
+            mean = np.where(k, 1.0, 0.0)[:, None] / np.sqrt(k.sum())
+            taken += float(np.trace(trial.noise.gram(np.hstack([q, mean]))))
+    total = sum(int(k.sum()) for k in trial.keep) * trial.noise.stationary_variance
+    return 1.0 / max(1.0 - taken / total, 0.5) if total > 0.0 else 1.0
+
+
+def _quadratic_form(trial: Trial, c: Array, covariance: Array, energy: Array) -> Score:
+    values, vectors = np.linalg.eigh(energy)
+    left = values > ENERGY_TOLERANCE * len(c)
+    whiten = vectors[:, left] / np.sqrt(values[left])
+    values, vectors = np.linalg.eigh(whiten.T @ covariance @ whiten)
+    regular = values > COLOUR_TOLERANCE * values.max(initial=0.0)
+    projected = vectors[:, regular].T @ (whiten.T @ c)
+    statistic = float(np.sum(projected**2 / values[regular]))
+    testable = (np.diag(energy) > ENERGY_TOLERANCE * len(c)) & (np.diag(covariance) > 0.0)
+    if not testable.any() or not regular.any():
+        return Score(0.0, 0, None)
+    standardised = np.abs(c) / np.sqrt(np.where(testable, np.diag(covariance), np.inf))
+    signal, lag = divmod(int(np.argmax(standardised)), len(trial.tested))
+    return Score(statistic, int(regular.sum()), (signal, trial.tested[lag]))
+
+
+def _blocks(trial: Trial, only: int | None = None) -> Iterator[tuple[int, int, int]]:
+    """(record, first row, one past the last row) of every block of rows."""
+    for r, errors in enumerate(trial.errors):
+        if only is None or r == only:
+            for start in range(0, len(errors), BLOCK):
+                yield r, start, min(start + BLOCK, len(errors))
+
+
+def _lagged(trial: Trial, r: int, start: int, stop: int) -> Array:
+    """Rows of [z₁(t−tested), z₁(t−nuisance), z₂(t−tested), …]; 0 outside the record."""
+    signals = trial.signals[r]
+    lags = [*trial.tested, *trial.nuisance]
+    block = np.zeros((stop - start, signals.shape[1], len(lags)))
+    for i, lag in enumerate(lags):
+        first, last = max(start - lag, 0), min(stop - lag, len(signals))
+        if first < last:
+            block[first + lag - start : last + lag - start, :, i] = signals[first:last]
+    block[~trial.rows[r][start:stop]] = 0.0
+    return block.reshape(stop - start, -1)
+
+
+def _column_scale(trial: Trial) -> Array:
+    """One over the norm of each instrument (0 for one that is zero), same for all its lags."""
+    energy = sum(np.einsum("ij,ij->j", z, z) for z in trial.signals)
+    norm = np.sqrt(np.asarray(energy))
+    scale = np.divide(1.0, norm, out=np.zeros_like(norm), where=norm > 0.0)
+    return np.repeat(scale, len(trial.tested) + len(trial.nuisance))
+
+
+def _orthonormal(trial: Trial) -> list[Array]:
+    """Orthonormal basis of the Jacobian's columns (each record centred if asked), by record.
+
+    Pivoted QR of columns of unit norm: collinear parameters shorten the basis, whereas the normal
+    equations would lose half the digits.
+    """
+    parts = []
+    for j, k in zip(trial.jacobian, trial.keep, strict=True):
+        part = np.where(k[:, None], j, 0.0)
+        if trial.centred and k.any():
+            part[k] -= part[k].mean(axis=0)
+        parts.append(part)
+    stacked = np.concatenate(parts)
+    norm = np.linalg.norm(stacked, axis=0)
+    stacked = stacked[:, norm > 0.0] / norm[norm > 0.0]
+    if stacked.size:
+        q, r, _ = qr(stacked, mode="economic", pivoting=True, overwrite_a=True)
+        stacked = q[:, : int((np.abs(np.diag(r)) > 1e-10 * abs(r[0, 0])).sum())]
+    borders = np.cumsum([len(p) for p in parts])[:-1]
+    return [np.asarray(q) for q in np.split(stacked, borders)]
+
+
+def _projections(trial: Trial, basis: list[Array], scale: Array) -> tuple[Array, list[Array]]:
+    """QᵀZ over all records, and the mean of Z in each record (0 unless centred)."""
+    shadows = np.zeros((basis[0].shape[1], len(scale)))
+    means = [np.zeros(len(scale)) for _ in basis]
+    for r, start, stop in _blocks(trial):
+        block = _lagged(trial, r, start, stop) * scale
+        shadows += basis[r][start:stop].T @ block
+        if trial.centred:
+            means[r] += block.sum(axis=0) / max(int(trial.keep[r].sum()), 1)
+    return shadows, means
+
+
+def _pseudo_inverse(gram: Array) -> Array:
+    values, vectors = np.linalg.eigh(gram)
+    kept = values > 1e-12 * values.max(initial=0.0)
+    return np.asarray((vectors[:, kept] / values[kept]) @ vectors[:, kept].T)

@@ -1,0 +1,452 @@
+"""What the residuals still contain: tests of whiteness, independence from the inputs, feedback.
+
+All three ask whether the residuals ε correlate with instruments Z (lagged residuals, past inputs,
+future inputs) and decide by one portmanteau number, not by one lag outside its band:
+
+    c = Z̃ᵀε,   Z̃ = Z − J(JᵀJ)⁻¹JᵀZ,   C = Z̃ᵀΣ̂Z̃,   cᵀC⁺c ~ χ²(rank C)  when the model is right.
+
+J is the model's Jacobian ∂ŷ/∂θ (either sign, initial states included). Estimation makes
+ε̂ = v + J(θ₀ − θ̂) to first order, so projecting J out of Z removes exactly what the fitted
+parameters took from the correlations — on the estimation data and on validation data alike —
+where "degrees of freedom = lags − parameters" is only right for pure AR models. Σ̂ is σ²I for
+whiteness and the covariance of an AR(20) fit of ε for the input tests, which must not mistake
+coloured noise for dependence (see ``coloured.py``).
+
+Sources: Ljung (1999) §16.6; Ljung & Box (1978); Breusch (1978) and Godfrey (1978) for the
+projection; Sims (1972) for future inputs; Söderström & Stoica (1990) for Σ.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import chdtrc
+
+from sysid.criteria.coloured import ar_fit
+from sysid.criteria.correlation import (
+    Correlation,
+    autocorrelation,
+    centred,
+    cross_correlation,
+    inputs_of,
+    one_output,
+)
+from sysid.criteria.fit import Array, Signals, as_records
+from sysid.criteria.portmanteau import Mask, Score, Trial, score
+from sysid.errors import DataError
+
+__all__ = [
+    "Correlation",
+    "ResidualReport",
+    "ResidualTest",
+    "autocorrelation",
+    "cross_correlation",
+    "feedback_test",
+    "independence_test",
+    "residual_report",
+    "whiteness_test",
+]
+
+
+@dataclass(frozen=True)
+class ResidualTest:
+    """Outcome of one test on one output.
+
+    Attributes:
+        name: ``whiteness``, ``independence`` or ``feedback``.
+        output: name of the output whose residuals were tested.
+        statistic: cᵀC⁺c.
+        dof: its degrees of freedom, rank C; 0 when nothing was left to test.
+        p_value: chance of a larger statistic if the model is right (1 for dof 0).
+        passed: ``p_value`` ≥ 1 − ``level``.
+        level: confidence level of the test.
+        worst_lag: lag with the largest standardised correlation; negative for future inputs.
+        worst_signal: the input (or output, for whiteness) that lag belongs to.
+        judged: whether the outcome counts against the model. Whiteness does not for a structure
+            without noise model, feedback never does: it says something about the data.
+        sentence: the outcome in words, with what to do.
+    """
+
+    name: str
+    output: str
+    statistic: float
+    dof: int
+    p_value: float
+    passed: bool
+    level: float
+    worst_lag: int | None
+    worst_signal: str | None
+    judged: bool
+    sentence: str
+
+
+@dataclass(frozen=True)
+class ResidualReport:
+    """All residual tests of a model, one of each kind for every output.
+
+    The tests of one kind run at level 1 − (1 − ``level``)/ny each (Bonferroni), so that a right
+    model fails one of them with probability 1 − ``level`` whatever its number of outputs.
+    """
+
+    whiteness: tuple[ResidualTest, ...]
+    independence: tuple[ResidualTest, ...]
+    feedback: tuple[ResidualTest, ...]
+    level: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether every test that counts against the model passed."""
+        return all(t.passed for t in (*self.whiteness, *self.independence) if t.judged)
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready: for each kind {passed, p_value, judged, sentence, outputs: [each test]}.
+
+        ``p_value`` is the smallest one times the number of outputs, at most 1.
+        """
+        return {
+            "passed": self.passed,
+            "level": self.level,
+            "whiteness": _summary(self.whiteness),
+            "independence": _summary(self.independence),
+            "feedback": _summary(self.feedback),
+        }
+
+
+def whiteness_test(
+    errors: Signals,
+    jacobian: Signals | None = None,
+    *,
+    output: int = 0,
+    n_parameters: int = 0,
+    lags: int = 25,
+    level: float = 0.99,
+    judged: bool = True,
+    output_names: Sequence[str] = (),
+) -> ResidualTest:
+    """Whether one output's residuals are unpredictable from the past residuals of all outputs.
+
+    Ljung–Box's portmanteau in its score form: Z holds ε(t−1)…ε(t−lags) of every output, C =
+    σ̂²Z̃ᵀZ̃. With the Jacobian the estimated parameters count for exactly what they absorb;
+    without it ``n_parameters`` (those of the noise model) are taken off the degrees of freedom.
+    The mean is not removed: residuals with an offset are not white.
+
+    Args:
+        errors: residuals of all outputs, (N, ny), or one such array a record; rows with NaN
+            are left out.
+        jacobian: ∂ŷ/∂θ of the tested output, (N, n), or one such array a record.
+        output: index of the tested output.
+        n_parameters: parameters to discount when there is no Jacobian.
+        lags: largest lag; lowered where a record has fewer than 10 samples a correlation.
+        level: confidence level.
+        judged: False for a structure without noise model.
+        output_names: names for the sentences.
+
+    Raises:
+        DataError: shapes do not fit, or fewer than 20 complete rows.
+    """
+    es = as_records(errors, "errors")
+    ny = es[0].shape[1]
+    names = tuple(output_names) or tuple(f"output {i + 1}" for i in range(ny))
+    js = _jacobian_records(jacobian, es)
+    keep = _complete(es, js)
+    filled = [np.where(k[:, None], e, 0.0) for k, e in zip(keep, es, strict=True)]
+    one_output([e[:, output] for e in filled])
+    lags = _affordable(lags, keep, ny)
+    trial = Trial(
+        errors=[e[:, output] for e in filled],
+        signals=filled,
+        jacobian=js,
+        keep=keep,
+        rows=keep,
+        tested=range(1, lags + 1),
+        nuisance=range(0),
+        centred=False,
+        noise=None,
+    )
+    outcome = score(trial)
+    dof = outcome.dof if jacobian is not None else max(outcome.dof - n_parameters, 1)
+    result = _Verdict(outcome, min(dof, outcome.dof), level, names)
+    who = names[output]
+    if result.dof == 0:
+        sentence = f"The residuals of {who} are zero: there is nothing to test."
+    elif result.passed:
+        sentence = f"The residuals of {who} are white up to lag {lags} ({result.says})."
+    else:
+        advice = (
+            "raise the orders of the noise model (nc, nd) or of the dynamics."
+            if judged
+            else "a structure without noise model leaves this, and it is not held against it."
+        )
+        sentence = (
+            f"The residuals of {who} are not white ({result.says}), {result.signal} "
+            f"{result.lag} samples earlier predicts them best: {advice}"
+        )
+    return result.test("whiteness", who, judged, sentence)
+
+
+def independence_test(
+    errors: Signals,
+    inputs: Signals,
+    jacobian: Signals | None = None,
+    *,
+    lags: int = 25,
+    level: float = 0.99,
+    output_name: str = "the output",
+    input_names: Sequence[str] = (),
+) -> ResidualTest:
+    """Whether one output's residuals are independent of present and past inputs, lags 0…lags.
+
+    Args:
+        errors: residuals of one output, (N,), or one such array a record; NaN are left out.
+        inputs: all inputs, (N, nu), or one such array a record.
+        jacobian: ∂ŷ/∂θ of that output, (N, n), or one such array a record. Without it a model
+            fitted to these data passes too easily.
+        lags: largest lag; lowered where there are fewer than 10 samples a correlation.
+        level: confidence level.
+        output_name: name for the sentence.
+        input_names: names for the sentence.
+
+    Means are removed: an offset is no dependence (whiteness shows it). The first ``lags`` samples
+    of each record, whose past inputs are unknown, serve the projection only.
+
+    Raises:
+        DataError: shapes do not fit, an input is not finite, or fewer than 20 usable samples.
+    """
+    result = _input_trial(errors, inputs, jacobian, lags, level, input_names, future=False)
+    if result.dof == 0:
+        sentence = f"No input direction is left to test on {output_name}: excite the input more."
+    elif result.passed:
+        sentence = f"The residuals of {output_name} do not depend on past inputs ({result.says})."
+    else:
+        sentence = (
+            f"The residuals of {output_name} still depend on the inputs ({result.says}), most on "
+            f"{result.signal} {result.lag} samples earlier: dynamics are missing; raise nb and "
+            "nf (or na), check the delay nk, or suspect a nonlinearity."
+        )
+    return result.test("independence", output_name, True, sentence)
+
+
+def feedback_test(
+    errors: Signals,
+    inputs: Signals,
+    jacobian: Signals | None = None,
+    *,
+    lags: int = 25,
+    level: float = 0.99,
+    output_name: str = "the output",
+    input_names: Sequence[str] = (),
+) -> ResidualTest:
+    """Whether one output's residuals are followed by reactions of the inputs, lags −lags…−1.
+
+    Future inputs count only for what present and past inputs do not predict of them (Sims 1972):
+    otherwise a model that is too small would look like feedback wherever the input is slow.
+    Arguments and errors as in :func:`independence_test`. Never judged: feedback is a property of
+    the data, with which models that carry a noise model (ARX, ARMAX, BJ) can live.
+    """
+    result = _input_trial(errors, inputs, jacobian, lags, level, input_names, future=True)
+    if result.dof == 0:
+        sentence = f"The inputs are predictable: feedback from {output_name} cannot be tested."
+    elif result.passed:
+        sentence = f"No sign of feedback from {output_name} to the inputs ({result.says})."
+    else:
+        sentence = (
+            f"{result.signal} reacts to {output_name} ({result.says}): the data hold feedback; "
+            "prefer structures with a noise model and do not trust OE or delays."
+        )
+    return result.test("feedback", output_name, False, sentence)
+
+
+def residual_report(
+    errors: Signals,
+    inputs: Signals,
+    jacobians: Sequence[Signals] | None = None,
+    *,
+    noise_model: bool = True,
+    n_parameters: int = 0,
+    lags: int = 25,
+    level: float = 0.99,
+    output_names: Sequence[str] = (),
+    input_names: Sequence[str] = (),
+) -> ResidualReport:
+    """All residual tests of a model with ny outputs and nu inputs.
+
+    Args:
+        errors: one-step residuals, (N, ny), or one such array a record.
+        inputs: (N, nu), or one such array a record.
+        jacobians: for each output ∂ŷ/∂θ as (N, n), or one such array a record.
+        noise_model: False for OE and other noise-free structures: whiteness is then reported
+            but not judged.
+        n_parameters: see :func:`whiteness_test`.
+        lags: largest lag each way.
+        level: confidence level of each kind of test over all outputs.
+        output_names: names for the sentences.
+        input_names: names for the sentences.
+
+    Raises:
+        DataError: shapes do not fit, or too few samples.
+    """
+    es = as_records(errors, "errors")
+    ny = es[0].shape[1]
+    if jacobians is not None and len(jacobians) != ny:
+        raise DataError(f"{ny} outputs but {len(jacobians)} Jacobians; give one for each output")
+    names = tuple(output_names) or tuple(f"output {i + 1}" for i in range(ny))
+    each = 1.0 - (1.0 - level) / ny
+    white: list[ResidualTest] = []
+    independent: list[ResidualTest] = []
+    feedback: list[ResidualTest] = []
+    for i, name in enumerate(names):
+        jacobian = None if jacobians is None else jacobians[i]
+        column = [e[:, i] for e in es]
+        white.append(
+            whiteness_test(
+                es,
+                jacobian,
+                output=i,
+                n_parameters=n_parameters,
+                lags=lags,
+                level=each,
+                judged=noise_model,
+                output_names=names,
+            )
+        )
+        for test, outcomes in ((independence_test, independent), (feedback_test, feedback)):
+            outcomes.append(
+                test(
+                    column,
+                    inputs,
+                    jacobian,
+                    lags=lags,
+                    level=each,
+                    output_name=name,
+                    input_names=input_names,
+                )
+            )
+    return ResidualReport(tuple(white), tuple(independent), tuple(feedback), level)
+
+
+@dataclass(frozen=True)
+class _Verdict:
+    """A score with its level, on the way to a test result."""
+
+    score: Score
+    dof: int
+    level: float
+    names: tuple[str, ...]
+
+    @property
+    def p_value(self) -> float:
+        return float(chdtrc(self.dof, self.score.statistic)) if self.dof else 1.0
+
+    @property
+    def passed(self) -> bool:
+        return self.p_value >= 1.0 - self.level
+
+    @property
+    def signal(self) -> str | None:
+        return self.names[self.score.worst[0]] if self.score.worst else None
+
+    @property
+    def lag(self) -> int | None:
+        return self.score.worst[1] if self.score.worst else None
+
+    @property
+    def says(self) -> str:
+        p = self.p_value
+        return f"p = {p:.2g}" if p >= 1e-12 else "p < 1e-12"
+
+    def test(self, name: str, output: str, judged: bool, sentence: str) -> ResidualTest:
+        return ResidualTest(
+            name=name,
+            output=output,
+            statistic=self.score.statistic,
+            dof=self.dof,
+            p_value=self.p_value,
+            passed=self.passed,
+            level=self.level,
+            worst_lag=self.lag,
+            worst_signal=self.signal,
+            judged=judged,
+            sentence=sentence,
+        )
+
+
+def _input_trial(
+    errors: Signals,
+    inputs: Signals,
+    jacobian: Signals | None,
+    lags: int,
+    level: float,
+    input_names: Sequence[str],
+    *,
+    future: bool,
+) -> _Verdict:
+    es = one_output(errors)
+    us = [centred(u) for u in inputs_of(inputs, [len(e) for e in es])]
+    js = _jacobian_records(jacobian, es)
+    nu = us[0].shape[1]
+    names = tuple(input_names) or tuple(f"input {i + 1}" for i in range(nu))
+    keep = _complete([e[:, None] for e in es], js)
+    lags = _affordable(lags, keep, nu * (2 if future else 1))
+    past = range(lags + 1)
+    rows = [k & _inside(len(k), lags, lags if future else 0) for k in keep]
+    trial = Trial(
+        errors=[np.where(k, centred(e), 0.0) for e, k in zip(es, keep, strict=True)],
+        signals=us,
+        jacobian=js,
+        keep=keep,
+        rows=rows,
+        tested=range(-lags, 0) if future else past,
+        nuisance=past if future else range(0),
+        centred=True,
+        noise=ar_fit([np.where(k, centred(e), np.nan) for e, k in zip(es, keep, strict=True)]),
+    )
+    outcome = score(trial)
+    return _Verdict(outcome, outcome.dof, level, names)
+
+
+def _complete(es: Sequence[Array], js: Sequence[Array]) -> list[Mask]:
+    """Rows in which neither a residual nor its Jacobian is missing."""
+    return [
+        np.asarray(~np.isnan(np.hstack([e, j])).any(axis=1)) for e, j in zip(es, js, strict=True)
+    ]
+
+
+def _inside(samples: int, before: int, after: int) -> Mask:
+    """Rows that have ``before`` samples before them and ``after`` behind them in the record."""
+    t = np.arange(samples)
+    return np.asarray((t >= before) & (t < samples - after))
+
+
+def _affordable(lags: int, keep: Sequence[Mask], signals: int) -> int:
+    """At most ``lags``, with 10 samples for every correlation, and at least 1.
+
+    Raises:
+        DataError: fewer than 20 samples.
+    """
+    samples = sum(int(k.sum()) for k in keep)
+    if samples < 20:
+        raise DataError(f"residual tests need at least 20 residuals, got {samples}")
+    return max(min(lags, samples // (10 * max(signals, 1))), 1)
+
+
+def _jacobian_records(jacobian: Signals | None, es: Sequence[Array]) -> tuple[Array, ...]:
+    if jacobian is None:
+        return tuple(np.zeros((len(e), 0)) for e in es)
+    records = as_records(jacobian, "jacobian")
+    if [len(j) for j in records] != [len(e) for e in es]:
+        raise DataError(
+            f"{[len(e) for e in es]} residuals but Jacobians of {[len(j) for j in records]} rows"
+        )
+    return records
+
+
+def _summary(tests: tuple[ResidualTest, ...]) -> dict[str, Any]:
+    worst = min(tests, key=lambda t: t.p_value)
+    return {
+        "passed": all(t.passed for t in tests),
+        "p_value": min(1.0, worst.p_value * len(tests)),
+        "judged": worst.judged,
+        "sentence": worst.sentence,
+        "outputs": [asdict(t) for t in tests],
+    }

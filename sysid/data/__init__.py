@@ -1,0 +1,1 @@
+"""Records, reading them, checking them, preparing them, and designing the excitation."""

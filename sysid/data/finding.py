@@ -1,0 +1,60 @@
+"""Finding: one verdict on the data, in words, with what to do about it."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+
+class Severity(IntEnum):
+    """How much a finding matters; comparable, a larger one is worse."""
+
+    OK = 0
+    NOTE = 1
+    WARNING = 2
+    FATAL = 3
+
+    @property
+    def word(self) -> str:
+        """The severity as printed and stored: ok, note, warning or fatal."""
+        return self.name.lower()
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one check says.
+
+    Attributes:
+        code: the check's name, lower case with dashes; stable, for machines.
+        severity: how much it matters.
+        sentence: what was seen and where.
+        advice: what to do; empty when there is nothing to do.
+        channel: the channel concerned, or None.
+        record: name of the record concerned; empty for all of them.
+    """
+
+    code: str
+    severity: Severity
+    sentence: str
+    advice: str = ""
+    channel: str | None = None
+    record: str = ""
+
+    @property
+    def text(self) -> str:
+        """Sentence and advice in one string."""
+        return f"{self.sentence} {self.advice}".strip()
+
+    def to_json(self) -> dict[str, str | None]:
+        """The finding as a JSON object."""
+        return {
+            "code": self.code,
+            "severity": self.severity.word,
+            "sentence": self.sentence,
+            "advice": self.advice,
+            "channel": self.channel,
+            "record": self.record,
+        }
+
+
+def worst(findings: tuple[Finding, ...]) -> Severity:
+    """The worst severity among the findings (OK when there are none)."""
+    return max((f.severity for f in findings), default=Severity.OK)

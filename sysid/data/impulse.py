@@ -1,0 +1,228 @@
+"""What the data say before any model is chosen: a long regression, and feedback seen with it.
+
+Every record is regressed, output by output, on its own past and on the inputs around now:
+
+    y_j(t) = Σ_i Σ_k a_jik y_i(t−k) + Σ_i Σ_k b_jik u_i(t−k) + c + e_j(t),   k = first … last
+
+With enough lags e is white whatever colours the noise (Ljung 1999, §4.2 and §10.3), so the
+ordinary least-squares standard errors hold; the leading zeros of b are the plant's.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from sysid.data.record import Array, Record
+from sysid.errors import DataError
+
+MAX_SAMPLES = 20_000
+"""Enough samples for every answer here; longer data are cut to their first part."""
+
+
+@dataclass(frozen=True, eq=False)
+class LongRegression:
+    """The fitted regression.
+
+    Attributes:
+        a: coefficients of past outputs, shape (ny, ny, n): [output, of output, lag − 1].
+        b: coefficients of the inputs, shape (ny, nu, n_lags).
+        b_error: their standard errors; infinite where the data cannot tell them apart.
+        lags: the input lags, shape (n_lags,); negative ones are in the future.
+        variance: variance of e per output, shape (ny,).
+        covariance: (XᵀX)⁻¹ for b alone, shape (nu·n_lags, nu·n_lags); times the variance.
+        samples: number of equations.
+    """
+
+    a: Array
+    b: Array
+    b_error: Array
+    lags: NDArray[np.int64]
+    variance: Array
+    covariance: Array
+    samples: int
+
+    def step_response(self, samples: int) -> Array:
+        """Response of each output to a unit step in each input, shape (samples, ny, nu)."""
+        ny, nu, _ = self.b.shape
+        n = self.a.shape[2]
+        y = np.zeros((samples + n, ny, nu))
+        causal = self.lags >= 0
+        lags, b = self.lags[causal], self.b[:, :, causal]
+        for t in range(samples):
+            past = y[t : t + n][::-1]  # past[k − 1] is y(t − k)
+            now = np.einsum("jik,kiu->ju", self.a, past)
+            y[t + n] = now + b[:, :, lags <= t].sum(axis=2)
+        return y[n:]
+
+
+def long_regression(
+    records: Sequence[Record], order: int, first: int = 0, last: int | None = None
+) -> LongRegression:
+    """Fit the regression with ``order`` output lags and input lags ``first`` … ``last``.
+
+    Each record has its own constant c. Directions of the input lags in which the data carry no
+    information (collinear inputs, too few harmonics) get a zero coefficient and infinite error.
+
+    Args:
+        records: experiments with the same channels.
+        order: number of output lags n.
+        first: first input lag; negative to look into the future.
+        last: last input lag; None for ``order``.
+
+    Raises:
+        DataError: there are too few samples for that many lags.
+    """
+    last = order if last is None else last
+    lags = np.arange(first, last + 1)
+    X, Y, groups = regressors(records, order, lags)
+    count, width = X.shape
+    free = count - width - groups
+    if free < max(10, width // 2):
+        raise DataError(f"{records[0].name}: {count} samples are too few for {width} coefficients")
+    scale = np.sqrt(np.mean(X**2, axis=0))
+    scale[scale == 0] = 1.0
+    gram = (X / scale).T @ (X / scale)
+    values, vectors = np.linalg.eigh(gram)
+    # 1e-11 of the largest eigenvalue is where round-off of the products (1e-16 × width) drowns it.
+    known = values > 1e-11 * values[-1]
+    inverse = (vectors[:, known] / values[known]) @ vectors[:, known].T
+    theta = inverse @ ((X / scale).T @ Y)
+    residual = Y - (X / scale) @ theta
+    variance = np.sum(residual**2, axis=0) / free
+    blind = np.sum(vectors[:, ~known] ** 2, axis=1) > 1e-6
+    inputs = slice(records[0].ny * order, None)
+    error = np.sqrt(np.outer(variance, np.diag(inverse)[inputs])) / scale[inputs]
+    error[:, blind[inputs]] = np.inf
+    theta = theta / scale[:, None]
+    ny, nu = records[0].ny, records[0].nu
+    return LongRegression(
+        a=theta[: ny * order].T.reshape(ny, ny, order),
+        b=theta[inputs].T.reshape(ny, nu, len(lags)),
+        b_error=error.reshape(ny, nu, len(lags)),
+        lags=lags,
+        variance=variance,
+        covariance=inverse[inputs, inputs] / np.outer(scale[inputs], scale[inputs]),
+        samples=count,
+    )
+
+
+def regressors(
+    records: Sequence[Record], order: int, lags: NDArray[np.int64]
+) -> tuple[Array, Array, int]:
+    """The regression's columns and targets with each record's means removed.
+
+    Returns:
+        X, shape (n, ny·order + nu·len(lags)), outputs' lags first; Y, shape (n, ny); and the number
+        of records used (each has spent one degree of freedom on its mean).
+    """
+    blocks, targets = [], []
+    back, ahead = max(order, int(lags[-1])), max(-int(lags[0]), 0)
+    budget = MAX_SAMPLES
+    for record in records:
+        part = record.rows(0, budget)
+        budget -= len(part)
+        stop = len(part) - ahead
+        if stop <= back + 1:
+            continue
+        past = [part.y[back - k : stop - k, [j]] for j in range(part.ny) for k in _from_1(order)]
+        around = [part.u[back - k : stop - k, [i]] for i in range(part.nu) for k in lags]
+        columns, target = np.hstack([*past, *around]), part.y[back:stop]
+        blocks.append(columns - columns.mean(axis=0))
+        targets.append(target - target.mean(axis=0))
+    if not blocks:
+        width = records[0].ny * order + records[0].nu * len(lags)
+        return np.empty((0, width)), np.empty((0, records[0].ny)), 0
+    return np.vstack(blocks), np.vstack(targets), len(blocks)
+
+
+def _from_1(last: int) -> range:
+    return range(1, last + 1)
+
+
+def chosen_order(records: Sequence[Record], orders: Sequence[int] = (2, 4, 8, 12, 16)) -> int:
+    """The number of lags of lowest BIC; 0 when there are too few samples for any."""
+    best, found = np.inf, 0
+    for order in orders:
+        try:
+            fit = long_regression(records, order)
+        except DataError:
+            break
+        score = bic(fit, fit.samples)
+        if score < best:
+            best, found = score, order
+    return found
+
+
+def bic(fit: LongRegression, samples: int) -> float:
+    """N ln V + n ln N summed over the outputs."""
+    spread = np.maximum(fit.variance, np.finfo(float).tiny)
+    return float(samples * np.log(spread).sum() + (fit.a.size + fit.b.size) * np.log(samples))
+
+
+@dataclass(frozen=True)
+class FeedbackTest:
+    """Whether the inputs answer to the output's innovations.
+
+    Attributes:
+        output, input: the pair with the clearest answer.
+        p_value: of "no input answers to this output", F test.
+        share: part of the output's innovation variance that the future inputs explain, 0 … 1.
+    """
+
+    output: str
+    input: str
+    p_value: float
+    share: float
+
+
+def feedback_tests(records: Sequence[Record], ahead: int = 5) -> tuple[FeedbackTest, ...]:
+    """Look for feedback: is what surprises in y(t) followed by a reaction of u(t+1 … t+ahead)?
+
+    The regression is extended by future inputs. In open loop their coefficients are zero
+    whatever the input is, deterministic or not; F = (SSR₀ − SSR₁)/q / (SSR₁/(N − p)).
+
+    Raises:
+        DataError: there are too few samples for the regression.
+    """
+    order = chosen_order(records)
+    if not order:
+        raise DataError(f"{records[0].name}: too few samples to look for feedback; record longer")
+    fit = long_regression(records, order, -ahead, order)
+    tests = []
+    _, nu, width = fit.b.shape
+    future = np.concatenate([i * width + np.flatnonzero(fit.lags < 0) for i in range(nu)])
+    free = fit.samples - fit.a[0].size - fit.b[0].size
+    for j, output in enumerate(records[0].output_names):
+        gain, _ = _wald(fit, j, future)
+        share = gain / (gain + free)
+        p = chance(fit, j, future)
+        each = [_wald(fit, j, future[i * ahead : (i + 1) * ahead])[0] for i in range(nu)]
+        name = records[0].input_names[int(np.argmax(each))]
+        tests.append(FeedbackTest(output, name, p, share))
+    return tuple(tests)
+
+
+def chance(fit: LongRegression, j: int, index: NDArray[np.int64]) -> float:
+    """p-value of "these coefficients of output j are all zero"."""
+    value, rank = _wald(fit, j, index)
+    free = fit.samples - fit.a[j].size - fit.b[j].size
+    return float(stats.f.sf(value / max(rank, 1), max(rank, 1), free))
+
+
+def _wald(fit: LongRegression, j: int, index: NDArray[np.int64]) -> tuple[float, int]:
+    """bᵀ (σ² C)⁺ b and its rank for the coefficients ``index`` of output ``j``."""
+    b = fit.b[j].ravel()[index]
+    c = fit.covariance[np.ix_(index, index)]
+    scale = np.sqrt(np.maximum(np.diag(c), 0))
+    usable = scale > 0
+    if fit.variance[j] <= 0 or not usable.any():
+        return 0.0, 0
+    b, scale = b[usable] / scale[usable], scale[usable]
+    c = c[np.ix_(usable, usable)] / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(c)
+    known = values > 1e-9 * values[-1]
+    projected = vectors[:, known].T @ b
+    return float(np.sum(projected**2 / values[known]) / fit.variance[j]), int(known.sum())

@@ -1,0 +1,347 @@
+"""Logs into records: CSV and Parquet files, their columns, units and time."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.columns import Choice, choose_columns
+from sysid.data.files import read_bytes
+from sysid.data.finding import Finding, Severity
+from sysid.data.read_options import ReadOptions
+from sysid.data.record import Array, Channel, Record
+from sysid.data.table import Table, read_table
+from sysid.data.timing import (
+    Grid,
+    ResamplePolicy,
+    Segment,
+    onto_grid,
+    plan_grid,
+)
+from sysid.data.units import Conversion, conversion, from_name, pwm_conversion
+from sysid.errors import DataError, UsageError
+
+__all__ = ["LogFile", "ReadOptions", "read_file", "read_files", "read_log", "read_logs"]
+
+MAX_COUNT = 1e11
+"""A time stamp in seconds since 1970 beyond this (the year 5138) must be in another unit."""
+
+
+@dataclass(frozen=True)
+class LogFile:
+    """One file as read: its experiments and what there is to say about the reading.
+
+    Attributes:
+        path: the file.
+        records: one experiment, or several where the file was split at gaps.
+        findings: verdicts on time stamps, missing cells, units and ignored columns.
+        options: the options it was read with.
+    """
+
+    path: Path
+    records: tuple[Record, ...]
+    findings: tuple[Finding, ...]
+    options: ReadOptions
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The findings as sentences."""
+        return tuple(f.text for f in self.findings)
+
+
+def read_log(path: str | Path, options: ReadOptions | None = None) -> Record:
+    """One log file as one record.
+
+    Raises:
+        DataError: the file cannot serve; where and why is in the sentence.
+        UsageError: there is no such file, or an option does not fit it.
+    """
+    log = read_file(path, options)
+    if len(log.records) > 1:
+        raise DataError(
+            f"{log.path.name} holds {len(log.records)} experiments after splitting; "
+            "read it as several records"
+        )
+    return log.records[0]
+
+
+def read_logs(
+    paths: Sequence[str | Path], options: ReadOptions | None = None
+) -> tuple[Record, ...]:
+    """Several files as several experiments of one system.
+
+    Raises:
+        DataError: a file cannot serve, or channels, units or sample times differ between files.
+        UsageError: no file is named, one does not exist, or an option does not fit.
+    """
+    return tuple(r for log in read_files(paths, options) for r in log.records)
+
+
+def read_files(
+    paths: Sequence[str | Path], options: ReadOptions | None = None
+) -> tuple[LogFile, ...]:
+    """As ``read_logs``, with the findings of each file.
+
+    Sample times within 1 % of each other are the same clock; the first file's is used for all.
+    """
+    if not paths:
+        raise UsageError("no log is named; give at least one CSV or Parquet file")
+    logs = [read_file(p, options) for p in paths]
+    first = logs[0].records[0]
+    agreed = [logs[0]]
+    for log in logs[1:]:
+        _same_kind(log.records[0], first)
+        records = tuple(replace(r, dt=first.dt) for r in log.records)
+        agreed.append(replace(log, records=records))
+    return tuple(agreed)
+
+
+def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
+    """One log file with everything there is to say about the reading.
+
+    Raises:
+        DataError: the file cannot serve; where and why is in the sentence.
+        UsageError: there is no such file, or an option does not fit it.
+    """
+    options = options or ReadOptions()
+    path = Path(path)
+    data = read_bytes(path)
+    table = read_table(data, path.name, options.delimiter, options.decimal)
+    choice = choose_columns(table.names, options.inputs, options.outputs, options.time, table.where)
+    signals = (*choice.inputs, *choice.outputs, *choice.pose)
+    stamps = None if choice.time is None else table.seconds(choice.time)
+    clock = () if choice.time is None or stamps is not None else (choice.time,)
+    values = table.columns((*signals, *clock))
+    if clock:
+        values, stamps = values[:, :-1], values[:, -1] * (choice.unit or 1.0)
+    t, findings = _instants(table, choice, stamps, options)
+    keep, lost = _complete_rows(table, values, signals, options.resample)
+    rows = np.flatnonzero(keep)
+    if len(rows) < 2:
+        raise DataError(
+            f"{table.where} has {len(rows)} row{'' if len(rows) == 1 else 's'} of numbers; "
+            "a log needs many"
+        )
+    grid = plan_grid(t[rows], options.resample, lambda i: table.place(int(rows[i])), table.where)
+    channels = _channels(choice, table, options, grid.dt)
+    findings = (*_reading_notes(table, choice, channels), *findings, *lost, *grid.findings)
+    digest = hashlib.sha256(data).hexdigest()
+    records = tuple(
+        _record(values[rows], t[rows], grid, segment, channels, choice, name, digest)
+        for segment, name in zip(grid.segments, _names(path.name, grid), strict=True)
+    )
+    return LogFile(path, records, findings, options)
+
+
+def _instants(
+    table: Table, choice: Choice, stamps: Array | None, options: ReadOptions
+) -> tuple[Array, tuple[Finding, ...]]:
+    """Instants [s] of every row, from the time column, a counter or ``ts`` alone."""
+    where = table.where
+    if stamps is None:
+        every: Array = np.arange(len(table), dtype=np.float64) * (options.ts or 1.0)
+        return every, _unknown_unit(options, where)
+    missing = np.flatnonzero(np.isnan(stamps))
+    if len(missing):
+        raise DataError(
+            f"{table.place(int(missing[0]))}, column {choice.time}: the time is missing; "
+            "mend or delete that line"
+        )
+    t = stamps
+    if choice.unit is None:  # a counter: one row is one sample, whatever it counts in
+        return t / _median_step(t) * (options.ts or 1.0), _unknown_unit(options, where)
+    if np.max(np.abs(t)) > MAX_COUNT:
+        raise DataError(
+            f"{where}, column {choice.time}: {t[0]:.4g} s is no time; if it counts milliseconds "
+            f"name the column {choice.time}_ms (_us, _ns)"
+        )
+    if options.ts is None:
+        return t, ()
+    step = _median_step(t)
+    if abs(step / options.ts - 1.0) <= 0.01:
+        return t, ()
+    return t / step * options.ts, (
+        Finding(
+            "sample-time",
+            Severity.WARNING,
+            f"{where}: column {choice.time} says {step:.4g} s between samples, --ts says "
+            f"{options.ts:g} s; --ts was used.",
+            "Leave --ts out if the time column is right.",
+            record=where,
+        ),
+    )
+
+
+def _median_step(t: Array) -> float:
+    step = float(np.median(np.diff(t))) if len(t) > 1 else 1.0
+    return step if step > 0 else 1.0
+
+
+def _unknown_unit(options: ReadOptions, where: str) -> tuple[Finding, ...]:
+    if options.ts is not None:
+        return ()
+    return (
+        Finding(
+            "sample-time",
+            Severity.WARNING,
+            f"{where} does not tell its sample time: it was set to 1 s, so every time below "
+            "counts samples.",
+            "Give the sample time in seconds with --ts.",
+            record=where,
+        ),
+    )
+
+
+def _complete_rows(
+    table: Table, values: Array, names: Sequence[str], policy: ResamplePolicy
+) -> tuple[NDArray[np.bool_], tuple[Finding, ...]]:
+    """Rows without missing cells; policies fill and split treat the others as gaps."""
+    missing = np.isnan(values)
+    keep: NDArray[np.bool_] = np.logical_not(missing.any(axis=1))
+    if keep.all():
+        return keep, ()
+    row, column = (int(i) for i in np.argwhere(missing)[0])
+    n = int(np.count_nonzero(~keep))
+    seen = f"{table.place(row)}, column {names[column]}: the cell is empty or not a number"
+    more = "" if n == 1 else f" (the first of {n} such rows)"
+    if not keep.any() or missing.mean(axis=0).max() > 0.5:
+        worst = names[int(missing.mean(axis=0).argmax())]
+        raise DataError(
+            f"{table.where}, column {worst} is empty in {missing[:, names.index(worst)].sum()} of "
+            f"{len(values)} rows; choose other columns or record the log again"
+        )
+    if policy in ("auto", "refuse"):
+        raise DataError(
+            f"{seen}{more}; mend it, or allow --resample fill (interpolate) or --resample split"
+        )
+    return keep, (
+        Finding(
+            "missing",
+            Severity.WARNING,
+            f"{seen}{more}; such rows were left out and treated as gaps.",
+            "Look for what kept the logger from writing.",
+            names[column],
+            table.where,
+        ),
+    )
+
+
+def _channels(
+    choice: Choice, table: Table, options: ReadOptions, dt: float
+) -> tuple[tuple[Channel, ...], tuple[Channel, ...]]:
+    """The channels with their conversions, from options, names and the robot's convention."""
+    known = {n.lower(): n for n in (*choice.inputs, *choice.outputs)}
+    asked: dict[str, Conversion] = {}
+    for name, unit in options.units.items():
+        if name.lower() not in known:
+            raise UsageError(
+                f"--unit names {name!r}, which is no channel of {table.where}; "
+                f"they are {', '.join(known.values())}"
+            )
+        asked[known[name.lower()]] = conversion(unit, name)
+    for name in known.values():
+        bracketed = table.units[table.names.index(name)]
+        if name not in asked and bracketed:
+            asked[name] = _bracketed(bracketed)
+    if options.pwm_max is not None:
+        drive = pwm_conversion(options.pwm_max)
+        targets = [n for n in choice.inputs if from_name(n).unit in ("", "µs") and n not in asked]
+        named = [n for n in targets if n.lower().startswith("pwm")]
+        if not targets:
+            raise UsageError(
+                f"--pwm-max {options.pwm_max:g} converts PWM inputs, but those of {table.where} "
+                f"have other units ({', '.join(choice.inputs)}); leave it out"
+            )
+        asked.update(dict.fromkeys(named or targets, drive))
+
+    def channels(names: tuple[str, ...]) -> tuple[Channel, ...]:
+        return tuple((asked.get(n) or from_name(n)).channel(n, dt) for n in names)
+
+    return channels(choice.inputs), channels(choice.outputs)
+
+
+def _bracketed(unit: str) -> Conversion:
+    """A unit written behind the name in the file; one we do not know is kept as a label."""
+    try:
+        return conversion(unit)
+    except UsageError:
+        return Conversion(unit, 1.0, unit)
+
+
+def _reading_notes(
+    table: Table, choice: Choice, channels: tuple[tuple[Channel, ...], tuple[Channel, ...]]
+) -> tuple[Finding, ...]:
+    notes = list(table.notes)
+    converted = [c for group in channels for c in group if c.scale != 1.0]
+    notes += [
+        f"{table.where}: {c.name} was converted from {c.file_unit} to {c.unit} (× {c.scale:.6g})."
+        for c in converted
+    ]
+    if choice.ignored:
+        notes.append(f"{table.where}: not used: {', '.join(choice.ignored)}.")
+    return tuple(Finding("reading", Severity.NOTE, n, record=table.where) for n in notes)
+
+
+def _record(
+    values: Array,
+    t: Array,
+    grid: Grid,
+    segment: Segment,
+    channels: tuple[tuple[Channel, ...], tuple[Channel, ...]],
+    choice: Choice,
+    name: str,
+    digest: str,
+) -> Record:
+    part = slice(segment.start, segment.stop)
+    nu = len(choice.inputs)
+    inputs, outputs = channels
+    scale = np.array([c.scale for c in (*inputs, *outputs)] + [1.0] * len(choice.pose))
+    block = values[part] * scale
+    u, rest = block[:, :nu], block[:, nu:]
+    if not segment.even:
+        u, rest = onto_grid(t[part], grid.dt, u, rest)
+    ny = len(choice.outputs)
+    return Record(
+        u=u,
+        y=rest[:, :ny],
+        dt=grid.dt,
+        inputs=inputs,
+        outputs=outputs,
+        pose=rest[:, ny:] if choice.pose else None,
+        t0=float(t[segment.start]),
+        name=name,
+        sha256=digest,
+    )
+
+
+def _names(file: str, grid: Grid) -> list[str]:
+    n = len(grid.segments)
+    return [file] if n == 1 else [f"{file} part {i + 1}" for i in range(n)]
+
+
+def _same_kind(record: Record, first: Record) -> None:
+    for what, mine, theirs in (
+        ("inputs", record.input_names, first.input_names),
+        ("outputs", record.output_names, first.output_names),
+    ):
+        if mine != theirs:
+            raise DataError(
+                f"{record.name} has the {what} {', '.join(mine)}, {first.name} has "
+                f"{', '.join(theirs)}; experiments fitted together need the same channels"
+            )
+    for mine_c, first_c in zip(
+        (*record.inputs, *record.outputs), (*first.inputs, *first.outputs), strict=True
+    ):
+        if mine_c.unit != first_c.unit:
+            raise DataError(
+                f"{mine_c.name} is in {mine_c.unit or 'no unit'} in {record.name}, in "
+                f"{first_c.unit or 'no unit'} in {first.name}; give its unit with --unit"
+            )
+    if abs(record.dt / first.dt - 1.0) > 0.01:
+        raise DataError(
+            f"{record.name} is sampled every {record.dt:.4g} s, {first.name} every {first.dt:.4g} "
+            "s; resample one of them or fit them apart"
+        )

@@ -1,0 +1,291 @@
+"""What is done to records before a fit: offsets, trends, filtering, resampling, outliers."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import signal
+
+from sysid.data.record import Array, Record
+from sysid.errors import DataError, ModelError, UsageError
+
+
+@dataclass(frozen=True, eq=False)
+class Detrend:
+    """Offsets and slopes taken from the data before a fit; stored with the model, put back after.
+
+    u_fit(t) = u(t) − u_offset − u_slope·t,  y(t) = y_fit(t) + y_offset + y_slope·t, with t the
+    time of the sample [s], so that a slope means the same in every part of a record.
+
+    Attributes:
+        u_offset, y_offset: shapes (nu,), (ny,), in the channels' units.
+        u_slope, y_slope: shapes (nu,), (ny,), per second; zeros when not given.
+
+    Raises:
+        ModelError: shapes do not fit together, or a number is not finite.
+    """
+
+    u_offset: Array
+    y_offset: Array
+    u_slope: Array | None = None
+    y_slope: Array | None = None
+
+    def __post_init__(self) -> None:
+        for side in ("u", "y"):
+            offset = _vector(getattr(self, f"{side}_offset"), f"{side}_offset")
+            slope = getattr(self, f"{side}_slope")
+            slope = _vector(np.zeros(len(offset)) if slope is None else slope, f"{side}_slope")
+            if len(slope) != len(offset):
+                raise ModelError(
+                    f"detrending has {len(offset)} offsets but {len(slope)} slopes for {side}"
+                )
+            object.__setattr__(self, f"{side}_offset", offset)
+            object.__setattr__(self, f"{side}_slope", slope)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Detrend) and self.to_json() == other.to_json()
+
+    def __hash__(self) -> int:
+        return hash((self.u_offset.tobytes(), self.y_offset.tobytes()))
+
+    @classmethod
+    def none(cls, nu: int, ny: int) -> "Detrend":
+        """Take nothing away: zero is a physical zero, as on the robot."""
+        return cls(np.zeros(nu), np.zeros(ny))
+
+    @classmethod
+    def means(cls, records: Sequence[Record]) -> "Detrend":
+        """The mean of every channel over all samples of all experiments."""
+        u, y, _ = _pooled(records)
+        return cls(u.mean(axis=0), y.mean(axis=0))
+
+    @classmethod
+    def linear(cls, records: Sequence[Record]) -> "Detrend":
+        """The least-squares straight line of every channel over all experiments.
+
+        Raises:
+            DataError: fewer than two different instants.
+        """
+        u, y, t = _pooled(records)
+        spread = t - t.mean()
+        power = float(spread @ spread)
+        if power <= 0:
+            raise DataError(f"{records[0].name}: one instant has no trend; record longer")
+        u_slope, y_slope = spread @ u / power, spread @ y / power
+        return cls(
+            u.mean(axis=0) - u_slope * t.mean(),
+            y.mean(axis=0) - y_slope * t.mean(),
+            u_slope,
+            y_slope,
+        )
+
+    @property
+    def is_none(self) -> bool:
+        """Whether nothing is taken away."""
+        return not any(np.any(v) for v in self._vectors().values())
+
+    def remove(self, record: Record) -> Record:
+        """The record without its offsets and slopes; hash and name stay.
+
+        Raises:
+            DataError: the record's channels are not as many as the offsets.
+        """
+        if (record.nu, record.ny) != (len(self.u_offset), len(self.y_offset)):
+            raise DataError(
+                f"{record.name} has {record.nu} inputs and {record.ny} outputs, the stored offsets "
+                f"are for {len(self.u_offset)} and {len(self.y_offset)}; choose the same channels"
+            )
+        if self.is_none:
+            return record
+        t = record.t[:, None]
+        return replace(
+            record,
+            u=record.u - self.u_offset - t * self._slope("u"),
+            y=record.y - self.y_offset - t * self._slope("y"),
+        )
+
+    def remove_input(self, u: ArrayLike, t: ArrayLike) -> Array:
+        """Inputs (N, nu) at the instants t (N,) [s], without their offsets and slopes."""
+        return self._shift(u, t, "u", -1.0)
+
+    def restore_output(self, y: ArrayLike, t: ArrayLike) -> Array:
+        """Outputs (N, ny) at the instants t (N,) [s], with their offsets and slopes put back."""
+        return self._shift(y, t, "y", +1.0)
+
+    def to_json(self) -> dict[str, list[float]]:
+        """The vectors as a JSON object."""
+        return {k: [float(x) for x in v] for k, v in self._vectors().items()}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> "Detrend":
+        """The detrending that ``to_json`` wrote.
+
+        Raises:
+            ModelError: a key is missing or unknown, or a value is no vector of finite numbers.
+        """
+        try:
+            return cls(**{k: np.asarray(v, dtype=np.float64) for k, v in data.items()})
+        except (TypeError, ValueError, AttributeError):
+            raise ModelError("the offsets stored with the model are damaged; fit again") from None
+
+    def _vectors(self) -> dict[str, Array]:
+        return {
+            "u_offset": self.u_offset,
+            "y_offset": self.y_offset,
+            "u_slope": self._slope("u"),
+            "y_slope": self._slope("y"),
+        }
+
+    def _slope(self, side: str) -> Array:
+        slope = self.u_slope if side == "u" else self.y_slope
+        assert slope is not None  # set by __post_init__
+        return slope
+
+    def _shift(self, values: ArrayLike, t: ArrayLike, side: str, sign: float) -> Array:
+        array = np.asarray(values, dtype=np.float64)
+        offset = self.u_offset if side == "u" else self.y_offset
+        if array.ndim != 2 or array.shape[1] != len(offset):
+            raise DataError(
+                f"expected {side} of shape (N, {len(offset)}), time first, got {array.shape}"
+            )
+        shift = offset + np.asarray(t, dtype=np.float64).reshape(-1, 1) * self._slope(side)
+        return np.asarray(array + sign * shift)
+
+
+def low_pass(record: Record, cutoff: float, order: int = 4) -> Record:
+    """Inputs and outputs through the same zero-phase Butterworth low-pass.
+
+    Filtering both alike leaves the relation between them as it is and weights the fit towards
+    frequencies below ``cutoff``; it colours the noise, so residuals will not be white, and the
+    filter looks into the future. (Ljung 1999, §14.4.)
+
+    Args:
+        record: the experiment.
+        cutoff: −6 dB frequency of the double pass [Hz].
+        order: order of the filter that is run forward and backward.
+
+    Raises:
+        UsageError: the cut-off is not between 0 and half the sampling rate.
+        DataError: the record is too short for the filter.
+    """
+    nyquist = 0.5 / record.dt
+    if not 0.0 < cutoff < nyquist:
+        raise UsageError(
+            f"a low-pass cut-off of {cutoff:g} Hz is impossible at {1 / record.dt:g} samples per "
+            f"second; choose between 0 and {nyquist:g} Hz"
+        )
+    if order < 1:
+        raise UsageError(f"a filter of order {order} does nothing; choose 1 or more")
+    sections = signal.butter(order, cutoff / nyquist, output="sos")
+    pad = 3 * (2 * len(sections) + 1)
+    if len(record) <= pad:
+        raise DataError(f"{record.name}: {len(record)} samples are too few to filter; record more")
+    return replace(
+        record,
+        u=signal.sosfiltfilt(sections, record.u, axis=0, padlen=pad),
+        y=signal.sosfiltfilt(sections, record.y, axis=0, padlen=pad),
+    )
+
+
+def decimate(record: Record, factor: int) -> Record:
+    """Keep every ``factor``-th sample.
+
+    Outputs pass a zero-phase anti-alias filter first (Chebyshev I of order 8 at 0.8 of the new
+    half rate). The input is held between samples, so its new value is the mean of the samples it
+    replaces, which acts on a slow plant like they did: ū_k = (1/m) Σ_{i<m} u_{km+i}.
+
+    Raises:
+        UsageError: the factor is below 1.
+        DataError: fewer than ten samples would be left.
+    """
+    if factor < 1:
+        raise UsageError(f"cannot decimate by {factor}; choose a factor of 2 or more")
+    if factor == 1:
+        return record
+    count = len(record) // factor
+    if count < 10:
+        raise DataError(
+            f"{record.name}: {len(record)} samples decimated by {factor} leave {count}; "
+            "choose a smaller factor"
+        )
+    sections = signal.cheby1(8, 0.05, 0.8 / factor, output="sos")
+    pad = min(len(record) - 1, 27 * factor)
+    smooth = signal.sosfiltfilt(sections, record.y, axis=0, padlen=pad)
+    return replace(
+        record,
+        u=record.u[: count * factor].reshape(count, factor, record.nu).mean(axis=1),
+        y=smooth[: count * factor : factor],
+        pose=None if record.pose is None else record.pose[: count * factor : factor],
+        dt=record.dt * factor,
+    )
+
+
+def trim(record: Record, start: float = 0.0, end: float = 0.0) -> Record:
+    """Leave out the first ``start`` and the last ``end`` seconds.
+
+    Raises:
+        UsageError: a time is negative or not finite.
+        DataError: fewer than two samples are left.
+    """
+    if not (np.isfinite(start) and np.isfinite(end) and start >= 0 and end >= 0):
+        raise UsageError(f"cannot trim {start:g} s and {end:g} s; give times of 0 or more")
+    length = len(record) * record.dt
+    if start + end > length - 2 * record.dt:
+        raise DataError(
+            f"{record.name} lasts {length:g} s; trimming {start + end:g} s leaves nothing"
+        )
+    first = round(start / record.dt)
+    return record.rows(first, len(record) - round(end / record.dt))
+
+
+def outlier_flags(record: Record, threshold: float = 8.0, half_width: int = 4) -> NDArray[np.bool_]:
+    """Single samples of the outputs that stand out of their neighbourhood, shape (N, ny).
+
+    A Hampel filter: r = y − median of 2·half_width + 1 neighbours, flagged where |r| >
+    threshold · s, with s = 1.4826 · median|r| taken in a window ten times as wide and over the
+    whole record, whichever is larger, and not below the signal's resolution. A flagged sample must
+    also leave both neighbours in the same direction, which an edge of a fast plant does not.
+    (Hampel 1974; Pearson 2002, IEEE Trans. Control Syst. Technol. 10(1).)
+    """
+    from scipy.ndimage import median_filter
+
+    width = 2 * half_width + 1
+    flags = np.zeros(record.y.shape, dtype=bool)
+    if len(record) < 2 * width:
+        return flags
+    for j in range(record.ny):
+        y = record.y[:, j]
+        r = y - median_filter(y, width, mode="nearest")
+        steps = np.diff(y)
+        moves = np.abs(steps[steps != 0])
+        if not len(moves):
+            continue
+        local = median_filter(np.abs(r), min(10 * width, len(r)) // 2 * 2 + 1, mode="nearest")
+        scale = 1.4826 * np.maximum(local, np.median(np.abs(r)))
+        limit = threshold * np.maximum(scale, np.percentile(moves, 10))
+        before = np.append(0.0, steps)
+        after = np.append(-steps, 0.0)
+        alone = np.minimum(np.abs(before), np.abs(after)) > limit
+        flags[:, j] = (np.abs(r) > limit) & alone & (before * after > 0)
+    return flags
+
+
+def _vector(values: ArrayLike, name: str) -> Array:
+    vector = np.array(values, dtype=np.float64)
+    if vector.ndim != 1 or not np.all(np.isfinite(vector)):
+        raise ModelError(f"{name} must be a vector of finite numbers, got {values!r}")
+    vector.setflags(write=False)
+    return vector
+
+
+def _pooled(records: Sequence[Record]) -> tuple[Array, Array, Array]:
+    """All samples of all records under each other, with their times [s]."""
+    if not records:
+        raise DataError("there is no record to take means of; give at least one")
+    if len({(r.nu, r.ny) for r in records}) > 1:
+        raise DataError("the records have different numbers of channels; choose the same ones")
+    u = np.concatenate([r.u for r in records])
+    y = np.concatenate([r.y for r in records])
+    return u, y, np.concatenate([r.t for r in records])

@@ -1,0 +1,193 @@
+"""Record: one experiment as every other part of the workbench sees it."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sysid.errors import DataError
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+PWM_FULL_SCALE = 20000.0
+"""Pulse width at full drive [µs]; the drive d = PWM / PWM_FULL_SCALE lies in [-1, 1]."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A named signal with its unit and the factor that brought the file's numbers to that unit.
+
+    Attributes:
+        name: column name in the log.
+        unit: unit of the numbers in the Record (SI, PWM in µs); empty when unknown.
+        scale: value in ``unit`` = scale × value in the file (1 when nothing was converted).
+        file_unit: unit of the numbers in the file, when it differs.
+    """
+
+    name: str
+    unit: str = ""
+    scale: float = 1.0
+    file_unit: str = ""
+
+
+def frozen(values: ArrayLike, columns: int | None = None) -> Array:
+    """Return a read-only float64 2-D copy of ``values`` (time first).
+
+    Raises:
+        DataError: the array is not 2-D (a 1-D array counts as one column), or does not have
+            ``columns`` columns; the message names the expected and the received shape.
+    """
+    array = np.array(values, dtype=np.float64, order="C")
+    if array.ndim == 1:
+        array = array[:, None]
+    if array.ndim != 2 or (columns is not None and array.shape[1] != columns):
+        wanted = "(N, n)" if columns is None else f"(N, {columns})"
+        raise DataError(f"expected an array of shape {wanted}, time first, got {array.shape}")
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One experiment: inputs, outputs and their sample time.
+
+    Attributes:
+        u: inputs, shape (N, nu), read-only.
+        y: outputs, shape (N, ny), read-only.
+        dt: sample time [s].
+        inputs: the nu input channels.
+        outputs: the ny output channels.
+        pose: x [m], y [m], ψ [rad] per sample, shape (N, 3), or None.
+        t0: time of the first sample [s].
+        name: what to call the record in messages (the file's name).
+        sha256: hash of the file, or of the arrays when there is no file.
+
+    Raises:
+        DataError: lengths differ, the sample time is not positive, or names do not fit.
+    """
+
+    u: Array
+    y: Array
+    dt: float
+    inputs: tuple[Channel, ...] = ()
+    outputs: tuple[Channel, ...] = ()
+    pose: Array | None = None
+    t0: float = 0.0
+    name: str = "record"
+    sha256: str = field(default="")
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "u", frozen(self.u))
+        put(self, "y", frozen(self.y))
+        if len(self.u) != len(self.y):
+            raise DataError(f"{self.name}: {len(self.u)} input samples, {len(self.y)} of output")
+        if not (np.isfinite(self.dt) and self.dt > 0):
+            raise DataError(f"{self.name}: the sample time must be positive, got {self.dt}")
+        put(self, "inputs", _named(self.inputs, self.nu, "u", self.name))
+        put(self, "outputs", _named(self.outputs, self.ny, "y", self.name))
+        if self.pose is not None:
+            put(self, "pose", frozen(self.pose, 3))
+        if not self.sha256:
+            digest = hashlib.sha256(repr((self.u.shape, self.y.shape, self.dt)).encode())
+            digest.update(self.u.tobytes())
+            digest.update(self.y.tobytes())
+            put(self, "sha256", digest.hexdigest())
+
+    def __len__(self) -> int:
+        return len(self.u)
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs."""
+        return int(self.u.shape[1])
+
+    @property
+    def ny(self) -> int:
+        """Number of outputs."""
+        return int(self.y.shape[1])
+
+    @property
+    def t(self) -> Array:
+        """Sample instants [s], shape (N,)."""
+        return self.t0 + self.dt * np.arange(len(self), dtype=np.float64)
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return tuple(c.name for c in self.inputs)
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return tuple(c.name for c in self.outputs)
+
+    @property
+    def is_robot_log(self) -> bool:
+        """Whether this is a robot log (PWM in, wheel speed out): zero is then a physical zero."""
+        return all(n.startswith("pwm") for n in self.input_names) and all(
+            n.startswith("omega") for n in self.output_names
+        )
+
+    def rows(self, start: int, stop: int) -> "Record":
+        """The samples ``start`` ≤ k < ``stop`` as a record of their own (same hash, later t0)."""
+        start, stop, _ = slice(start, stop).indices(len(self))
+        return replace(
+            self,
+            u=self.u[start:stop],
+            y=self.y[start:stop],
+            pose=None if self.pose is None else self.pose[start:stop],
+            t0=self.t0 + start * self.dt,
+        )
+
+    def between(self, t_start: float, t_end: float) -> "Record":
+        """The samples with ``t_start`` ≤ t < ``t_end`` [s]."""
+        first = int(np.ceil((t_start - self.t0) / self.dt - 1e-9))
+        last = int(np.ceil((t_end - self.t0) / self.dt - 1e-9))
+        return self.rows(max(first, 0), max(last, 0))
+
+    def split(self, fraction: float) -> tuple["Record", "Record"]:
+        """The first ``fraction`` of the samples and the rest.
+
+        Raises:
+            DataError: ``fraction`` is not inside (0, 1) or leaves one part empty.
+        """
+        at = round(len(self) * fraction) if 0.0 < fraction < 1.0 else 0
+        if not 0 < at < len(self):
+            raise DataError(
+                f"{self.name}: cannot split {len(self)} samples at {fraction}; "
+                "give a fraction inside (0, 1)"
+            )
+        return self.rows(0, at), self.rows(at, len(self))
+
+    def select(self, inputs: Sequence[str], outputs: Sequence[str]) -> "Record":
+        """Only the named channels, in the given order.
+
+        Raises:
+            DataError: a name is not a channel of this record.
+        """
+        iu = [_index(n, self.input_names, self.name) for n in inputs]
+        iy = [_index(n, self.output_names, self.name) for n in outputs]
+        return replace(
+            self,
+            u=self.u[:, iu],
+            y=self.y[:, iy],
+            inputs=tuple(self.inputs[i] for i in iu),
+            outputs=tuple(self.outputs[i] for i in iy),
+        )
+
+
+def _named(channels: tuple[Channel, ...], n: int, letter: str, record: str) -> tuple[Channel, ...]:
+    if not channels:
+        return tuple(Channel(letter if n == 1 else f"{letter}{i + 1}") for i in range(n))
+    if len(channels) != n:
+        raise DataError(f"{record}: {n} columns of {letter} but {len(channels)} channel names")
+    return tuple(channels)
+
+
+def _index(name: str, names: tuple[str, ...], record: str) -> int:
+    if name not in names:
+        raise DataError(f"{record}: no channel {name!r}; there are {', '.join(names)}")
+    return names.index(name)

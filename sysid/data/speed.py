@@ -1,0 +1,114 @@
+"""How fast a plant answers, seen in the data alone: the time to 63 % of its step response."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import signal
+
+from sysid.data.impulse import long_regression
+from sysid.data.record import Array, Record
+from sysid.errors import DataError
+
+
+@dataclass(frozen=True)
+class Speed:
+    """How fast an output answers.
+
+    Attributes:
+        output: channel name.
+        time_constant: time to 63 % of the final value of the step response [s]; None if unknown.
+        settles: whether a final value was found; False for an integrator or too short a record.
+    """
+
+    output: str
+    time_constant: float | None
+    settles: bool
+
+
+TRUSTED = 0.4
+"""A step response is believed if it explains this share of the output's variance."""
+
+
+def estimate_speed(records: Sequence[Record]) -> tuple[Speed, ...]:
+    """Time to 63 % of the step response of each output, from its strongest input.
+
+    The samples are averaged in blocks of 1, 2, 4, … until the answer takes fewer than ten blocks:
+    a regression on samples much faster than the plant only sees the noise.
+    """
+    answers: dict[int, Speed] = {}
+    dt, names = records[0].dt, records[0].output_names
+    factor, current = 1, list(records)
+    while len(answers) < len(names):
+        candidates = _step_responses(current)
+        if not candidates:
+            break
+        spread = np.concatenate([r.u - r.u.mean(axis=0) for r in current]).std(axis=0)
+        for j, name in enumerate(names):
+            if j not in answers:
+                step = _simplest_good(candidates, j)
+                samples = None if step is None else _rise(step[:, j, :] * spread)
+                if samples is not None and samples < 10:
+                    answers[j] = Speed(name, samples * factor * dt, True)
+        factor *= 2
+        current = [_blocks(r, 2) for r in current if len(r) >= 40]
+    return tuple(answers.get(j, Speed(n, None, False)) for j, n in enumerate(names))
+
+
+def _step_responses(records: Sequence[Record]) -> list[tuple[Array, Array]]:
+    """Step responses of regressions of rising order, each with the share it explains."""
+    found = []
+    for order in (1, 2, 4, 8):
+        try:
+            step = long_regression(records, order).step_response(120)
+        except (DataError, IndexError):
+            break
+        found.append((step, _explained(records, step)))
+    return found
+
+
+def _simplest_good(candidates: list[tuple[Array, Array]], j: int) -> Array | None:
+    """The step response of lowest order that explains output j nearly as well as the best one."""
+    best = max(float(explained[j]) for _, explained in candidates)
+    if best < TRUSTED:
+        return None
+    return next(step for step, explained in candidates if explained[j] >= best - 0.02)
+
+
+def _explained(records: Sequence[Record], step: Array) -> Array:
+    """Share of each output's variance that the inputs explain through the step responses."""
+    if not np.all(np.isfinite(step)):
+        return np.zeros(step.shape[1])
+    impulse = np.diff(step, axis=0, prepend=0.0)
+    left, total = np.zeros(step.shape[1]), np.zeros(step.shape[1])
+    for r in records:
+        u = r.u - r.u.mean(axis=0)
+        for j in range(r.ny):
+            answer = sum(
+                signal.fftconvolve(u[:, i], impulse[:, j, i])[: len(r)] for i in range(r.nu)
+            )
+            error = r.y[:, j] - answer
+            left[j] += np.sum((error - error.mean()) ** 2)
+            total[j] += np.sum((r.y[:, j] - r.y[:, j].mean()) ** 2)
+    return np.asarray(1.0 - left / np.where(total > 0, total, 1.0))
+
+
+def _rise(step: Array) -> float | None:
+    """Samples to 63 % of the end value for the input of largest effect, or None."""
+    if not np.all(np.isfinite(step)):
+        return None
+    end = step[-20:].mean(axis=0)
+    i = int(np.argmax(np.abs(end)))
+    response = step[:, i] / end[i] if end[i] != 0 else step[:, i]
+    if end[i] == 0 or np.max(np.abs(response[60:] - 1.0)) > 0.3:
+        return None
+    hit = int(np.argmax(response >= 1.0 - np.exp(-1.0)))
+    before = response[hit - 1] if hit else 0.0
+    return float(hit + (1.0 - np.exp(-1.0) - before) / (response[hit] - before))
+
+
+def _blocks(record: Record, factor: int) -> Record:
+    n = len(record) // factor
+    u = record.u[: n * factor].reshape(n, factor, record.nu).mean(axis=1)
+    y = record.y[: n * factor].reshape(n, factor, record.ny).mean(axis=1)
+    return replace(record, u=u, y=y, pose=None, dt=record.dt * factor)

@@ -1,0 +1,242 @@
+"""A log file as named columns of numbers: CSV and Parquet through pandas."""
+
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.data.text_layout import Layout, lay_out, split_line
+from sysid.errors import DataError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_BRACKETS = re.compile(r"(?P<base>.*?\S)\s*[\[(](?P<unit>[^\[\]()]*)[\])]")
+_MISSING = ("", "na", "nan", "n/a", "null", "none", "-nan", "#n/a", "<na>")
+
+
+@dataclass(frozen=True)
+class Table:
+    """The columns of one file, not yet read into numbers.
+
+    Attributes:
+        where: what to call the file in messages.
+        names: column names, without a unit in brackets.
+        units: unit in brackets behind the name in the file, by column; empty when there is none.
+        notes: what a person should know about the reading.
+        source: the text's layout, or the pandas frame of a Parquet file.
+    """
+
+    where: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    notes: tuple[str, ...]
+    source: "Layout | pd.DataFrame"
+
+    def __len__(self) -> int:
+        return len(self.source.rows) if isinstance(self.source, Layout) else len(self.source)
+
+    def place(self, row: int) -> str:
+        """Where row number ``row`` (from 0) stands in the file, for a message."""
+        if isinstance(self.source, Layout):
+            return f"{self.where}, line {self.source.lines[row]}"
+        return f"{self.where}, row {row + 1}"
+
+    def columns(self, names: Sequence[str]) -> Array:
+        """The named columns as numbers, shape (N, n); a missing cell is NaN.
+
+        Raises:
+            DataError: a cell is no number, or is infinite; line, column and text are named.
+        """
+        index = [self.names.index(n) for n in names]
+        values = self._text(index) if isinstance(self.source, Layout) else self._frame(index)
+        if np.isinf(values).any():
+            row, column = np.argwhere(np.isinf(values))[0]
+            raise DataError(
+                f"{self.place(int(row))}, column {names[column]}: infinity is no measurement; "
+                "mend or delete that line"
+            )
+        return values
+
+    def seconds(self, name: str) -> Array | None:
+        """A column of dates as seconds since its first cell, or None when it holds numbers.
+
+        Raises:
+            DataError: the first cell reads as a date but another one does not.
+        """
+        import pandas as pd
+
+        column = self.names.index(name)
+        if isinstance(self.source, Layout):
+            sep = self.source.delimiter
+            first = split_line(self.source.rows[0], sep)[column]
+            if first.lower() in _MISSING or not re.search(r"\d[-/:.T]\d+[-/:T]", first):
+                return None
+            cells = pd.Series([split_line(r, sep)[column] for r in self.source.rows])
+        else:
+            cells = self.source.iloc[:, column]
+            if pd.api.types.is_numeric_dtype(cells):
+                return None
+        try:
+            stamps = pd.to_datetime(cells, errors="coerce", utc=True, format="ISO8601")
+        except (ValueError, TypeError, OverflowError):
+            return None
+        bad = np.flatnonzero(stamps.isna().to_numpy())
+        if len(bad):
+            raise DataError(
+                f"{self.place(int(bad[0]))}, column {name}: {str(cells.iloc[bad[0]])!r} is no date "
+                "like 2024-05-01T12:00:00.100; write the time in seconds"
+            )
+        elapsed = (stamps - stamps.iloc[0]).dt.total_seconds()
+        return np.asarray(elapsed, dtype=np.float64)
+
+    def _text(self, index: list[int]) -> Array:
+        import pandas as pd
+
+        layout = self.source
+        assert isinstance(layout, Layout)
+        order = sorted(set(index))
+        # pandas returns the columns in file order, whatever order is asked for.
+        options: dict[str, Any] = {
+            "sep": r"\s+" if layout.delimiter == " " else layout.delimiter,
+            "decimal": layout.decimal,
+            "header": None,
+            "index_col": False,
+            "usecols": order,
+            "skipinitialspace": True,
+            "engine": "c",
+        }
+        text = "\n".join(layout.rows)
+        try:
+            frame = pd.read_csv(
+                io.StringIO(text),
+                dtype=np.float64,
+                na_values=list(_MISSING),
+                **options,
+            )
+        except (ValueError, OverflowError, pd.errors.ParserError):
+            raise DataError(self._not_a_number(order)) from None
+        if len(frame) != len(layout.rows):  # a quote swallowed line ends
+            raise DataError(f"{self.where}: a quotation mark is never closed; delete it")
+        return np.ascontiguousarray(frame[index].to_numpy(dtype=np.float64))
+
+    def _not_a_number(self, index: list[int]) -> str:
+        """Name the first cell that is no number."""
+        layout = self.source
+        assert isinstance(layout, Layout)
+        for row, line in enumerate(layout.rows):
+            cells = split_line(line, layout.delimiter)
+            for column in index:
+                text = cells[column]
+                number = text.replace(",", ".") if layout.decimal == "," else text
+                if text.lower() in _MISSING or _is_number(number):
+                    continue
+                hint = "mend or delete that line"
+                if re.fullmatch(r"[+-]?\d+,\d+", text):
+                    hint = "it looks like a decimal comma: say so with the decimal option"
+                elif re.fullmatch(r"[+-]?\d{1,3}([., ']\d{3})+([.,]\d+)?", text):
+                    hint = "thousands separators are not read: write the log without them"
+                elif row == 0:
+                    hint = "write numbers below the header (units go into the column names: u_V)"
+                shown = text if len(text) <= 40 else text[:37] + "…"
+                name = self.names[column]
+                return f"{self.place(row)}, column {name}: {shown!r} is no number; {hint}"
+        return f"{self.where} holds a cell that is no number; write it again as plain CSV"
+
+    def _frame(self, index: list[int]) -> Array:
+        import pandas as pd
+
+        frame = self.source
+        assert isinstance(frame, pd.DataFrame)
+        parts = []
+        for i in index:
+            column = frame.iloc[:, i]
+            numbers = pd.to_numeric(column, errors="coerce")
+            if pd.api.types.is_datetime64_any_dtype(column) or len(numbers) != len(column):
+                numbers = pd.Series(np.full(len(column), np.nan))
+            lost = np.flatnonzero((numbers.isna() & column.notna()).to_numpy())
+            if len(lost):
+                text = str(column.iloc[lost[0]])[:40]
+                raise DataError(
+                    f"{self.place(int(lost[0]))}, column {self.names[i]}: {text!r} is no number; "
+                    "mend that row"
+                )
+            parts.append(numbers.to_numpy(dtype=np.float64, na_value=np.nan))
+        return np.column_stack(parts)
+
+
+def read_table(
+    data: bytes, where: str, delimiter: str | None = None, decimal: str | None = None
+) -> Table:
+    """The table in the bytes of a CSV or Parquet file.
+
+    Args:
+        data: the whole file.
+        where: its name, for messages and to tell Parquet by ``.parquet`` or ``.pq``.
+        delimiter, decimal: None to find them.
+
+    Raises:
+        DataError: the file is no table of named columns.
+        UsageError: the delimiter or decimal sign asked for cannot be.
+    """
+    if not data:
+        raise DataError(f"{where} is empty; a log needs a header row and rows of numbers")
+    if data.startswith(b"PAR1") or where.lower().endswith((".parquet", ".pq")):
+        frame = _parquet(data, where)
+        raw: tuple[str, ...] = tuple(str(c).strip() for c in frame.columns)
+        notes: tuple[str, ...] = ()
+        source: Any = frame
+    else:
+        layout = lay_out(data, where, delimiter, decimal)
+        raw, notes, source = layout.names, layout.notes, layout
+    twice = [n for n in raw if n and raw.count(n) > 1]
+    if twice:
+        raise DataError(f"{where} has two columns named {twice[0]}; rename one")
+    if "" in raw:
+        at = raw.index("") + 1
+        if at == 1 and len(raw) > 2:  # pandas' unnamed index column
+            raw = ("(no name)", *raw[1:])
+        else:
+            raise DataError(f"{where}: column {at} has no name in the header; give it one")
+    if len(raw) < 2:
+        raise DataError(
+            f"{where} has only the column {raw[0][:40]}; a log needs an input and an output column"
+            " (if it has them, give the delimiter)"
+        )
+    names, units = _names_and_units(raw)
+    return Table(where, names, units, notes, source)
+
+
+def _parquet(data: bytes, where: str) -> "pd.DataFrame":
+    import pandas as pd
+
+    try:
+        frame = pd.read_parquet(io.BytesIO(data))
+    except Exception:  # pyarrow's errors share no base class
+        raise DataError(f"{where} is not a Parquet file, or is damaged; write it again") from None
+    if any(name is not None for name in frame.index.names):
+        frame = frame.reset_index()
+    if not len(frame.columns) or not len(frame):
+        raise DataError(f"{where} holds no rows of numbers; record the log again")
+    return frame
+
+
+def _names_and_units(raw: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Take ``u [V]`` or ``speed (rpm)`` apart, unless two columns would then share a name."""
+    split = [_BRACKETS.fullmatch(n) for n in raw]
+    bases = [m["base"] if m else n for m, n in zip(split, raw, strict=True)]
+    if len(set(bases)) != len(bases):
+        return raw, ("",) * len(raw)
+    return tuple(bases), tuple(m["unit"].strip() if m else "" for m in split)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return "_" not in text

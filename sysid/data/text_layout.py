@@ -1,0 +1,195 @@
+"""How a text log is laid out: encoding, header, delimiter, decimal sign, lines with data."""
+
+import csv
+import re
+from dataclasses import dataclass
+
+from sysid.errors import DataError, UsageError
+
+DELIMITERS = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
+"""Words a person may use for a delimiter."""
+_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf)", re.I)
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+_MAGIC = {
+    b"PK\x03\x04": "a spreadsheet or zip archive; export the sheet as CSV",
+    b"\x1f\x8b": "a gzip archive; unpack it first",
+    b"\xd0\xcf\x11\xe0": "an Excel file; export the sheet as CSV",
+    b"%PDF": "a PDF; export the numbers as CSV",
+    b"\x89PNG": "a picture; name the log itself",
+    b"\x89HDF": "an HDF5 file; export it as CSV or Parquet",
+    b"MATLAB 5.0": "a MATLAB file; export it as CSV or Parquet",
+}
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A text log cut into header and data lines.
+
+    Attributes:
+        names: cells of the header row.
+        delimiter: ``,`` ``;`` tab, or a space for runs of white space.
+        decimal: the decimal sign, ``.`` or ``,``.
+        rows: the data lines, blank ones left out.
+        lines: line number of each data line in the file, counted from 1.
+        notes: what a person should know about the reading.
+    """
+
+    names: tuple[str, ...]
+    delimiter: str
+    decimal: str
+    rows: list[str]
+    lines: list[int]
+    notes: tuple[str, ...]
+
+
+def lay_out(data: bytes, where: str, delimiter: str | None, decimal: str | None) -> Layout:
+    """Find header, delimiter, decimal sign and data lines in the bytes of a text log.
+
+    Raises:
+        DataError: empty, binary, without a header, without rows, or with ragged rows.
+        UsageError: the delimiter or decimal sign asked for does not exist.
+    """
+    text, notes = _decode(data, where)
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    complete = not lines[-1]
+    numbered = [(i, line) for i, line in enumerate(lines, 1) if line and not line.isspace()]
+    if not numbered:
+        raise DataError(f"{where} is empty; a log needs a header row and rows of numbers")
+    head_at = 0
+    while head_at < len(numbered) and numbered[head_at][1].lstrip().startswith("#"):
+        head_at += 1
+    if head_at and (head_at == len(numbered) or _numeric(numbered[head_at][1])):
+        head_at -= 1  # numpy.savetxt puts the header behind a "#"
+    first, header = numbered[head_at][0], numbered[head_at][1].strip("\ufeff").lstrip(" #")
+    body = numbered[head_at + 1 :]
+    rows, numbers = [line for _, line in body], [i for i, _ in body]
+
+    sep = _delimiter(header, rows[:20], delimiter)
+    names = tuple(c.strip() for c in _cells(header, sep))
+    if _numeric(header):
+        raise DataError(
+            f"{where}, line {first} holds numbers where the column names belong; add a header row "
+            "such as t,u,y"
+        )
+    if not rows:
+        raise DataError(f"{where} has a header but no rows of numbers; record the log again")
+    point = decimal or _decimal(rows[:200], sep)
+    if point not in (".", ","):
+        raise UsageError(f"the decimal sign must be '.' or ',', got {point!r}")
+    if point == sep:
+        raise UsageError(f"delimiter and decimal sign cannot both be {sep!r}; give another one")
+    names, rows, numbers, more = _even_out(names, rows, numbers, sep, where, complete)
+    return Layout(names, sep, point, rows, numbers, (*notes, *more))
+
+
+def split_line(line: str, delimiter: str) -> list[str]:
+    """The cells of one line, stripped."""
+    return [c.strip() for c in _cells(line, delimiter)]
+
+
+def _decode(data: bytes, where: str) -> tuple[str, tuple[str, ...]]:
+    for magic, what in _MAGIC.items():
+        if data.startswith(magic):
+            raise DataError(f"{where} is {what}")
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        try:
+            return data.decode("utf-16"), ()
+        except UnicodeDecodeError:
+            raise DataError(f"{where} is damaged UTF-16 text; save it again as UTF-8") from None
+    if b"\0" in data:
+        hint = " or UTF-16 text without its mark; save it as UTF-8" if _looks_wide(data) else ""
+        raise DataError(f"{where} is no text: it holds zero bytes; give a CSV or Parquet log{hint}")
+    try:
+        return data.decode("utf-8-sig"), ()
+    except UnicodeDecodeError as error:
+        head = data[:4096]
+        odd = sum(b < 9 or 13 < b < 32 for b in head)
+        if odd > 0.02 * len(head):
+            raise DataError(f"{where} is no text but binary; give a CSV or Parquet log") from None
+        line = data[: error.start].count(b"\n") + 1
+        note = f"{where} is not UTF-8 (line {line}); read as Latin-1."
+        return data.decode("latin-1"), (note,)
+
+
+def _looks_wide(data: bytes) -> bool:
+    head = data[:400]
+    return max(head[0::2].count(0), head[1::2].count(0)) > len(head) // 4
+
+
+def _cells(line: str, sep: str) -> list[str]:
+    if sep == " ":
+        return line.split()
+    if '"' in line:
+        return next(csv.reader([line], delimiter=sep), [])
+    return line.split(sep)
+
+
+def _numeric(line: str) -> bool:
+    cells = [c.strip('"') for c in re.split(r"[;\t ]+|,(?=\s)|,", line.strip()) if c]
+    return bool(cells) and all(_NUMBER.fullmatch(c) for c in cells)
+
+
+def _delimiter(header: str, rows: list[str], asked: str | None) -> str:
+    if asked is not None:
+        sep = DELIMITERS.get(asked.lower(), asked)
+        if len(sep) != 1 or sep.isalnum() or sep in "\"'.+-\n\r":
+            raise UsageError(
+                f"the delimiter must be one of , ; tab space or another single sign, got {asked!r}"
+            )
+        return sep
+    for sep in (";", "\t", ","):
+        if sep in header:
+            return sep
+    if len(header.split()) > 1 and all(len(r.split()) > 1 for r in rows):
+        return " "
+    return ","
+
+
+def _decimal(rows: list[str], sep: str) -> str:
+    """A comma if some cell reads as ``1,5`` and none as ``1.5``; a comma delimiter forbids it."""
+    if sep == ",":
+        return "."
+    cells = [c.strip().strip('"') for row in rows for c in _cells(row, sep)]
+    comma = any(_DECIMAL_COMMA.fullmatch(c) for c in cells)
+    return "," if comma and not any("." in c for c in cells) else "."
+
+
+def _even_out(
+    names: tuple[str, ...],
+    rows: list[str],
+    numbers: list[int],
+    sep: str,
+    where: str,
+    complete: bool,
+) -> tuple[tuple[str, ...], list[str], list[int], tuple[str, ...]]:
+    """Check that every row has as many cells as the header; forgive a cut-off last line."""
+    plain = sep != " " and not any('"' in r for r in rows)
+    counts = [r.count(sep) + 1 if plain else len(_cells(r, sep)) for r in rows]
+    wanted = len(names)
+    if wanted > 1 and not names[-1] and all(not _cells(r, sep)[-1].strip() for r in rows[:1]):
+        names = names[:-1]  # every line, the header too, ends in a delimiter
+    elif set(counts) == {wanted + 1} and all(r.rstrip(" ").endswith(sep) for r in rows):
+        wanted += 1  # every line but the header ends in a delimiter
+    notes: tuple[str, ...] = ()
+    if counts[-1] < wanted and not complete and len(rows) > 1:
+        notes = (
+            f"{where}, line {numbers[-1]}: the last line is cut off "
+            f"({counts[-1]} of {wanted} cells) and was left out.",
+        )
+        rows, numbers, counts = rows[:-1], numbers[:-1], counts[:-1]
+    for line, count in zip(numbers, counts, strict=True):
+        if count != wanted:
+            hint = (
+                " (a decimal comma? then use ; as delimiter)"
+                if sep == "," and count > wanted
+                else ""
+            )
+            raise DataError(
+                f"{where}, line {line} has {_n(count, 'cell')} where the header has {wanted}"
+                f"{hint}; mend or delete that line"
+            )
+    return names, rows, numbers, notes
+
+
+def _n(count: int, noun: str) -> str:
+    return f"{count} {noun}" + ("" if count == 1 else "s")

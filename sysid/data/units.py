@@ -1,0 +1,150 @@
+"""Units of the channels: what a log may be written in and the factor that brings it to SI."""
+
+import math
+import re
+from dataclasses import dataclass
+
+from sysid.data.record import PWM_FULL_SCALE, Channel
+from sysid.errors import UsageError
+
+_TURN = 2.0 * math.pi
+
+UNITS: dict[str, tuple[str, float]] = {
+    "rad/s": ("rad/s", 1.0),
+    "rpm": ("rad/s", _TURN / 60.0),
+    "deg/s": ("rad/s", _TURN / 360.0),
+    "rev/s": ("rad/s", _TURN),
+    "rad": ("rad", 1.0),
+    "deg": ("rad", _TURN / 360.0),
+    "rev": ("rad", _TURN),
+    "m/s": ("m/s", 1.0),
+    "mm/s": ("m/s", 1e-3),
+    "cm/s": ("m/s", 1e-2),
+    "km/h": ("m/s", 1.0 / 3.6),
+    "m": ("m", 1.0),
+    "cm": ("m", 1e-2),
+    "mm": ("m", 1e-3),
+    "m/s^2": ("m/s^2", 1.0),
+    "V": ("V", 1.0),
+    "mV": ("V", 1e-3),
+    "A": ("A", 1.0),
+    "mA": ("A", 1e-3),
+    "W": ("W", 1.0),
+    "N": ("N", 1.0),
+    "kN": ("N", 1e3),
+    "Nm": ("Nm", 1.0),
+    "mNm": ("Nm", 1e-3),
+    "kg": ("kg", 1.0),
+    "Pa": ("Pa", 1.0),
+    "kPa": ("Pa", 1e3),
+    "bar": ("Pa", 1e5),
+    "degC": ("degC", 1.0),
+    "K": ("K", 1.0),
+    "Hz": ("Hz", 1.0),
+    "s": ("s", 1.0),
+    "ms": ("s", 1e-3),
+    "us": ("µs", 1.0),
+    "µs": ("µs", 1.0),
+    "drive": ("µs", PWM_FULL_SCALE),
+    "%drive": ("µs", PWM_FULL_SCALE / 100.0),
+    "1": ("1", 1.0),
+}
+"""File unit -> (unit in the Record, factor). ``drive`` is PWM as a fraction of full drive."""
+
+_SUFFIXES = {
+    "rad_s": "rad/s",
+    "rads": "rad/s",
+    "radps": "rad/s",
+    "rpm": "rpm",
+    "deg_s": "deg/s",
+    "rev_s": "rev/s",
+    "rps": "rev/s",
+    "m_s": "m/s",
+    "mps": "m/s",
+    "mm_s": "mm/s",
+    "us": "us",
+    **{u: u for u in ("rad", "deg", "m", "cm", "mm", "V", "mV", "A", "mA", "W", "N", "kN", "Nm")},
+    **{u: u for u in ("kg", "Pa", "kPa", "bar", "degC", "K", "Hz")},
+}
+_TICKS = re.compile(r"ticks(?P<rate>/s)?/(?P<per_turn>[0-9.eE+]+)")
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """value in ``unit`` = ``scale`` × value in ``file_unit``, × 1/dt when ``per_sample``."""
+
+    unit: str
+    scale: float
+    file_unit: str
+    per_sample: bool = False
+
+    def channel(self, name: str, dt: float) -> Channel:
+        """The channel ``name`` under this conversion, for a sample time ``dt`` [s]."""
+        scale = self.scale / dt if self.per_sample else self.scale
+        return Channel(name, self.unit, scale, self.file_unit if scale != 1.0 else "")
+
+
+UNKNOWN = Conversion("", 1.0, "")
+
+
+def conversion(unit: str, channel: str = "") -> Conversion:
+    """The conversion from a file unit.
+
+    ``ticks/360`` means encoder ticks counted in one sample, 360 to a turn; ``ticks/s/360`` means
+    ticks per second. All others are in UNITS.
+
+    Raises:
+        UsageError: the unit is not known; the sentence lists those that are.
+    """
+    unit = unit.strip()
+    where = f" of {channel}" if channel else ""
+    match = _TICKS.fullmatch(unit)
+    if match:
+        try:
+            per_turn = float(match["per_turn"])
+        except ValueError:
+            per_turn = math.nan
+        if not (math.isfinite(per_turn) and per_turn > 0):
+            raise UsageError(f"unit {unit!r}{where}: the ticks per turn must be a positive number")
+        return Conversion("rad/s", _TURN / per_turn, unit, per_sample=match["rate"] is None)
+    if unit in UNITS:
+        to, scale = UNITS[unit]
+        return Conversion(to, scale, unit)
+    known = {u.lower(): u for u in UNITS if u.lower() not in ("mv", "ma", "mnm")}
+    if unit.lower() in known:
+        return conversion(known[unit.lower()], channel)
+    raise UsageError(
+        f"unknown unit {unit!r}{where}; known are {', '.join(UNITS)}, "
+        "ticks/360 (encoder ticks counted in a sample, 360 a turn) and ticks/s/360"
+    )
+
+
+def pwm_conversion(pwm_max: float) -> Conversion:
+    """The conversion of a command in ±``pwm_max`` to the robot's ±20000 µs.
+
+    Raises:
+        UsageError: ``pwm_max`` is not a positive number.
+    """
+    if not (math.isfinite(pwm_max) and pwm_max > 0):
+        raise UsageError(f"--pwm-max must be a positive number, such as 255, got {pwm_max}")
+    return Conversion("µs", PWM_FULL_SCALE / pwm_max, f"±{pwm_max:g}")
+
+
+def from_name(name: str) -> Conversion:
+    """The conversion that a column's name tells: ``u_V``, ``y_qm_m``, ``w_rad_s``, ``pwm_l``.
+
+    A rotational speed never ends in a length or force: ``omega_m`` is the motor's speed, not
+    metres, so such an ending is no unit there.
+    """
+    lower = name.lower()
+    rotation = lower.startswith(("omega", "w_"))
+    for suffix in sorted(_SUFFIXES, key=len, reverse=True):
+        if name.endswith("_" + suffix):
+            found = conversion(_SUFFIXES[suffix])
+            if not rotation or found.unit == "rad/s":
+                return found
+    if lower.startswith("pwm"):
+        return conversion("us")
+    if lower.startswith("omega"):
+        return conversion("rad/s")
+    return UNKNOWN

@@ -1,0 +1,55 @@
+"""Everything that can go wrong, in words: the exceptions and the endings of a fit.
+
+Every message is one sentence that says what is wrong, where, and what to do about it.
+"""
+
+from enum import Enum
+from typing import ClassVar
+
+
+class SysidError(Exception):
+    """Base of all errors a user can cause; its text is shown to the user as it is."""
+
+    exit_code: ClassVar[int] = 1
+
+
+class DataError(SysidError):
+    """The data cannot serve: malformed, constant, too short, not increasing in time."""
+
+
+class ModelError(SysidError):
+    """A model, structure or plant cannot do what was asked of it."""
+
+
+class UsageError(SysidError):
+    """Wrong use: an unknown option, name or order; the exit code is 2."""
+
+    exit_code: ClassVar[int] = 2
+
+
+class Termination(Enum):
+    """How a fit ended; each member's value is the sentence a user reads."""
+
+    CLOSED_FORM = "The least-squares problem was solved directly; there is nothing to iterate."
+    CONVERGED_COST = "Converged: the cost no longer falls (relative change below the tolerance)."
+    CONVERGED_STEP = "Converged: the parameters no longer move (step below the tolerance)."
+    CONVERGED_GRADIENT = "Converged: the gradient vanished, a stationary point was reached."
+    NO_FREE_PARAMETERS = "Nothing was estimated: every parameter is fixed."
+    MAX_ITERATIONS = (
+        "Stopped at the iteration limit before converging: raise the limit, lower the orders "
+        "or look at the warnings."
+    )
+    AT_BOUND = "Converged with a parameter on its bound: widen the bound or doubt the structure."
+    DIVERGED = (
+        "Diverged: no finite cost was found from any start; lower the orders or check the data."
+    )
+
+    @property
+    def code(self) -> str:
+        """The ending's machine-readable name, lower case with dashes."""
+        return self.name.lower().replace("_", "-")
+
+    @property
+    def good(self) -> bool:
+        """Whether the estimate is a stationary point of the cost."""
+        return self not in (Termination.MAX_ITERATIONS, Termination.DIVERGED)

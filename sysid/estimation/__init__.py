@@ -1,0 +1,1 @@
+"""From a structure and records to a Model: PEM, starts, solvers, uncertainty, orders."""

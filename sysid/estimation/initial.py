@@ -1,0 +1,364 @@
+"""Starting values of the polynomial structures, one function a structure, all tried and recorded.
+
+ARX        linear least squares
+ARMAX      Hannan & Rissanen (1982): a long ARX gives ê, then least squares on y, u, ê
+OE, BJ     SRIV, the simplified refined instrumental variable method (Young 1985), with poles
+           reflected into the unit circle; from the ARX start and from the output of a long ARX
+BJ noise   Hannan & Rissanen on v = y − (B/F) u
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from sysid.data.record import Array, Record
+from sysid.estimation import normal_equations as ne
+from sysid.structures.base import Focus, Structure
+from sysid.structures.polynomial import PolynomialStructure
+from sysid.structures.predictor import RowLayout
+
+Starts = Sequence[tuple[str, Array]]
+Starter = Callable[[Structure, Sequence[Record], Focus], Starts]
+
+POLE_LIMIT = 0.9995
+"""Reflected poles are kept below this radius so that a start never rings for the whole record."""
+
+SRIV_ITERATIONS = 12
+
+
+def starts(structure: Structure, records: Sequence[Record], focus: Focus) -> Starts:
+    """Named starting values of θ; the registry below says how for each structure."""
+    starter = _STARTERS.get(structure.name)
+    return starter(structure, records, focus) if starter else ()
+
+
+def register(name: str, starter: Starter) -> None:
+    """Give a structure of another package its starting values."""
+    _STARTERS.setdefault(name, starter)
+
+
+def reflected(polynomial: Array, limit: float = POLE_LIMIT) -> Array:
+    """The polynomial with its roots moved inside the circle of radius ``limit``.
+
+    A root z outside the unit circle becomes 1/z*, which leaves the magnitude response alike.
+    """
+    if len(polynomial) < 2:
+        return polynomial
+    roots = np.roots(polynomial)
+    size = np.abs(roots)
+    if np.all(size <= limit):
+        return polynomial
+    roots = np.where(size > 1.0, 1.0 / np.conj(np.where(size > 0, roots, 1.0)), roots)
+    size = np.abs(roots)
+    roots = roots * np.minimum(1.0, limit / np.maximum(size, limit))
+    inside = np.real(np.poly(roots))
+    return np.concatenate([inside, np.zeros(len(polynomial) - len(inside))])
+
+
+def stabilised(structure: PolynomialStructure, theta: Array) -> Array:
+    """θ with a stable free run: A and F reflected row by row, then shrunk if rows still couple.
+
+    Multiplying every a_k by ρᵏ multiplies all poles by ρ.
+    """
+    out = theta.copy()
+    for i in range(structure.ny):
+        lay, index = structure.layout(i), structure.row_index(i)
+        a, _, _, _, f = lay.slices()
+        for s in (a[i], *f):
+            out[index[s]] = reflected(np.concatenate([[1.0], out[index[s]]]))[1:]
+    while not structure.stable(out):
+        for i in range(structure.ny):
+            lay, index = structure.layout(i), structure.row_index(i)
+            for s in lay.slices()[0]:
+                out[index[s]] *= 0.97 ** np.arange(1, s.stop - s.start + 1)
+    return out
+
+
+def arx_row(records: Sequence[Record], lay: RowLayout) -> Array:
+    """Least squares of one ARX row: [a…, b…] in the row's order."""
+    ny = records[0].ny
+    terms = [(j, k) for j, n in enumerate(lay.na) for k in range(1, n + 1)]
+    terms += [
+        (ny + j, k)
+        for j, (nb, nk) in enumerate(zip(lay.nb, lay.nk, strict=True))
+        for k in range(nk, nk + nb)
+    ]
+    gram = ne.lag_gram(records, max(lay.start, 1), lay.start)
+    solved = ne.solve(gram, gram.column(lay.output, 0), [gram.column(s, k) for s, k in terms])
+    if solved is None:
+        solved = ne.solve_by_blocks(records, max(lay.start, 1), lay.output, terms)
+    theta = solved.theta.copy()
+    theta[: sum(lay.na)] *= -1.0
+    return theta
+
+
+def _arx_starts(structure: Structure, records: Sequence[Record], focus: Focus) -> Starts:
+    assert isinstance(structure, PolynomialStructure)
+    rows = [_plain(structure.layout(i)) for i in range(structure.ny)]
+    found = [("least squares", np.concatenate([arx_row(records, lay) for lay in rows]))]
+    if focus is Focus.SIMULATION and not structure.orders.coupled:
+        found.append(("SRIV", np.concatenate([_common_sriv(records, lay) for lay in rows])))
+    return found
+
+
+def _armax_starts(structure: Structure, records: Sequence[Record], focus: Focus) -> Starts:
+    assert isinstance(structure, PolynomialStructure)
+    layouts = [structure.layout(i) for i in range(structure.ny)]
+    plain = [np.concatenate([arx_row(records, _plain(lay)), np.zeros(lay.nc)]) for lay in layouts]
+    rissanen = [_hannan_rissanen(records, lay) for lay in layouts]
+    found = [("Hannan-Rissanen", np.concatenate(rissanen)), ("ARX", np.concatenate(plain))]
+    if focus is Focus.SIMULATION and not structure.orders.coupled:
+        rows = [
+            np.concatenate([_common_sriv(records, _plain(lay)), np.zeros(lay.nc)])
+            for lay in layouts
+        ]
+        found.append(("SRIV", np.concatenate(rows)))
+    return found
+
+
+def _output_error_starts(structure: Structure, records: Sequence[Record], focus: Focus) -> Starts:
+    assert isinstance(structure, PolynomialStructure)
+    layouts = [structure.layout(i) for i in range(structure.ny)]
+    noise_free = [_long_arx_output(records, lay) for lay in layouts]
+    kinds: dict[str, list[Array]] = {"SRIV": [], "SRIV on a long ARX": [], "ARX": []}
+    for lay, clean in zip(layouts, noise_free, strict=True):
+        common = _shared_poles(lay)
+        arx = arx_row(records, common)
+        kinds["ARX"].append(_with_noise(records, lay, _split(common, lay, arx)))
+        for kind, source in (("SRIV", records), ("SRIV on a long ARX", clean)):
+            row = _sriv(source, common, arx_row(source, common))
+            separate = _own_poles(source, lay, _split(common, lay, row))
+            kinds[kind].append(_with_noise(records, lay, separate))
+    return [(kind, np.concatenate(rows)) for kind, rows in kinds.items()]
+
+
+_STARTERS: dict[str, Starter] = {
+    "arx": _arx_starts,
+    "armax": _armax_starts,
+    "oe": _output_error_starts,
+    "bj": _output_error_starts,
+}
+
+
+def _plain(lay: RowLayout) -> RowLayout:
+    """The ARX part of a row."""
+    return replace(lay, nc=0, nd=0, nf=(0,) * len(lay.nf))
+
+
+def _shared_poles(lay: RowLayout) -> RowLayout:
+    """The ARX row whose A stands for the largest F of an output-error row."""
+    na = tuple(max(lay.nf) if j == lay.output else 0 for j in range(len(lay.na)))
+    return replace(lay, na=na, nc=0, nd=0, nf=(0,) * len(lay.nf))
+
+
+def _split(common: RowLayout, lay: RowLayout, theta: Array) -> Array:
+    """[b…, f…] of an output-error row from [a, b…]: every input starts with the same poles."""
+    n = common.na[common.output]
+    poles = np.roots(reflected(np.concatenate([[1.0], theta[:n]])))
+    slow_first = poles[np.argsort(-np.abs(poles), kind="stable")]
+    tails = []
+    for nb, nf in zip(lay.nb, lay.nf, strict=True):
+        kept = slow_first[: nf if nb else 0]
+        tail = np.real(np.poly(kept))[1:] if len(kept) else np.zeros(0)
+        tails.append(np.concatenate([tail, np.zeros(nf - len(tail))]))
+    return np.concatenate([theta[n:], *tails])
+
+
+def _hannan_rissanen(records: Sequence[Record], lay: RowLayout) -> Array:
+    """ARMAX row by two regressions: [a…, b…, c]."""
+    plain = _plain(lay)
+    errors = [
+        Record(r.u, np.column_stack([r.y, e]), r.dt)
+        for r, e in zip(records, _long_arx_errors(records, plain), strict=True)
+    ]
+    ny = records[0].ny
+    wide = replace(plain, na=(*plain.na, lay.nc))
+    theta = arx_row([r.rows(_long_order(records, plain), len(r)) for r in errors], wide)
+    n_a = sum(plain.na)
+    c = reflected(np.concatenate([[1.0], -theta[n_a : n_a + lay.nc]]))[1:]
+    assert wide.na[ny] == lay.nc
+    return np.concatenate([theta[:n_a], theta[n_a + lay.nc :], c])
+
+
+def _long_order(records: Sequence[Record], lay: RowLayout) -> int:
+    """Order of the long ARX: grows with the record, leaves twenty samples a coefficient."""
+    n = sum(len(r) for r in records)
+    signals = 1 + sum(1 for nb in lay.nb if nb) + sum(1 for na in lay.na if na)
+    return int(np.clip(n // (20 * signals), max(lay.start, 2), 3 * max(lay.start, 8)))
+
+
+def _long_layout(records: Sequence[Record], lay: RowLayout) -> RowLayout:
+    order = _long_order(records, lay)
+    na = tuple(order if n or j == lay.output else 0 for j, n in enumerate(lay.na))
+    nb = tuple(max(order + 1 - nk, nb) if nb else 0 for nb, nk in zip(lay.nb, lay.nk, strict=True))
+    return replace(_plain(lay), na=na, nb=nb)
+
+
+def _long_arx_errors(records: Sequence[Record], lay: RowLayout) -> list[Array]:
+    """Errors of a long ARX, zero where its regressors reach before the record."""
+    long = _long_layout(records, lay)
+    theta = arx_row(records, long)
+    out = []
+    for r in records:
+        e = np.zeros(len(r))
+        e[long.start :] = ne.residual_row(r, long.start, lay.output, _terms(long, theta, r.ny))
+        out.append(e)
+    return out
+
+
+def _terms(lay: RowLayout, theta: Array, ny: int) -> list[tuple[int, int, float]]:
+    """(signal, lag, coefficient) of ŷ = Σ coefficient · signal(t − lag)."""
+    a, b, *_ = lay.slices()
+    terms = [(j, k, -float(v)) for j, s in enumerate(a) for k, v in enumerate(theta[s], 1)]
+    return terms + [
+        (ny + j, k, float(v)) for j, s in enumerate(b) for k, v in enumerate(theta[s], lay.nk[j])
+    ]
+
+
+def _long_arx_output(records: Sequence[Record], lay: RowLayout) -> list[Record]:
+    """The records with the row's output replaced by the free run of a long ARX (noise gone)."""
+    common = _shared_poles(lay)
+    long = _long_layout(records, common)
+    theta = arx_row(records, long)
+    a, b, *_ = long.slices()
+    A = reflected(np.concatenate([[1.0], theta[a[lay.output]]]))
+    out = []
+    for r in records:
+        drive = np.zeros(len(r))
+        for j, s in enumerate(b):
+            if s.stop > s.start:
+                drive += lfilter(np.concatenate([np.zeros(lay.nk[j]), theta[s]]), [1.0], r.u[:, j])
+        y = np.array(r.y)
+        y[:, lay.output] = lfilter([1.0], A, drive)
+        usable = np.all(np.isfinite(y)) and np.max(np.abs(y)) < 1e6 * (np.max(np.abs(r.y)) + 1.0)
+        out.append(replace(r, y=y) if usable else r)
+    return out
+
+
+def _free_run(lay: RowLayout, theta: Array, u: Array) -> Array:
+    """Σ_j (B_j/A) u_j of a row with common poles."""
+    a, b, *_ = lay.slices()
+    drive = np.zeros(len(u))
+    for j, s in enumerate(b):
+        if s.stop > s.start:
+            drive += lfilter(np.concatenate([np.zeros(lay.nk[j]), theta[s]]), [1.0], u[:, j])
+    return np.asarray(lfilter([1.0], np.concatenate([[1.0], theta[a[lay.output]]]), drive))
+
+
+def _common_sriv(records: Sequence[Record], lay: RowLayout) -> Array:
+    return _sriv(records, lay, arx_row(records, lay))
+
+
+def _sriv(records: Sequence[Record], lay: RowLayout, theta: Array) -> Array:
+    """SRIV with common poles: prefilter by 1/A, instruments from the noise-free output.
+
+    Of all iterates the one with the smallest simulation error is returned.
+    """
+    n = lay.na[lay.output]
+    if n == 0:
+        return theta
+    theta = _inside(theta, n)
+    best, best_cost = theta, _run_cost(records, lay, theta)
+    for _ in range(SRIV_ITERATIONS):
+        A = np.concatenate([[1.0], theta[:n]])
+        normal, right = np.zeros((lay.n, lay.n)), np.zeros(lay.n)
+        with np.errstate(over="ignore", invalid="ignore"):
+            for r in records:
+                y = r.y[:, lay.output]
+                clean = lfilter([1.0], A, np.column_stack([y, _free_run(lay, theta, r.u)]), axis=0)
+                inputs = lfilter([1.0], A, r.u, axis=0)
+                phi = _regressors(lay, clean[:, 0], inputs)
+                z = _regressors(lay, clean[:, 1], inputs)
+                normal += z.T @ phi
+                right += z.T @ clean[lay.start :, 0]
+        if not (np.all(np.isfinite(normal)) and np.all(np.isfinite(right))):
+            break
+        new = _inside(np.asarray(np.linalg.lstsq(normal, right, rcond=1e-12)[0]), n)
+        cost = _run_cost(records, lay, new)
+        if cost < best_cost:
+            best, best_cost = new, cost
+        moved = np.max(np.abs(new - theta)) > 1e-6 * np.max(np.abs(theta))
+        theta = new
+        if not moved:
+            break
+    return best
+
+
+def _inside(theta: Array, n: int) -> Array:
+    return np.concatenate([reflected(np.concatenate([[1.0], theta[:n]]))[1:], theta[n:]])
+
+
+def _regressors(lay: RowLayout, y: Array, u: Array) -> Array:
+    start, n = lay.start, len(y)
+    columns = [-y[start - k : n - k] for k in range(1, lay.na[lay.output] + 1)]
+    for j, (nb, nk) in enumerate(zip(lay.nb, lay.nk, strict=True)):
+        columns += [u[start - k : n - k, j] for k in range(nk, nk + nb)]
+    return np.column_stack(columns)
+
+
+def _run_cost(records: Sequence[Record], lay: RowLayout, theta: Array) -> float:
+    with np.errstate(over="ignore", invalid="ignore"):
+        errors = [r.y[:, lay.output] - _free_run(lay, theta, r.u) for r in records]
+        cost = float(sum(e[lay.start :] @ e[lay.start :] for e in errors))
+    return cost if np.isfinite(cost) else np.inf
+
+
+def _own_poles(records: Sequence[Record], lay: RowLayout, theta: Array) -> Array:
+    """Poles of its own for each input by refitting what the other inputs leave (two sweeps)."""
+    active = [j for j, (nb, nf) in enumerate(zip(lay.nb, lay.nf, strict=True)) if nb and nf]
+    if len(active) < 2:
+        return theta
+    _, b, _, _, f = replace(lay, nc=0, nd=0).slices()
+
+    def part(theta: Array, j: int, u: Array) -> Array:
+        top = np.concatenate([np.zeros(lay.nk[j]), theta[b[j]]])
+        return np.asarray(lfilter(top, np.concatenate([[1.0], theta[f[j]]]), u[:, j]))
+
+    def cost(theta: Array) -> float:
+        total = 0.0
+        for r in records:
+            e = r.y[:, lay.output] - sum(part(theta, j, r.u) for j in active)
+            total += float(e @ e)
+        return total
+
+    best, best_cost = theta, cost(theta)
+    for _ in range(2):
+        for j in active:
+            single = RowLayout(0, (lay.nf[j],), (lay.nb[j],), (lay.nk[j],), 0, 0, (0,))
+            rest = [
+                Record(
+                    r.u[:, [j]],
+                    r.y[:, lay.output] - sum(part(best, k, r.u) for k in active if k != j),
+                    r.dt,
+                )
+                for r in records
+            ]
+            fitted = _sriv(rest, single, np.concatenate([best[f[j]], best[b[j]]]))
+            trial = best.copy()
+            trial[f[j]], trial[b[j]] = fitted[: lay.nf[j]], fitted[lay.nf[j] :]
+            trial_cost = cost(trial)
+            if trial_cost < best_cost:
+                best, best_cost = trial, trial_cost
+    return best
+
+
+def _with_noise(records: Sequence[Record], lay: RowLayout, theta: Array) -> Array:
+    """Insert C and D, found from v = y − (B/F) u, between B and F."""
+    if not (lay.nc or lay.nd):
+        return theta
+    n_b = sum(lay.nb)
+    _, b, _, _, f = replace(lay, nc=0, nd=0).slices()
+    noise = []
+    for r in records:
+        v = np.array(r.y[:, lay.output])
+        for j in range(r.nu):
+            if lay.nb[j]:
+                top = np.concatenate([np.zeros(lay.nk[j]), theta[b[j]]])
+                v -= lfilter(top, np.concatenate([[1.0], theta[f[j]]]), r.u[:, j])
+        noise.append(Record(np.zeros((len(v), 0)), v, r.dt))
+    row = RowLayout(0, (lay.nd,), (), (), lay.nc, 0, ())
+    dc = _hannan_rissanen(noise, row) if lay.nc else arx_row(noise, row)
+    D = reflected(np.concatenate([[1.0], dc[: lay.nd]]))[1:]
+    return np.concatenate([theta[:n_b], dc[lay.nd :], D, theta[n_b:]])

@@ -1,0 +1,204 @@
+"""Normal equations of lagged regressors without ever forming the regressor matrix.
+
+For signals s_1 … s_m and lags 0 … L the Gram matrix over t = start … N−1,
+
+    G[(p,k),(q,l)] = Σ_t s_p(t−k) s_q(t−l),
+
+is nearly block Toeplitz: G[k+1, l+1] = G[k, l] + s_p(start−1−k) s_q(start−1−l)
+− s_p(N−1−k) s_q(N−1−l) (covariance method; Morf, Dickinson, Kailath, Vieira 1977). So only the
+entries with k = 0 or l = 0 need a pass over the data, and every order up to L is a sub-matrix.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from sysid.data.record import Array, Index, Record
+
+CONDITION_LIMIT = 1e8
+"""Condition limit of the scaled Gram matrix; beyond it more than half of the digits are gone
+and the triangular factor of the regressors themselves is used."""
+
+BLOCK = 16384
+
+
+@dataclass(frozen=True, eq=False)
+class LagGram:
+    """Gram matrix of all signals (outputs first, then inputs) at lags 0 … ``lags``.
+
+    Attributes:
+        matrix: shape (m·(lags+1), m·(lags+1)), signal-major.
+        samples: number of summed instants.
+        lags: largest lag L.
+        start: first summed instant of every record.
+    """
+
+    matrix: Array
+    samples: int
+    lags: int
+    start: int
+
+    def column(self, signal: int, lag: int) -> int:
+        """Row and column of signal ``signal`` delayed by ``lag``."""
+        return signal * (self.lags + 1) + lag
+
+    def columns(self, signal: int, first: int, count: int) -> list[int]:
+        """Columns of ``count`` lags from ``first`` on."""
+        return [self.column(signal, first + k) for k in range(count)]
+
+
+def lag_gram(records: Sequence[Record], lags: int, start: int | None = None) -> LagGram:
+    """Accumulate the Gram matrix of y_1 … y_ny, u_1 … u_nu over all records.
+
+    Args:
+        records: experiments with equal channels; nothing is correlated across their borders.
+        lags: largest lag L.
+        start: first instant that is summed (default L, the first one with a measured past).
+    """
+    start = lags if start is None else max(start, lags)
+    m = records[0].ny + records[0].nu
+    width = lags + 1
+    total = np.zeros((m, width, m, width))
+    for r in records:
+        if len(r) > start:
+            total += _one_gram(r, lags, start)
+    samples = sum(max(len(r) - start, 0) for r in records)
+    return LagGram(total.reshape(m * width, m * width), samples, lags, start)
+
+
+def _one_gram(record: Record, lags: int, start: int) -> Array:
+    n = len(record)
+    signals = [np.ascontiguousarray(c) for c in (*record.y.T, *record.u.T)]
+    m, width = len(signals), lags + 1
+    g = np.zeros((m, width, m, width))
+    # values just before the window and at its end, by lag: what the recursion exchanges
+    heads = np.array(
+        [[s[start - 1 - k] if start > k else 0.0 for k in range(width)] for s in signals]
+    )
+    tails = np.array([[s[n - 1 - k] for k in range(width)] for s in signals])
+    for p, sp in enumerate(signals):
+        now = sp[start:]
+        for q, sq in enumerate(signals):
+            for lag in range(width):
+                value = float(now @ sq[start - lag : n - lag])
+                g[p, 0, q, lag] = value
+                g[q, lag, p, 0] = value
+    for k in range(lags):
+        gain = heads[:, k, None, None] * heads[None, :, :-1]
+        loss = tails[:, k, None, None] * tails[None, :, :-1]
+        g[:, k + 1, :, 1:] = g[:, k, :, :-1] + gain - loss
+        g[:, k + 1, :, 0] = g[:, 0, :, k + 1].T
+    return g
+
+
+@dataclass(frozen=True, eq=False)
+class LeastSquares:
+    """Solution of min ‖target − Φ θ‖².
+
+    Attributes:
+        theta: minimum-norm solution, shape (n,).
+        inverse: (ΦᵀΦ)⁻¹ on the directions with information, shape (n, n).
+        loss: residual sum of squares.
+        null: directions without information, shape (n, n_null), unit columns in the original
+            coordinates.
+    """
+
+    theta: Array
+    inverse: Array
+    loss: float
+    null: Array
+
+
+def solve(gram: LagGram, target: int, regressors: Sequence[int]) -> LeastSquares | None:
+    """Least squares from the Gram matrix, or None when it is too ill-conditioned for that."""
+    index = np.asarray(regressors, dtype=np.intp)
+    H = gram.matrix[np.ix_(index, index)]
+    g = gram.matrix[index, target]
+    scale = np.sqrt(np.diag(H))
+    if len(index) == 0:
+        return LeastSquares(
+            np.zeros(0), np.zeros((0, 0)), float(gram.matrix[target, target]), np.zeros((0, 0))
+        )
+    if not np.all(scale > 0):
+        return None
+    S = H / np.outer(scale, scale)
+    try:
+        factor = cho_factor(S, lower=True, check_finite=False)
+    except np.linalg.LinAlgError:
+        return None
+    diagonal = np.abs(np.diag(factor[0]))
+    if (diagonal.max() / diagonal.min()) ** 2 > CONDITION_LIMIT:
+        return None
+    theta = cho_solve(factor, g / scale, check_finite=False) / scale
+    inverse = cho_solve(factor, np.eye(len(index)), check_finite=False) / np.outer(scale, scale)
+    loss = float(gram.matrix[target, target] - g @ theta)
+    return LeastSquares(theta, inverse, loss, np.zeros((len(index), 0)))
+
+
+def solve_by_blocks(
+    records: Sequence[Record], start: int, target: int, regressors: Sequence[tuple[int, int]]
+) -> LeastSquares:
+    """The same problem by QR over blocks of the regressor: full precision, little memory.
+
+    Args:
+        records: experiments.
+        start: first instant used.
+        target: signal (outputs first, then inputs) at lag 0.
+        regressors: (signal, lag) pairs.
+    """
+    n = len(regressors)
+    R: Array = np.zeros((0, n + 1))
+    for r in records:
+        signals = (*r.y.T, *r.u.T)
+        for low in range(start, len(r), BLOCK):
+            high = min(low + BLOCK, len(r))
+            block = np.empty((high - low, n + 1))
+            for c, (s, lag) in enumerate(regressors):
+                block[:, c] = signals[s][low - lag : high - lag]
+            block[:, n] = signals[target][low:high]
+            R = np.asarray(np.linalg.qr(np.vstack([R, block]), mode="r"))
+    return solve_triangular_form(R[:, :n], R[:, n])
+
+
+def solve_triangular_form(R: Array, z: Array) -> LeastSquares:
+    """min ‖z − R θ‖² by singular values; directions below rounding are set aside."""
+    n = R.shape[1]
+    scale = np.linalg.norm(R, axis=0)
+    scale[scale == 0] = 1.0
+    U, s, Vt = np.linalg.svd(R / scale, full_matrices=False)
+    keep = s > s.max(initial=0.0) * RANK_TOLERANCE
+    V = Vt[keep].T
+    theta = V @ ((U[:, keep].T @ z) / s[keep]) / scale
+    half = V / s[keep] / scale[:, None]
+    missing = np.eye(n) - V @ V.T
+    values, vectors = np.linalg.eigh(missing)
+    null = vectors[:, values > 0.5] / scale[:, None]
+    norms = np.linalg.norm(null, axis=0)
+    return LeastSquares(
+        theta, half @ half.T, float(np.sum((z - R @ theta) ** 2)), null / np.where(norms, norms, 1)
+    )
+
+
+RANK_TOLERANCE = 1e-10
+"""Relative singular value below which a (scaled) direction counts as without information."""
+
+
+def residual_row(
+    record: Record, start: int, target: int, terms: Sequence[tuple[int, int, float]]
+) -> Array:
+    """target(t) − Σ c·s(t − lag) for t ≥ start, without a regressor matrix."""
+    signals = (*record.y.T, *record.u.T)
+    n = len(record)
+    e = np.array(signals[target][start:])
+    for s, lag, c in terms:
+        e -= c * signals[s][start - lag : n - lag]
+    return e
+
+
+def positions(null: Array, tolerance: float = 1e-3) -> Index:
+    """Entries that take part in at least one direction without information."""
+    if null.size == 0:
+        return np.zeros(0, dtype=np.intp)
+    return np.flatnonzero(np.max(np.abs(null), axis=1) > tolerance)

@@ -1,0 +1,243 @@
+"""fit: the one entry from a structure and records to a Model."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid import __version__
+from sysid.criteria.information import information_criteria
+from sysid.data.preprocess import Detrend
+from sysid.data.record import Array, Record
+from sysid.errors import DataError, Termination, UsageError
+from sysid.estimation import closed_form
+from sysid.estimation.search import FitOptions, Search, assembled
+from sysid.structures.base import Parameter, Structure
+from sysid.structures.model import Model, Provenance, Source, StartReport
+
+
+def fit(
+    structure: Structure,
+    records: Sequence[Record],
+    options: FitOptions | None = None,
+    *,
+    detrend: Detrend | None = None,
+    warm: Sequence[tuple[str, Array]] = (),
+) -> Model:
+    """Estimate a structure's parameters from one or several experiments.
+
+    Minimises Σ ε(k, θ)² (Ljung 1999, ch. 7 and 10) from every start known for the structure.
+
+    Args:
+        structure: what to fit.
+        records: experiments with equal channels and sample time.
+        options: focus, initial states, loss, constraints.
+        detrend: offsets and trends to remove and to store with the model (default none).
+        warm: further named starts, e.g. from a neighbouring order.
+
+    Raises:
+        DataError: too few samples, a constant channel, or numbers that are not finite.
+        UsageError: ``fixed`` or ``bounds`` name no parameter or contradict each other.
+        ModelError: no start gives a finite cost.
+    """
+    options = options or FitOptions()
+    records = tuple(records)
+    check_records(structure, records)
+    detrend = detrend or Detrend.none(structure.nu, structure.ny)
+    plain = tuple(detrend.remove(r) for r in records)
+    parameters = _constrained(structure, records[0], options)
+    _check_length(structure, records, parameters)
+    if closed_form.applies(structure, options.focus, parameters, options.robust, options.stable):
+        theta, covariance, null, warnings = closed_form.solve(structure, plain)
+        starts: tuple[StartReport, ...] = (
+            StartReport("all", "least squares", float("nan"), None, 1),
+        )
+        termination, at_bound, n_states = Termination.CLOSED_FORM, [], 0
+    else:
+        search = Search(structure, plain, options, parameters)
+        theta, parts, starts = search.run(warm)
+        covariance, null = assembled(parts, len(theta))
+        warnings = ()
+        n_states = sum(int(np.sum(p.free >= len(p.problem.index))) for p in parts)
+        termination = _worst([p.solution.termination for p in parts])
+        at_bound = [
+            parameters[p.problem.index[k]].name
+            for p in parts
+            for k in p.solution.at_bound
+            if k < len(p.problem.index)
+        ]
+    return _model(
+        structure,
+        records,
+        plain,
+        options,
+        detrend,
+        parameters,
+        theta,
+        covariance,
+        null,
+        n_states,
+        termination,
+        tuple(at_bound),
+        starts,
+        tuple(warnings),
+    )
+
+
+def check_records(structure: Structure, records: Sequence[Record]) -> None:
+    """Refuse records that no fit can use.
+
+    Raises:
+        DataError: none, unequal channels or sample times, numbers that are not finite, or a
+            channel that never changes.
+    """
+    if not records:
+        raise DataError("there is no record to fit; give at least one log")
+    first = records[0]
+    if (first.nu, first.ny) != (structure.nu, structure.ny):
+        raise DataError(
+            f"{first.name} has {first.nu} inputs and {first.ny} outputs but the structure has "
+            f"{structure.nu} and {structure.ny}"
+        )
+    for r in records:
+        same = r.input_names == first.input_names and r.output_names == first.output_names
+        if not same or abs(r.dt - first.dt) > 1e-6 * first.dt:
+            raise DataError(
+                f"{r.name} and {first.name} differ in their channels or sample time; several "
+                "experiments must share both"
+            )
+        for channel, values in zip((*r.inputs, *r.outputs), (*r.u.T, *r.y.T), strict=True):
+            if not np.all(np.isfinite(values)):
+                raise DataError(
+                    f"{r.name}: {channel.name} holds numbers that are not finite; repair or cut "
+                    "these samples first"
+                )
+    for k, channel in enumerate((*first.inputs, *first.outputs)):
+        columns = [r.u[:, k] if k < r.nu else r.y[:, k - r.nu] for r in records]
+        if (
+            all(len(c) == 0 or np.ptp(c) == 0.0 for c in columns)
+            and len({float(c[0]) for c in columns if len(c)}) < 2
+        ):
+            kind = "input" if k < first.nu else "output"
+            raise DataError(
+                f"{first.name}: {kind} {channel.name} is constant, so nothing can be learned "
+                "from it; leave it out or record it while it moves"
+            )
+
+
+def _constrained(
+    structure: Structure, record: Record, options: FitOptions
+) -> tuple[Parameter, ...]:
+    """The structure's parameters with the user's bounds and fixed values."""
+    parameters = structure.parameters(record.inputs, record.outputs)
+    names = [p.name for p in parameters]
+    for name in (*options.fixed, *options.bounds):
+        if name not in names:
+            raise UsageError(
+                f"{structure.name} has no parameter {name!r}; its parameters are "
+                + ", ".join(names[:12])
+                + (" …" if len(names) > 12 else "")
+            )
+    found = []
+    for p in parameters:
+        low, high = options.bounds.get(p.name, (p.lower, p.upper))
+        if not low < high:
+            raise UsageError(f"the bounds of {p.name} are empty: {low:g} is not below {high:g}")
+        value = options.fixed.get(p.name)
+        if value is not None and not low <= value <= high:
+            raise UsageError(f"{p.name} is fixed at {value:g}, outside its bounds {low:g}…{high:g}")
+        found.append(replace(p, lower=low, upper=high, fixed=value))
+    return tuple(found)
+
+
+def _check_length(
+    structure: Structure, records: Sequence[Record], parameters: Sequence[Parameter]
+) -> None:
+    usable = sum(max(len(r) - structure.first_sample(), 0) for r in records)
+    per_output = len(parameters) / max(structure.ny, 1)
+    if usable <= per_output + 1:
+        total = sum(len(r) for r in records)
+        raise DataError(
+            f"{records[0].name}: {total} samples leave {usable} equations for about "
+            f"{per_output:.0f} parameters an output; record more or lower the orders"
+        )
+
+
+def _worst(endings: Sequence[Termination]) -> Termination:
+    order = list(Termination)
+    return max(endings, key=order.index)
+
+
+def _model(
+    structure: Structure,
+    records: Sequence[Record],
+    plain: Sequence[Record],
+    options: FitOptions,
+    detrend: Detrend,
+    parameters: tuple[Parameter, ...],
+    theta: Array,
+    covariance: Array,
+    null: Array,
+    n_states: int,
+    termination: Termination,
+    at_bound: tuple[str, ...],
+    starts: tuple[StartReport, ...],
+    warnings: tuple[str, ...],
+) -> Model:
+    n_estimated = sum(p.fixed is None for p in parameters) + n_states
+    # the window lets a record that does not start at rest begin from its own state
+    errors = [structure.errors(theta, r.u, r.y, head_window(structure, theta)) for r in plain]
+    criteria = information_criteria(errors, n_estimated)
+    joint = np.concatenate(errors)
+    joint = joint[np.all(np.isfinite(joint), axis=1)]
+    first = records[0]
+    values = [np.concatenate([r.u for r in records]), np.concatenate([r.y for r in records])]
+    ranges = np.array([(c.min(), c.max()) for block in values for c in block.T])
+    names = [p.name for p in parameters]
+    return Model(
+        structure=structure,
+        theta=theta,
+        covariance=covariance,
+        parameters=parameters,
+        dt=first.dt,
+        inputs=first.inputs,
+        outputs=first.outputs,
+        detrend=detrend,
+        noise_covariance=joint.T @ joint / len(joint),
+        n_estimated=n_estimated,
+        criteria=criteria,
+        termination=termination,
+        initial_states=tuple(
+            structure.fitted_state(theta, r.u, r.y, head_window(structure, theta)) for r in plain
+        ),
+        ranges=ranges,
+        at_bound=at_bound,
+        null_directions=tuple(
+            {names[k]: float(v) for k, v in enumerate(column) if abs(v) > 1e-3} for column in null.T
+        ),
+        starts=starts,
+        warnings=warnings,
+        provenance=Provenance(
+            tuple(Source(r.name, r.sha256, r.t0, len(r)) for r in records),
+            {
+                "focus": options.focus.value,
+                "initial": options.initial.value,
+                "loss": "huber" if options.robust else "quadratic",
+                "stable": options.stable,
+                "initial_states_estimated": n_states,
+                **options.extra,
+            },
+            __version__,
+        ),
+    )
+
+
+def head_window(structure: Structure, theta: Array, skip: int = 0) -> int:
+    """Samples at the head of a record from which its unknown initial state is fitted.
+
+    Exactly ``skip`` samples when that many are left out of the figures and they are enough for
+    the states (with as many samples as states the run starts from the measured outputs);
+    otherwise three times the number of states, so that their noise averages out.
+    """
+    states = structure.n_states(theta)
+    return skip if skip >= states > 0 else 3 * states

@@ -1,0 +1,269 @@
+"""The search of one fit: every start, problem after problem, initial states included."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sysid.data.record import Array, Index, Record
+from sysid.errors import ModelError, Termination
+from sysid.estimation import initial
+from sysid.estimation.solvers import HUBER_WIDTH, Solution, levenberg_marquardt
+from sysid.estimation.uncertainty import Uncertainty, uncertainty
+from sysid.structures.base import Focus, Initial, Parameter, Problem, Structure
+from sysid.structures.model import StartReport
+from sysid.structures.polynomial import PolynomialStructure
+
+STATE_LEVEL = 0.99
+"""Confidence beyond which initial states are estimated rather than taken as zero."""
+
+RIVAL = 4.0
+"""A second start is searched too when its cost is below this multiple of the best start's."""
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """How to fit.
+
+    Attributes:
+        focus: what is minimised.
+        initial: initial states; ``AUTO`` estimates them only where that lowers the cost
+            significantly, ``BACKCAST`` refits them between rounds without counting them.
+        robust: Huber loss instead of the quadratic one.
+        stable: admit only parameters whose free run is stable.
+        fixed: values of parameters that are not estimated, by name.
+        bounds: (lower, upper) by name.
+        max_evaluations: limit of each search.
+        extra: facts to keep in the model's provenance (how the files were read …).
+    """
+
+    focus: Focus = Focus.PREDICTION
+    initial: Initial = Initial.AUTO
+    robust: bool = False
+    stable: bool = False
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    max_evaluations: int = 200
+    extra: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One solved problem: which entries of θ, their covariance, the initial states found."""
+
+    problem: Problem
+    solution: Solution
+    free: Index
+    uncertainty: Uncertainty
+
+
+class Search:
+    """The search over starts, problem after problem."""
+
+    def __init__(
+        self,
+        structure: Structure,
+        records: Sequence[Record],
+        options: FitOptions,
+        parameters: Sequence[Parameter],
+    ) -> None:
+        self.structure, self.records, self.options = structure, records, options
+        self.lower = np.array([p.lower for p in parameters])
+        self.upper = np.array([p.upper for p in parameters])
+        self.fixed = np.array([np.nan if p.fixed is None else p.fixed for p in parameters])
+
+    def run(
+        self, warm: Sequence[tuple[str, Array]]
+    ) -> tuple[Array, list[Part], tuple[StartReport, ...]]:
+        thetas = [(n, self._admissible(t)) for n, t in (*self._own_starts(), *warm)]
+        if not thetas:
+            raise ModelError(f"no starting values are registered for {self.structure.name}")
+        modes = {Initial.AUTO: Initial.ZERO}.get(self.options.initial, self.options.initial)
+        first = self._problems(modes)
+        other = self._problems(Initial.ESTIMATED) if modes is not self.options.initial else first
+        theta = thetas[0][1].copy()
+        parts: list[Part] = []
+        reports: list[StartReport] = []
+        for zero, estimated in zip(first, other, strict=True):
+            candidates = [self._given(t, theta, parts) for _, t in thetas]
+            names = [n for n, _ in thetas]
+            part, report = self._solve(zero, estimated, names, candidates, theta)
+            theta[part.problem.index] = part.solution.p[: len(part.problem.index)]
+            parts.append(part)
+            reports += report
+        return theta, parts, tuple(reports)
+
+    def _own_starts(self) -> Sequence[tuple[str, Array]]:
+        return initial.starts(self.structure, self.records, self.options.focus)
+
+    def _problems(self, mode: Initial) -> tuple[Problem, ...]:
+        mode = Initial.ESTIMATED if mode is Initial.BACKCAST else mode
+        o = self.options
+        return self.structure.problems(self.records, o.focus, mode, o.stable)
+
+    def _admissible(self, theta: Array) -> Array:
+        held = ~np.isnan(self.fixed)
+        out = np.where(held, np.nan_to_num(self.fixed), theta)
+        if self.options.stable and isinstance(self.structure, PolynomialStructure):
+            out = np.where(held, out, initial.stabilised(self.structure, out))
+        return np.clip(out, self.lower, self.upper)
+
+    @staticmethod
+    def _given(start: Array, theta: Array, parts: Sequence[Part]) -> Array:
+        """A start with the entries that earlier problems have already settled."""
+        out = start.copy()
+        for part in parts:
+            out[part.problem.index] = theta[part.problem.index]
+        return out
+
+    def _solve(
+        self,
+        zero: Problem,
+        estimated: Problem,
+        names: Sequence[str],
+        candidates: Sequence[Array],
+        theta: Array,
+    ) -> tuple[Part, list[StartReport]]:
+        base = self._given(theta, theta, ())
+        zero, estimated = zero.given(base), estimated.given(base)
+        costs = [half_square(zero.residual(zero.initial_guess(t))) for t in candidates]
+        order = sorted(range(len(costs)), key=lambda k: costs[k])
+        huber = self._huber_width(zero, candidates[order[0]])
+        problem = zero
+        if estimated is not zero and self._states_matter(estimated, candidates[order[0]]):
+            problem = estimated
+        runs = {order[0]: self._descend(problem, candidates[order[0]], huber)}
+        # a second search where the best start is not clearly ahead or its search failed
+        for k in order[1:2]:
+            close = costs[k] < RIVAL * costs[order[0]] and costs[k] != costs[order[0]]
+            if close or not runs[order[0]].termination.good:
+                runs[k] = self._descend(problem, candidates[k], huber)
+        best = min(runs, key=lambda k: runs[k].cost)
+        solution = runs[best]
+        n = len(problem.index)
+        if problem is zero and estimated is not zero:
+            reached = theta.copy()
+            reached[problem.index] = solution.p[:n]
+            if self._states_matter(estimated, reached):
+                problem = estimated
+                solution = self._descend(problem, reached, huber)
+        if self.options.initial is Initial.BACKCAST:
+            solution = self._backcast(problem, solution, huber)
+        if solution.termination is Termination.DIVERGED:
+            raise ModelError(f"{self.structure.name}: {Termination.DIVERGED.value}")
+        channel = ",".join(sorted({self._output_name(i) for i in problem.channels}))
+        reports = [
+            StartReport(
+                channel,
+                names[k],
+                costs[k] if np.isfinite(costs[k]) and costs[k] < 1e99 else float("inf"),
+                runs[k].cost if k in runs else None,
+                runs[k].evaluations if k in runs else 0,
+            )
+            for k in order
+        ]
+        return self._valued(problem, solution), reports
+
+    def _output_name(self, i: int) -> str:
+        return self.records[0].output_names[i]
+
+    def _free(self, problem: Problem, states: bool = True) -> Array:
+        held = ~np.isnan(self.fixed[problem.index])
+        return np.concatenate([~held, np.full(problem.n_initial, states)])
+
+    def _limits(self, problem: Problem) -> tuple[Array, Array]:
+        free = np.full(problem.n_initial, np.inf)
+        return (
+            np.concatenate([self.lower[problem.index], -free]),
+            np.concatenate([self.upper[problem.index], free]),
+        )
+
+    def _descend(
+        self,
+        problem: Problem,
+        theta: Array,
+        huber: float | None,
+        p0: Array | None = None,
+        states: bool = True,
+    ) -> Solution:
+        lower, upper = self._limits(problem)
+        return levenberg_marquardt(
+            problem,
+            problem.initial_guess(theta) if p0 is None else p0,
+            free=self._free(problem, states),
+            lower=lower,
+            upper=upper,
+            huber=huber,
+            max_evaluations=self.options.max_evaluations,
+        )
+
+    def _huber_width(self, problem: Problem, theta: Array) -> float | None:
+        """Huber's threshold from the median absolute deviation of the start's errors."""
+        if not self.options.robust:
+            return None
+        quick = self._descend(problem, theta, None)
+        spread = float(np.median(np.abs(quick.residual - np.median(quick.residual))))
+        return HUBER_WIDTH * max(1.4826 * spread, 1e-12 * float(np.max(np.abs(quick.residual))))
+
+    @staticmethod
+    def _states_matter(problem: Problem, theta: Array) -> bool:
+        """F-test of the initial states at fixed θ (they enter the errors linearly)."""
+        from scipy.stats import f
+
+        k = problem.n_initial
+        if k == 0:
+            return False
+        p = problem.initial_guess(theta)
+        r = problem.residual(p)
+        if not np.all(np.abs(r) < 1e50) or len(r) <= k + len(theta):
+            return False
+        basis = problem.jacobian(p)[:, len(problem.index) :]
+        fitted = basis @ np.linalg.lstsq(basis, r, rcond=1e-12)[0]
+        gained = float(fitted @ fitted)
+        left = max(float(r @ r) - gained, 1e-300)
+        ratio = (gained / k) / (left / (len(r) - k - len(problem.index)))
+        return bool(ratio > f.ppf(STATE_LEVEL, k, len(r) - k - len(problem.index)))
+
+    def _backcast(self, problem: Problem, solution: Solution, huber: float | None) -> Solution:
+        """Alternate: states by least squares with θ held, θ with the states held."""
+        n = len(problem.index)
+        p = solution.p
+        for _ in range(3):
+            r0 = problem.residual(np.concatenate([p[:n], np.zeros(problem.n_initial)]))
+            basis = problem.jacobian(p)[:, n:]
+            p = np.concatenate([p[:n], np.linalg.lstsq(basis, -r0, rcond=1e-12)[0]])
+            solution = self._descend(problem, np.zeros(0), huber, p, states=False)
+            p = solution.p
+        return solution
+
+    def _valued(self, problem: Problem, solution: Solution) -> Part:
+        free = self._free(problem, self.options.initial is not Initial.BACKCAST)
+        which = np.flatnonzero(free)
+        value = uncertainty(
+            solution.jacobian[:, which],
+            solution.residual,
+            tuple(zip(problem.channels, problem.lengths, strict=True)),
+            solution.weights,
+        )
+        return Part(problem, solution, which, value)
+
+
+def half_square(r: Array) -> float:
+    with np.errstate(over="ignore"):
+        return 0.5 * float(r @ r)
+
+
+def assembled(parts: Sequence[Part], n: int) -> tuple[Array, Array]:
+    """Covariance of θ and its directions without information from those of the parts."""
+    covariance = np.zeros((n, n))
+    null: list[Array] = []
+    for part in parts:
+        inside = part.free < len(part.problem.index)
+        entries = part.problem.index[part.free[inside]]
+        covariance[np.ix_(entries, entries)] = part.uncertainty.covariance[np.ix_(inside, inside)]
+        for direction in part.uncertainty.null.T:
+            if np.linalg.norm(direction[inside]) > 1e-3 * np.linalg.norm(direction):
+                spread = np.zeros(n)
+                spread[entries] = direction[inside]
+                null.append(spread / np.linalg.norm(spread))
+    return covariance, np.array(null).T if null else np.zeros((n, 0))

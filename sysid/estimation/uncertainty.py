@@ -1,0 +1,112 @@
+"""What estimated parameters are worth: covariance, and directions the data say nothing about."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from sysid.criteria.coloured import coloured_gram
+from sysid.data.record import Array
+from sysid.estimation.normal_equations import RANK_TOLERANCE
+
+AR_ORDER = 20
+WHITE_LAGS = 25
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """Covariance of the estimates.
+
+    Attributes:
+        covariance: (n, n); infinite variance where the data hold no information.
+        null: orthonormal (in scaled coordinates) directions without information, (n, n_null).
+        coloured: whether the sandwich form was used because the residuals are coloured.
+        variance: residual variance per degree of freedom.
+    """
+
+    covariance: Array
+    null: Array
+    coloured: bool
+    variance: float
+
+
+def uncertainty(
+    jacobian: Array,
+    residual: Array,
+    stretches: Sequence[tuple[int, int]],
+    weights: Array,
+    *,
+    white: bool | None = None,
+) -> Uncertainty:
+    """Covariance of a least-squares (or Huber) estimate.
+
+    With white residuals σ²(JᵀJ)⁻¹ (Ljung 1999, eq. 9.42); with coloured ones the sandwich
+    (JᵀJ)⁻¹ JᵀΣJ (JᵀJ)⁻¹, Σ from an AR(20) fit of the residuals. Under the Huber loss J and ε are
+    weighted.
+
+    Args:
+        jacobian: ∂ε/∂p of the estimated entries, shape (M, n).
+        residual: ε, shape (M,).
+        stretches: (output, number of residuals) of each uninterrupted stretch of time, in order.
+        weights: weight of each residual.
+        white: what the residuals are known to be; None decides by a portmanteau test at 1 %.
+    """
+    m, n = jacobian.shape
+    root = np.sqrt(weights)
+    J = jacobian if np.all(weights == 1.0) else jacobian * root[:, None]
+    scale = np.linalg.norm(J, axis=0)
+    scale[scale == 0] = 1.0
+    _, s, Vt = np.linalg.svd(np.linalg.qr(J / scale, mode="r"), full_matrices=False)
+    keep = s > s.max(initial=0.0) * RANK_TOLERANCE
+    V = Vt[keep].T
+    half = V / s[keep] / scale[:, None]
+    inverse = half @ half.T
+    dof = max(m - int(keep.sum()), 1)
+    score = residual * weights
+    variance = float(score @ residual) / dof
+    edges = np.cumsum([0, *(n for _, n in stretches)]).tolist()
+    pieces: dict[int, list[slice]] = {}
+    for (channel, _), (a, b) in zip(stretches, pairwise(edges), strict=True):
+        if b > a:
+            pieces.setdefault(channel, []).append(slice(a, b))
+    scores = {i: [score[p] for p in where] for i, where in pieces.items()}
+    is_white = all(portmanteau_white(e) for e in scores.values()) if white is None else white
+    covariance = variance * inverse
+    if not is_white and m > 5 * AR_ORDER:
+        # outputs have noise of their own; under Huber the bread is weighted, the meat is not
+        meat = np.zeros((n, n))
+        for i, where in pieces.items():
+            meat += coloured_gram([jacobian[p] for p in where], scores[i], AR_ORDER)
+        covariance = inverse @ meat @ inverse * (m / dof)
+    else:
+        is_white = True
+    null = Vt[~keep].T / scale[:, None]
+    covariance = with_infinite(covariance, null)
+    return Uncertainty(covariance, null, not is_white, variance)
+
+
+def portmanteau_white(residuals: Sequence[Array]) -> bool:
+    """Ljung & Box (1978) over 25 lags at 1 %, pooled over the stretches."""
+    from scipy.stats import chi2
+
+    n = sum(len(e) for e in residuals)
+    power = sum(float(e @ e) for e in residuals)
+    if power <= 0.0 or n <= 2 * WHITE_LAGS:
+        return True
+    statistic = 0.0
+    for k in range(1, WHITE_LAGS + 1):
+        r = sum(float(e[k:] @ e[:-k]) for e in residuals if len(e) > k) / power
+        statistic += r * r / (n - k)
+    return bool(n * (n + 2) * statistic < chi2.ppf(0.99, WHITE_LAGS))
+
+
+def with_infinite(covariance: Array, null: Array) -> Array:
+    out = covariance.copy()
+    if null.size:
+        size = np.max(np.abs(null) / np.linalg.norm(null, axis=0), axis=1)
+        for k in np.flatnonzero(size > 1e-3):
+            out[k, :] = 0.0
+            out[:, k] = 0.0
+            out[k, k] = np.inf
+    return out

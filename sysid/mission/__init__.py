@@ -1,0 +1,1 @@
+"""Guidance, control, navigation and the closed-loop mission simulator."""

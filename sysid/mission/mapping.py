@@ -1,0 +1,292 @@
+"""Making a robot of any identified plant: two PWM inputs in µs, two wheel speeds in rad/s.
+
+A plant identified from a robot's log passes through unchanged. For anything else (a bench motor, a
+heater, a winding machine) the closed loop can still be run as a test of the model, once
+assumptions fill what the data do not say; each of them is returned as a sentence.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.data.record import PWM_FULL_SCALE, Array, Channel
+from sysid.errors import ModelError
+from sysid.mission.robot_plant import RobotPlant
+from sysid.mission.settling import Settled, settle
+from sysid.mission.simulator import SteppablePlant
+from sysid.mission.spec import Mission, VehicleSpec
+
+TOP_SPEED = 0.43
+"""Forward speed of the thesis's robot at full drive [m/s]."""
+
+_STEERS = (0.2, 5.0)
+"""Turning answers that count as steering, in parts of that of two independent tracks. Channels
+without names are not taken as tracks outside it: one output hardly differs from the other, or
+their sum nearly cancels, and the yaw loop would be far too weak or too strong."""
+
+_SWINGS = 3.0
+"""An output that swings beyond this many times its final value is worth a warning."""
+
+
+@dataclass(frozen=True)
+class _Wiring:
+    """Which input drives and which output is read for the left and for the right track."""
+
+    twins: bool
+    driven: tuple[int, int]
+    read: tuple[int, int]
+    named: bool = False
+
+    @property
+    def tracks(self) -> tuple[int, ...]:
+        """The tracks that differ: copies of one plant say everything once."""
+        return (0,) if self.twins else (0, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Drive:
+    """How drive becomes input: u = centre + span·drive on the driven inputs."""
+
+    centre: Array
+    span: Array
+    notes: tuple[str, ...]
+
+
+def as_robot(
+    plant: SteppablePlant, mission: Mission, top_speed: float = TOP_SPEED
+) -> tuple[RobotPlant, tuple[str, ...]]:
+    """Wire and scale a plant as a robot.
+
+    Tracks: channels named left and right (``_l``, ``left``, …) go to their track by name; without
+    such names the first two inputs and outputs are left and right in order; where there is one
+    input or one output, or two that do not steer, each track gets its own copy of the plant.
+    Other inputs stay at the operating point.
+
+    Scale: PWM [µs] in and rad/s out are taken as they are. Otherwise full drive is the largest
+    input seen in the data (``input_range``, or ±1), counted from 0 where the data contain it and
+    from the operating point where they do not, and the output is scaled so that full drive ends
+    at ``top_speed``. The mission's ``vehicle.command_scale`` and ``speed_scale`` replace either:
+    u = command_scale·drive, ω = speed_scale·y. An output that falls where the drive rises is
+    turned over.
+
+    Args:
+        plant: any plant.
+        mission: its geometry and scales.
+        top_speed: forward speed at full drive [m/s].
+
+    Returns:
+        The robot, and a sentence for each assumption.
+
+    Raises:
+        ModelError: no output answers a constant input with a usable constant value.
+    """
+    complaint = ""
+    for wiring in _wirings(plant):
+        try:
+            robot, notes = _wired(plant, wiring, mission.vehicle, top_speed)
+        except ModelError as error:
+            complaint = complaint or str(error)
+            continue
+        if wiring.twins:
+            return robot, (_twins_note(plant, wiring, complaint), *notes)
+        turning = _turning(robot, top_speed / mission.vehicle.r)
+        steers = _STEERS[0] <= abs(turning) <= _STEERS[1]
+        if wiring.named:
+            weak = () if turning >= _STEERS[0] else (_WEAK_STEERING,)
+            return robot, (*_held_note(plant, wiring), *notes, *weak)
+        if steers:
+            if turning < 0:  # the first output answers more to the second input
+                wiring = _Wiring(False, wiring.driven, wiring.read[::-1])
+                robot, notes = _wired(plant, wiring, mission.vehicle, top_speed)
+            taken = (_order_note(plant, wiring), *_held_note(plant, wiring))
+            return robot, (*taken, *notes)
+        complaint = "its first two inputs and outputs do not steer as two tracks do"
+    raise ModelError(f"the plant cannot drive a robot: {complaint}")
+
+
+def _wirings(plant: SteppablePlant) -> Iterator[_Wiring]:
+    """The ways to wire the plant, the most natural first."""
+    driven, read = _sides(plant.inputs), _sides(plant.outputs)
+    if min(*driven, *read) >= 0:
+        yield _Wiring(False, driven, read, named=True)
+        return
+    nu, ny = len(plant.inputs), len(plant.outputs)
+    if min(nu, ny) >= 2:
+        yield _Wiring(False, (0, 1), (0, 1))
+    for i in range(nu):
+        for j in range(ny):
+            yield _Wiring(True, (i, i), (j, j))
+
+
+def _sides(channels: Sequence[Channel]) -> tuple[int, int]:
+    """Index of the one channel whose name says left and of the one that says right; -1: none."""
+
+    def only(*sides: str) -> int:
+        hits = [
+            i
+            for i, channel in enumerate(channels)
+            if any(w.lower() in sides for w in re.findall(r"[A-Z]?[a-z]+|[A-Z]", channel.name))
+        ]
+        return hits[0] if len(hits) == 1 else -1
+
+    return only("l", "left"), only("r", "right")
+
+
+def _wired(
+    plant: SteppablePlant, wiring: _Wiring, vehicle: VehicleSpec, top_speed: float
+) -> tuple[RobotPlant, tuple[str, ...]]:
+    """Scale one wiring; the sentences name what was assumed."""
+    u, y = plant.inputs, plant.outputs
+    at = list(wiring.read)
+    direct = all(_is_pwm(u[i]) for i in wiring.driven) and all(_is_speed(y[j]) for j in at)
+    drive = _drive(plant, wiring, vehicle, direct)
+    rest, answer = _static_answer(plant, wiring, drive)
+    rise = answer.y[at] - rest.y[at]
+    notes = list(drive.notes)
+
+    zero, scale = np.zeros(2), np.ones(2)
+    if vehicle.speed_scale is not None:
+        scale *= vehicle.speed_scale
+    elif not direct:
+        zero, scale = rest.y[at], top_speed / vehicle.r / np.abs(rise)
+        notes.extend(
+            f"{_quantity(y[at[k]])} changes by {_number(rise[k])} at full drive, which is taken "
+            f"as {top_speed:g} m/s."
+            for k in wiring.tracks
+        )
+    falls = scale * rise < 0
+    for k in wiring.tracks:
+        swing = answer.swing[at[k]] / abs(rise[k])
+        if swing > _SWINGS:
+            notes.append(f"{_quantity(y[at[k]])} swings to {swing:.1f} times its final value.")
+        if falls[k]:
+            notes.append(
+                f"{_quantity(y[at[k]])} falls where the drive rises and is turned over: "
+                "check the wiring or the sign of the data."
+            )
+    robot = RobotPlant(
+        plant=plant,
+        twins=wiring.twins,
+        driven=wiring.driven,
+        read=wiring.read,
+        centre=drive.centre,
+        span=drive.span,
+        zero=zero,
+        scale=np.where(falls, -scale, scale),
+        rest=np.array((rest.state, rest.state)) if wiring.twins else rest.state,
+    )
+    return robot, tuple(notes)
+
+
+def _drive(plant: SteppablePlant, wiring: _Wiring, vehicle: VehicleSpec, direct: bool) -> _Drive:
+    """Choose what zero and full drive are in the plant's units."""
+    offsets = getattr(plant, "u_offset", None)
+    centre = np.zeros(len(plant.inputs)) if offsets is None else np.array(offsets, dtype=float)
+    span = np.empty(2)
+    notes = []
+    for track, i in enumerate(wiring.driven):
+        if vehicle.command_scale is not None or direct:
+            centre[i] = 0.0
+            span[track] = vehicle.command_scale or PWM_FULL_SCALE
+            continue
+        low, high = _input_range(plant, i)
+        if low <= 0.0 <= high:
+            centre[i] = 0.0
+        elif not low < centre[i] < high:
+            centre[i] = 0.5 * (low + high)
+        span[track] = max(high - centre[i], centre[i] - low)
+        if track in wiring.tracks:
+            notes.append(
+                f"{_quantity(plant.inputs[i])} from {_number(centre[i])} to "
+                f"{_number(centre[i] + span[track])} is taken as zero to full drive."
+            )
+    return _Drive(centre, span, tuple(notes))
+
+
+def _static_answer(
+    plant: SteppablePlant, wiring: _Wiring, drive: _Drive
+) -> tuple[Settled, Settled]:
+    """The plant at rest at zero drive and at full drive.
+
+    Raises:
+        ModelError: it does not come to rest, or an output that is read does not answer.
+    """
+    rest = settle(plant, plant.initial_state(), drive.centre)
+    raised = drive.centre.copy()
+    raised[list(wiring.driven)] += drive.span
+    answer = settle(plant, rest.state, raised)
+    for i, j in zip(wiring.driven, wiring.read, strict=True):
+        if abs(answer.y[j] - rest.y[j]) <= 1e-9 * max(abs(answer.y[j]), abs(rest.y[j])):
+            raise ModelError(
+                f"output {plant.outputs[j].name} does not answer a constant input "
+                f"{plant.inputs[i].name}; choose other channels with --input and --output"
+            )
+    return rest, answer
+
+
+def _turning(robot: RobotPlant, full: float) -> float:
+    """ω_R − ω_L at opposite full drives, in parts of that of two independent tracks."""
+    try:
+        y = settle(robot, robot.initial_state(), np.array((-PWM_FULL_SCALE, PWM_FULL_SCALE))).y
+    except ModelError:  # a nonlinear plant may rest forwards and not in reverse
+        return 0.0
+    return float(y[1] - y[0]) / (2.0 * full)
+
+
+def _input_range(plant: SteppablePlant, i: int) -> tuple[float, float]:
+    """Lowest and highest value of an input in the data; ±1 when unknown or constant."""
+    ranges = getattr(plant, "input_range", ())
+    low, high = ranges[i] if i < len(ranges) else (-1.0, 1.0)
+    return (float(low), float(high)) if high > low else (-1.0, 1.0)
+
+
+def _is_pwm(channel: Channel) -> bool:
+    return channel.unit == "µs" or (not channel.unit and channel.name.startswith("pwm"))
+
+
+def _is_speed(channel: Channel) -> bool:
+    return channel.unit == "rad/s" or (not channel.unit and channel.name.startswith("omega"))
+
+
+# Sentences ----------------------------------------------------------------------------------------
+
+_WEAK_STEERING = (
+    "The plant hardly turns, or turns the wrong way, when its tracks are driven in opposite "
+    "directions: identify it from data where they were commanded differently."
+)
+
+
+def _quantity(channel: Channel) -> str:
+    return f"{channel.name} [{channel.unit}]" if channel.unit else channel.name
+
+
+def _number(value: float) -> str:
+    return f"{value + 0.0:.4g}"  # adding zero turns -0 into 0
+
+
+def _twins_note(plant: SteppablePlant, wiring: _Wiring, complaint: str) -> str:
+    names = [c.name for c in plant.inputs]
+    driven = names.pop(wiring.driven[0])
+    note = (
+        f"Each track is driven by its own copy of the plant from {driven} to "
+        f"{plant.outputs[wiring.read[0]].name}"
+    )
+    if names:
+        note += f", with {', '.join(names)} held at the operating point"
+    return f"{note}, because {complaint}." if complaint else f"{note}."
+
+
+def _order_note(plant: SteppablePlant, wiring: _Wiring) -> str:
+    (ul, ur), (yl, yr) = wiring.driven, wiring.read
+    u, y = plant.inputs, plant.outputs
+    return (
+        f"Input {u[ul].name} and output {y[yl].name} are taken as the left track, "
+        f"{u[ur].name} and {y[yr].name} as the right one."
+    )
+
+
+def _held_note(plant: SteppablePlant, wiring: _Wiring) -> tuple[str, ...]:
+    held = [c.name for i, c in enumerate(plant.inputs) if i not in wiring.driven]
+    return (f"Held at the operating point: {', '.join(held)}.",) if held else ()

@@ -1,0 +1,73 @@
+"""RobotPlant: any plant wired and scaled so that it takes PWM [µs] and answers rad/s per track."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.data.record import PWM_FULL_SCALE, Array, Channel
+from sysid.mission.simulator import ROBOT_INPUTS, ROBOT_OUTPUTS, SteppablePlant
+
+
+@dataclass(frozen=True, eq=False)
+class RobotPlant:
+    """A plant wired and scaled as a robot; satisfies ``SteppablePlant``.
+
+    Track i is driven by u = centre + span·(PWM_i / 20000) on input ``driven[i]`` (the other inputs
+    stay at ``centre``) and turns at ω_i = scale_i·(y[read[i]] − zero_i).
+
+    Attributes:
+        plant: the plant underneath.
+        twins: whether each track has its own copy of the plant; otherwise one plant has both.
+        driven, read: index of the input and of the output of the left and the right track.
+        centre: value of every input of ``plant`` at zero drive, shape (nu,).
+        span: change of the driven inputs from zero to full drive, shape (2,).
+        zero: outputs at zero drive, shape (2,).
+        scale: wheel speed per unit of output [rad/s], shape (2,).
+        rest: state at rest at zero drive; with twins shape (2, …).
+    """
+
+    plant: SteppablePlant
+    twins: bool
+    driven: tuple[int, int]
+    read: tuple[int, int]
+    centre: Array
+    span: Array
+    zero: Array
+    scale: Array
+    rest: Array
+
+    @property
+    def dt(self) -> float:
+        """Sample time [s]."""
+        return self.plant.dt
+
+    @property
+    def inputs(self) -> tuple[Channel, ...]:
+        """``pwm_l, pwm_r`` [µs]."""
+        return ROBOT_INPUTS
+
+    @property
+    def outputs(self) -> tuple[Channel, ...]:
+        """``omega_l, omega_r`` [rad/s]."""
+        return ROBOT_OUTPUTS
+
+    def initial_state(self) -> Array:
+        """Return the state at rest at zero drive."""
+        return self.rest.copy()
+
+    def step(self, state: Array, u: Array) -> tuple[Array, Array]:
+        """Advance one sample: PWM [µs] of both tracks in, wheel speeds [rad/s] out."""
+        change = u * self.span / PWM_FULL_SCALE
+        if not self.twins:
+            own = self.centre.copy()
+            own[self.driven[0]] += change[0]
+            own[self.driven[1]] += change[1]
+            state, y = self.plant.step(state, own)
+            return state, self.scale * (y[list(self.read)] - self.zero)
+        left, right = self.centre.copy(), self.centre.copy()
+        left[self.driven[0]] += change[0]
+        right[self.driven[1]] += change[1]
+        state_l, y_l = self.plant.step(state[0], left)
+        state_r, y_r = self.plant.step(state[1], right)
+        y = np.array((y_l[self.read[0]], y_r[self.read[1]]))
+        return np.array((state_l, state_r)), self.scale * (y - self.zero)

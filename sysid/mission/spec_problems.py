@@ -1,0 +1,101 @@
+"""What is wrong with a mission file, in words: pydantic's findings as one sentence with its line."""
+
+import difflib
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from sysid.mission.yaml_source import Place, YamlSource
+
+
+def first_problem(error: ValidationError, source: YamlSource, model: type[BaseModel]) -> str:
+    """Word the problem that comes first in the file, and name the lines of the others.
+
+    Args:
+        error: what pydantic found.
+        source: the file, for line numbers.
+        model: the model of the whole file, for the keys there are.
+
+    Returns:
+        ``file:line: what is wrong: what to do``.
+    """
+
+    def line(details: ErrorDetails) -> int:
+        return int(source.where(details["loc"]).rpartition(":")[2])
+
+    # A misspelt key is also a missing one: the spelling is what the reader has to hear about.
+    problems = sorted(error.errors(), key=lambda p: (line(p), p["type"] == "missing"))
+    first, *others = dict.fromkeys(line(p) for p in problems)
+    more = f" (more to correct in line {', '.join(map(str, others))})" if others else ""
+    return f"{source.name}:{first}: {_sentence(problems[0], model)}{more}"
+
+
+_LIMITS = {
+    "greater_than": ("gt", "above"),
+    "greater_than_equal": ("ge", "of at least"),
+    "less_than_equal": ("le", "of at most"),
+}
+
+
+def _sentence(details: ErrorDetails, model: type[BaseModel]) -> str:
+    kind, place, value = details["type"], details["loc"], details["input"]
+    name = _name(place)
+    if kind == "extra_forbidden":
+        return _unknown(place, model)
+    if kind == "missing":
+        example = "goal: [1, 0]" if name == "goal" else f"{name}: a number"
+        return f"the key {name!r} is missing: add {example}"
+    if kind in _LIMITS:
+        context, words = _LIMITS[kind]
+        limit = details.get("ctx", {}).get(context, 0)
+        if context == "ge" and 0 < limit < 1e-3 and value <= 0:
+            words, limit = "above", 0  # the small bound guards the arithmetic, not the meaning
+        return f"{name} is {value:g}: give a number {words} {limit:g}"
+    if kind == "finite_number":
+        return f"{name} is {value}: give a finite number"
+    if kind.startswith("float"):
+        return f"{name} is {shown(value)}: give a number"
+    if kind == "model_type" or kind == "dict_type":
+        return f"{name} is {shown(value)}: write a section {{key: value}} with its settings"
+    return str(details["msg"]).removeprefix("Value error, ")
+
+
+def _unknown(place: Place, model: type[BaseModel]) -> str:
+    """Name an unknown key, the keys there are, and the one that was probably meant."""
+    key = str(place[-1])
+    known = _known_keys(place[:-1], model)
+    close = difflib.get_close_matches(key, known, n=1, cutoff=0.6) or [
+        k for k in known if k.lower() == key.lower()
+    ]
+    advice = f"did you mean {close[0]!r}?" if close else f"the keys are {', '.join(known)}"
+    section = f" in {_name(place[:-1])}" if place[:-1] else ""
+    return f"unknown key {key!r}{section}: {advice}"
+
+
+def _known_keys(place: Place, model: type[BaseModel]) -> list[str]:
+    if place and place[0] == "obstacles":
+        return ["at", "radius"]
+    for key in place:
+        inner = model.model_fields[str(key)].annotation
+        model = inner if isinstance(inner, type) and issubclass(inner, BaseModel) else model
+    return list(model.model_fields)
+
+
+def _name(place: Place) -> str:
+    """Return ``obstacles[2].radius`` for the place (obstacles, 1, radius), counted from 1."""
+    text = "".join(f"[{p + 1}]" if isinstance(p, int) else f".{p}" for p in place)
+    return text.lstrip(".") or "the mission"
+
+
+def shown(value: Any) -> str:
+    """Return a value as a reader of the file would call it."""
+    if value is None:
+        return "empty"
+    if isinstance(value, bool):
+        return f"{value} (a yes or no)"
+    if isinstance(value, float):
+        return f"{value:g}"
+    text = value if isinstance(value, str) else repr(value)
+    text = text if len(text) <= 40 else text[:37] + "..."
+    return f"the text '{text}'" if isinstance(value, str) else text

@@ -1,0 +1,1 @@
+"""The plant package: a model written so that every runtime reproduces it."""

@@ -1,0 +1,169 @@
+"""Pictures for ``--plot FILE``: SVG or PNG by suffix, the same bytes for the same content.
+
+This is the only module that imports matplotlib, inside its functions, because that import takes
+longer than many a fit. What makes a picture reproducible:
+
+- matplotlib's own defaults and the fixed style replace the user's ``matplotlibrc`` while drawing,
+  and only then; nothing global changes.
+- Text in an SVG is drawn as outlines of DejaVu Sans, which matplotlib carries with it, so a
+  picture looks the same in a browser without that font. The text itself stays in comments.
+- Element names are hashed with a fixed salt; date, software and version are left out.
+- SVG coordinates are rounded to 0.01 pt, which also cuts the size by a third and hides the last
+  digit in which processors differ.
+"""
+
+import io
+import re
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from sysid.data.files import write_atomic
+from sysid.errors import UsageError
+from sysid.report import (
+    dynamics_drawing,
+    fit_drawing,
+    mission_drawing,
+    ranking_drawing,
+    style,
+)
+from sysid.report.correlation_panels import Correlation
+from sysid.report.dynamics_drawing import DynamicsPicture, PoleZeroSet, StepResponse
+from sysid.report.fit_picture import FitPicture, FitSegment
+from sysid.report.mission_drawing import MissionPicture, Obstacle
+from sysid.report.ranking_drawing import RankingPicture, RankingRow
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "Correlation",
+    "DynamicsPicture",
+    "FitPicture",
+    "FitSegment",
+    "MissionPicture",
+    "Obstacle",
+    "PoleZeroSet",
+    "RankingPicture",
+    "RankingRow",
+    "StepResponse",
+    "picture_format",
+    "plot_dynamics",
+    "plot_fit",
+    "plot_mission",
+    "plot_ranking",
+]
+
+PictureFormat = Literal["svg", "png"]
+
+_PNG_DPI = 200
+"""Twice the 100 px/in at which a picture is 900 px wide: sharp on dense screens."""
+
+
+def picture_format(path: Path) -> PictureFormat:
+    """The format a file name asks for; call it before a long fit to refuse early.
+
+    Raises:
+        UsageError: the name ends neither in ``.svg`` nor in ``.png``.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".svg":
+        return "svg"
+    if suffix == ".png":
+        return "png"
+    raise UsageError(f"cannot draw to {str(path)!r}: choose a file name that ends in .svg or .png")
+
+
+def plot_fit(path: Path, picture: FitPicture) -> None:
+    """Draw measured and simulated outputs, residuals, their correlations and the inputs.
+
+    Raises:
+        UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
+    """
+    size = fit_drawing.size_inches(picture)
+    _write(path, size, lambda figure: fit_drawing.draw(figure, picture))
+
+
+def plot_ranking(path: Path, picture: RankingPicture) -> None:
+    """Draw models as bars in the order of a criterion, with their fits beside them.
+
+    Raises:
+        UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
+    """
+    size = ranking_drawing.size_inches(picture)
+    _write(path, size, lambda figure: ranking_drawing.draw(figure, picture))
+
+
+def plot_mission(path: Path, picture: MissionPicture) -> None:
+    """Draw the path among the obstacles, and speed, heading, PWM and distance over time.
+
+    Raises:
+        UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
+    """
+    size = mission_drawing.size_inches(picture)
+    _write(path, size, lambda figure: mission_drawing.draw(figure, picture))
+
+
+def plot_dynamics(path: Path, picture: DynamicsPicture) -> None:
+    """Draw poles and zeros beside the unit circle, and the step responses.
+
+    Raises:
+        UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
+    """
+    size = dynamics_drawing.size_inches(picture)
+    _write(path, size, lambda figure: dynamics_drawing.draw(figure, picture))
+
+
+def _write(path: Path, size: tuple[float, float], draw: Callable[["Figure"], None]) -> None:
+    kind = picture_format(path)
+    write_atomic(path, _render(kind, size, draw))
+
+
+def _render(
+    kind: PictureFormat, size: tuple[float, float], draw: Callable[["Figure"], None]
+) -> bytes:
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.text import Text
+
+    look: Any = {**style.RC, "svg.fonttype": "path", "svg.hashsalt": "sysid"}
+    buffer = io.BytesIO()
+    with warnings.catch_warnings(), matplotlib.rc_context():
+        matplotlib.rcdefaults()  # the user's matplotlibrc must not change the picture
+        matplotlib.rcParams.update(look)
+        # A name in a script DejaVu Sans lacks shows as boxes; that is no reason to warn.
+        warnings.filterwarnings("ignore", message=r"Glyph .* missing from", category=UserWarning)
+        figure = Figure(figsize=size, layout="constrained")
+        FigureCanvasAgg(figure)  # measures text, whatever the format
+        draw(figure)
+        for text in figure.findobj(Text):
+            if isinstance(text, Text):
+                text.set_text(_printable(text.get_text()))
+        if kind == "svg":
+            figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+            return _rounded(buffer.getvalue().decode()).encode()
+        figure.savefig(buffer, format="png", dpi=_PNG_DPI, metadata={"Software": None})
+        return buffer.getvalue()
+
+
+def _printable(text: str) -> str:
+    """Replace what XML forbids or a line of text cannot show, such as control characters."""
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+
+
+def _rounded(svg: str) -> str:
+    """Round coordinates to two decimals and drop needless blanks: paths, marks and letters."""
+
+    def number(match: re.Match[str]) -> str:
+        return f"{float(match[0]):.2f}".rstrip("0").rstrip(".")
+
+    def place(match: re.Match[str]) -> str:
+        return re.sub(r"-?\d+\.\d+", number, match[0])
+
+    def path(match: re.Match[str]) -> str:
+        return re.sub(r"([A-Zz]) ", r"\1", place(match).replace(" \n", "\n"))
+
+    svg = re.sub(r' d="[^"]*"', path, svg)
+    return re.sub(r' [xy]="[^"]*"|translate\([^)]*\)', place, svg)

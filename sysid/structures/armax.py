@@ -1,0 +1,21 @@
+"""ARMAX: ARX with moving-average noise."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from sysid.structures.polynomial import PolynomialStructure
+
+
+@dataclass(frozen=True)
+class ARMAX(PolynomialStructure):
+    """A(q) y(t) = B(q) u(t) + C(q) e(t) (Ljung 1999, eq. 4.14; thesis 3.19)."""
+
+    name: ClassVar[str] = "armax"
+    title: ClassVar[str] = "ARMAX: ARX with moving-average noise"
+    equation: ClassVar[str] = "A(q) y(t) = B(q) u(t) + C(q) e(t)"
+    when: ClassVar[str] = (
+        "disturbances that enter early in the process, such as load and friction changes"
+    )
+    order_names: ClassVar[tuple[str, ...]] = ("na", "nb", "nc", "nk")
+    has_noise_model: ClassVar[bool] = True
+    letters: ClassVar[str] = "abc"

@@ -1,0 +1,231 @@
+"""The abstractions of fitting: Parameter, Problem, Structure, and the registry of structures."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from importlib.metadata import entry_points
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sysid.data.record import Array, Channel, Index, Record
+from sysid.errors import ModelError, UsageError
+
+
+class Focus(Enum):
+    """What a fit minimises: one-step prediction errors or free-run simulation errors."""
+
+    PREDICTION = "prediction"
+    SIMULATION = "simulation"
+
+
+class Initial(Enum):
+    """Where a fit starts each experiment from."""
+
+    AUTO = "auto"
+    ZERO = "zero"
+    ESTIMATED = "estimated"
+    BACKCAST = "backcast"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of a structure: its name, unit and admissible range.
+
+    Attributes:
+        name: as users see and type it, e.g. ``a1`` or ``b1[omega_l,pwm_r]``.
+        unit: unit, empty for a pure number.
+        lower, upper: bounds, infinite when free.
+        fixed: the value it is held at, or None when it is estimated.
+    """
+
+    name: str
+    unit: str = ""
+    lower: float = -np.inf
+    upper: float = np.inf
+    fixed: float | None = None
+
+
+class Problem(ABC):
+    """A least-squares problem min ½‖r(p)‖² that determines some entries of θ.
+
+    p stacks θ[index] and then the initial states, experiment after experiment.
+
+    Attributes:
+        index: which entries of the structure's θ this problem determines.
+        n_initial: how many initial states follow them in p.
+        lengths: how many residuals each stretch of time contributes, in order; noise is not
+            correlated across stretches.
+        channels: output of each of these stretches.
+    """
+
+    index: Index
+    n_initial: int
+    lengths: tuple[int, ...]
+    channels: tuple[int, ...]
+
+    @abstractmethod
+    def residual(self, p: Array) -> Array:
+        """Errors ε, shape (M,); huge but finite where p is inadmissible."""
+
+    @abstractmethod
+    def jacobian(self, p: Array) -> Array:
+        """∂ε/∂p, shape (M, len(p))."""
+
+    def given(self, theta: Array) -> "Problem":
+        """This problem when the entries of θ outside ``index`` are those of ``theta``."""
+        return self
+
+    def initial_guess(self, theta: Array) -> Array:
+        """p with θ's entries and zero initial states."""
+        return np.concatenate([theta[self.index], np.zeros(self.n_initial)])
+
+
+@dataclass(frozen=True)
+class Structure(ABC):
+    """What to fit. Everything is a pure function of one parameter vector θ.
+
+    Subclasses are frozen dataclasses; ``name`` is what users type.
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    equation: ClassVar[str]
+    when: ClassVar[str]
+    order_names: ClassVar[tuple[str, ...]]
+    has_noise_model: ClassVar[bool]
+
+    @property
+    @abstractmethod
+    def nu(self) -> int:
+        """Number of inputs."""
+
+    @property
+    @abstractmethod
+    def ny(self) -> int:
+        """Number of outputs."""
+
+    @classmethod
+    @abstractmethod
+    def from_orders(cls, raw: Mapping[str, Any], nu: int, ny: int) -> "Structure":
+        """The structure with these orders; UsageError when they do not fit."""
+
+    @abstractmethod
+    def order_values(self) -> dict[str, Any]:
+        """Orders in their shortest form, as ``from_orders`` reads them."""
+
+    @abstractmethod
+    def parameters(
+        self, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[Parameter, ...]:
+        """Names, units and bounds of θ."""
+
+    @abstractmethod
+    def problems(
+        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
+    ) -> tuple[Problem, ...]:
+        """The independent least-squares problems that together determine θ.
+
+        They are solved in order; a later one may need the θ found before (``Problem.given``).
+        """
+
+    @abstractmethod
+    def first_sample(self) -> int:
+        """First sample whose one-step prediction needs no value before the record."""
+
+    @abstractmethod
+    def n_states(self, theta: Array) -> int:
+        """Number of states of the free run."""
+
+    @abstractmethod
+    def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
+        """State x0 (n_states,) that meets the first ``samples`` of y best in free run."""
+
+    @abstractmethod
+    def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
+        """Free run from x0 (rest when None): outputs (N, ny)."""
+
+    @abstractmethod
+    def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """(x, u) → (x⁺, y): the free run sample by sample, from the same states."""
+
+    @abstractmethod
+    def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
+        """One-step prediction errors (N, ny).
+
+        Initial states come from the first ``window`` samples; samples that need values before
+        the record are NaN.
+        """
+
+    @abstractmethod
+    def noise_response(self, theta: Array, n: int) -> Array:
+        """Impulse response of the noise model H(q), shape (n, ny, ny), first entry the identity."""
+
+    @abstractmethod
+    def stable(self, theta: Array) -> bool:
+        """Whether the free run is bounded for bounded inputs."""
+
+    @abstractmethod
+    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
+        """∂ŷ/∂θ of one output's one-step prediction on a record, (N, k), zero rows where NaN."""
+
+    @abstractmethod
+    def equations(
+        self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[str, ...]:
+        """The fitted equations, one line each, as a person would write them."""
+
+    @abstractmethod
+    def properties(self, theta: Array, dt: float) -> dict[str, Any]:
+        """Poles, zeros, static gain …: JSON-able facts that follow from θ."""
+
+    def to_json(self) -> dict[str, Any]:
+        """{structure, orders, nu, ny}: what ``structure_from_json`` needs."""
+        return {
+            "structure": self.name,
+            "orders": self.order_values(),
+            "nu": self.nu,
+            "ny": self.ny,
+        }
+
+
+def structure_classes() -> dict[str, type[Structure]]:
+    """Every known structure by name: the built-in ones and those of other packages.
+
+    Other packages register a class under the entry-point group ``sysid.structures``.
+    """
+    from sysid.structures.armax import ARMAX
+    from sysid.structures.arx import ARX
+    from sysid.structures.bj import BJ
+    from sysid.structures.oe import OE
+
+    classes: dict[str, type[Structure]] = {c.name: c for c in (ARX, ARMAX, OE, BJ)}
+    for point in entry_points(group="sysid.structures"):
+        classes.setdefault(point.name, point.load())
+    return classes
+
+
+def structure_class(name: str) -> type[Structure]:
+    """The structure called ``name`` (case does not matter).
+
+    Raises:
+        UsageError: there is none of that name.
+    """
+    classes = structure_classes()
+    if name.lower() not in classes:
+        raise UsageError(f"no structure {name!r}; choose one of {', '.join(classes)}")
+    return classes[name.lower()]
+
+
+def structure_from_json(raw: Mapping[str, Any]) -> Structure:
+    """Undo ``Structure.to_json``.
+
+    Raises:
+        ModelError: the description is damaged.
+    """
+    try:
+        cls = structure_class(str(raw["structure"]))
+        return cls.from_orders(raw["orders"], int(raw["nu"]), int(raw["ny"]))
+    except (KeyError, TypeError, ValueError, UsageError) as error:
+        raise ModelError(f"the model's structure cannot be read ({error}); fit it again") from None

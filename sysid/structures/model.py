@@ -1,0 +1,341 @@
+"""Model: a structure with parameters, what they are worth, and where they came from."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.signal import lfilter
+
+from sysid.criteria.information import InformationCriteria
+from sysid.data.files import write_atomic
+from sysid.data.preprocess import Detrend
+from sysid.data.record import Array, Channel, Record
+from sysid.errors import ModelError, Termination
+from sysid.structures.base import Parameter, Structure, structure_from_json
+from sysid.structures.plant import Plant
+
+SCHEMA = "sysid-model/1"
+
+
+@dataclass(frozen=True)
+class ParameterEstimate:
+    """A parameter with its estimate: one row of the parameter table."""
+
+    name: str
+    value: float
+    std_error: float
+    unit: str
+    fixed: bool
+    at_bound: bool
+
+
+@dataclass(frozen=True)
+class StartReport:
+    """One starting value of the search and what became of it."""
+
+    output: str
+    start: str
+    cost_at_start: float
+    cost: float | None
+    evaluations: int
+
+
+@dataclass(frozen=True)
+class Source:
+    """One experiment a model was fitted to."""
+
+    name: str
+    sha256: str
+    first: float
+    samples: int
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a model came from: enough to make it again.
+
+    Attributes:
+        data: the experiments.
+        options: focus, initial states, loss, detrending, how the files were read …
+        version: version of the tool.
+    """
+
+    data: tuple[Source, ...] = ()
+    options: Mapping[str, Any] = field(default_factory=dict)
+    version: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A fitted structure.
+
+    Attributes:
+        structure: what was fitted.
+        theta: parameters, shape (n,).
+        covariance: covariance of θ, (n, n); infinite where the data hold no information.
+        parameters: names, units, bounds and fixed values of θ.
+        dt: sample time [s].
+        inputs, outputs: channels in the model's units.
+        detrend: offsets and trends removed before the fit, applied again by every method here.
+        noise_covariance: covariance of the one-step errors, (ny, ny).
+        n_estimated: number of estimated numbers, initial states included.
+        criteria: information criteria on the estimation data.
+        termination: how the fit ended.
+        initial_states: free-run state at the start of each experiment.
+        ranges: lowest and highest value of each input and output seen, (nu + ny, 2).
+        at_bound: names of the parameters that ended on a bound.
+        null_directions: directions of θ without information, each as {name: weight}.
+        starts: every start tried.
+        warnings: what a user should know about this fit.
+        provenance: data, options, version.
+    """
+
+    structure: Structure
+    theta: Array
+    covariance: Array
+    parameters: tuple[Parameter, ...]
+    dt: float
+    inputs: tuple[Channel, ...]
+    outputs: tuple[Channel, ...]
+    detrend: Detrend
+    noise_covariance: Array
+    n_estimated: int
+    criteria: InformationCriteria
+    termination: Termination
+    initial_states: tuple[Array, ...] = ()
+    ranges: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    at_bound: tuple[str, ...] = ()
+    null_directions: tuple[Mapping[str, float], ...] = ()
+    starts: tuple[StartReport, ...] = ()
+    warnings: tuple[str, ...] = ()
+    provenance: Provenance = field(default_factory=Provenance)
+
+    @property
+    def stable(self) -> bool:
+        """Whether the free run is bounded for bounded inputs."""
+        return self.structure.stable(self.theta)
+
+    def parameter_table(self) -> tuple[ParameterEstimate, ...]:
+        """Value ± standard error of every parameter, in θ's order."""
+        errors = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        return tuple(
+            ParameterEstimate(
+                p.name,
+                float(v),
+                0.0 if p.fixed is not None else float(s),
+                p.unit,
+                p.fixed is not None,
+                p.name in self.at_bound,
+            )
+            for p, v, s in zip(self.parameters, self.theta, errors, strict=True)
+        )
+
+    def check(self, record: Record) -> None:
+        """Refuse a record this model cannot be run on.
+
+        Raises:
+            ModelError: number of channels, names or sample time differ.
+        """
+        wanted = (tuple(c.name for c in self.inputs), tuple(c.name for c in self.outputs))
+        got = (record.input_names, record.output_names)
+        if wanted != got:
+            raise ModelError(
+                f"{record.name} has {_arrow(got)} but the model was fitted to {_arrow(wanted)}; "
+                "choose the columns with --input and --output"
+            )
+        if abs(record.dt - self.dt) > 1e-3 * self.dt:
+            raise ModelError(
+                f"{record.name} is sampled every {record.dt:g} s but the model every "
+                f"{self.dt:g} s; resample the log or fit a model to it"
+            )
+
+    def simulate(self, u: Array, x0: Array | None = None, t0: float = 0.0) -> Array:
+        """Free run for inputs ``u`` (N, nu) in physical units from state x0, shape (N, ny)."""
+        t = t0 + self.dt * np.arange(len(u), dtype=np.float64)
+        run = self.structure.simulate(self.theta, self.detrend.remove_input(u, t), x0)
+        return self.detrend.restore_output(run, t)
+
+    def fitted_state(self, record: Record, samples: int) -> Array:
+        """Free-run state that meets the first ``samples`` of the record best."""
+        plain = self.detrend.remove(record)
+        return self.structure.fitted_state(self.theta, plain.u, plain.y, samples)
+
+    def errors(self, record: Record, window: int) -> Array:
+        """One-step prediction errors (N, ny), NaN where a sample before the record is needed."""
+        self.check(record)
+        plain = self.detrend.remove(record)
+        return self.structure.errors(self.theta, plain.u, plain.y, window)
+
+    def predict(self, record: Record, horizon: int, window: int) -> Array:
+        """k-step-ahead predictions (N, ny): ŷ(t|t−k) = y(t) − Σ_{l<k} h(l) e(t−l).
+
+        Args:
+            record: measured inputs and outputs.
+            horizon: k ≥ 1; the free run is ``simulate``.
+            window: samples at the head from which unknown initial states are fitted.
+
+        Raises:
+            ModelError: the record does not fit the model, or ``horizon`` < 1.
+        """
+        if horizon < 1:
+            raise ModelError(f"the prediction horizon must be at least 1 sample, got {horizon}")
+        e = self.errors(record, window)
+        h = self.structure.noise_response(self.theta, horizon)
+        k_step = np.zeros_like(e)
+        for i in range(record.ny):
+            for j in range(record.ny):
+                if np.any(h[:, i, j]):
+                    k_step[:, i] += lfilter(h[:, i, j], [1.0], np.nan_to_num(e[:, j]))
+        missing = np.isnan(e)
+        for lag in range(1, min(horizon, len(e))):
+            missing[lag:] |= np.isnan(e[:-lag])
+        return np.where(missing, np.nan, record.y - k_step)
+
+    def plant(self) -> Plant:
+        """The model as a thing that is stepped sample by sample, in physical units."""
+        return Plant.of_structure(
+            self.structure,
+            self.theta,
+            self.dt,
+            self.inputs,
+            self.outputs,
+            self.detrend,
+            self.ranges,
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything about the model as JSON-able values; non-finite numbers as null."""
+        return {
+            "schema": SCHEMA,
+            **self.structure.to_json(),
+            "parameters": [
+                {
+                    "name": p.name,
+                    "value": float(v),
+                    "unit": p.unit,
+                    "lower": _number(p.lower),
+                    "upper": _number(p.upper),
+                    "fixed": p.fixed is not None,
+                }
+                for p, v in zip(self.parameters, self.theta, strict=True)
+            ],
+            "covariance": [[_number(c) for c in row] for row in self.covariance],
+            "sample_time": self.dt,
+            "inputs": [asdict(c) for c in self.inputs],
+            "outputs": [asdict(c) for c in self.outputs],
+            "detrend": self.detrend.to_json(),
+            "noise_covariance": [[_number(c) for c in row] for row in self.noise_covariance],
+            "n_estimated": self.n_estimated,
+            "criteria": {k: _number(v) for k, v in asdict(self.criteria).items()},
+            "termination": self.termination.code,
+            "initial_states": [x.tolist() for x in self.initial_states],
+            "ranges": self.ranges.tolist(),
+            "at_bound": list(self.at_bound),
+            "null_directions": [dict(d) for d in self.null_directions],
+            "starts": [asdict(s) | {"cost": _number(s.cost)} for s in self.starts],
+            "warnings": list(self.warnings),
+            "provenance": {
+                "data": [asdict(s) for s in self.provenance.data],
+                "options": dict(self.provenance.options),
+                "version": self.provenance.version,
+            },
+        }
+
+    @staticmethod
+    def from_json(raw: Mapping[str, Any]) -> "Model":
+        """Undo ``to_json``.
+
+        Raises:
+            ModelError: the description is damaged or of another schema.
+        """
+        if not isinstance(raw, Mapping) or raw.get("schema") != SCHEMA:
+            raise ModelError(f"this is not a model of schema {SCHEMA}; fit it again")
+        try:
+            table = raw["parameters"]
+            theta = np.array([float(p["value"]) for p in table], dtype=np.float64)
+            structure = structure_from_json(raw)
+            inputs = tuple(Channel(**c) for c in raw["inputs"])
+            outputs = tuple(Channel(**c) for c in raw["outputs"])
+            names = [p.name for p in structure.parameters(inputs, outputs)]
+            if names != [p["name"] for p in table]:
+                raise ValueError("its parameters do not fit its orders")
+            return Model(
+                structure=structure,
+                theta=theta,
+                covariance=_array(raw["covariance"], len(theta), np.inf),
+                parameters=tuple(
+                    Parameter(
+                        p["name"],
+                        p["unit"],
+                        -np.inf if p["lower"] is None else float(p["lower"]),
+                        np.inf if p["upper"] is None else float(p["upper"]),
+                        float(p["value"]) if p["fixed"] else None,
+                    )
+                    for p in table
+                ),
+                dt=float(raw["sample_time"]),
+                inputs=inputs,
+                outputs=outputs,
+                detrend=Detrend.from_json(raw["detrend"]),
+                noise_covariance=_array(raw["noise_covariance"], len(outputs), np.nan),
+                n_estimated=int(raw["n_estimated"]),
+                criteria=InformationCriteria(
+                    **{k: np.nan if v is None else float(v) for k, v in raw["criteria"].items()}
+                ),
+                termination=_termination(raw["termination"]),
+                initial_states=tuple(np.array(x, dtype=np.float64) for x in raw["initial_states"]),
+                ranges=np.array(raw["ranges"], dtype=np.float64).reshape(-1, 2),
+                at_bound=tuple(raw["at_bound"]),
+                null_directions=tuple(raw["null_directions"]),
+                starts=tuple(StartReport(**s) for s in raw["starts"]),
+                warnings=tuple(raw["warnings"]),
+                provenance=Provenance(
+                    tuple(Source(**s) for s in raw["provenance"]["data"]),
+                    raw["provenance"]["options"],
+                    raw["provenance"]["version"],
+                ),
+            )
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise ModelError(f"the model is damaged ({error}); fit it again") from None
+
+    def save(self, path: Path) -> None:
+        """Write the model as readable JSON (temporary name first, then renamed)."""
+        write_atomic(path, json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n")
+
+    @staticmethod
+    def load(path: Path) -> "Model":
+        """Read what ``save`` wrote.
+
+        Raises:
+            ModelError: the file cannot be read as a model.
+        """
+        try:
+            raw = json.loads(Path(path).read_text(encoding="utf-8"))
+        except OSError as error:
+            raise ModelError(f"cannot read the model {path}: {error.strerror}") from None
+        except ValueError as error:
+            raise ModelError(f"{path} is not valid JSON ({error}); fit the model again") from None
+        return Model.from_json(raw)
+
+
+def _number(value: float | None) -> float | None:
+    return None if value is None or not np.isfinite(value) else float(value)
+
+
+def _array(rows: list[list[float | None]], n: int, missing: float) -> Array:
+    cells = [[missing if c is None else float(c) for c in row] for row in rows]
+    return np.array(cells, dtype=np.float64).reshape(n, n)
+
+
+def _termination(code: str) -> Termination:
+    for member in Termination:
+        if member.code == code:
+            return member
+    raise ValueError(f"unknown termination {code!r}")
+
+
+def _arrow(names: tuple[tuple[str, ...], tuple[str, ...]]) -> str:
+    return f"{', '.join(names[0])} -> {', '.join(names[1])}"

@@ -1,0 +1,168 @@
+"""Orders of polynomial models: reading them, spreading scalars over channels, writing them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from sysid.errors import UsageError
+
+Matrix = tuple[tuple[int, ...], ...]
+RawOrders = Mapping[str, int | Sequence[int] | Sequence[Sequence[int]]]
+
+MAX_ORDER = 200
+"""Largest order or delay accepted: beyond it a polynomial in float64 has no meaning."""
+
+
+@dataclass(frozen=True)
+class Orders:
+    """Orders of A y = (B/F) u + (C/D) e (Ljung 1999, eq. 4.33; thesis 3.15).
+
+    Attributes:
+        na: lags of output j in the equation of output i, (ny, ny).
+        nb: number of B coefficients from input j to output i, (ny, nu).
+        nc: order of C per output, (ny,).
+        nd: order of D per output, (ny,).
+        nf: order of F from input j to output i, (ny, nu).
+        nk: input delay in samples, 0 = direct feed-through, (ny, nu).
+    """
+
+    na: Matrix
+    nb: Matrix
+    nc: tuple[int, ...]
+    nd: tuple[int, ...]
+    nf: Matrix
+    nk: Matrix
+
+    @property
+    def ny(self) -> int:
+        """Number of outputs."""
+        return len(self.na)
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs."""
+        return len(self.nb[0])
+
+    @property
+    def coupled(self) -> bool:
+        """Whether some output depends on past values of another."""
+        return any(n for i, row in enumerate(self.na) for j, n in enumerate(row) if i != j)
+
+    def input_lag(self, i: int) -> int:
+        """Largest input lag in the equation of output ``i``."""
+        pairs = zip(self.nb[i], self.nk[i], strict=True)
+        return max((nb + nk - 1 for nb, nk in pairs if nb), default=0)
+
+    def start(self, i: int) -> int:
+        """First sample of output ``i`` whose measured regressors are all inside the record."""
+        return max(0, self.input_lag(i), *self.na[i])
+
+    def value(self, letter: str) -> int | list[int] | list[list[int]]:
+        """The order named ``letter`` in its shortest form: a number for one-by-one systems."""
+        raw = getattr(self, letter)
+        if letter in ("nc", "nd"):
+            return int(raw[0]) if self.ny == 1 else list(raw)
+        return int(raw[0][0]) if self.ny == 1 and len(raw[0]) == 1 else [list(r) for r in raw]
+
+
+def parse_orders(text: str) -> dict[str, int | list[list[int]]]:
+    """Read ``"na=2 nb=2 nk=1"``; matrices as ``na=1,0;0,1`` (rows by ``;``).
+
+    Raises:
+        UsageError: the text is not of that form, or an order is negative or absurdly large.
+    """
+    found: dict[str, int | list[list[int]]] = {}
+    for item in text.split():
+        name, sign, value = item.partition("=")
+        if not sign or not name or not value:
+            raise UsageError(
+                f'--orders: cannot read {item!r}; write name=value pairs such as "na=2 nb=2 nk=1"'
+            )
+        if name in found:
+            raise UsageError(f"--orders: {name} is given twice; give each order once")
+        try:
+            rows = [[int(cell) for cell in row.split(",")] for row in value.split(";")]
+        except ValueError:
+            raise UsageError(
+                f"--orders: {item!r} is not a whole number or a matrix such as {name}=1,0;0,1"
+            ) from None
+        if len({len(row) for row in rows}) != 1:
+            raise UsageError(f"--orders: the rows of {item!r} differ in length")
+        if any(not 0 <= cell <= MAX_ORDER for row in rows for cell in row):
+            raise UsageError(f"--orders: {item!r} must lie between 0 and {MAX_ORDER}")
+        scalar = "," not in value and ";" not in value
+        found[name] = rows[0][0] if scalar else rows
+    if not found:
+        raise UsageError('--orders is empty; write for example --orders "na=2 nb=2 nk=1"')
+    return found
+
+
+def spread(raw: RawOrders, letters: str, nu: int, ny: int, structure: str) -> Orders:
+    """Complete the orders of one structure for ``nu`` inputs and ``ny`` outputs.
+
+    A scalar na stands on the diagonal, the other scalars in every entry. nk defaults to 1; the
+    structure's other orders must be given.
+
+    Raises:
+        UsageError: an order is missing, does not belong to the structure or has a wrong shape.
+    """
+    needed = [f"n{letter}" for letter in letters]
+    known = [*needed, "nk"]
+    for name in raw:
+        if name not in known:
+            raise UsageError(
+                f"--orders: {structure} has no order {name!r}; its orders are {' '.join(known)}"
+            )
+    for name in needed:
+        if name not in raw:
+            raise UsageError(
+                f"--orders: {structure} needs {name}; give all of {' '.join(needed)} (nk is 1 "
+                "unless given)"
+            )
+    get = {name: raw.get(name, 1 if name == "nk" else 0) for name in ("na", *_SHAPES)}
+    orders = Orders(
+        na=_matrix("na", get["na"], ny, ny, diagonal=True),
+        nb=_matrix("nb", get["nb"], ny, nu),
+        nc=_vector("nc", get["nc"], ny),
+        nd=_vector("nd", get["nd"], ny),
+        nf=_matrix("nf", get["nf"], ny, nu),
+        nk=_matrix("nk", get["nk"], ny, nu),
+    )
+    if nu and not any(any(row) for row in orders.nb):
+        raise UsageError(f"--orders: {structure} with nb=0 has no input; give nb of at least 1")
+    return orders
+
+
+_SHAPES = ("nb", "nc", "nd", "nf", "nk")
+
+
+def _matrix(name: str, value: object, rows: int, columns: int, diagonal: bool = False) -> Matrix:
+    if isinstance(value, int):
+        return tuple(
+            tuple(value if not diagonal or i == j else 0 for j in range(columns))
+            for i in range(rows)
+        )
+    cells = [list(row) if isinstance(row, list | tuple) else [row] for row in value]  # type: ignore[attr-defined]
+    if len(cells) == columns and rows == 1 and all(len(row) == 1 for row in cells):
+        cells = [[row[0] for row in cells]]
+    if len(cells) != rows or any(len(row) != columns for row in cells):
+        got = f"{len(cells)}x{len(cells[0]) if cells else 0}"
+        raise UsageError(
+            f"--orders: {name} must be a number or a {rows}x{columns} matrix (outputs x "
+            f"{'outputs' if diagonal else 'inputs'}), got {got}"
+        )
+    return tuple(tuple(_checked(name, cell) for cell in row) for row in cells)
+
+
+def _vector(name: str, value: object, rows: int) -> tuple[int, ...]:
+    if isinstance(value, int):
+        return (value,) * rows
+    flat = [c for row in value for c in (row if isinstance(row, list | tuple) else [row])]  # type: ignore[attr-defined]
+    if len(flat) != rows:
+        raise UsageError(f"--orders: {name} must be a number or {rows} numbers, got {len(flat)}")
+    return tuple(_checked(name, cell) for cell in flat)
+
+
+def _checked(name: str, value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= MAX_ORDER:
+        raise UsageError(f"{name}: orders are whole numbers from 0 to {MAX_ORDER}, got {value!r}")
+    return value

@@ -1,0 +1,74 @@
+"""Plant: the one thing that the mission simulator and every exported runtime run."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sysid.data.preprocess import Detrend
+from sysid.data.record import Array, Channel
+from sysid.structures.base import Structure
+
+Step = Callable[[Array, Array], tuple[Array, Array]]
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """A core model stepped sample by sample, physical units in and out.
+
+    y(k) is the output at the instant u(k) is applied; with an input delay of one sample it does
+    not depend on u(k).
+
+    Attributes:
+        dt: sample time [s].
+        inputs, outputs: channels.
+        n_states: length of the state.
+        core: (x, u) → (x⁺, y) about the operating point.
+        u_offset, y_offset: the operating point, shapes (nu,) and (ny,).
+        input_range: lowest and highest value of each input seen in the data: inside it the
+            plant was identified, outside it extrapolates.
+        rest_state: state of the core in which nothing moves at the operating point.
+    """
+
+    dt: float
+    inputs: tuple[Channel, ...]
+    outputs: tuple[Channel, ...]
+    n_states: int
+    core: Step
+    u_offset: Array
+    y_offset: Array
+    input_range: tuple[tuple[float, float], ...] = ()
+    rest_state: Array = field(default_factory=lambda: np.zeros(0))
+
+    @staticmethod
+    def of_structure(
+        structure: Structure,
+        theta: Array,
+        dt: float,
+        inputs: tuple[Channel, ...],
+        outputs: tuple[Channel, ...],
+        detrend: Detrend,
+        ranges: Array,
+    ) -> "Plant":
+        """The plant of a fitted structure; trends in time are not part of it."""
+        n = structure.n_states(theta)
+        return Plant(
+            dt=dt,
+            inputs=inputs,
+            outputs=outputs,
+            n_states=n,
+            core=structure.step(theta),
+            u_offset=np.asarray(detrend.u_offset, dtype=np.float64),
+            y_offset=np.asarray(detrend.y_offset, dtype=np.float64),
+            input_range=tuple((float(a), float(b)) for a, b in ranges[: len(inputs)]),
+            rest_state=np.zeros(n),
+        )
+
+    def initial_state(self) -> Array:
+        """The state of rest at the operating point."""
+        return self.rest_state.copy()
+
+    def step(self, state: Array, u: Array) -> tuple[Array, Array]:
+        """Advance one sample: (state, u (nu,)) → (next state, y (ny,))."""
+        state, y = self.core(state, u - self.u_offset)
+        return state, y + self.y_offset

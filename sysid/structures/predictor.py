@@ -1,0 +1,272 @@
+"""One-step prediction errors of one output of A y = Σ (B/F) u + (C/D) e, with exact gradients.
+
+For measured data the outputs of a MIMO model decouple: the row of output i is a MISO model in
+which the other outputs enter like inputs. With v = A y − Σ (B_j/F_j) u_j,
+
+    ε = (D/C) v                      ∂ε/∂a_k =  (D/C) y(t−k)
+    ∂ε/∂b_k = −(D/CF) u(t−k)         ∂ε/∂f_k =  (D/CF) w(t−k),  w = (B/F) u
+    ∂ε/∂c_k = −(1/C) ε(t−k)          ∂ε/∂d_k =  (1/C) v(t−k)
+
+(Ljung 1999, §10.3). Regressors are taken from the record from its sample ``start`` on, so that no
+measured past is invented; the unknown past of w and of ε is either zero or a free response
+(ζ(q)/F) δ(t−start), (ζ(q)/C) δ(t−start) whose coefficients are estimated: they enter linearly.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.signal import lfilter
+
+from sysid.data.record import Array, Index
+from sysid.structures.base import Problem
+
+HUGE = 1e100
+"""Residual reported where the filters overflow: the solver rejects the step."""
+
+
+@dataclass(frozen=True)
+class RowLayout:
+    """Orders of one row and where its coefficients stand in the row's θ."""
+
+    output: int
+    na: tuple[int, ...]
+    nb: tuple[int, ...]
+    nk: tuple[int, ...]
+    nc: int
+    nd: int
+    nf: tuple[int, ...]
+
+    @property
+    def start(self) -> int:
+        """First sample whose measured regressors lie inside the record."""
+        lags = [nb + nk - 1 for nb, nk in zip(self.nb, self.nk, strict=True) if nb]
+        return max(0, *self.na, *lags)
+
+    @property
+    def edges(self) -> tuple[int, ...]:
+        """Cumulative offsets of a_1…a_ny, b_1…b_nu, c, d, f_1…f_nu in θ."""
+        lengths = (*self.na, *self.nb, self.nc, self.nd, *self.nf)
+        return tuple(np.cumsum((0, *lengths)).tolist())
+
+    def slices(self) -> tuple[list[slice], list[slice], slice, slice, list[slice]]:
+        """Slices of a, b, c, d, f in the row's θ."""
+        parts = [slice(i, j) for i, j in pairwise(self.edges)]
+        ny, nu = len(self.na), len(self.nb)
+        return (
+            parts[:ny],
+            parts[ny : ny + nu],
+            parts[ny + nu],
+            parts[ny + nu + 1],
+            parts[ny + nu + 2 :],
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of coefficients."""
+        return self.edges[-1]
+
+    @property
+    def filtered(self) -> tuple[int, ...]:
+        """Inputs with a denominator of their own."""
+        return tuple(j for j, nf in enumerate(self.nf) if nf and self.nb[j])
+
+    @property
+    def n_noise_states(self) -> int:
+        """Unknown past of the noise filter."""
+        return max(self.nc, self.nd) if self.nc or self.nd else 0
+
+    @property
+    def n_initial(self) -> int:
+        """Unknown initial states of one experiment."""
+        return sum(self.nf[j] for j in self.filtered) + self.n_noise_states
+
+
+@dataclass(frozen=True, eq=False)
+class _Experiment:
+    """One record prepared for one row: arrays from ``start`` on, lag matrices transposed."""
+
+    y: Array
+    linear: Array  # (n_linear, M): +y lags and −u lags of the inputs without F
+    inputs: tuple[Array, ...]  # full-length inputs with F
+
+
+class RowErrors(Problem):
+    """Prediction errors of one row over several experiments.
+
+    Args:
+        layout: orders of the row.
+        index: where the row's coefficients stand in the structure's θ.
+        data: (u (N, nu), y (N, ny)) of each experiment.
+        estimate_initial: whether initial states are estimated or zero.
+    """
+
+    def __init__(
+        self,
+        layout: RowLayout,
+        index: Index,
+        data: Sequence[tuple[Array, Array]],
+        estimate_initial: bool,
+    ) -> None:
+        self.layout = layout
+        self.index = index
+        self.states_each = layout.n_initial if estimate_initial else 0
+        self.n_initial = self.states_each * len(data)
+        self._experiments = [self._prepare(u, y) for u, y in data]
+        self.lengths = tuple(max(len(x.y) - layout.nd, 0) for x in self._experiments)
+        self.channels = (layout.output,) * len(data)
+        a, b, c, d, f = layout.slices()
+        self._c, self._d, self._b, self._f = c, d, b, f
+        plain = [b[j] for j in range(len(b)) if j not in layout.filtered]
+        self._linear = np.concatenate(
+            [np.arange(s.start, s.stop) for s in (*a, *plain)] or [np.zeros(0, dtype=int)]
+        ).astype(int)
+        self._cache: tuple[bytes, list[_Signals]] | None = None
+
+    def _prepare(self, u: Array, y: Array) -> _Experiment:
+        lay, start = self.layout, self.layout.start
+        rows = [y[start - k : len(y) - k, j] for j, n in enumerate(lay.na) for k in _lags(1, n)]
+        for j, (nb, nk) in enumerate(zip(lay.nb, lay.nk, strict=True)):
+            if j not in lay.filtered:
+                rows += [-u[start - k : len(u) - k, j] for k in _lags(nk, nb)]
+        m = max(len(y) - start, 0)
+        linear = np.array(rows) if rows else np.zeros((0, m))
+        return _Experiment(
+            np.ascontiguousarray(y[start:, lay.output]),
+            linear,
+            tuple(np.ascontiguousarray(u[:, j]) for j in lay.filtered),
+        )
+
+    @property
+    def skipped(self) -> int:
+        """Samples at the head of each record that are not part of the residual."""
+        return self.layout.start + self.layout.nd
+
+    def residual(self, p: Array) -> Array:
+        """Prediction errors ε of all experiments, stacked."""
+        with np.errstate(all="ignore"):
+            e = np.concatenate([s.e[self.layout.nd :] for s in self._signals(p)])
+        if not np.all(np.isfinite(e)) or np.max(np.abs(e), initial=0.0) > HUGE:
+            return np.full(len(e), HUGE)
+        return e
+
+    def jacobian(self, p: Array) -> Array:
+        """∂ε/∂p, exact for the stated treatment of the start."""
+        lay = self.layout
+        with np.errstate(all="ignore"):
+            blocks = [
+                self._columns(p, s, x)[:, lay.nd :]
+                for s, x in zip(self._signals(p), self._experiments, strict=True)
+            ]
+        m = sum(block.shape[1] for block in blocks)
+        out = np.zeros((lay.n + self.n_initial, m))
+        at = 0
+        for k, block in enumerate(blocks):
+            stop = at + block.shape[1]
+            out[: lay.n, at:stop] = block[: lay.n]
+            if self.states_each:
+                first = lay.n + k * self.states_each
+                out[first : first + self.states_each, at:stop] = block[lay.n :]
+            at = stop
+        return np.asarray(np.nan_to_num(out, nan=0.0, posinf=HUGE, neginf=-HUGE).T)
+
+    def _signals(self, p: Array) -> "list[_Signals]":
+        key = p.tobytes()
+        if self._cache is None or self._cache[0] != key:
+            lay, signals = self.layout, []
+            for k, x in enumerate(self._experiments):
+                first = lay.n + k * self.states_each
+                signals.append(self._filter(p, p[first : first + self.states_each], x))
+            self._cache = (key, signals)
+        return self._cache[1]
+
+    def _filter(self, p: Array, states: Array, x: _Experiment) -> "_Signals":
+        lay = self.layout
+        v = x.y + p[self._linear] @ x.linear
+        ws, fs, at = [], [], 0
+        for j, u in zip(lay.filtered, x.inputs, strict=True):
+            F = _monic(p[self._f[j]])
+            B = np.concatenate([np.zeros(lay.nk[j]), p[self._b[j]]])
+            if self.states_each:
+                # F w = B u + ζ δ(t − start): one pass gives forced and free response together
+                drive = lfilter(B, [1.0], u)
+                room = drive[lay.start : lay.start + lay.nf[j]]
+                room += states[at : at + len(room)]
+                at += lay.nf[j]
+                w = lfilter([1.0], F, drive)
+            else:
+                w = lfilter(B, F, u)
+            v = v - w[lay.start :]
+            ws.append(w)
+            fs.append(F)
+        if not (lay.nc or lay.nd):
+            return _Signals(v, v, ws, fs)
+        C, D = _monic(p[self._c]), _monic(p[self._d])
+        drive = lfilter(D, [1.0], v)
+        if self.states_each:
+            room = drive[: lay.n_noise_states]
+            room += states[at : at + len(room)]
+        return _Signals(lfilter([1.0], C, drive), v, ws, fs)
+
+    def _columns(self, p: Array, s: "_Signals", x: _Experiment) -> Array:
+        lay, start = self.layout, self.layout.start
+        C, D = _monic(p[self._c]), _monic(p[self._d])
+        noisy = bool(lay.nc or lay.nd)
+        m = len(s.e)
+        out = np.zeros((lay.n + self.states_each, m))
+        out[self._linear] = lfilter(D, C, x.linear) if noisy and len(x.linear) else x.linear
+        at = lay.n
+        for j, u, w, F in zip(lay.filtered, x.inputs, s.ws, s.fs, strict=True):
+            gb = _shifted(lfilter([-1.0], F, u), _lags(lay.nk[j], lay.nb[j]), start)
+            gf = _shifted(lfilter([1.0], F, w), _lags(1, lay.nf[j]), start)
+            out[self._b[j]] = lfilter(D, C, gb) if noisy else gb
+            out[self._f[j]] = lfilter(D, C, gf) if noisy else gf
+            if self.states_each:
+                h = lfilter([1.0], F, -_impulse(m))
+                gz = _shifted(h, range(lay.nf[j]), 0)
+                out[at : at + lay.nf[j]] = lfilter(D, C, gz) if noisy else gz
+                at += lay.nf[j]
+        if lay.nc:
+            out[self._c] = _shifted(lfilter([-1.0], C, s.e), _lags(1, lay.nc), 0)
+        if lay.nd:
+            out[self._d] = _shifted(lfilter([1.0], C, s.v), _lags(1, lay.nd), 0)
+        if self.states_each and lay.n_noise_states:
+            out[at:] = _shifted(lfilter([1.0], C, _impulse(m)), range(lay.n_noise_states), 0)
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Signals:
+    """Intermediate signals of one experiment, shared by the residual and its Jacobian."""
+
+    e: Array
+    v: Array
+    ws: list[Array]
+    fs: list[Array]
+
+
+def _lags(first: int, count: int) -> range:
+    return range(first, first + count)
+
+
+def _monic(tail: Array) -> Array:
+    return np.concatenate([[1.0], tail])
+
+
+def _impulse(n: int) -> Array:
+    out = np.zeros(n)
+    out[:1] = 1.0
+    return out
+
+
+def _shifted(x: Array, lags: range, start: int) -> Array:
+    """Rows x(t − k) for t ≥ ``start``, zero before the first sample, (len(lags), N − start)."""
+    m = len(x) - start
+    out = np.zeros((len(lags), max(m, 0)))
+    for row, k in enumerate(lags):
+        if k <= start:
+            out[row] = x[start - k : len(x) - k]
+        elif k - start < m:
+            out[row, k - start :] = x[: len(x) - k]
+    return out
