@@ -25,7 +25,7 @@ BLOCK = 8192
 """Rows handled at a time: bounds the working memory at BLOCK × columns."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class AutoRegression:
     """A stable AR model v(t) + α₁v(t−1) + … + α_p v(t−p) = w(t).
 
@@ -115,7 +115,8 @@ def ar_fit(errors: Signals, order: int = 20) -> AutoRegression:
     Args:
         errors: residuals of one output, (N,) or (N, 1), or one such array a record; NaN splits a
             record in two. The mean is not removed.
-        order: number of coefficients; lowered to a tenth of the samples in short records. A fixed
+        order: number of coefficients; lowered to a tenth of the samples in short records, and to
+            what predicts them but for 1e-8 of their variance (a constant, a pure sine). A fixed
             order served as well as one chosen by AIC or BIC and does not depend on the draw.
 
     Raises:
@@ -135,13 +136,14 @@ def ar_fit(errors: Signals, order: int = 20) -> AutoRegression:
         return AutoRegression(alpha, 0.0)
     forward = [p / scale for p in pieces]
     backward = forward
-    variance = sum(float(p @ p) for p in forward) / samples
+    power = variance = sum(float(p @ p) for p in forward) / samples
     for _ in range(min(order, samples // 10)):
+        if variance < _PREDICTED * power:
+            break
         forward = [f[1:] for f in forward]
         backward = [b[:-1] for b in backward]
         cross = sum(float(f @ b) for f, b in zip(forward, backward, strict=True))
         energy = sum(float(f @ f + b @ b) for f, b in zip(forward, backward, strict=True))
-        # a residual that an AR model predicts perfectly (a pure sine) has |k| = 1: stay inside
         k = float(np.clip(-2.0 * cross / energy, -_MOST, _MOST)) if energy > 0.0 else 0.0
         forward, backward = (
             [f + k * b for f, b in zip(forward, backward, strict=True)],
@@ -154,6 +156,9 @@ def ar_fit(errors: Signals, order: int = 20) -> AutoRegression:
 
 
 _MOST = 1.0 - 1e-9
+"""Largest reflection coefficient: perfectly predictable residuals have 1, a pole on the circle."""
+_PREDICTED = 1e-8
+"""Share of unpredicted power below which more coefficients only model rounding errors."""
 
 
 def coloured_gram(columns: Signals, errors: Signals, order: int = 20) -> Array:

@@ -113,27 +113,25 @@ def score(trial: Trial) -> Score:
     if trial.noise is None:
         samples = sum(int(k.sum()) for k in trial.keep)
         covariance = energy * (sum(float(e @ e) for e in trial.errors) / samples)
-    elif CORR:
-        covariance *= _absorbed(trial, basis)
+    else:
+        covariance *= _absorbed(trial.noise, trial.keep, basis)
     return _quadratic_form(trial, c, covariance, energy)
 
 
-CORR = True
-
-
-def _absorbed(trial: Trial, basis: list[Array]) -> float:
+def _absorbed(noise: AutoRegression, keep: Sequence[Mask], basis: list[Array]) -> float:
     """How much more variance the noise v has than the residuals ε = (I − P)v that show it.
 
-    tr Σ / tr (I − P)Σ, which is N/(N − n) for white noise, and more where the fit took the
-    frequencies that hold the noise's power. At most 2: beyond, Σ̂ itself says little.
+    tr Σ / tr (I − P)Σ, with the projector P on J and the records' means: N/(N − n) for white
+    noise, more where the fit took the very frequencies that hold the noise's power. Without it
+    right OE models of 300 samples alarm up to three times too often. At most 2: beyond that
+    too few independent samples are left for Σ̂ to be corrected by one number.
     """
-    assert trial.noise is not None
     taken = 0.0
-    for q, k in zip(basis, trial.keep, strict=True):
+    for q, k in zip(basis, keep, strict=True):
         if k.any():
             mean = np.where(k, 1.0, 0.0)[:, None] / np.sqrt(k.sum())
-            taken += float(np.trace(trial.noise.gram(np.hstack([q, mean]))))
-    total = sum(int(k.sum()) for k in trial.keep) * trial.noise.stationary_variance
+            taken += float(np.trace(noise.gram(np.hstack([q, mean]))))
+    total = sum(int(k.sum()) for k in keep) * noise.stationary_variance
     return 1.0 / max(1.0 - taken / total, 0.5) if total > 0.0 else 1.0
 
 

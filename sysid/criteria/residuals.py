@@ -9,8 +9,9 @@ J is the model's Jacobian ∂ŷ/∂θ (either sign, initial states included). Es
 ε̂ = v + J(θ₀ − θ̂) to first order, so projecting J out of Z removes exactly what the fitted
 parameters took from the correlations — on the estimation data and on validation data alike —
 where "degrees of freedom = lags − parameters" is only right for pure AR models. Σ̂ is σ²I for
-whiteness and the covariance of an AR(20) fit of ε for the input tests, which must not mistake
-coloured noise for dependence (see ``coloured.py``).
+whiteness; for the input tests, which must not mistake coloured noise for dependence, it is the
+covariance of an AR(20) fit of ε (see ``coloured.py``). Measured alarm rates and power stand in
+``reports/residual_tests.md``.
 
 Sources: Ljung (1999) §16.6; Ljung & Box (1978); Breusch (1978) and Godfrey (1978) for the
 projection; Sims (1972) for future inputs; Söderström & Stoica (1990) for Σ.

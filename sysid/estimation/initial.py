@@ -39,24 +39,6 @@ def register(name: str, starter: Starter) -> None:
     _STARTERS.setdefault(name, starter)
 
 
-def reflected(polynomial: Array, limit: float = POLE_LIMIT) -> Array:
-    """The polynomial with its roots moved inside the circle of radius ``limit``.
-
-    A root z outside the unit circle becomes 1/z*, which leaves the magnitude response alike.
-    """
-    if len(polynomial) < 2:
-        return polynomial
-    roots = np.roots(polynomial)
-    size = np.abs(roots)
-    if np.all(size <= limit):
-        return polynomial
-    roots = np.where(size > 1.0, 1.0 / np.conj(np.where(size > 0, roots, 1.0)), roots)
-    size = np.abs(roots)
-    roots = roots * np.minimum(1.0, limit / np.maximum(size, limit))
-    inside = np.real(np.poly(roots))
-    return np.concatenate([inside, np.zeros(len(polynomial) - len(inside))])
-
-
 def stabilised(structure: PolynomialStructure, theta: Array) -> Array:
     """θ with a stable free run: A and F reflected row by row, then shrunk if rows still couple.
 
@@ -235,113 +217,6 @@ def _long_arx_output(records: Sequence[Record], lay: RowLayout) -> list[Record]:
         usable = np.all(np.isfinite(y)) and np.max(np.abs(y)) < 1e6 * (np.max(np.abs(r.y)) + 1.0)
         out.append(replace(r, y=y) if usable else r)
     return out
-
-
-def _free_run(lay: RowLayout, theta: Array, u: Array) -> Array:
-    """Σ_j (B_j/A) u_j of a row with common poles."""
-    a, b, *_ = lay.slices()
-    drive = np.zeros(len(u))
-    for j, s in enumerate(b):
-        if s.stop > s.start:
-            drive += lfilter(np.concatenate([np.zeros(lay.nk[j]), theta[s]]), [1.0], u[:, j])
-    return np.asarray(lfilter([1.0], np.concatenate([[1.0], theta[a[lay.output]]]), drive))
-
-
-def _common_sriv(records: Sequence[Record], lay: RowLayout) -> Array:
-    return _sriv(records, lay, arx_row(records, lay))
-
-
-def _sriv(records: Sequence[Record], lay: RowLayout, theta: Array) -> Array:
-    """SRIV with common poles: prefilter by 1/A, instruments from the noise-free output.
-
-    Of all iterates the one with the smallest simulation error is returned.
-    """
-    n = lay.na[lay.output]
-    if n == 0:
-        return theta
-    theta = _inside(theta, n)
-    best, best_cost = theta, _run_cost(records, lay, theta)
-    for _ in range(SRIV_ITERATIONS):
-        A = np.concatenate([[1.0], theta[:n]])
-        normal, right = np.zeros((lay.n, lay.n)), np.zeros(lay.n)
-        with np.errstate(over="ignore", invalid="ignore"):
-            for r in records:
-                y = r.y[:, lay.output]
-                clean = lfilter([1.0], A, np.column_stack([y, _free_run(lay, theta, r.u)]), axis=0)
-                inputs = lfilter([1.0], A, r.u, axis=0)
-                phi = _regressors(lay, clean[:, 0], inputs)
-                z = _regressors(lay, clean[:, 1], inputs)
-                normal += z.T @ phi
-                right += z.T @ clean[lay.start :, 0]
-        if not (np.all(np.isfinite(normal)) and np.all(np.isfinite(right))):
-            break
-        new = _inside(np.asarray(np.linalg.lstsq(normal, right, rcond=1e-12)[0]), n)
-        cost = _run_cost(records, lay, new)
-        if cost < best_cost:
-            best, best_cost = new, cost
-        moved = np.max(np.abs(new - theta)) > 1e-6 * np.max(np.abs(theta))
-        theta = new
-        if not moved:
-            break
-    return best
-
-
-def _inside(theta: Array, n: int) -> Array:
-    return np.concatenate([reflected(np.concatenate([[1.0], theta[:n]]))[1:], theta[n:]])
-
-
-def _regressors(lay: RowLayout, y: Array, u: Array) -> Array:
-    start, n = lay.start, len(y)
-    columns = [-y[start - k : n - k] for k in range(1, lay.na[lay.output] + 1)]
-    for j, (nb, nk) in enumerate(zip(lay.nb, lay.nk, strict=True)):
-        columns += [u[start - k : n - k, j] for k in range(nk, nk + nb)]
-    return np.column_stack(columns)
-
-
-def _run_cost(records: Sequence[Record], lay: RowLayout, theta: Array) -> float:
-    with np.errstate(over="ignore", invalid="ignore"):
-        errors = [r.y[:, lay.output] - _free_run(lay, theta, r.u) for r in records]
-        cost = float(sum(e[lay.start :] @ e[lay.start :] for e in errors))
-    return cost if np.isfinite(cost) else np.inf
-
-
-def _own_poles(records: Sequence[Record], lay: RowLayout, theta: Array) -> Array:
-    """Poles of its own for each input by refitting what the other inputs leave (two sweeps)."""
-    active = [j for j, (nb, nf) in enumerate(zip(lay.nb, lay.nf, strict=True)) if nb and nf]
-    if len(active) < 2:
-        return theta
-    _, b, _, _, f = replace(lay, nc=0, nd=0).slices()
-
-    def part(theta: Array, j: int, u: Array) -> Array:
-        top = np.concatenate([np.zeros(lay.nk[j]), theta[b[j]]])
-        return np.asarray(lfilter(top, np.concatenate([[1.0], theta[f[j]]]), u[:, j]))
-
-    def cost(theta: Array) -> float:
-        total = 0.0
-        for r in records:
-            e = r.y[:, lay.output] - sum(part(theta, j, r.u) for j in active)
-            total += float(e @ e)
-        return total
-
-    best, best_cost = theta, cost(theta)
-    for _ in range(2):
-        for j in active:
-            single = RowLayout(0, (lay.nf[j],), (lay.nb[j],), (lay.nk[j],), 0, 0, (0,))
-            rest = [
-                Record(
-                    r.u[:, [j]],
-                    r.y[:, lay.output] - sum(part(best, k, r.u) for k in active if k != j),
-                    r.dt,
-                )
-                for r in records
-            ]
-            fitted = _sriv(rest, single, np.concatenate([best[f[j]], best[b[j]]]))
-            trial = best.copy()
-            trial[f[j]], trial[b[j]] = fitted[: lay.nf[j]], fitted[lay.nf[j] :]
-            trial_cost = cost(trial)
-            if trial_cost < best_cost:
-                best, best_cost = trial, trial_cost
-    return best
 
 
 def _with_noise(records: Sequence[Record], lay: RowLayout, theta: Array) -> Array:

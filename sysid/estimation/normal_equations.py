@@ -101,8 +101,8 @@ class LeastSquares:
         theta: minimum-norm solution, shape (n,).
         inverse: (ΦᵀΦ)⁻¹ on the directions with information, shape (n, n).
         loss: residual sum of squares.
-        null: directions without information, shape (n, n_null), unit columns in the original
-            coordinates.
+        null: directions without information, shape (n, n_null): orthonormal weights of the
+            regressors scaled to unit norm, so that units do not decide who takes part.
     """
 
     theta: Array
@@ -174,11 +174,8 @@ def solve_triangular_form(R: Array, z: Array) -> LeastSquares:
     half = V / s[keep] / scale[:, None]
     missing = np.eye(n) - V @ V.T
     values, vectors = np.linalg.eigh(missing)
-    null = vectors[:, values > 0.5] / scale[:, None]
-    norms = np.linalg.norm(null, axis=0)
-    return LeastSquares(
-        theta, half @ half.T, float(np.sum((z - R @ theta) ** 2)), null / np.where(norms, norms, 1)
-    )
+    loss = float(np.sum((z - R @ theta) ** 2))
+    return LeastSquares(theta, half @ half.T, loss, vectors[:, values > 0.5])
 
 
 RANK_TOLERANCE = 1e-10
@@ -191,6 +188,8 @@ def residual_row(
     """target(t) − Σ c·s(t − lag) for t ≥ start, without a regressor matrix."""
     signals = (*record.y.T, *record.u.T)
     n = len(record)
+    if n <= start:
+        return np.zeros(0)
     e = np.array(signals[target][start:])
     for s, lag, c in terms:
         e -= c * signals[s][start - lag : n - lag]

@@ -49,9 +49,7 @@ def fit(
     _check_length(structure, records, parameters)
     if closed_form.applies(structure, options.focus, parameters, options.robust, options.stable):
         theta, covariance, null, warnings = closed_form.solve(structure, plain)
-        starts: tuple[StartReport, ...] = (
-            StartReport("all", "least squares", float("nan"), None, 1),
-        )
+        starts: tuple[StartReport, ...] = (StartReport("all", "least squares", None, None, 1),)
         termination, at_bound, n_states = Termination.CLOSED_FORM, [], 0
     else:
         search = Search(structure, plain, options, parameters)
@@ -153,7 +151,14 @@ def _constrained(
 def _check_length(
     structure: Structure, records: Sequence[Record], parameters: Sequence[Parameter]
 ) -> None:
-    usable = sum(max(len(r) - structure.first_sample(), 0) for r in records)
+    first = structure.first_sample()
+    for r in records:
+        if len(r) <= first:
+            raise DataError(
+                f"{r.name}: none of its {len(r)} samples can be predicted with these orders, the "
+                f"first one that can is number {first + 1}; leave it out or lower the orders"
+            )
+    usable = sum(len(r) - first for r in records)
     per_output = len(parameters) / max(structure.ny, 1)
     if usable <= per_output + 1:
         total = sum(len(r) for r in records)

@@ -156,7 +156,7 @@ class Search:
             StartReport(
                 channel,
                 names[k],
-                costs[k] if np.isfinite(costs[k]) and costs[k] < 1e99 else float("inf"),
+                costs[k] if np.isfinite(costs[k]) and costs[k] < 1e99 else None,
                 runs[k].cost if k in runs else None,
                 runs[k].evaluations if k in runs else 0,
             )

@@ -13,6 +13,9 @@ from sysid.estimation.normal_equations import RANK_TOLERANCE
 AR_ORDER = 20
 WHITE_LAGS = 25
 
+PART = 1e-3
+"""Weight beyond which a parameter counts as taking part in a direction without information."""
+
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
@@ -20,7 +23,8 @@ class Uncertainty:
 
     Attributes:
         covariance: (n, n); infinite variance where the data hold no information.
-        null: orthonormal (in scaled coordinates) directions without information, (n, n_null).
+        null: directions without information, (n, n_null): orthonormal weights of the gradient's
+            columns scaled to unit norm, so that units do not decide who takes part.
         coloured: whether the sandwich form was used because the residuals are coloured.
         variance: residual variance per degree of freedom.
     """
@@ -81,7 +85,7 @@ def uncertainty(
         covariance = inverse @ meat @ inverse * (m / dof)
     else:
         is_white = True
-    null = Vt[~keep].T / scale[:, None]
+    null = Vt[~keep].T
     covariance = with_infinite(covariance, null)
     return Uncertainty(covariance, null, not is_white, variance)
 
@@ -102,10 +106,10 @@ def portmanteau_white(residuals: Sequence[Array]) -> bool:
 
 
 def with_infinite(covariance: Array, null: Array) -> Array:
+    """Infinite variance for every entry that takes part in a direction without information."""
     out = covariance.copy()
     if null.size:
-        size = np.max(np.abs(null) / np.linalg.norm(null, axis=0), axis=1)
-        for k in np.flatnonzero(size > 1e-3):
+        for k in np.flatnonzero(np.max(np.abs(null), axis=1) > PART):
             out[k, :] = 0.0
             out[:, k] = 0.0
             out[k, k] = np.inf

@@ -21,10 +21,14 @@ from sysid.mission.spec import Mission, VehicleSpec
 TOP_SPEED = 0.43
 """Forward speed of the thesis's robot at full drive [m/s]."""
 
-_STEERS = (0.2, 5.0)
-"""Turning answers that count as steering, in parts of that of two independent tracks. Channels
-without names are not taken as tracks outside it: one output hardly differs from the other, or
-their sum nearly cancels, and the yaw loop would be far too weak or too strong."""
+_TURNS = (0.2, 5.0)
+"""Turning at opposite full drives, in parts of that of two independent tracks, that counts as
+steering: below it the outputs hardly differ, above it the yaw loop would be far too strong."""
+
+_DRIFTS = 1.0
+"""Speed along the way at opposite full drives, in parts of full speed; independent tracks have
+none. Channels without names beyond this are no pair of tracks: their answers nearly cancel in
+straight driving and are magnified by its scale in everything else."""
 
 _SWINGS = 3.0
 """An output that swings beyond this many times its final value is worth a warning."""
@@ -91,12 +95,11 @@ def as_robot(
             continue
         if wiring.twins:
             return robot, (_twins_note(plant, wiring, complaint), *notes)
-        turning = _turning(robot, top_speed / mission.vehicle.r)
-        steers = _STEERS[0] <= abs(turning) <= _STEERS[1]
+        turning, drift = _opposite(robot, top_speed / mission.vehicle.r)
         if wiring.named:
-            weak = () if turning >= _STEERS[0] else (_WEAK_STEERING,)
+            weak = () if turning >= _TURNS[0] else (_WEAK_STEERING,)
             return robot, (*_held_note(plant, wiring), *notes, *weak)
-        if steers:
+        if _TURNS[0] <= abs(turning) <= _TURNS[1] and abs(drift) <= _DRIFTS:
             if turning < 0:  # the first output answers more to the second input
                 wiring = _Wiring(False, wiring.driven, wiring.read[::-1])
                 robot, notes = _wired(plant, wiring, mission.vehicle, top_speed)
@@ -226,13 +229,13 @@ def _static_answer(
     return rest, answer
 
 
-def _turning(robot: RobotPlant, full: float) -> float:
-    """ω_R − ω_L at opposite full drives, in parts of that of two independent tracks."""
+def _opposite(robot: RobotPlant, full: float) -> tuple[float, float]:
+    """(ω_R − ω_L)/2 and (ω_R + ω_L)/2 at opposite full drives, in parts of ω at full drive."""
     try:
         y = settle(robot, robot.initial_state(), np.array((-PWM_FULL_SCALE, PWM_FULL_SCALE))).y
     except ModelError:  # a nonlinear plant may rest forwards and not in reverse
-        return 0.0
-    return float(y[1] - y[0]) / (2.0 * full)
+        return 0.0, 0.0
+    return float(y[1] - y[0]) / (2.0 * full), float(y[1] + y[0]) / (2.0 * full)
 
 
 def _input_range(plant: SteppablePlant, i: int) -> tuple[float, float]:

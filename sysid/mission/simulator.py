@@ -245,11 +245,12 @@ def _check(mission: Mission, plant: SteppablePlant) -> None:
         )
     if not (math.isfinite(plant.dt) and plant.dt > 0):
         raise ModelError(f"the plant's sample time is {plant.dt} s: it must be above 0")
-    samples = mission.timeout / plant.dt
-    if samples > MOST_SAMPLES:
+    fastest = min(plant.dt, mission.control.period)
+    if mission.timeout / fastest > MOST_SAMPLES:
+        what = "plant's sample time" if fastest == plant.dt else "control period"
         raise ModelError(
-            f"a mission of {mission.timeout:g} s has {samples:.3g} samples of {plant.dt:g} s: "
-            "lower the timeout or identify the plant at a longer sample time"
+            f"the {what} of {fastest:g} s makes {mission.timeout / fastest:.3g} steps of a mission "
+            f"of {mission.timeout:g} s: lower the timeout or lengthen the {what}"
         )
 
 

@@ -1,4 +1,4 @@
-"""What is wrong with a mission file, in words: pydantic's findings as one sentence with its line."""
+"""What is wrong with a mission file, in words: one sentence with its line from all findings."""
 
 import difflib
 from typing import Any

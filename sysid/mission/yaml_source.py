@@ -9,8 +9,10 @@ import yaml
 
 from sysid.errors import DataError
 
-LARGEST_FILE = 1_000_000
+LARGEST_FILE = 100_000
 """A hand-written YAML file above this many bytes is something else."""
+DEEPEST = 20
+"""Brackets in brackets; the scanner's time grows with the square of the depth."""
 
 Place = tuple[str | int, ...]
 """Where a value sits: keys and list positions from the top, e.g. ``("obstacles", 0)``."""
@@ -75,7 +77,7 @@ def read_yaml(path: str | Path) -> YamlSource:
     name = path.name or str(path)
     text = _text(path, name)
     try:
-        _refuse_indirection(text, name)
+        _refuse_excess(text, name)
         root = yaml.compose(text, Loader=_Loader)
         if root is None:
             raise DataError(
@@ -90,8 +92,6 @@ def read_yaml(path: str | Path) -> YamlSource:
         values = _plain(root, (), name, lines, _Loader(""))
     except yaml.YAMLError as error:
         raise DataError(_syntax(error, text, name)) from None
-    except RecursionError:
-        raise DataError(f"{name}:1: brackets are nested too deep: flatten the file") from None
     return YamlSource(name, values, lines)
 
 
@@ -100,7 +100,7 @@ def _text(path: Path, name: str) -> str:
         if path.is_dir():
             raise DataError(f"{name} is a folder: give the YAML file in it")
         if path.stat().st_size > LARGEST_FILE:
-            raise DataError(f"{name} is larger than 1 MB: this is not a hand-written YAML file")
+            raise DataError(f"{name} is larger than 100 kB: this is not a hand-written YAML file")
         return path.read_bytes().decode("utf-8-sig")
     except FileNotFoundError:
         raise DataError(f"there is no file {path}: check the name and the folder") from None
@@ -113,8 +113,9 @@ def _text(path: Path, name: str) -> str:
         raise DataError(f"{name} cannot be read ({reason}): check the path") from None
 
 
-def _refuse_indirection(text: str, name: str) -> None:
-    """Refuse anchors, aliases and tags: aliases can grow a small file without bound."""
+def _refuse_excess(text: str, name: str) -> None:
+    """Refuse anchors, aliases, tags and deep nesting, which make small files expensive to read."""
+    depth = 0
     for event in yaml.parse(text, Loader=_Loader):
         mark = event.start_mark
         line = 1 if mark is None else mark.line + 1
@@ -123,6 +124,10 @@ def _refuse_indirection(text: str, name: str) -> None:
         tag = getattr(event, "tag", None)
         if tag is not None:
             raise DataError(f"{name}:{line}: the tag {tag} is not read: remove it")
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > DEEPEST:
+            raise DataError(f"{name}:{line}: brackets are nested too deep: flatten the file")
 
 
 def _plain(

@@ -200,7 +200,7 @@ def _mark(axes: "Axes", sets: tuple[PoleZeroSet, ...]) -> None:
 
 def _enlarge(axes: "Axes", sets: tuple[PoleZeroSet, ...], spread: float) -> None:
     half = max(1.6 * spread, 1e-6)
-    inset = axes.inset_axes((0.25, 0.32, 0.36, 0.36))
+    inset = axes.inset_axes((0.30, 0.33, 0.34, 0.34))
     _mark(inset, sets)
     inset.set_xlim(1.0 - 1.4 * half, 1.0 + 0.6 * half)
     inset.set_ylim(-half, half)
@@ -238,9 +238,9 @@ def _draw_step(axes: "Axes", picture: DynamicsPicture, i: int, j: int) -> None:
     kind = "steps-post" if len(t) == len(step.t) else "default"
     style.stroke(axes, t, y, style.BLUE, linewidth=1.3, drawstyle=kind)
     axes.axhline(0.0, color=style.INK, linewidth=0.6, zorder=1.5)
-    unit = output.unit and source.unit and f"{output.unit} per {source.unit}"
+    unit = f"{output.unit} per {source.unit}" if output.unit and source.unit else output.unit
     room = 4.2 / len(picture.inputs) - 0.15
     style.title(axes, f"{source.name} → {output.name}", room)
     if j == 0:
-        axes.set_ylabel(unit or output.unit)
+        axes.set_ylabel(unit[:40])
     axes.locator_params(nbins=4)

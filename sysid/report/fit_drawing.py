@@ -70,7 +70,7 @@ def draw(figure: "Figure", picture: FitPicture) -> None:
         if picture.cross_correlation:
             crossed = picture.cross_correlation[i]
             draw_cross_correlation(beside[-1], crossed, picture.inputs, picture.confidence)
-        if kinds:
+        if kinds and i == ny - 1:
             beside[-1].set_xlabel("lag τ [samples]")
     for k, panel in enumerate(panels):
         timed.append(figure.add_subplot(grid[2 * ny + k, 0]))
@@ -150,7 +150,7 @@ def _draw_output(axes: "Axes", picture: FitPicture, pieces: list[_Piece], i: int
             style.stroke(axes, t, np.clip(y, floor, ceiling), colour, linewidth=width)
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.13 * (high - low))  # room for the names of the parts
-    style.title(axes, style.labelled(channel.name, channel.unit), 2.0).set_fontweight("bold")
+    style.title(axes, style.labelled(channel.name, channel.unit), 1.65).set_fontweight("bold")
     style.legend_above(
         axes,
         {
@@ -169,7 +169,8 @@ def _draw_residual(axes: "Axes", picture: FitPicture, pieces: list[_Piece], i: i
         t, e = envelope(piece.t, residual, piece.bins)
         style.stroke(axes, t, np.clip(e, -reach, reach), style.RESIDUAL, linewidth=0.8)
     axes.axhline(0.0, color=style.INK, linewidth=0.6, zorder=1.5)
-    axes.set_title(style.labelled("residual", picture.outputs[i].unit), color=style.MUTED, pad=3.0)
+    words = style.labelled("residual", picture.outputs[i].unit)
+    style.title(axes, words, 5.0, color=style.MUTED, pad=3.0)
     axes.locator_params(axis="y", nbins=4)
 
 
@@ -195,10 +196,11 @@ def _draw_inputs(
             colour,
             1.4,
         )
-    axes.set_title(panel.title, color=style.MUTED, pad=3.0)
+    room = 5.0 if len(picture.inputs) == 1 else 2.6
+    style.title(axes, panel.title, room, color=style.MUTED, pad=3.0)
     axes.locator_params(axis="y", nbins=3)
     if len(picture.inputs) > 1:
-        style.legend_above(axes, entries, room=4.0)
+        style.legend_above(axes, entries, room=3.2)
 
 
 def _shade_parts(axes: "Axes", pieces: list[_Piece]) -> None:

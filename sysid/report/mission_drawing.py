@@ -144,14 +144,13 @@ def _is_wide(picture: MissionPicture) -> bool:
 
 def _scene(picture: MissionPicture) -> tuple[float, float, float, float]:
     """The part of the plane that matters: path, goal with tolerance, obstacles [m]."""
-    x, y = picture.pose[:, 0], picture.pose[:, 1]
     circles = [(*picture.goal, picture.tolerance)]
     circles += [(o.x, o.y, o.radius) for o in picture.obstacles]
-    reach = np.array(circles)
-    left = min(float(np.nanmin(x)), float((reach[:, 0] - reach[:, 2]).min()))
-    right = max(float(np.nanmax(x)), float((reach[:, 0] + reach[:, 2]).max()))
-    bottom = min(float(np.nanmin(y)), float((reach[:, 1] - reach[:, 2]).min()))
-    top = max(float(np.nanmax(y)), float((reach[:, 1] + reach[:, 2]).max()))
+    points = picture.pose[np.isfinite(picture.pose[:, :2]).all(axis=1), :2]
+    centres, radii = np.array(circles)[:, :2], np.array(circles)[:, 2:]
+    corners = np.vstack([points, centres - radii, centres + radii])
+    left, bottom = (float(v) for v in corners.min(axis=0))
+    right, top = (float(v) for v in corners.max(axis=0))
     pad = 0.05 * max(right - left, top - bottom, 0.1)
     return left - pad, right + pad, bottom - pad, top + pad
 

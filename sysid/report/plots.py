@@ -140,17 +140,12 @@ def _render(
         draw(figure)
         for text in figure.findobj(Text):
             if isinstance(text, Text):
-                text.set_text(_printable(text.get_text()))
+                text.set_text(style.printable(text.get_text()))
         if kind == "svg":
             figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
             return _rounded(buffer.getvalue().decode()).encode()
         figure.savefig(buffer, format="png", dpi=_PNG_DPI, metadata={"Software": None})
         return buffer.getvalue()
-
-
-def _printable(text: str) -> str:
-    """Replace what XML forbids or a line of text cannot show, such as control characters."""
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
 
 
 def _rounded(svg: str) -> str:

@@ -185,6 +185,8 @@ def _column(page: "Axes", right: float, head: str, cells: list[str]) -> "list[Te
     )
     style.shorten(title, 0.85)
     texts = [page.text(right, k + 0.5, c, ha="right", va="center") for k, c in enumerate(cells)]
+    for text in texts:
+        style.shorten(text, 1.2)
     return [*texts, title]
 
 
@@ -226,4 +228,4 @@ def _draw_bars(axes: "Axes", picture: RankingPicture, rows: tuple[RankingRow, ..
     axes.yaxis.set_visible(False)
     axes.grid(visible=True, axis="x")
     axes.spines["left"].set_visible(bool(np.all(values[finite] >= 0)))
-    axes.set_xlabel(name)
+    style.shorten(axes.set_xlabel(name), 4.0)

@@ -87,6 +87,11 @@ def labelled(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
+def printable(words: str) -> str:
+    """Replace what XML forbids or one line cannot show: control characters, lone surrogates."""
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in words)
+
+
 def percent(value: float) -> str:
     """A fit in per cent with one decimal, or a dash where it is undefined."""
     return f"{value:.1f} %" if np.isfinite(value) else "–"
@@ -110,17 +115,18 @@ def heading(figure: "Figure", title: str, subtitle: str, colour: str = INK) -> N
 
 
 def width_inches(text: "Text") -> float:
-    """Width of a text as it will be drawn [in]."""
+    """Width of a text as it will be drawn [in]; what cannot be shown is replaced first."""
+    text.set_text(printable(text.get_text()))
     figure = text.figure
     return float(text.get_window_extent().width / figure.dpi) if figure is not None else 0.0
 
 
 def shorten(text: "Text", inches: float) -> None:
     """Cut a text that is wider than ``inches`` and end it with an ellipsis."""
+    if width_inches(text) <= inches:
+        return
     full = text.get_text()
     low, high = 0, len(full)
-    if not full or width_inches(text) <= inches:
-        return
     while low < high:  # the longest beginning that fits
         middle = (low + high + 1) // 2
         text.set_text(full[:middle].rstrip() + "…")
@@ -146,9 +152,9 @@ def stroke(axes: "Axes", t: Array, y: Array, colour: str, **options: Any) -> Non
         )
 
 
-def title(axes: "Axes", words: str, inches: float) -> "Text":
+def title(axes: "Axes", words: str, inches: float, **options: Any) -> "Text":
     """Title a panel, cut to the room it has."""
-    text = axes.set_title(words)
+    text = axes.set_title(words, **options)
     shorten(text, inches)
     return text
 

@@ -34,11 +34,15 @@ class ParameterEstimate:
 
 @dataclass(frozen=True)
 class StartReport:
-    """One starting value of the search and what became of it."""
+    """One starting value of the search and what became of it.
+
+    ``cost_at_start`` is None where the cost is not finite or nothing was searched, ``cost`` where
+    the search was not run from this start.
+    """
 
     output: str
     start: str
-    cost_at_start: float
+    cost_at_start: float | None
     cost: float | None
     evaluations: int
 
@@ -235,7 +239,10 @@ class Model:
             "ranges": self.ranges.tolist(),
             "at_bound": list(self.at_bound),
             "null_directions": [dict(d) for d in self.null_directions],
-            "starts": [asdict(s) | {"cost": _number(s.cost)} for s in self.starts],
+            "starts": [
+                asdict(s) | {"cost_at_start": _number(s.cost_at_start), "cost": _number(s.cost)}
+                for s in self.starts
+            ],
             "warnings": list(self.warnings),
             "provenance": {
                 "data": [asdict(s) for s in self.provenance.data],

@@ -1,0 +1,1 @@
+"""The command line of sysid; only this package prints or exits."""

@@ -1,0 +1,39 @@
+"""``sysid export``: a model as a plant package that runs elsewhere."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from . import reading, render
+from .workspace import Workspace
+
+
+def export(
+    model: Annotated[
+        str | None,
+        typer.Option(metavar="ID", help="Which model [best of the last comparison or fit]."),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="DIR|FILE.zip", help="Where to [WORKSPACE/plant]."),
+    ] = None,
+    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
+    json: reading.Json = False,
+) -> None:
+    """Write a model as a plant package and run its self-test."""
+    from sysid.plant.package import write_package
+    from sysid.plant.selftest import TOLERANCE, selftest
+
+    place = Workspace(workspace)
+    stored = place.chosen(model)
+    path = write_package(stored.model, output or place.plant_dir, stored.report, stored.id)
+    error = selftest(path)
+    for warning in stored.model.warnings:
+        render.warn(warning)
+    if json:
+        test = {"max_error": error, "relative_tolerance": TOLERANCE}
+        render.document({"plant": path, "model": stored.id, "selftest": test})
+        return
+    render.say(f"Exported {stored.id} to {path}")
+    render.say(f"Self-test: read back, it differs by {error:.2g} at most.")

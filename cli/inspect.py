@@ -1,0 +1,103 @@
+"""``sysid inspect``: what is in a log, and whether it can teach a model anything."""
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from . import reading, render
+
+if TYPE_CHECKING:
+    from sysid.data.finding import Finding
+    from sysid.data.record import Record
+
+
+def inspect(
+    logs: reading.Logs,
+    order: Annotated[
+        int, typer.Option(min=1, max=200, help="Model order that the inputs should excite.")
+    ] = 8,
+    inputs: reading.Inputs = None,
+    outputs: reading.Outputs = None,
+    time: reading.Time = None,
+    ts: reading.SampleTime = None,
+    units: reading.Units = None,
+    pwm_max: reading.PwmMax = None,
+    delimiter: reading.Delimiter = None,
+    decimal: reading.Decimal = None,
+    resample: reading.Resample = "auto",
+    json: reading.Json = False,
+) -> None:
+    """Say what is in a log, what is wrong with it and what to do about it."""
+    from sysid.data.io import read_files
+    from sysid.data.quality import Severity, inspect_records, worst
+
+    options = reading.read_options(
+        inputs, outputs, time, ts, units, pwm_max, delimiter, decimal, resample
+    )
+    files = read_files(logs, options)
+    records = [r for file in files for r in file.records]
+    findings = (*(f for file in files for f in file.findings), *inspect_records(records, order))
+    verdict = worst(findings)
+    (_document if json else _show)(records, findings, verdict.word)
+    if verdict is Severity.FATAL:
+        raise typer.Exit(1)
+
+
+_VERDICTS = {
+    "ok": "The data can serve: nothing to complain about.",
+    "note": "The data can serve.",
+    "warning": "The data can serve, with the warnings above.",
+    "fatal": "The data cannot serve: see what is marked fatal above.",
+}
+
+
+def _document(records: "list[Record]", findings: "tuple[Finding, ...]", verdict: str) -> None:
+    render.document(
+        {
+            "records": [_facts(r) for r in records],
+            "findings": [f.to_json() for f in findings],
+            "verdict": verdict,
+        }
+    )
+
+
+def _show(records: "list[Record]", findings: "tuple[Finding, ...]", verdict: str) -> None:
+    for record in map(_facts, records):
+        render.table(
+            ("channel", "is", "unit", "lowest", "highest", "mean"),
+            [
+                (c["name"], c["role"], c["unit"], c["min"], c["max"], c["mean"])
+                for c in record["channels"]
+            ],
+            title=f"{record['name']}: {record['samples']} samples, one every "
+            f"{record['sample_time_s']:.6g} s, {record['duration_s']:.6g} s in all",
+        )
+    render.findings(findings)
+    render.say(_VERDICTS[verdict], "bold")
+
+
+def _facts(record: "Record") -> dict[str, Any]:
+    sides = (("input", record.inputs, record.u), ("output", record.outputs, record.y))
+    return {
+        "name": record.name,
+        "samples": len(record),
+        "sample_time_s": record.dt,
+        "duration_s": len(record) * record.dt,
+        "first_s": record.t0,
+        "has_pose": record.pose is not None,
+        "sha256": record.sha256,
+        "channels": [
+            {
+                "name": channel.name,
+                "role": role,
+                "unit": channel.unit,
+                "file_unit": channel.file_unit,
+                "scale": channel.scale,
+                "min": float(values[:, i].min()),
+                "max": float(values[:, i].max()),
+                "mean": float(values[:, i].mean()),
+            }
+            for role, channels, values in sides
+            for i, channel in enumerate(channels)
+        ],
+    }

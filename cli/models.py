@@ -1,0 +1,111 @@
+"""``sysid models``: what the workspace holds."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sysid.errors import UsageError
+
+from . import reading, render
+from .workspace import Workspace
+
+if TYPE_CHECKING:
+    from .workspace import StoredModel
+
+
+class Action(StrEnum):
+    """What to do with the models."""
+
+    LIST = "list"
+    SHOW = "show"
+    REMOVE = "remove"
+
+
+def models(
+    action: Annotated[Action, typer.Argument(help="What to do.")] = Action.LIST,
+    id: Annotated[
+        str | None, typer.Argument(metavar="[ID]", help="The model, or how its id begins.")
+    ] = None,
+    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
+    json: reading.Json = False,
+) -> None:
+    """List, show or remove the models of the workspace."""
+    if (id is None) != (action is Action.LIST):
+        complaint = "takes no ID" if id else "needs the ID of a model"
+        raise UsageError(f"sysid models {action.value} {complaint}; `sysid models` lists them")
+    place = Workspace(workspace)
+    if action is Action.LIST or id is None:
+        (_list_document if json else _list)(place.all(), place.root)
+    elif action is Action.SHOW:
+        (_document if json else _show)(place.load(id))
+    else:
+        gone = place.remove(id)
+        if json:
+            render.document({"removed": gone})
+        else:
+            render.say(f"Removed {gone}.")
+
+
+def _summary(stored: "StoredModel") -> dict[str, Any]:
+    model = stored.model
+    return {
+        "model": stored.id,
+        "path": stored.path,
+        "structure": model.structure.name,
+        "orders": model.structure.order_values(),
+        "inputs": [c.name for c in model.inputs],
+        "outputs": [c.name for c in model.outputs],
+        "sample_time_s": model.dt,
+        "stable": model.stable,
+        "aic": model.criteria.aic,
+        "data": [s.name for s in model.provenance.data],
+    }
+
+
+def _list_document(stored: "list[StoredModel]", _root: Path) -> None:
+    render.document({"models": [_summary(s) for s in stored]})
+
+
+def _list(stored: "list[StoredModel]", root: Path) -> None:
+    if not stored:
+        render.say(f"The workspace {root} holds no model; run `sysid fit` first.")
+        return
+    rows = [
+        (
+            s["model"],
+            " ".join(f"{k}={v}" for k, v in s["orders"].items()),
+            f"{', '.join(s['inputs'])} -> {', '.join(s['outputs'])}",
+            s["aic"],
+            s["stable"],
+            ", ".join(s["data"]),
+        )
+        for s in map(_summary, stored)
+    ]
+    render.table(("model", "orders", "channels", "AIC", "stable", "data"), rows)
+
+
+def _document(stored: "StoredModel") -> None:
+    content = {"parameters": _parameters(stored), "report": stored.report}
+    render.document(_summary(stored) | content)
+
+
+def _show(stored: "StoredModel") -> None:
+    model = stored.model
+    render.say(f"{stored.id}: {model.structure.title}", "bold")
+    for line in model.structure.equations(model.theta, model.inputs, model.outputs):
+        render.say(f"  {line}")
+    table = [(p["name"], p["value"], p["std_error"], p["unit"]) for p in _parameters(stored)]
+    render.table(("parameter", "value", "± std. error", "unit"), table)
+    render.say(model.termination.value)
+    for warning in model.warnings:
+        render.say(f"Warning: {warning}", "yellow")
+    render.say(f"Stored in {stored.path}", "dim")
+
+
+def _parameters(stored: "StoredModel") -> list[dict[str, Any]]:
+    return [
+        {"name": p.name, "value": p.value, "std_error": p.std_error, "unit": p.unit}
+        for p in stored.model.parameter_table()
+    ]

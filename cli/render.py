@@ -1,0 +1,164 @@
+"""What a person sees: tables, sentences and progress. Nothing else in the workbench prints.
+
+Results go to stdout, everything about them (warnings, progress, errors) to stderr, so that
+``--json`` leaves exactly one document on stdout. rich is imported when something is drawn.
+"""
+
+import math
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from . import documents
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from sysid.data.finding import Finding
+
+_PIPE_WIDTH = 120
+"""Columns of a table that is piped into a file, where no terminal says how wide it is."""
+
+_STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "fatal": "bold red"}
+
+
+def document(value: Any) -> None:
+    """Print one JSON document on stdout; numbers that are not finite are null."""
+    encoding = (getattr(sys.stdout, "encoding", None) or "ascii").lower()
+    sys.stdout.write(documents.text(value, ascii_only="utf" not in encoding))
+
+
+def say(sentence: str, style: str = "") -> None:
+    """Print a line of a result on stdout."""
+    _print(sentence, sys.stdout, style)
+
+
+def warn(sentence: str) -> None:
+    """Print a warning on stderr."""
+    _print(sentence, sys.stderr, "yellow")
+
+
+def error(sentence: str) -> None:
+    """Print the one sentence a failed command leaves, in red on stderr."""
+    _print(sentence, sys.stderr, "bold red")
+
+
+def table(
+    headings: Sequence[str], rows: Sequence[Sequence[object]], title: str = "", caption: str = ""
+) -> None:
+    """Print a table on stdout; columns of numbers are aligned on the right.
+
+    Args:
+        headings: one for each column.
+        rows: cells; floats are shown by :func:`number`, None as a dash.
+        title, caption: lines above and below.
+    """
+    from rich.table import Table
+    from rich.text import Text
+
+    drawn = Table(
+        title=Text(title, style="bold") if title else None,
+        caption=Text(caption, style="dim") if caption else None,
+        title_justify="left",
+        caption_justify="left",
+        header_style="bold",
+        expand=False,
+    )
+    for k, heading in enumerate(headings):
+        column = [row[k] for row in rows]
+        numeric = any(_is_number(c) for c in column) and all(
+            c is None or _is_number(c) for c in column
+        )
+        drawn.add_column(Text(heading), justify="right" if numeric else "left", overflow="fold")
+    for row in rows:
+        drawn.add_row(*(Text(_cell(c)) for c in row))
+    _console(sys.stdout).print(drawn)
+
+
+def facts(pairs: Sequence[tuple[str, object]], title: str = "") -> None:
+    """Print names and values below each other on stdout."""
+    from rich.table import Table
+    from rich.text import Text
+
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(overflow="fold")
+    grid.add_column(overflow="fold")
+    for name, value in pairs:
+        grid.add_row(Text(name, style="bold"), Text(_cell(value)))
+    if title:
+        say(title, "bold")
+    _console(sys.stdout).print(grid)
+
+
+def findings(found: "Sequence[Finding]") -> None:
+    """Print verdicts on stdout, the severity in front of each and the advice below it."""
+    from rich.text import Text
+
+    console = _console(sys.stdout)
+    for finding in found:
+        word = finding.severity.word
+        line = Text(f"{word:>8}  ", style=_STYLES[word])
+        line.append(finding.sentence, style="not bold default")
+        console.print(line, soft_wrap=True)
+        if finding.advice:
+            console.print(Text(" " * 10 + finding.advice, style="dim"), soft_wrap=True)
+
+
+def number(value: float | None, digits: int = 5) -> str:
+    """A number with so many significant digits; a dash where there is none."""
+    if value is None or math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else "-∞"
+    return f"{value:.{digits}g}"
+
+
+@contextmanager
+def progress(label: str, total: int | None = None) -> Iterator[Callable[[int], None]]:
+    """Show a bar on stderr while the block runs, where stderr is a terminal.
+
+    Args:
+        label: what is going on.
+        total: how many steps there are; None when nobody knows.
+
+    Yields:
+        A function that takes how many more steps are done.
+    """
+    if not sys.stderr.isatty():
+        yield lambda _steps: None
+        return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=_console(sys.stderr), transient=True) as bar:
+        task = bar.add_task(label, total=total)
+        yield lambda steps: bar.advance(task, steps)
+
+
+def _print(sentence: str, stream: Any, style: str) -> None:
+    from rich.text import Text
+
+    # Text, not markup: a sentence may hold [x, y] or a file called [red].csv
+    _console(stream).print(Text(sentence, style=style), soft_wrap=True)
+
+
+def _console(stream: Any) -> "Console":
+    from rich.console import Console
+
+    width = None if stream.isatty() else _PIPE_WIDTH
+    return Console(file=stream, width=width, highlight=False, markup=False, emoji=False)
+
+
+def _is_number(cell: object) -> bool:
+    return isinstance(cell, int | float) and not isinstance(cell, bool)
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return number(value)
+    return str(value)

@@ -1,0 +1,270 @@
+"""The workspace: models, the state of a session and the exported plant, in one folder of JSON.
+
+::
+
+    .sysid/
+      models/<id>.json     {"id", "model", "report"}
+      index.json           ids in the order of saving
+      state.json           "latest" (ids of the last fit, winner first), "best" (last comparison)
+      plant/               the exported plant package
+      missions/            logs of simulated missions
+
+Every file is replaced as a whole, so a reader never meets half of one; what is read, changed and
+written back is changed under a lock, so that commands may run at the same time.
+"""
+
+import hashlib
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sysid.errors import DataError, ModelError, UsageError
+
+from . import documents
+
+if TYPE_CHECKING:
+    from sysid.structures.model import Model
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _lock(descriptor: int) -> None:
+        msvcrt.locking(descriptor, msvcrt.LK_LOCK, 1)
+else:
+    import fcntl
+
+    def _lock(descriptor: int) -> None:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+
+
+_DIGITS = 6
+"""Digits of the hash in an id; more where two models of a workspace would share them."""
+
+
+@dataclass(frozen=True)
+class StoredModel:
+    """A model of the workspace.
+
+    Attributes:
+        id: structure and the head of the hash of the model, e.g. ``arx-1f00ba``.
+        path: its file.
+        model: the model.
+        report: what ``fit`` had to say about it, JSON-able.
+    """
+
+    id: str
+    path: Path
+    model: "Model"
+    report: dict[str, Any]
+
+
+class Workspace:
+    """A folder that lets commands work in a row without paths; made when something is saved."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = Path(root)
+
+    @property
+    def plant_dir(self) -> Path:
+        """Where ``export`` puts the plant package unless told otherwise."""
+        return self.root / "plant"
+
+    @property
+    def missions_dir(self) -> Path:
+        """Where ``simulate`` puts its logs unless told otherwise."""
+        return self.root / "missions"
+
+    def save(self, model: "Model", report: Mapping[str, Any]) -> StoredModel:
+        """Store a model; saving the same model again replaces its report and makes it the newest.
+
+        Raises:
+            UsageError, DataError: the workspace cannot be written.
+        """
+        from sysid.data.files import write_atomic
+
+        described = documents.plain(model.to_json())
+        canonical = json.dumps(described, sort_keys=True, separators=(",", ":"))
+        digest = hashlib.sha256(canonical.encode()).hexdigest()
+        kept = documents.plain(dict(report))
+        with self._locked():
+            ids = self._ids()
+            id = self._free_id(model.structure.name, digest, described)
+            stored = StoredModel(id, self._path(id), model, kept)
+            content = {"id": id, "model": described, "report": kept}
+            write_atomic(stored.path, documents.text(content))
+            self._write("index.json", [*(i for i in ids if i != id), id])
+        return stored
+
+    def load(self, id: str) -> StoredModel:
+        """The model called ``id``, or the only one whose id begins like that.
+
+        Raises:
+            UsageError: there is none or there are several; the sentence lists them.
+            ModelError: its file is damaged.
+        """
+        ids = self._ids()
+        matches = [i for i in ids if i == id] or [i for i in ids if id and i.startswith(id)]
+        if len(matches) == 1:
+            return self._read(matches[0])
+        if matches:
+            raise UsageError(f"{id!r} could be {', '.join(matches)}; give more letters of the id")
+        there = f"there are {', '.join(ids)}" if ids else "it is empty; run `sysid fit` first"
+        raise UsageError(f"no model {id!r} in the workspace {self.root}: {there}")
+
+    def all(self) -> list[StoredModel]:
+        """Every model in the order of saving.
+
+        Raises:
+            ModelError: a file is damaged; the sentence names it.
+        """
+        return [self._read(id) for id in self._ids()]
+
+    def remove(self, id: str) -> str:
+        """Delete one model by its id or the beginning of it; return its id.
+
+        A damaged model can be removed too, under its full id.
+        """
+        ids = self._ids()
+        gone = id if id in ids else self.load(id).id
+        with self._locked():
+            try:
+                self._path(gone).unlink(missing_ok=True)
+            except OSError as error:
+                raise DataError(f"{gone} cannot be removed ({error.strerror})") from None
+            self._write("index.json", [i for i in self._ids() if i != gone])
+        return gone
+
+    def remember(self, key: str, value: Any) -> None:
+        """Keep a small JSON-able value under a name; the order of remembering is kept too."""
+        with self._locked():
+            state = self._state()
+            latest = max((entry["order"] for entry in state.values()), default=0)
+            state[key] = {"value": documents.plain(value), "order": latest + 1}
+            self._write("state.json", state)
+
+    def recall(self, key: str) -> Any:
+        """What was remembered under a name, or None."""
+        entry = self._state().get(key)
+        return None if entry is None else entry["value"]
+
+    def chosen(self, id: str | None) -> StoredModel:
+        """The model a command works on when the user does not say which.
+
+        That is ``id`` if it is given; else the best of the last comparison if that is newer than
+        the last fit; else the winner of the last fit. Models that were removed are passed over.
+
+        Raises:
+            ModelError: the workspace is empty.
+            UsageError: there is no model ``id``.
+        """
+        if id is not None:
+            return self.load(id)
+        ids = self._ids()
+        if not ids:
+            raise ModelError(f"the workspace {self.root} holds no model; run `sysid fit` first")
+        state = self._state()
+        newest_first = sorted(
+            (state[key] for key in ("latest", "best") if key in state),
+            key=lambda entry: -int(entry["order"]),
+        )
+        wanted: list[Any] = []
+        for entry in newest_first:
+            value = entry["value"]
+            wanted += value if isinstance(value, list) else [value]
+        return self._read(next((i for i in wanted if i in ids), ids[-1]))
+
+    def _path(self, id: str) -> Path:
+        return self.root / "models" / f"{id}.json"
+
+    def _free_id(self, structure: str, digest: str, described: dict[str, Any]) -> str:
+        for digits in range(_DIGITS, len(digest)):
+            id = f"{structure}-{digest[:digits]}"
+            taken: Any = None
+            with suppress(ModelError):  # a damaged file of this very id is mended by writing it
+                taken = self._json(self._path(id), missing={})
+            if not isinstance(taken, dict) or taken.get("model", described) == described:
+                return id
+        return f"{structure}-{digest}"
+
+    def _read(self, id: str) -> StoredModel:
+        from sysid.structures.model import Model
+
+        path = self._path(id)
+        content = self._json(path)
+        if not isinstance(content, dict) or not {"id", "model", "report"} <= content.keys():
+            raise ModelError(f"{path} is not a stored model; remove it with `sysid models remove`")
+        if content["id"] != id or not isinstance(content["report"], dict):
+            raise ModelError(f"{path} is damaged; remove it with `sysid models remove {id}`")
+        try:
+            model = Model.from_json(content["model"])
+        except ModelError as error:
+            raise ModelError(f"{path}: {error}") from None
+        return StoredModel(id, path, model, content["report"])
+
+    def _ids(self) -> list[str]:
+        """Ids in the order of saving; files the index does not know come last, by name."""
+        self._check_root()
+        folder = self.root / "models"
+        try:
+            there = {p.stem for p in folder.glob("*.json")} if folder.is_dir() else set()
+        except OSError as error:
+            raise DataError(f"{folder} cannot be read ({error.strerror})") from None
+        index = self._json(self.root / "index.json", missing=[])
+        if not isinstance(index, list) or not all(isinstance(i, str) for i in index):
+            raise ModelError(f"{self.root / 'index.json'} is damaged; delete it")
+        known = [i for i in index if i in there]
+        return [*known, *sorted(there.difference(known))]
+
+    def _state(self) -> dict[str, dict[str, Any]]:
+        self._check_root()
+        path = self.root / "state.json"
+        state = self._json(path, missing={})
+        if not isinstance(state, dict) or not all(
+            isinstance(e, dict) and "value" in e and isinstance(e.get("order"), int)
+            for e in state.values()
+        ):
+            raise ModelError(f"{path} is damaged; delete it and fit again")
+        return state
+
+    def _json(self, path: Path, missing: Any = None) -> Any:
+        try:
+            return json.loads(path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            if missing is not None:
+                return missing
+            raise ModelError(f"{path} is gone; fit the model again") from None
+        except OSError as error:
+            raise ModelError(f"{path} cannot be read ({error.strerror})") from None
+        except (ValueError, RecursionError):
+            raise ModelError(f"{path} is damaged (not JSON); delete it") from None
+
+    def _write(self, name: str, value: Any) -> None:
+        from sysid.data.files import write_atomic
+
+        write_atomic(self.root / name, documents.text(value))
+
+    def _check_root(self) -> None:
+        if self.root.exists() and not self.root.is_dir():
+            raise UsageError(f"the workspace {self.root} is a file; name a folder with --workspace")
+
+    @contextmanager
+    def _locked(self) -> Iterator[None]:
+        """Hold the workspace for reading, changing and writing back."""
+        self._check_root()
+        try:
+            self.root.mkdir(parents=True, exist_ok=True)
+            lock = open(self.root / ".lock", "ab")  # noqa: SIM115 (closed below, after the block)
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise DataError(
+                f"the workspace {self.root} cannot be written ({reason}); choose another folder "
+                "with --workspace"
+            ) from None
+        with lock:  # closing it lets go of the lock
+            with suppress(OSError):  # some network disks know no locks: still whole files
+                _lock(lock.fileno())
+            yield

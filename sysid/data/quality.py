@@ -1,0 +1,104 @@
+"""Is this log good enough for a fit? All checks that need no model, in a fixed order."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from sysid.data.dynamics_checks import (
+    check_delay,
+    check_excitation,
+    check_feedback,
+    check_sampling,
+    excitation_order,
+)
+from sysid.data.finding import Finding, Severity, worst
+from sysid.data.record import Record
+from sysid.data.robot_checks import check_robot
+from sysid.data.signal_checks import (
+    check_constant,
+    check_finite,
+    check_outliers,
+    check_resolution,
+    check_saturation,
+    check_stuck,
+)
+from sysid.errors import DataError
+
+__all__ = [
+    "Finding",
+    "Severity",
+    "excitation_order",
+    "inspect_records",
+    "require_usable",
+    "worst",
+]
+
+FEWEST = 20
+"""Records with fewer samples in all are too short for any of the fits."""
+
+SIGNAL_CHECKS: tuple[Callable[[Sequence[Record]], list[Finding]], ...] = (
+    check_stuck,
+    check_saturation,
+    check_resolution,
+    check_outliers,
+    check_robot,
+)
+DYNAMIC_CHECKS: tuple[Callable[[Sequence[Record]], list[Finding]], ...] = (
+    check_sampling,
+    check_delay,
+    check_feedback,
+)
+
+
+def inspect_records(records: Sequence[Record], order: int = 8) -> tuple[Finding, ...]:
+    """Every check, in a fixed order, each with at least one verdict in words.
+
+    Length, missing samples and constant channels come first; where one of them is fatal the other
+    checks have nothing to stand on and are left out. Then stuck values, clipping, resolution and
+    outliers, the robot's signs and units, excitation, sampling rate, delay and feedback.
+
+    Args:
+        records: experiments with the same channels.
+        order: order the inputs should excite; the number of lags of the largest model wanted.
+
+    Raises:
+        DataError: there is no record.
+    """
+    if not records:
+        raise DataError("there is no record to inspect; name at least one log")
+    found = [*_check_length(records), *check_finite(records)]
+    if worst(tuple(found)) < Severity.FATAL:
+        found += check_constant(records)
+    if worst(tuple(found)) < Severity.FATAL:
+        for check in SIGNAL_CHECKS:
+            found += check(records)
+        found += check_excitation(records, order)
+        for check in DYNAMIC_CHECKS:
+            found += check(records)
+    return tuple(found)
+
+
+def require_usable(records: Sequence[Record]) -> None:
+    """Refuse records that no fit can use: too short, not finite, or with a constant channel.
+
+    Raises:
+        DataError: with the first fatal finding as its sentence.
+    """
+    if not records:
+        raise DataError("there is no record to fit; name at least one log")
+    for check in (_check_length, check_finite, check_constant):
+        for finding in check(records):
+            if finding.severity is Severity.FATAL:
+                raise DataError(finding.text)
+
+
+def _check_length(records: Sequence[Record]) -> list[Finding]:
+    n = sum(len(r) for r in records)
+    seconds = float(np.sum([len(r) * r.dt for r in records]))
+    several = "" if len(records) == 1 else f" in {len(records)} experiments"
+    text = f"{n} samples{several}, {seconds:.4g} s at {records[0].dt:.4g} s."
+    if n < FEWEST:
+        return [Finding("length", Severity.FATAL, text, f"Record at least {FEWEST} samples.")]
+    if n < 100:
+        return [Finding("length", Severity.NOTE, text, "Few: keep the orders low.")]
+    return [Finding("length", Severity.OK, text)]

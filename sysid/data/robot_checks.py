@@ -1,0 +1,129 @@
+"""Checks of a robot's log against the robot: signs, swapped sides and units of PWM and ω."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.data.finding import Finding, Severity
+from sysid.data.record import PWM_FULL_SCALE, Array, Record
+
+TOP_OMEGA = 0.43 / 0.0215
+"""Sprocket speed at top speed [rad/s]: 0.43 m/s over the sprocket radius of 0.0215 m."""
+_SUSPECTS = (
+    ("rpm", 60.0 / (2 * math.pi)),
+    ("deg/s", 180.0 / math.pi),
+    ("rev/s", 1.0 / (2 * math.pi)),
+)
+"""Unit -> what ω in rad/s is multiplied by when it is written in that unit."""
+
+
+def check_robot(records: Sequence[Record]) -> list[Finding]:
+    """Sign, side and unit of PWM and ω; nothing for a log that is not a robot's."""
+    if not all(r.is_robot_log for r in records):
+        return []
+    u = np.concatenate([r.u for r in records])
+    y = np.concatenate([r.y for r in records])
+    scaled = _pwm_scale(records[0], u)
+    found = scaled or _omega_unit(records[0], u, y)
+    found += _signs(records)
+    return found or [
+        Finding("robot", Severity.OK, "PWM and ω agree in sign, side and size with the robot.")
+    ]
+
+
+def _pwm_scale(record: Record, u: Array) -> list[Finding]:
+    top = float(np.max(np.abs(u)))
+    if any(c.scale != 1.0 for c in record.inputs):
+        return []
+    if top > 1.0001 * PWM_FULL_SCALE:
+        guess, why = top, f"goes up to {top:.6g}, beyond ±20000 µs"
+    elif 0 < top <= 1.0:
+        guess, why = 1.0, f"stays within ±{top:.3g}, as a command in ±1 does"
+    elif top <= 100.0:
+        guess, why = 100.0, f"stays within ±{top:.4g}, as a command in percent does"
+    elif top <= 255.0:
+        guess, why = 255.0, f"stays within ±{top:.4g}, as an 8-bit command does"
+    elif top <= 1100.0:
+        guess, why = 1000.0, f"stays within ±{top:.5g}, where nothing moves in µs of ±20000"
+    else:
+        return []
+    return [
+        Finding(
+            "pwm-scale",
+            Severity.WARNING,
+            f"The PWM {why}.",
+            f"If full drive is {guess:g} there, give --pwm-max {guess:g}.",
+            ", ".join(record.input_names),
+        )
+    ]
+
+
+def _omega_unit(record: Record, u: Array, y: Array) -> list[Finding]:
+    """Compare the largest |ω| with what the largest |PWM| can give."""
+    drive = min(1.0, float(np.max(np.abs(u))) / PWM_FULL_SCALE)
+    # The 99.5th percentile: one outlier must not pass for another unit.
+    seen = float(np.percentile(np.max(np.abs(y), axis=1), 99.5))
+    expected = TOP_OMEGA * drive
+    if drive < 0.1 or seen == 0 or any(c.scale != 1.0 for c in record.outputs):
+        return []
+    ratio = seen / expected
+    if 0.25 <= ratio <= 2.0:
+        return []
+    near = [(abs(math.log(ratio / factor)), unit) for unit, factor in _SUSPECTS]
+    distance, unit = min(near)
+    if distance > math.log(2.0):
+        unit = "ticks/360 (with your encoder's ticks per turn)" if ratio > 2 else "rev/s"
+    return [
+        Finding(
+            "omega-unit",
+            Severity.WARNING,
+            f"ω reaches {seen:.4g}, but at {100 * drive:.0f} % drive the robot's sprockets turn at "
+            f"about {expected:.3g} rad/s.",
+            f"If the log is not in rad/s, say so, for example --unit {record.output_names[0]}="
+            f"{unit}.",
+            ", ".join(record.output_names),
+        )
+    ]
+
+
+def _signs(records: Sequence[Record]) -> list[Finding]:
+    first = records[0]
+    c = _correlations(records)
+    pairs = min(first.nu, first.ny)
+    cross = np.abs(np.corrcoef(np.concatenate([r.u for r in records]).T)) if first.nu == 2 else None
+    together = cross is not None and bool(cross[0, 1] > 0.95)
+    if pairs == 2 and not together and all(abs(c[j, 1 - j]) > abs(c[j, j]) + 0.2 for j in (0, 1)):
+        return [
+            Finding(
+                "side",
+                Severity.WARNING,
+                "The left ω follows the right PWM and the right ω the left PWM.",
+                "Swap two columns (or two plugs): left and right are mixed up.",
+            )
+        ]
+    return [
+        Finding(
+            "sign",
+            Severity.WARNING,
+            f"{first.output_names[j]} runs against {first.input_names[j]} (correlation "
+            f"{c[j, j]:.2f}): positive PWM turns that track backward.",
+            "Swap the motor's two leads or the encoder's two channels, or negate the column.",
+            first.output_names[j],
+        )
+        for j in range(pairs)
+        if c[j, j] < -0.3
+    ]
+
+
+def _correlations(records: Sequence[Record], lags: int = 6) -> Array:
+    """Correlation of each ω with each PWM at the lag of largest size, shape (ny, nu)."""
+    best = np.zeros((records[0].ny, records[0].nu))
+    for lag in range(lags):
+        u = np.concatenate([r.u[: max(len(r) - lag, 0)] for r in records])
+        y = np.concatenate([r.y[lag:] for r in records])
+        u, y = u - u.mean(axis=0), y - y.mean(axis=0)
+        norm = np.outer(np.linalg.norm(y, axis=0), np.linalg.norm(u, axis=0))
+        c = (y.T @ u) / np.where(norm > 0, norm, 1.0)
+        best = np.where(np.abs(c) > np.abs(best), c, best)
+    return best

@@ -1,0 +1,235 @@
+"""Checks of each signal by itself: constant, stuck, doubled, clipped, coarse, with outliers."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.finding import Finding, Severity
+from sysid.data.preprocess import outlier_flags
+from sysid.data.record import PWM_FULL_SCALE, Array, Record
+
+STUCK_SAMPLES = 20
+"""An output that repeats one number for so many samples while the input moves is suspect."""
+MANY_VALUES = 100
+"""A signal with fewer steps of resolution over its range cannot show clipping."""
+
+
+def check_finite(records: Sequence[Record]) -> list[Finding]:
+    """Missing or infinite samples."""
+    found = []
+    for record in records:
+        for name, column in _channels(record):
+            bad = np.flatnonzero(~np.isfinite(column))
+            if len(bad):
+                text = f"{record.name}: {name} is not a number in {len(bad)} samples, first at "
+                found.append(
+                    Finding(
+                        "missing",
+                        Severity.FATAL,
+                        f"{text}t = {record.t0 + bad[0] * record.dt:.6g} s.",
+                        "Mend the log, or read it with --resample fill or split.",
+                        name,
+                        record.name,
+                    )
+                )
+    return found or [Finding("missing", Severity.OK, "No sample is missing.")]
+
+
+def check_constant(records: Sequence[Record]) -> list[Finding]:
+    """Channels that never change: nothing can be learnt from or about them."""
+    found = []
+    still = [[_is_constant(c) for _, c in _channels(r)] for r in records]
+    for i, (name, column) in enumerate(_channels(records[0])):
+        what = "input" if i < records[0].nu else "output"
+        if all(row[i] for row in still):
+            found.append(
+                Finding(
+                    "constant",
+                    Severity.FATAL,
+                    f"The {what} {name} never changes (it stays at {column[0]:.6g}).",
+                    f"Leave it out with --{what}, or record a run in which it moves.",
+                    name,
+                )
+            )
+        elif any(row[i] for row in still):
+            where = next(r.name for r, row in zip(records, still, strict=True) if row[i])
+            text = f"The {what} {name} never changes in {where}; the other experiments move it."
+            found.append(Finding("constant", Severity.NOTE, text, "", name, where))
+    return found or [Finding("constant", Severity.OK, "Every input and output moves.")]
+
+
+def check_stuck(records: Sequence[Record]) -> list[Finding]:
+    """Outputs that hold one value while the inputs move, and samples logged twice."""
+    found = []
+    for record in records:
+        if len(record) < 2 * STUCK_SAMPLES:
+            continue
+        moved = np.any(np.diff(record.u, axis=0) != 0, axis=1)
+        for name, y in zip(record.output_names, record.y.T, strict=True):
+            found += _stuck(record, name, y, moved) + _doubled(record, name, y)
+    return found or [Finding("stuck", Severity.OK, "No output is stuck or logged twice.")]
+
+
+def _stuck(record: Record, name: str, y: Array, moved: NDArray[np.bool_]) -> list[Finding]:
+    starts, lengths = _runs(y)
+    usual = float(np.percentile(lengths, 95)) if len(lengths) > 20 else float(np.median(lengths))
+    changes = np.concatenate([[0], np.cumsum(moved)])
+    worst = None
+    for start, length in zip(starts, lengths, strict=True):
+        stop = start + length - 1
+        # The rest before the first command and after the last one is no fault, nor is standing
+        # still at zero: friction holds a robot there.
+        inside = start + length // 4
+        if length >= max(STUCK_SAMPLES, 5 * usual) and y[start] != 0:
+            steps = changes[max(stop - length // 4, inside)] - changes[inside]
+            if steps >= 2 and (worst is None or length > worst[1]):
+                worst = (start, length)
+    if worst is None or _at_an_end(y, y[worst[0]]):
+        return []
+    start, length = worst
+    return [
+        Finding(
+            "stuck",
+            Severity.WARNING,
+            f"{record.name}: {name} repeats {y[start]:.6g} for {length} samples from "
+            f"t = {record.t0 + start * record.dt:.6g} s while the input moves.",
+            "Check the sensor and its wire, and leave that stretch out.",
+            name,
+            record.name,
+        )
+    ]
+
+
+def _at_an_end(y: Array, value: float) -> bool:
+    """At its largest or smallest value a signal is clipped or at a stop rather than stuck."""
+    return bool(value in (y.max(), y.min()))
+
+
+def _doubled(record: Record, name: str, y: Array) -> list[Finding]:
+    """A sensor slower than the logger: nearly every value stands there twice (or m times)."""
+    _, lengths = _runs(y)
+    usual = int(np.median(lengths))
+    regular = np.mean(lengths == usual)
+    if usual < 2 or regular < 0.8 or len(lengths) < 20:
+        return []
+    return [
+        Finding(
+            "doubled",
+            Severity.WARNING,
+            f"{record.name}: {name} shows each value {usual} times in a row.",
+            f"The sensor is slower than the log: keep every {usual}th row, or log at its rate.",
+            name,
+            record.name,
+        )
+    ]
+
+
+def check_saturation(records: Sequence[Record]) -> list[Finding]:
+    """Values piled up at an end of the range: a clipping sensor, or PWM at full drive."""
+    found = []
+    for record in records:
+        for name, y in zip(record.output_names, record.y.T, strict=True):
+            for end, word in ((y.max(), "largest"), (y.min(), "smallest")):
+                share = _pile_up(y, float(end))
+                if share:
+                    text = f"{record.name}: {name} is at its {word} value {end:.6g} for "
+                    found.append(
+                        Finding(
+                            "saturation",
+                            Severity.WARNING if share > 0.02 else Severity.NOTE,
+                            f"{text}{100 * share:.2g} % of the time, as a clipping sensor would.",
+                            "Widen the sensor's range or leave those stretches out: "
+                            "a linear model reads them as lower gain.",
+                            name,
+                            record.name,
+                        )
+                    )
+        for name, u in zip(record.input_names, record.u.T, strict=True):
+            full = np.mean(np.abs(u) >= 0.9999 * PWM_FULL_SCALE)
+            if name.startswith("pwm") and full > 0.05:
+                text = f"{record.name}: {name} is at full drive for {100 * full:.2g} % of the time."
+                advice = "Near full drive the motors saturate; a linear model is worst there."
+                found.append(Finding("saturation", Severity.NOTE, text, advice, name, record.name))
+    return found or [Finding("saturation", Severity.OK, "No signal is clipped.")]
+
+
+def _pile_up(y: Array, end: float) -> float:
+    """Share of samples exactly at ``end``, if they are too many for an unclipped signal."""
+    width = float(np.ptp(y))
+    if end == 0 or width == 0 or len(np.unique(y)) < MANY_VALUES:
+        return 0.0
+    at = y == end
+    near = np.abs(y - end) <= 0.05 * width
+    _, lengths = _runs(np.where(at, 1.0, 0.0))
+    longest = int(lengths[0::2].max() if at[0] else lengths[1::2].max(initial=0))
+    many = np.count_nonzero(at) >= max(10, 0.3 * np.count_nonzero(near))
+    return float(np.mean(at)) if many and longest >= 3 else 0.0
+
+
+def check_resolution(records: Sequence[Record]) -> list[Finding]:
+    """Outputs read in steps that are coarse against what they show."""
+    found = []
+    for record in records:
+        for name, y in zip(record.output_names, record.y.T, strict=True):
+            values = np.unique(y)
+            if len(values) < 2 or len(values) > len(y) // 4:
+                continue
+            gaps = np.diff(values)
+            step = float(np.median(gaps[gaps > 1e-9 * np.ptp(y)]))
+            part = step / float(np.std(y))
+            if part > 0.1:
+                text = f"{record.name}: {name} is read in steps of about {step:.3g}, "
+                found.append(
+                    Finding(
+                        "resolution",
+                        Severity.WARNING if part > 0.5 else Severity.NOTE,
+                        f"{text}{100 * part:.2g} % of its standard deviation.",
+                        "Use a finer sensor, drive harder, or average over a longer sample time.",
+                        name,
+                        record.name,
+                    )
+                )
+    return found or [Finding("resolution", Severity.OK, "The outputs are read finely enough.")]
+
+
+def check_outliers(records: Sequence[Record]) -> list[Finding]:
+    """Single samples far from both neighbours."""
+    found = []
+    for record in records:
+        flags = outlier_flags(record)
+        for j, name in enumerate(record.output_names):
+            hits = np.flatnonzero(flags[:, j])
+            if len(hits):
+                n = len(hits)
+                seen = "1 sample stands" if n == 1 else f"{n} samples stand"
+                text = f"{record.name}: {seen} out of {name}, the first at t = "
+                y = record.y[:, j]
+                far = np.max(np.abs(y[hits] - np.median(y))) > 4 * np.std(y)
+                found.append(
+                    Finding(
+                        "outliers",
+                        Severity.WARNING if far or n > 0.005 * len(y) else Severity.NOTE,
+                        f"{text}{record.t0 + hits[0] * record.dt:.6g} s.",
+                        "Mend them, or fit with a robust loss.",
+                        name,
+                        record.name,
+                    )
+                )
+    return found or [Finding("outliers", Severity.OK, "No output has outliers.")]
+
+
+def _channels(record: Record) -> list[tuple[str, Array]]:
+    names = (*record.input_names, *record.output_names)
+    return list(zip(names, (*record.u.T, *record.y.T), strict=True))
+
+
+def _is_constant(x: Array) -> bool:
+    # A column like 0.1 repeated is exactly constant; 1e-12 forgives a conversion's round-off.
+    return len(x) == 0 or bool(np.ptp(x) <= 1e-12 * np.max(np.abs(x)))
+
+
+def _runs(x: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Start and length of every stretch of equal values."""
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(x) != 0) + 1])
+    return starts, np.diff(np.append(starts, len(x)))

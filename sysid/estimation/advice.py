@@ -1,0 +1,154 @@
+"""What a user should know about a fit, unasked: sentences that need a model to be written."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.criteria.residuals import ResidualReport
+from sysid.errors import Termination
+from sysid.estimation.figures import Figures
+from sysid.structures.model import Model
+
+GOOD_PREDICTION = 80.0
+"""One-step fit [%] from which a poor free run deserves a warning."""
+
+FALL = 25.0
+"""Percentage points between one-step and free-run fit that deserve one."""
+
+CANCELLING = 0.02
+"""Distance below which a pole and a zero cancel for all practical purposes."""
+
+MAX_SENTENCES = 12
+
+
+def advice(
+    model: Model,
+    free_run: Figures,
+    one_step: Figures,
+    validation: Figures | None,
+    residuals: ResidualReport,
+) -> tuple[str, ...]:
+    """All warnings about one fit, the gravest first.
+
+    Args:
+        model: the fitted model.
+        free_run, one_step: figures on the estimation data.
+        validation: free-run figures on held-out data, if there are any.
+        residuals: residual tests on the estimation data.
+    """
+    found = [
+        *_ending(model),
+        *_stability(model),
+        *_information(model),
+        *_simulation(free_run, one_step),
+        *_held_out(free_run, validation),
+        *_cancellation(model),
+        *_residuals(model, residuals),
+    ]
+    return tuple(found[:MAX_SENTENCES])
+
+
+def _ending(model: Model) -> list[str]:
+    found = []
+    if model.termination is Termination.MAX_ITERATIONS:
+        found.append(model.termination.value)
+    found += [
+        f"Parameter {name} ended on its bound: widen the bound or doubt the structure."
+        for name in model.at_bound
+    ]
+    return found
+
+
+def _stability(model: Model) -> list[str]:
+    if model.stable:
+        return []
+    poles = model.structure.properties(model.theta, model.dt).get("poles", [])
+    worst = max((p["abs"] for p in poles), default=float("nan"))
+    if worst < 1.0005:
+        return [
+            f"The model integrates (largest pole at radius {worst:.5f}): its free run drifts "
+            "with any error; differentiate the output or fit its rate."
+        ]
+    return [
+        f"The free run of this model is unstable (largest pole at radius {worst:.4f}): use "
+        "--stable, lower orders or --focus simulation."
+    ]
+
+
+def _information(model: Model) -> list[str]:
+    found = []
+    for direction in model.null_directions:
+        names = sorted(direction, key=lambda n: -abs(direction[n]))
+        shown = ", ".join(names[:6]) + (" …" if len(names) > 6 else "")
+        found.append(
+            f"The data hold no information about a combination of {shown}: their inputs move "
+            "together or do not excite it. The smallest such values were taken; excite the "
+            "inputs independently (sysid excite) to tell them apart."
+        )
+    table = [p for p in model.parameter_table() if not p.fixed]
+    vague = [p.name for p in table if np.isfinite(p.std_error) and p.std_error > abs(p.value)]
+    if len(vague) > len(table) // 2 and table:
+        shown = ", ".join(vague[:6]) + (" …" if len(vague) > 6 else "")
+        found.append(
+            f"{len(vague)} of {len(table)} parameters are smaller than their standard error "
+            f"({shown}): lower the orders or record more."
+        )
+    return found
+
+
+def _simulation(free_run: Figures, one_step: Figures) -> list[str]:
+    found = []
+    for name, predicted in one_step.fit_percent.items():
+        simulated = free_run.fit_percent[name]
+        if predicted >= GOOD_PREDICTION and not predicted - simulated <= FALL:
+            found.append(
+                f"{name}: one step ahead the fit is {predicted:.1f} % but in free run only "
+                f"{simulated:.1f} %: a good predictor, not a good simulator. Try oe, "
+                "--focus simulation or a nonlinear structure."
+            )
+    return found
+
+
+def _held_out(free_run: Figures, validation: Figures | None) -> list[str]:
+    if validation is None:
+        return []
+    found = []
+    for name, inside in free_run.fit_percent.items():
+        outside = validation.fit_percent.get(name, float("nan"))
+        if np.isfinite(inside) and np.isfinite(outside) and inside - outside > FALL:
+            found.append(
+                f"{name}: the free-run fit falls from {inside:.1f} % on the estimation data to "
+                f"{outside:.1f} % on the validation data: too many parameters, or the two logs "
+                "cover different operating ranges."
+            )
+    return found
+
+
+def _cancellation(model: Model) -> list[str]:
+    facts = model.structure.properties(model.theta, model.dt)
+    if "zeros" not in facts or len(model.inputs) != 1 or len(model.outputs) != 1:
+        return []
+    poles = [complex(p["re"], p["im"]) for p in facts["poles"]]
+    zeros = [complex(z["re"], z["im"]) for z in facts["zeros"]]
+    pairs = [p for p in poles if any(abs(p - z) < CANCELLING for z in zeros)]
+    if not pairs:
+        return []
+    at = ", ".join(f"{p.real:.3f}{p.imag:+.3f}j" if p.imag else f"{p.real:.3f}" for p in pairs[:2])
+    return [f"A pole and a zero nearly cancel (at {at}): one order lower will do as well."]
+
+
+def _residuals(model: Model, report: ResidualReport) -> list[str]:
+    failed: Sequence[str] = [t.output for t in report.independence if not t.passed]
+    found = []
+    if failed:
+        found.append(
+            f"The residuals of {', '.join(failed)} still depend on the input: dynamics, delay or "
+            "a nonlinearity is missing."
+        )
+    white = [t.output for t in report.whiteness if t.judged and not t.passed]
+    if white and model.structure.has_noise_model:
+        found.append(
+            f"The residuals of {', '.join(white)} are not white: the noise model is too simple "
+            "(standard errors use the sandwich form)."
+        )
+    return found

@@ -1,0 +1,150 @@
+"""Everything there is to say about a fitted model, as one JSON-able document."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from sysid.criteria.residuals import ResidualReport
+from sysid.data.record import Record
+from sysid.estimation.advice import advice
+from sysid.estimation.figures import Figures, Start, figures, residual_tests
+from sysid.structures.model import Model
+
+
+@dataclass(frozen=True, eq=False)
+class DataFigures:
+    """Figures of one model on one set of data under one initial-state policy.
+
+    Attributes:
+        free_run: free-run simulation.
+        one_step: one-step prediction.
+        k_step: further horizons asked for.
+    """
+
+    free_run: Figures
+    one_step: Figures
+    k_step: tuple[Figures, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Free-run figures at the top, the others beside them."""
+        return {
+            **self.free_run.to_json(),
+            "one_step": self.one_step.to_json(),
+            "k_step": [f.to_json() for f in self.k_step],
+        }
+
+
+@dataclass(frozen=True)
+class Policy:
+    """How figures are made: initial states, skipped samples, further horizons."""
+
+    start: Start = Start.ESTIMATED
+    skip: int = 0
+    horizons: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """A model with its figures, residual tests and warnings."""
+
+    model: Model
+    estimation: DataFigures
+    validation: DataFigures | None
+    residuals: ResidualReport
+    warnings: tuple[str, ...]
+    seconds: float
+    chosen: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def judged(self) -> DataFigures:
+        """Figures on validation data where there are any, else on estimation data."""
+        return self.validation or self.estimation
+
+    def to_json(self) -> dict[str, Any]:
+        """The fit report without the model's id and path; non-finite numbers may occur."""
+        m = self.model
+        return {
+            "structure": m.structure.name,
+            "orders": m.structure.order_values(),
+            "parameters": [
+                {
+                    "name": p.name,
+                    "value": p.value,
+                    "std_error": p.std_error,
+                    "unit": p.unit,
+                    "fixed": p.fixed,
+                    "at_bound": p.at_bound,
+                }
+                for p in m.parameter_table()
+            ],
+            "estimation": self.estimation.to_json(),
+            "validation": None if self.validation is None else self.validation.to_json(),
+            "one_step": {
+                "estimation": self.estimation.one_step.to_json(),
+                "validation": (
+                    None if self.validation is None else self.validation.one_step.to_json()
+                ),
+            },
+            "criteria": asdict(m.criteria),
+            "residuals": self.residuals.as_dict(),
+            "termination": {"code": m.termination.code, "message": m.termination.value},
+            "properties": m.structure.properties(m.theta, m.dt),
+            "equations": list(m.structure.equations(m.theta, m.inputs, m.outputs)),
+            "sample_time": m.dt,
+            "offsets": m.detrend.to_json(),
+            "n_estimated": m.n_estimated,
+            "starts": [asdict(s) for s in m.starts],
+            "order_search": dict(self.chosen),
+            "seconds": self.seconds,
+            "warnings": list(self.warnings),
+        }
+
+
+def figures_on(model: Model, records: Sequence[Record], data: str, policy: Policy) -> DataFigures:
+    """Free run, one step and further horizons on one set of data, under one policy."""
+
+    def at(horizon: int | None) -> Figures:
+        return figures(model, records, data, horizon, policy.start, policy.skip)
+
+    return DataFigures(at(None), at(1), tuple(at(k) for k in policy.horizons))
+
+
+def assess(
+    model: Model,
+    estimation: tuple[Sequence[Record], str],
+    validation: tuple[Sequence[Record], str] | None,
+    policy: Policy,
+    seconds: float,
+    chosen: Mapping[str, Any] | None = None,
+    notes: Sequence[str] = (),
+) -> Assessment:
+    """Figures, residual tests and warnings of one model.
+
+    Args:
+        model: fitted model.
+        estimation: the estimation records and what to call them.
+        validation: the same for held-out data, or None.
+        policy: how figures are made.
+        seconds: what the fit took.
+        chosen: facts about the order search.
+        notes: warnings known before.
+    """
+    inside = figures_on(model, *estimation, policy)
+    outside = None if validation is None else figures_on(model, *validation, policy)
+    residuals = residual_tests(model, estimation[0])
+    spoken = advice(
+        model,
+        inside.free_run,
+        inside.one_step,
+        None if outside is None else outside.free_run,
+        residuals,
+    )
+    return Assessment(
+        model,
+        inside,
+        outside,
+        residuals,
+        (*notes, *model.warnings, *spoken),
+        seconds,
+        chosen or {},
+    )

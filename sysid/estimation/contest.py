@@ -1,0 +1,278 @@
+"""Several structures on one log: orders searched, each fitted, and one of them ahead, with why."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Any
+
+from sysid.data.preprocess import Detrend
+from sysid.data.record import Record
+from sysid.errors import DataError, ModelError, SysidError, UsageError
+from sysid.estimation.grid import default_grid, delays
+from sysid.estimation.holdout import hold_out, shortened
+from sysid.estimation.orders import (
+    PARSIMONY,
+    OrderSearch,
+    orders_text,
+    ranked,
+    search_orders,
+)
+from sysid.estimation.pem import fit
+from sysid.estimation.search import FitOptions
+from sysid.structures.base import structure_class
+from sysid.structures.model import Model
+
+SEARCH_SAMPLES = 12_000
+"""Samples an order search looks at; the chosen orders are fitted to all of them."""
+
+PARALLEL_WORK = 400_000
+"""Candidates × samples from which a second process pays for its start (about a second)."""
+
+LINEAR = ("arx", "armax", "oe", "bj")
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """One structure's model and how its orders were found.
+
+    Attributes:
+        model: fitted to all estimation data.
+        search: the order search, or None when the orders were given.
+        seconds: time of search and fit.
+    """
+
+    model: Model
+    search: OrderSearch | None
+    seconds: float
+
+    @property
+    def error(self) -> float | None:
+        """Free-run error on the held-out part of the estimation data, relative to its spread."""
+        return None if self.search is None else self.search.best.error
+
+
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """All entries, the winner first, and why it is ahead.
+
+    Attributes:
+        entries: fitted structures.
+        reason: one sentence.
+        failed: structure → why it could not be fitted.
+    """
+
+    entries: tuple[Entry, ...]
+    reason: str
+    failed: Mapping[str, str]
+
+
+def run_contest(
+    names: Sequence[str],
+    records: Sequence[Record],
+    options: FitOptions,
+    detrend: Detrend,
+    *,
+    grid: Sequence[Mapping[str, Any]] | None = None,
+    criterion: str = "fit",
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> Contest:
+    """Search the orders of each structure on estimation data only, fit it, and rank them.
+
+    Args:
+        names: structures to fit.
+        records: estimation data.
+        options: how to fit.
+        detrend: offsets stored with each model.
+        grid: orders to try, or None for each structure's default grid; a single entry is fitted
+            without a search.
+        criterion: what ranks orders and structures.
+        jobs: processes for the search.
+        progress: called with (share done, what).
+
+    Raises:
+        DataError: no structure could be fitted.
+        UsageError: the orders do not fit a structure.
+    """
+    plain = tuple(detrend.remove(r) for r in records)
+    small = shortened(plain, SEARCH_SAMPLES)
+    train, held, words = hold_out(small)
+    nu, ny = plain[0].nu, plain[0].ny
+    tasks = []
+    nks = delays(small) if grid is None else []
+    for name in names:
+        chosen = list(grid) if grid is not None else _grid(name, nu, ny, train, nks)
+        for orders in chosen:
+            structure_class(name).from_orders(dict(orders), nu, ny)
+        tasks.append((name, chosen))
+    searches, failed = _searches(tasks, train, held, options, criterion, jobs, progress)
+    entries = []
+    for k, (name, chosen) in enumerate(tasks):
+        if name in failed:
+            continue
+        if progress:
+            progress(0.9 + 0.1 * k / len(tasks), f"fitting {name} to all data")
+        started = perf_counter()
+        search = searches.get(name)
+        orders = chosen[0] if search is None else search[0].best.orders
+        structure = structure_class(name).from_orders(dict(orders), nu, ny)
+        try:
+            model = fit(structure, records, options, detrend=detrend)
+        except (DataError, ModelError) as error:
+            if len(tasks) == 1:
+                raise
+            failed[name] = str(error)
+            continue
+        spent = perf_counter() - started + (search[1] if search else 0.0)
+        entries.append(Entry(model, search[0] if search else None, spent))
+    if not entries:
+        raise DataError("; ".join(failed.values()) or "no structure could be fitted")
+    if progress:
+        progress(1.0, "done")
+    order = _in_order(entries)
+    return Contest(tuple(order), _reason(order, criterion, words), failed)
+
+
+def _grid(
+    name: str, nu: int, ny: int, train: Sequence[Record], nks: Sequence[Any]
+) -> list[dict[str, Any]]:
+    samples = sum(len(r) for r in train)
+    found = default_grid(name, nu, ny, samples, nks)
+    # a record that bears no order at all still gets the lowest one: the fit itself will refuse
+    lowest = {"arx": {"na": 1}, "armax": {"na": 1, "nc": 1}, "oe": {"nf": 1}}
+    return found or [{**lowest.get(name, {"nc": 1, "nd": 1, "nf": 1}), "nb": 1, "nk": 1}]
+
+
+def _searches(
+    tasks: Sequence[tuple[str, list[Any]]],
+    train: Sequence[Record],
+    held: Sequence[Record],
+    options: FitOptions,
+    criterion: str,
+    jobs: int,
+    progress: Progress | None,
+) -> tuple[dict[str, tuple[OrderSearch, float]], dict[str, str]]:
+    searched = [(name, grid) for name, grid in tasks if len(grid) > 1]
+    found: dict[str, tuple[OrderSearch, float]] = {}
+    failed: dict[str, str] = {}
+    total = sum(len(grid) for _, grid in searched)
+    work = total * sum(len(r) for r in train)
+    if jobs > 1 and work > PARALLEL_WORK:
+        from joblib import Parallel, delayed
+
+        # chains of one structure and one delay: neighbours stay together for warm starts
+        chains = [
+            (name, [o for o in grid if o.get("nk") == nk])
+            for name, grid in searched
+            for nk in _distinct([o.get("nk") for o in grid])
+        ]
+        chains.sort(key=lambda c: -len(c[1]) * _WEIGHT.get(c[0], 1))
+        outcomes = Parallel(n_jobs=jobs, return_as="generator_unordered")(
+            delayed(_timed)(name, grid, train, held, options, criterion) for name, grid in chains
+        )
+        done = 0
+        for outcome in outcomes:
+            done += outcome[2]
+            _collect(outcome, found, failed)
+            if progress:
+                progress(0.9 * done / total, f"searched {done} of {total} orders")
+    else:
+        done = 0
+        for name, grid in searched:
+
+            def tell(k: int, n: int, what: str, base: int = done) -> None:
+                if progress:
+                    progress(0.9 * (base + k) / total, what)
+
+            _collect(_timed(name, grid, train, held, options, criterion, tell), found, failed)
+            done += len(grid)
+    return found, {k: v for k, v in failed.items() if k not in found}
+
+
+_WEIGHT = {"arx": 0, "oe": 2, "armax": 2, "bj": 4}
+"""Rough cost of one candidate, to start the longest chains first."""
+
+Outcome = tuple[str, OrderSearch | str, int, float]
+
+
+def _timed(
+    name: str,
+    grid: Sequence[Mapping[str, Any]],
+    train: Sequence[Record],
+    held: Sequence[Record],
+    options: FitOptions,
+    criterion: str,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> Outcome:
+    started = perf_counter()
+    try:
+        search = search_orders(name, grid, train, held, options, criterion, progress)
+    except UsageError:
+        raise
+    except SysidError as error:
+        return name, str(error), len(grid), perf_counter() - started
+    return name, search, len(grid), perf_counter() - started
+
+
+def _collect(
+    outcome: Outcome,
+    found: dict[str, tuple[OrderSearch, float]],
+    failed: dict[str, str],
+) -> None:
+    """Merge the chains of one structure; deterministic whatever order they arrive in."""
+    name, search, _, seconds = outcome
+    if isinstance(search, str):
+        failed[name] = search
+        return
+    if name in found:
+        before, spent = found[name]
+        both = (*before.candidates, *search.candidates)
+        search = replace(search, candidates=ranked(both, search.criterion))
+        seconds += spent
+    found[name] = (search, seconds)
+
+
+def _distinct(values: Sequence[Any]) -> list[Any]:
+    found: list[Any] = []
+    for v in values:
+        if v not in found:
+            found.append(v)
+    return found
+
+
+def _in_order(entries: Sequence[Entry]) -> list[Entry]:
+    """Entries with a stable free run first, then by held-out error, simpler ones on a tie."""
+    if any(e.error is None for e in entries):
+        return sorted(entries, key=lambda e: (not e.model.stable, e.model.criteria.aic))
+    errors = {id(e): float(e.error or 0.0) for e in entries}
+    usable = [e for e in entries if e.model.stable] or list(entries)
+    limit = PARSIMONY * min(errors[id(e)] for e in usable)
+    lead = min(
+        (e for e in usable if errors[id(e)] <= limit),
+        key=lambda e: (e.model.n_estimated, errors[id(e)]),
+    )
+    rest = sorted((e for e in entries if e is not lead), key=lambda e: errors[id(e)])
+    return [lead, *rest]
+
+
+def _reason(order: Sequence[Entry], criterion: str, words: str) -> str:
+    first = order[0]
+    text = f"{first.model.structure.name} {orders_text(first.model.structure.order_values())}"
+    if first.error is None:
+        return (
+            f"{text}: fitted with the orders given."
+            if len(order) == 1
+            else f"{text} is ahead by AIC on the estimation data."
+        )
+    share = 100.0 * (1.0 - first.error)
+    if len(order) == 1:
+        return f"{text} was chosen by {criterion} on {words}: {share:.2f} % in free run."
+    second = order[1]
+    return (
+        f"{text} is ahead: {share:.2f} % free-run fit on {words} with "
+        f"{first.model.n_estimated} parameters; next {second.model.structure.name} with "
+        f"{100.0 * (1.0 - (second.error or 0.0)):.2f} % and {second.model.n_estimated} "
+        "(within 1 % of the error the smaller model leads)."
+    )

@@ -1,0 +1,157 @@
+"""Error figures of a model on data, each with its horizon, initial-state policy and data."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from sysid.criteria.fit import fit_percent, rmse
+from sysid.criteria.residuals import ResidualReport, residual_report
+from sysid.data.record import Array, Record
+from sysid.estimation.pem import head_window
+from sysid.structures.model import Model
+
+JACOBIAN_NUMBERS = 20_000_000
+"""Largest samples × parameters for which the tests project the model's Jacobian out; longer
+records are tested on their first part, which is said."""
+
+
+class Start(Enum):
+    """Where the free run starts on data: the initial-state policy of every figure."""
+
+    ESTIMATED = "estimated"
+    MEASURED = "measured"
+    ZERO = "zero"
+
+
+@dataclass(frozen=True)
+class Figures:
+    """How far a model is from data.
+
+    Attributes:
+        data: which data, in words.
+        horizon: prediction horizon in samples, None for the free run.
+        initial_state: the initial-state policy, in words.
+        samples: samples that count.
+        fit_percent: 100(1 − ‖y−ŷ‖/‖y−ȳ‖) by output; NaN where y is constant.
+        rmse: root mean squared error by output, in the output's unit.
+    """
+
+    data: str
+    horizon: int | None
+    initial_state: str
+    samples: int
+    fit_percent: Mapping[str, float]
+    rmse: Mapping[str, float]
+
+    @property
+    def mean_fit(self) -> float:
+        """Mean fit of the outputs that vary."""
+        values = [v for v in self.fit_percent.values() if np.isfinite(v)]
+        return float(np.mean(values)) if values else float("nan")
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON-able values; non-finite numbers as null."""
+        return {
+            "data": self.data,
+            "horizon": "free-run" if self.horizon is None else self.horizon,
+            "initial_state": self.initial_state,
+            "samples": self.samples,
+            "fit_percent": {k: _finite(v) for k, v in self.fit_percent.items()},
+            "rmse": {k: _finite(v) for k, v in self.rmse.items()},
+        }
+
+
+def outputs(
+    model: Model, record: Record, horizon: int | None, start: Start, skip: int = 0
+) -> Array:
+    """The model's outputs on a record under one policy, (N, ny); NaN where it predicts nothing."""
+    window = _window(model, start, skip)
+    if horizon is not None:
+        return model.predict(record, horizon, window)
+    model.check(record)
+    x0 = model.fitted_state(record, window) if window else None
+    return model.simulate(record.u, x0, record.t0)
+
+
+def figures(
+    model: Model,
+    records: Sequence[Record],
+    data: str,
+    horizon: int | None = None,
+    start: Start = Start.ESTIMATED,
+    skip: int = 0,
+) -> Figures:
+    """Fit and RMSE of a model on records, pooled over them.
+
+    Args:
+        model: the model.
+        records: experiments, each with its own initial state.
+        data: what to call these data.
+        horizon: k-step-ahead prediction, or None for the free run.
+        start: initial-state policy.
+        skip: samples at the head of each record left out of the figures; they may set the
+            initial state.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        runs = [outputs(model, r, horizon, start, skip) for r in records]
+        ys = [r.y for r in records]
+        fits, errors = fit_percent(ys, runs, skip), rmse(ys, runs, skip)
+    counted = sum(int(np.sum(np.all(np.isfinite(run[skip:]), axis=1))) for run in runs)
+    names = records[0].output_names
+    return Figures(
+        data=data,
+        horizon=horizon,
+        initial_state=_sentence(model, start, skip),
+        samples=counted,
+        fit_percent=dict(zip(names, fits.tolist(), strict=True)),
+        rmse=dict(zip(names, errors.tolist(), strict=True)),
+    )
+
+
+def residual_tests(model: Model, records: Sequence[Record]) -> ResidualReport:
+    """Residual tests on the estimation data, the model's own gradient projected out."""
+    plain = [model.detrend.remove(r) for r in records]
+    room = max(JACOBIAN_NUMBERS // max(len(model.theta), 1), 1000)
+    kept: list[Record] = []
+    for r in plain:
+        if room > 0:
+            kept.append(r.rows(0, min(len(r), room)))
+            room -= len(kept[-1])
+    window = head_window(model.structure, model.theta)
+    errors = [model.structure.errors(model.theta, r.u, r.y, window) for r in kept]
+    jacobians = [
+        [model.structure.gradient_columns(model.theta, r.u, r.y, i) for r in kept]
+        for i in range(model.structure.ny)
+    ]
+    return residual_report(
+        errors,
+        [r.u for r in kept],
+        jacobians,
+        noise_model=model.structure.has_noise_model,
+        output_names=[c.name for c in model.outputs],
+        input_names=[c.name for c in model.inputs],
+    )
+
+
+def _window(model: Model, start: Start, skip: int) -> int:
+    if start is Start.ZERO:
+        return 0
+    if start is Start.MEASURED:
+        return model.structure.n_states(model.theta)
+    return head_window(model.structure, model.theta, skip)
+
+
+def _sentence(model: Model, start: Start, skip: int) -> str:
+    window = _window(model, start, skip)
+    if window == 0:
+        return "zero" if start is Start.ZERO else "none (the model has no memory)"
+    if window == model.structure.n_states(model.theta):
+        return f"measured outputs of the first {window} samples"
+    return f"estimated from the first {window} samples"
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

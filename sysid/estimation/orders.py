@@ -1,0 +1,280 @@
+"""Order and delay search, ranked on held-out data that are part of the estimation data."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sysid.criteria.information import CRITERIA, from_loss, information_criteria
+from sysid.data.record import Array, Record
+from sysid.errors import DataError, ModelError, UsageError
+from sysid.estimation import normal_equations as ne
+from sysid.estimation.pem import fit, head_window
+from sysid.estimation.search import FitOptions
+from sysid.structures.arx import ARX
+from sysid.structures.base import Focus, Structure, structure_class
+
+Progress = Callable[[int, int, str], None]
+
+PARSIMONY = 1.01
+"""A smaller model is preferred while its held-out error stays below this multiple of the best."""
+
+SEARCH_EVALUATIONS = 40
+"""Limit of each descent during a search: enough to rank; the chosen orders are fitted in full."""
+
+SIMULATED = 16
+"""ARX candidates, best one-step first, whose free run is looked at."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One set of orders and how it did.
+
+    Attributes:
+        orders: as ``Structure.from_orders`` reads them.
+        n: number of parameters.
+        score: the criterion's value, smaller is better.
+        error: free-run error on the held-out data relative to the outputs' spread.
+        stable: whether the free run is bounded; unstable candidates rank behind all others.
+    """
+
+    orders: Mapping[str, Any]
+    n: int
+    score: float
+    error: float
+    stable: bool = True
+
+
+@dataclass(frozen=True)
+class OrderSearch:
+    """The outcome of a search over one structure's orders, best first."""
+
+    structure: str
+    criterion: str
+    candidates: tuple[Candidate, ...]
+
+    @property
+    def best(self) -> Candidate:
+        """The chosen orders."""
+        return self.candidates[0]
+
+
+def check_criterion(criterion: str) -> str:
+    """The criterion's name in lower case.
+
+    Raises:
+        UsageError: there is none of that name.
+    """
+    if criterion.lower() not in CRITERIA:
+        raise UsageError(f"no criterion {criterion!r}; choose one of {', '.join(CRITERIA)}")
+    return criterion.lower()
+
+
+def search_orders(
+    name: str,
+    grid: Sequence[Mapping[str, Any]],
+    train: Sequence[Record],
+    held: Sequence[Record],
+    options: FitOptions,
+    criterion: str = "fit",
+    progress: Progress | None = None,
+) -> OrderSearch:
+    """Rank the orders of one structure.
+
+    Args:
+        name: structure.
+        grid: orders to try.
+        train: records to fit on (offsets removed).
+        held: records to choose on (offsets removed); for ``fit`` and ``rmse`` the free run on
+            them counts, for ``aic``, ``bic`` … the one-step errors on the records to fit on, over
+            the samples that all candidates predict.
+        options: how to fit.
+        criterion: what ranks.
+        progress: called with (done, all, what) after each candidate.
+
+    Raises:
+        DataError: not one of the candidates could be fitted.
+    """
+    cls = structure_class(name)
+    nu, ny = train[0].nu, train[0].ny
+    structures = [cls.from_orders(dict(o), nu, ny) for o in grid]
+    if cls is ARX and options.focus is Focus.PREDICTION and _unconstrained(options):
+        found = _arx_in_one_pass(structures, train, held, criterion)
+        if progress:
+            progress(len(grid), len(grid), f"{name}: {len(grid)} orders in one pass")
+    else:
+        found = _one_after_another(structures, train, held, options, criterion, progress)
+    if not found:
+        raise DataError(
+            f"{train[0].name}: none of the {len(grid)} orders of {name} could be fitted; record "
+            "more data or give --orders"
+        )
+    return OrderSearch(name, criterion, ranked(found, criterion))
+
+
+def ranked(found: Sequence[Candidate], criterion: str) -> tuple[Candidate, ...]:
+    """Best first; on held-out error the smallest model within ``PARSIMONY`` of the best leads."""
+    ordered = sorted(found, key=lambda c: (not c.stable, c.score, c.n, orders_text(c.orders)))
+    if criterion in ("fit", "rmse"):
+        limit = PARSIMONY * ordered[0].score
+        close = [c for c in ordered if c.score <= limit and c.stable == ordered[0].stable]
+        lead = min(close, key=lambda c: (c.n, c.score, orders_text(c.orders)))
+        ordered = [lead, *(c for c in ordered if c is not lead)]
+    return tuple(ordered)
+
+
+def _unconstrained(options: FitOptions) -> bool:
+    return not (options.robust or options.stable or options.fixed or options.bounds)
+
+
+def _one_after_another(
+    structures: Sequence[Structure],
+    train: Sequence[Record],
+    held: Sequence[Record],
+    options: FitOptions,
+    criterion: str,
+    progress: Progress | None,
+) -> list[Candidate]:
+    """Fit each candidate, warm-started from the best smaller neighbours already fitted."""
+    found: list[Candidate] = []
+    options = replace(options, max_evaluations=min(options.max_evaluations, SEARCH_EVALUATIONS))
+    fitted: dict[int, tuple[float, dict[str, float]]] = {}
+    common = max(s.first_sample() for s in structures)
+    for k, s in enumerate(structures):
+        names = [p.name for p in s.parameters(train[0].inputs, train[0].outputs)]
+        warm = [
+            ("smaller neighbour", np.array([values.get(n, 0.0) for n in names]))
+            for _, values in sorted(fitted.values(), key=lambda item: item[0])[:1]
+            if set(values) <= set(names)
+        ]
+        try:
+            model = fit(s, train, options, warm=warm)
+        except (DataError, ModelError):
+            model = None
+        if model is not None:
+            error = free_run_error(s, model.theta, held)
+            if criterion in ("fit", "rmse"):
+                score = error
+            else:
+                score = _information(s, model.theta, model.n_estimated, train, common, criterion)
+            if np.isfinite(score):
+                stable = s.stable(model.theta)
+                found.append(Candidate(s.order_values(), len(names), score, error, stable))
+                fitted[k] = (score, dict(zip(names, model.theta.tolist(), strict=True)))
+        if progress:
+            progress(k + 1, len(structures), f"{s.name} {orders_text(s.order_values())}")
+    return found
+
+
+def _information(
+    s: Structure, theta: Array, n: int, records: Sequence[Record], start: int, criterion: str
+) -> float:
+    window = head_window(s, theta)
+    errors = [s.errors(theta, r.u, r.y, window)[start:] for r in records]
+    return float(getattr(information_criteria(errors, n), criterion))
+
+
+def free_run_error(s: Structure, theta: Array, held: Sequence[Record]) -> float:
+    """Root mean square over the outputs of free-run error relative to the output's spread."""
+    window = head_window(s, theta)
+    square = np.zeros(s.ny)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for r in held:
+            run = s.simulate(theta, r.u, s.fitted_state(theta, r.u, r.y, window))
+            square += np.sum((r.y - run) ** 2, axis=0)
+    spread = np.concatenate([r.y for r in held])
+    spread_square = np.sum((spread - spread.mean(axis=0)) ** 2, axis=0)
+    moving = spread_square > 0
+    if not moving.any():
+        return float("inf")
+    relative = float(np.sqrt(np.mean(square[moving] / spread_square[moving])))
+    return relative if np.isfinite(relative) else float("inf")
+
+
+def _arx_in_one_pass(
+    structures: Sequence[Structure],
+    train: Sequence[Record],
+    held: Sequence[Record],
+    criterion: str,
+) -> list[Candidate]:
+    """Every ARX candidate from two Gram matrices: sub-matrices of the largest one."""
+    layouts = [[s.layout(i) for i in range(s.ny)] for s in structures if isinstance(s, ARX)]
+    lags = max(lay.start for rows in layouts for lay in rows)
+    inside, outside = ne.lag_gram(train, lags), ne.lag_gram(held, lags)
+    if inside.samples == 0 or outside.samples == 0:
+        return []
+    scored: list[tuple[float, float, Structure, Array, int]] = []
+    for s, rows in zip(structures, layouts, strict=True):
+        ny = s.ny
+        weights = np.zeros((ny, len(inside.matrix)))
+        theta = []
+        for i, lay in enumerate(rows):
+            columns = [inside.column(j, k) for j, n in enumerate(lay.na) for k in range(1, n + 1)]
+            split = len(columns)
+            for j, (nb, nk) in enumerate(zip(lay.nb, lay.nk, strict=True)):
+                columns += inside.columns(ny + j, nk, nb)
+            row = _solve_gram(inside, inside.column(i, 0), columns)
+            weights[i, inside.column(i, 0)] = 1.0
+            weights[i, columns] -= row
+            theta.append(np.concatenate([-row[:split], row[split:]]))
+        covariance = weights @ inside.matrix @ weights.T / inside.samples
+        held_covariance = weights @ outside.matrix @ weights.T / outside.samples
+        n = sum(len(t) for t in theta)
+        value = _score(covariance, inside.samples, n, criterion)
+        scored.append((value, _log_det(held_covariance), s, np.concatenate(theta), n))
+    if criterion in ("fit", "rmse"):
+        scored.sort(key=lambda item: item[1])
+        # the best one-step models, and the best of each size: a free run prefers other orders
+        sizes = {item[4]: k for k, item in reversed(list(enumerate(scored)))}
+        shown = sorted(set(range(min(SIMULATED, len(scored)))) | set(sizes.values()))
+        scored = [scored[k] for k in shown]
+    found = []
+    for value, _, s, theta_all, n in scored:
+        error = free_run_error(s, theta_all, held) if criterion in ("fit", "rmse") else np.nan
+        score = error if criterion in ("fit", "rmse") else value
+        if np.isfinite(score):
+            stable = s.stable(theta_all)
+            found.append(Candidate(s.order_values(), n, float(score), float(error), stable))
+    return found
+
+
+def _solve_gram(gram: ne.LagGram, target: int, columns: Sequence[int]) -> Array:
+    solved = ne.solve(gram, target, columns)
+    if solved is not None:
+        return solved.theta
+    H = gram.matrix[np.ix_(columns, columns)]
+    scale = np.sqrt(np.maximum(np.diag(H), 1e-300))
+    right = gram.matrix[list(columns), target] / scale
+    return np.asarray(np.linalg.lstsq(H / np.outer(scale, scale), right, rcond=1e-12)[0] / scale)
+
+
+def _log_det(covariance: Array) -> float:
+    sign, value = np.linalg.slogdet(covariance)
+    return float(value) if sign > 0 else float("-inf")
+
+
+def _score(covariance: Array, samples: int, n: int, criterion: str) -> float:
+    if criterion in ("fit", "rmse"):
+        return 0.0
+    ny = len(covariance)
+    loss = float(np.exp(_log_det(covariance)))
+    return float(getattr(from_loss(loss, samples, n, ny), criterion))
+
+
+def orders_text(orders: Mapping[str, Any]) -> str:
+    """``na=2 nb=2 nk=1``, matrices as ``na=1,0;0,1``: what --orders reads."""
+    parts = []
+    for name, value in orders.items():
+        if isinstance(value, list | tuple):
+            rows = [r if isinstance(r, list | tuple) else [r] for r in value]
+            vector = not any(isinstance(r, list | tuple) for r in value)
+            text = (
+                ",".join(str(r[0]) for r in rows)
+                if vector
+                else ";".join(",".join(str(c) for c in r) for r in rows)
+            )
+        else:
+            text = str(value)
+        parts.append(f"{name}={text}")
+    return " ".join(parts)

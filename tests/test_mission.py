@@ -1,0 +1,567 @@
+"""The closed loop: published missions, laws of guidance and control, endings, clocks, the log."""
+
+import math
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from sysid.data.record import Array, Channel
+from sysid.errors import DataError, ModelError
+from sysid.mission.control import command_module, control, speed_command, yaw_command
+from sysid.mission.guidance import (
+    InitialTurn,
+    attractive_force,
+    guide,
+    repulsive_force,
+    speed_reference,
+    total_force,
+)
+from sysid.mission.navigation import Estimate, Odometry
+from sysid.mission.result import COLUMNS
+from sysid.mission.simulator import (
+    ROBOT_INPUTS,
+    ROBOT_OUTPUTS,
+    MissionResult,
+    Outcome,
+    simulate,
+    write_log,
+)
+from sysid.mission.spec import ControlSpec, GuidanceSpec, Mission, Obstacle
+from sysid.vehicle.kinematics import Geometry, wrap_angle
+
+law = settings(max_examples=100, deadline=None, derandomize=True)
+GAINS = GuidanceSpec()
+LIMITS = ControlSpec()
+
+
+@dataclass(frozen=True)
+class Robot:
+    """First-order tracks, ω⁺ = aω + bu: 0.43 m/s at full drive on average, 20 % apart."""
+
+    dt: float = 0.1
+    lag: float = 0.2
+    difference: float = 0.2
+    top_speed: float = 0.43
+    direct: float = 0.0
+    inputs: tuple[Channel, ...] = ROBOT_INPUTS
+    outputs: tuple[Channel, ...] = ROBOT_OUTPUTS
+
+    @property
+    def a(self) -> float:
+        return math.exp(-self.dt / self.lag)
+
+    @property
+    def b(self) -> Array:
+        half = 0.5 * self.difference
+        per_pulse = self.top_speed / Geometry().r / 20000.0
+        return (1.0 - self.a) * per_pulse * np.array((1.0 - half, 1.0 + half))
+
+    def initial_state(self) -> Array:
+        return np.zeros(2)
+
+    def step(self, state: Array, u: Array) -> tuple[Array, Array]:
+        return self.a * state + self.b * u, state + self.direct * u
+
+
+def goal(x: float, y: float, **more: object) -> Mission:
+    return Mission.model_validate({"goal": (x, y), **more})
+
+
+AROUND = goal(6, 3, obstacles=[(2, 3.5), (3, 1), (4, 2.5), (5, 3)])
+
+
+def straight(theta: float) -> Mission:
+    return goal(5, 0, guidance={"Kg": 0.3, "h": 1, "theta": theta})
+
+
+# Published missions -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("mission", "seconds", "end"),
+    [
+        (goal(1, 0), 5.3, (0.91, 0.034)),
+        (AROUND, 33.4, (5.91, 2.96)),
+        (straight(1), 20.8, None),
+        (straight(2), 19.3, None),
+    ],
+    ids=["1 m", "obstacles", "5 m, theta 1", "5 m, theta 2"],
+)
+def test_reference_missions(
+    mission: Mission, seconds: float, end: tuple[float, float] | None
+) -> None:
+    """Figures of an independent simulation of the same loop; the thesis gives 4.9, 34.1, 21.5 and
+    19.6 s for its own plant. One control period is 2 % of the shortest mission."""
+    result = simulate(mission, Robot())
+    assert result.outcome is Outcome.ARRIVED
+    assert result.time_s == pytest.approx(seconds, rel=0.03)
+    if end is not None:
+        assert result.final[:2] == pytest.approx(end, abs=0.02)
+
+
+def test_unequal_tracks_drift_left_by_centimetres() -> None:
+    result = simulate(goal(1, 0), Robot())
+    assert result.max_deviation_m == pytest.approx(0.046, abs=0.003)
+    assert result.log["y"].min() > -1e-3
+    equal = simulate(goal(1, 0), Robot(difference=0.0))
+    assert equal.max_deviation_m < 1e-12
+
+
+def test_obstacles_are_passed_at_a_distance() -> None:
+    result = simulate(AROUND, Robot())
+    assert result.min_clearance_m == pytest.approx(0.18, abs=0.02)
+
+
+def test_theta_trades_time_for_arrival_speed() -> None:
+    slow, fast = simulate(straight(1), Robot()), simulate(straight(2), Robot())
+    assert fast.time_s < slow.time_s
+    assert fast.log["v"][-1] > slow.log["v"][-1]
+    # The thesis's plant overshoots at θ = 3; one with a lag of 0.2 s does not.
+    assert simulate(straight(3), Robot()).log["x"].max() < 5.0
+
+
+@pytest.mark.parametrize("x", [1, -1])
+@pytest.mark.parametrize("y", [1, -1])
+def test_goals_in_the_four_sectors_are_reached(x: int, y: int) -> None:
+    result = simulate(goal(x, y), Robot())
+    psi = np.unwrap(result.log["psi"])
+    assert result.outcome is Outcome.ARRIVED
+    # The goal's side is the way to turn, through less than half a turn; 0.03 rad for the start.
+    turned = psi * y
+    assert turned.min() > -0.03
+    assert turned.max() < math.pi
+    if x < 0:  # on the spot until the heading lies in the goal's sector
+        turning = turned < 0.5 * math.pi
+        assert np.all(result.log["v_ref"][turning] == 0)
+        assert np.hypot(result.log["x"], result.log["y"])[turning].max() < 0.05
+
+
+def test_a_goal_exactly_behind_is_reached_by_turning_left() -> None:
+    result = simulate(goal(-1, 0), Robot(difference=0.0))
+    assert result.outcome is Outcome.ARRIVED
+    assert np.unwrap(result.log["psi"]).min() >= 0
+
+
+@pytest.mark.parametrize("psi", [-3.0, -1.0, 0.7, math.pi])
+@pytest.mark.parametrize("bearing", [0.3, 2.0, -2.5])
+def test_a_mission_does_not_depend_on_where_and_which_way_it_starts(
+    psi: float, bearing: float
+) -> None:
+    plain = simulate(goal(2 * math.cos(bearing), 2 * math.sin(bearing)), Robot())
+    x, y = 3 + 2 * math.cos(psi + bearing), -1 + 2 * math.sin(psi + bearing)
+    moved = simulate(goal(x, y, start=[3, -1, psi]), Robot())
+    assert moved.time_s == plain.time_s
+    c, s = math.cos(psi), math.sin(psi)
+    px, py, ppsi = plain.final
+    # Rounding only: some hundred steps of a stable loop.
+    assert moved.final[:2] == pytest.approx((3 + c * px - s * py, -1 + s * px + c * py), abs=1e-9)
+    assert abs(wrap_angle(moved.final[2] - ppsi - psi)) < 1e-9
+
+
+def test_equal_runs_are_equal_to_the_last_bit() -> None:
+    one, two = simulate(AROUND, Robot()), simulate(AROUND, Robot())
+    assert one.summary() == two.summary()
+    assert all(one.log[c].tobytes() == two.log[c].tobytes() for c in COLUMNS)
+
+
+def test_a_mission_is_simulated_hundreds_of_times_faster_than_driven() -> None:
+    def seconds() -> float:
+        start = time.perf_counter()
+        simulate(AROUND, Robot())
+        return time.perf_counter() - start
+
+    assert min(seconds() for _ in range(3)) < 0.15  # measured 0.01 s for a mission of 33 s
+
+
+# Guidance -----------------------------------------------------------------------------------------
+
+
+@law
+@given(st.floats(-10, 10), st.floats(-10, 10))
+def test_forces_are_minus_the_gradient_of_their_potentials(x: float, y: float) -> None:
+    obstacle, h = Obstacle(x=0.5, y=0.2), 1e-6
+
+    def potential(x: float, y: float) -> float:
+        """U_att of (4.19) about the origin, continuous at d, and U_rep of (4.21)."""
+        rho_goal, rho = math.hypot(x, y), math.hypot(x - obstacle.x, y - obstacle.y)
+        inside = rho_goal <= GAINS.d
+        attraction = 0.5 * rho_goal**2 if inside else GAINS.d * (rho_goal - 0.5 * GAINS.d)
+        near = max(1 / rho - 1 / GAINS.rho0, 0.0)
+        return GAINS.K * attraction + 0.5 * GAINS.eta * near**2
+
+    assume(math.hypot(x - obstacle.x, y - obstacle.y) > 0.1)  # finite differences need room
+    force = total_force(x, y, (0.0, 0.0), (obstacle,), GAINS)
+    slope_x = (potential(x + h, y) - potential(x - h, y)) / (2 * h)
+    slope_y = (potential(x, y + h) - potential(x, y - h)) / (2 * h)
+    # Third derivative η/ρ⁵ ≈ 5e3 times h² and rounding 1e-16/h, with a margin for kinks at d, ρ₀.
+    assert force == pytest.approx((-slope_x, -slope_y), abs=1e-5)
+
+
+@law
+@given(st.floats(0.5, 5), st.floats(0.1, 2), st.floats(-math.pi, math.pi))
+def test_the_field_is_continuous_at_d_and_at_rho0(d: float, rho0: float, angle: float) -> None:
+    spec = GuidanceSpec(d=d, rho0=rho0)
+    c, s = math.cos(angle), math.sin(angle)
+    inside, outside = (
+        attractive_force(d * k * c, d * k * s, (0.0, 0.0), spec) for k in (1 - 1e-9, 1 + 1e-9)
+    )
+    assert inside == pytest.approx(outside, abs=1e-8)
+    assert math.hypot(*outside) == pytest.approx(spec.K * d)
+    at_edge = repulsive_force(
+        rho0 * (1 - 1e-9) * c, rho0 * (1 - 1e-9) * s, Obstacle(x=0, y=0), spec
+    )
+    # The slope there is η/ρ₀⁴ ≤ 500 per metre, over 1e-9·ρ₀.
+    assert math.hypot(*at_edge) < 1e-6
+    assert repulsive_force(rho0 * 1.001 * c, rho0 * 1.001 * s, Obstacle(x=0, y=0), spec) == (0, 0)
+
+
+def test_repulsion_points_away_and_survives_the_obstacles_very_point() -> None:
+    fx, fy = repulsive_force(0.3, 0.0, Obstacle(x=0.0, y=0.0), GAINS)
+    assert fx == pytest.approx(0.05 * (1 / 0.3 - 1 / 0.7) / 0.09)
+    assert fy == 0.0
+    assert all(map(math.isfinite, repulsive_force(0.0, 0.0, Obstacle(x=0.0, y=0.0), GAINS)))
+
+
+def test_speed_reference_has_the_published_values() -> None:
+    """At 20 cm from the goal the speed is half of its maximum (thesis 6.2.5)."""
+    assert speed_reference(0.8, 0.0, (1.0, 0.0), (), GAINS) == pytest.approx(0.15)
+    near, far = Obstacle(x=0.8, y=0.5), Obstacle(x=0.8, y=-0.71)
+    with_both = speed_reference(0.8, 0.0, (1.0, 0.0), (near, far), GAINS)
+    assert with_both == pytest.approx(0.3 * 2 / (2 + 0.4 / 0.2 + 1 / 0.5))  # only one in range
+    assert speed_reference(1.0, 0.0, (1.0, 0.0), (), GAINS) < 1e-5
+    assert speed_reference(-1e6, 0.0, (1.0, 0.0), (), GAINS) == pytest.approx(0.3)
+
+
+@law
+@given(st.floats(-math.pi, math.pi), st.floats(-math.pi, math.pi))
+def test_the_initial_turn_goes_to_the_goals_side_and_ends_facing_it(
+    psi: float, bearing: float
+) -> None:
+    assume(abs(abs(bearing) - 0.5 * math.pi) > 1e-9)
+    assume(abs(bearing) < math.pi - 1e-9)
+    start = (0.4, -0.3, wrap_angle(psi))
+    target = (0.4 + math.cos(psi + bearing), -0.3 + math.sin(psi + bearing))
+    turn = InitialTurn.plan(start, target)
+    if abs(bearing) < 0.5 * math.pi:
+        assert turn.sense == 0
+        return
+    assert turn.sense == math.copysign(1, bearing)
+    assert turn.remaining(psi) == pytest.approx(0.5 * math.pi)
+    for part in (0.0, 0.3, 0.999):
+        heading = wrap_angle(psi + turn.sense * part * 0.5 * math.pi)
+        assert turn.after(heading) == turn
+        # The shortest way to the reference is the way of the turn.
+        assert turn.sense * wrap_angle(turn.reference - heading) > 0
+    assert turn.after(wrap_angle(psi + turn.sense * 0.501 * math.pi)).sense == 0
+
+
+def test_guidance_reports_arrival_within_the_tolerance_only() -> None:
+    mission, turn = goal(1, 0), InitialTurn()
+    assert guide(mission, (0.9, 0.0, 0.0), turn)[0].arrived
+    assert not guide(mission, (0.899, 0.0, 0.0), turn)[0].arrived
+    references, _ = guide(mission, (0.0, 0.0, 0.0), turn)
+    assert (references.psi, references.rho_goal) == (0.0, 1.0)
+
+
+# Control ------------------------------------------------------------------------------------------
+
+
+def test_the_pi_is_proportional_plus_sum_inside_its_limits() -> None:
+    integral, error = 0.0, 0.1
+    for n in range(1, 6):
+        command, integral = speed_command(error, integral, 0.1, LIMITS)
+        assert command == pytest.approx(2.0 * error + 1.85 * error * 0.1 * n)
+
+
+@pytest.mark.parametrize(("error", "limit"), [(1.0, 1.0), (-1.0, 0.0)])
+def test_the_integral_does_not_wind_up(error: float, limit: float) -> None:
+    integral = 0.5
+    for _ in range(100):
+        command, integral = speed_command(error, integral, 0.1, LIMITS)
+        assert command == limit
+    assert integral == 0.5
+    # It unwinds at once when the error changes sign, even while the command is on the limit.
+    _, unwound = speed_command(-0.01 * error, 3.0 * error, 0.1, LIMITS)
+    assert abs(unwound) < 3.0
+
+
+def test_the_speed_loop_has_no_steady_error() -> None:
+    """Speed step 0.25 m/s of thesis figures 6.12–6.14, straight ahead."""
+    robot, state, integral, v = Robot(difference=0.0), np.zeros(2), 0.0, 0.0
+    for _ in range(300):
+        commands, integral = control(0.25, 0.0, v, 0.0, integral, LIMITS)
+        state, y = robot.step(state, np.array([commands.pwm_l, commands.pwm_r]))
+        v = Geometry().r * float(y.mean())
+    assert v == pytest.approx(0.25, abs=1e-4)  # 30 s; the slow pole's time constant is 2.3 s
+
+
+@pytest.mark.parametrize(
+    ("psi_ref", "psi", "command"),
+    [
+        (0.5, 0.0, 0.2),
+        (0.0, 0.5, -0.2),
+        (3.0, -3.0, 0.4 * (6.0 - 2 * math.pi)),  # the short way, over π
+        (-3.0, 3.0, 0.4 * (2 * math.pi - 6.0)),
+        (2.0, 0.0, 0.3),
+        (-2.0, 0.0, -0.3),
+    ],
+)
+def test_the_yaw_command_takes_the_short_way_and_saturates(
+    psi_ref: float, psi: float, command: float
+) -> None:
+    assert yaw_command(psi_ref, psi, LIMITS) == pytest.approx(command)
+
+
+@pytest.mark.parametrize(
+    ("v_cmd", "psi_cmd", "left", "right"),
+    [(0.5, 0.0, 10000, 10000), (0.5, 0.2, 6000, 14000), (0.0, -0.3, 6000, -6000),
+     (1.0, 0.3, 14000, 20000), (-1.0, 0.3, -20000, -14000)],
+)  # fmt: skip
+def test_the_command_module(v_cmd: float, psi_cmd: float, left: float, right: float) -> None:
+    commands = command_module(v_cmd, psi_cmd)
+    assert (commands.pwm_l, commands.pwm_r) == pytest.approx((left, right))
+
+
+# Endings ------------------------------------------------------------------------------------------
+
+
+def test_driving_into_an_obstacle_is_a_collision() -> None:
+    mission = goal(2, 0, obstacles=[(1, 0.05)], guidance={"eta": 0, "Ki": 0})
+    result = simulate(mission, Robot())
+    assert result.outcome is Outcome.COLLISION
+    assert result.min_clearance_m is not None
+    assert -0.03 < result.min_clearance_m <= 0.0  # less than the way of one sample at 0.3 m/s
+    assert result.final[0] == pytest.approx(0.86, abs=0.03)
+
+
+def test_an_obstacle_is_not_jumped_over_between_two_samples() -> None:
+    mission = goal(
+        20, 0, obstacles=[(2.0, 0, 0.01)], guidance={"eta": 0, "Ki": 0}, control={"period": 1}
+    )
+    result = simulate(mission, Robot(dt=1.0, difference=0.0))
+    assert result.outcome is Outcome.COLLISION
+    assert result.final[0] > 2.0
+
+
+def test_the_clearance_of_a_miss_is_to_the_surface() -> None:
+    mission = goal(2, 0, obstacles=[(1, 1, 0.4)])
+    result = simulate(mission, Robot(difference=0.0))
+    assert result.min_clearance_m == pytest.approx(0.6)
+    assert simulate(goal(2, 0), Robot()).min_clearance_m is None
+
+
+def test_time_runs_out() -> None:
+    result = simulate(goal(5, 0, timeout=3), Robot())
+    assert result.outcome is Outcome.TIMEOUT
+    assert result.time_s == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(
+    ("mission", "robot"),
+    [
+        (goal(2, 0, obstacles=[(1, 0), (1, 0.4), (1, -0.4), (0.7, 0.7), (0.7, -0.7)]), Robot()),
+        (goal(1, 0), Robot(top_speed=0.0)),
+        (goal(-1, 0), Robot(top_speed=0.0)),
+    ],
+    ids=["local minimum behind a cup", "dead plant", "dead plant that should turn"],
+)
+def test_no_progress_is_stuck(mission: Mission, robot: Robot) -> None:
+    result = simulate(mission, robot)
+    assert result.outcome is Outcome.STUCK
+    assert 10.0 <= result.time_s < 40.0
+
+
+def test_a_slow_turn_on_the_spot_is_progress() -> None:
+    """Turning at 0.06 rad/s takes 25 s, during which the distance to the goal stands still."""
+    mission = goal(-0.3, 0.1, control={"psi_cmd_max": 0.013})
+    result = simulate(mission, Robot(difference=0.0))
+    first_move = result.log["t"][result.log["v_ref"] > 0][0]
+    assert first_move > 20.0
+
+
+def test_a_start_at_the_goal_has_arrived() -> None:
+    result = simulate(goal(0.05, 0), Robot())
+    assert (result.outcome, result.time_s, result.path_length_m) == (Outcome.ARRIVED, 0.0, 0.0)
+    assert simulate(goal(0, 0), Robot()).max_deviation_m == 0.0
+
+
+def test_every_outcome_has_a_sentence() -> None:
+    assert all(outcome.sentence.endswith(".") for outcome in Outcome)
+
+
+@dataclass(frozen=True)
+class Exploding(Robot):
+    def step(self, state: Array, u: Array) -> tuple[Array, Array]:
+        return (state + u) * 1e60, state
+
+
+@pytest.mark.parametrize(
+    ("mission", "plant", "words"),
+    [
+        (goal(1, 0), Exploding(), "run away at t = 0.1 s"),
+        (goal(1, 0), replace(Robot(), inputs=ROBOT_INPUTS[::-1]), "as_robot"),
+        (goal(1, 0), replace(Robot(), outputs=(Channel("y"),)), "omega_l"),
+        (goal(1, 0), Robot(dt=1e-6), "plant's sample time of 1e-06 s makes 1.2e[+]08 steps"),
+        (goal(1, 0, timeout=1e4, control={"period": 1e-4}), Robot(), "control period of 0.0001 s"),
+        (goal(1, 0), replace(Robot(), dt=0.0), "sample time"),
+    ],
+)
+def test_plants_that_cannot_fly_are_refused(mission: Mission, plant: Robot, words: str) -> None:
+    with pytest.raises(ModelError, match=words):
+        simulate(mission, plant)
+
+
+# Clocks -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("dt", "period", "rel"),
+    # A command that waits for the plant's next sample, or a reading that is old, costs part of
+    # the longer of both clocks; 0.25 s is beyond the plant's lag of 0.2 s.
+    [(0.02, 0.1, 0.03), (0.1, 0.02, 0.03), (0.03, 0.1, 0.03), (0.07, 0.05, 0.03), (0.25, 0.1, 0.1)],
+)
+def test_clocks_of_any_ratio_fly_the_same_mission(dt: float, period: float, rel: float) -> None:
+    mission = goal(2, 1, control={"period": period})
+    result = simulate(mission, Robot(dt=dt))
+    same = simulate(goal(2, 1), Robot())
+    assert result.outcome is Outcome.ARRIVED
+    assert result.time_s == pytest.approx(same.time_s, rel=rel, abs=0.15)
+    np.testing.assert_allclose(np.diff(result.log["t"]), dt, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("dt", "period", "changes"),
+    [
+        (0.1, 0.1, [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7]),
+        (0.05, 0.2, [0.0, 0.2, 0.4, 0.6]),
+        (0.1, 0.25, [0.0, 0.3, 0.5]),  # the first sample at or after 0.25 and 0.5
+        (0.3, 0.1, [0.0, 0.3, 0.6]),
+    ],
+)
+def test_a_command_is_held_until_the_first_sample_after_the_next_instant(
+    dt: float, period: float, changes: list[float]
+) -> None:
+    log = simulate(goal(5, 0, control={"period": period}), Robot(dt=dt)).log
+    changed = np.flatnonzero(np.diff(log["pwm_r"], prepend=-1.0))
+    times = log["t"][changed]
+    np.testing.assert_allclose(times[times < 0.75], changes, atol=1e-9)
+
+
+def test_the_controller_sees_the_reading_of_its_own_instant() -> None:
+    log = simulate(goal(1, 0), Robot()).log
+    # With no integral step yet undone: V_cmd(k) = K_p e(k) + Σ K_i e T, e from v of the same row.
+    error = (log["v_ref"] - log["v"])[:10]
+    expected = 2.0 * error + 1.85 * 0.1 * np.cumsum(error)
+    np.testing.assert_allclose(log["v_cmd"][:10], expected, rtol=1e-12)
+
+
+# Navigation and the log ---------------------------------------------------------------------------
+
+
+def test_navigation_decides_when_the_robot_believes_to_have_arrived() -> None:
+    optimist = Odometry(Geometry(r=1.1 * Geometry().r))
+    result = simulate(goal(1, 0), Robot(difference=0.0), navigation=optimist)
+    assert result.outcome is Outcome.ARRIVED
+    assert result.final[0] == pytest.approx(0.9 / 1.1, abs=0.03)  # one sample at 0.2 m/s
+    assert result.log["rho_goal"][-1] <= 0.1 < 1.0 - result.final[0]
+
+
+def test_navigation_may_carry_more_than_the_pose() -> None:
+    @dataclass(frozen=True)
+    class Counting(Estimate):
+        readings: int = 1
+
+    class Navigator:
+        last: Counting
+
+        def start(self, pose: tuple[float, float, float], left: float, right: float) -> Estimate:
+            return Counting(pose)
+
+        def update(self, estimate: Estimate, left: float, right: float, dt: float) -> Estimate:
+            assert isinstance(estimate, Counting)
+            moved = Odometry().update(estimate, left, right, dt)
+            self.last = Counting(*vars(moved).values(), readings=estimate.readings + 1)
+            return self.last
+
+    navigator = Navigator()
+    result = simulate(goal(1, 0), Robot(), navigation=navigator)
+    assert navigator.last.readings == len(result.log["t"])
+    assert result.summary() == simulate(goal(1, 0), Robot()).summary()
+
+
+@pytest.mark.parametrize("direct", [0.0, 2e-4])
+def test_a_plant_can_be_identified_from_the_log(direct: float) -> None:
+    """The columns are consistent to rounding: y(k) belongs to u(k), u acts from its own row on."""
+    robot = Robot(direct=direct)
+    log = simulate(goal(2, 1), robot).log
+    for pulse, omega, b in (("pwm_l", "omega_l", robot.b[0]), ("pwm_r", "omega_r", robot.b[1])):
+        u, y = log[pulse], log[omega]
+        # y(k) = a y(k−1) + d u(k) + (b − a d) u(k−1)
+        regressors = np.column_stack((y[:-1], u[1:], u[:-1]))
+        found = np.linalg.lstsq(regressors, y[1:], rcond=None)[0]
+        wanted = (robot.a, direct, b - robot.a * direct)
+        np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-9)
+
+
+def test_the_pose_of_the_log_is_the_dead_reckoning_of_its_speeds() -> None:
+    result = simulate(goal(-1, -1), Robot())
+    log, nav = result.log, Odometry()
+    estimate = nav.start((0.0, 0.0, 0.0), log["omega_l"][0], log["omega_r"][0])
+    length = 0.0
+    for k in range(1, len(log["t"])):
+        moved = nav.update(estimate, log["omega_l"][k], log["omega_r"][k], 0.1)
+        length += 0.05 * abs(estimate.speed + moved.speed)
+        estimate = moved
+        assert (log["x"][k], log["y"][k], log["psi"][k]) == pytest.approx(estimate.pose)
+    assert result.final == pytest.approx(estimate.pose)
+    assert result.path_length_m == pytest.approx(length)
+
+
+def read(path: Path) -> dict[str, Array]:
+    header = path.read_text().splitlines()[0].split(",")
+    columns = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2).T
+    return dict(zip(header, columns, strict=True))
+
+
+@pytest.fixture(scope="module")
+def result() -> MissionResult:
+    return simulate(goal(1, 0), Robot())
+
+
+def test_a_written_log_reads_back_unrounded(result: MissionResult, tmp_path: Path) -> None:
+    path = write_log(result, tmp_path / "mission.csv")
+    assert path.read_bytes().startswith(b"t,pwm_l,pwm_r,omega_l,omega_r,x,y,psi,")
+    back = read(path)
+    assert tuple(back) == COLUMNS
+    for name in COLUMNS:
+        np.testing.assert_array_equal(back[name], result.log[name])
+    assert [p.name for p in tmp_path.iterdir()] == ["mission.csv"]
+    np.testing.assert_allclose(np.diff(back["t"]), 0.1, rtol=1e-9)
+
+
+def test_a_log_that_cannot_be_written_leaves_nothing_behind(
+    result: MissionResult, tmp_path: Path
+) -> None:
+    occupied = tmp_path / "taken"
+    occupied.mkdir()
+    (occupied / "content").touch()
+    for path in (tmp_path / "nowhere" / "m.csv", occupied):
+        with pytest.raises(DataError, match="cannot be written"):
+            write_log(result, path)
+    assert [p.name for p in tmp_path.iterdir()] == ["taken"]
+
+
+def test_the_log_is_read_only_and_the_summary_is_plain(result: MissionResult) -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        result.log["x"][0] = 1.0
+    with pytest.raises(TypeError):
+        result.log["x"] = np.zeros(1)  # type: ignore[index]
+    summary = result.summary()
+    assert summary["outcome"] == "arrived"
+    assert summary["min_clearance_m"] is None
+    assert summary["final"] == dict(zip(("x", "y", "psi"), result.final, strict=True))
