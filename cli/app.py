@@ -5,31 +5,25 @@ import sys
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from sysid.errors import SysidError
 
-from . import excite, export, inspect, models, simulate, structures
-
-try:  # while these two are being written
-    from . import compare, fit
-except ImportError:
-    compare = fit = None
+from . import compare, excite, export, fit, inspect, models, simulate, structures
 
 app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
+    rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command()(inspect.inspect)
 app.command()(excite.excite)
 app.command()(structures.structures)
-if fit is not None:
-    app.command()(fit.fit)
-    app.command()(compare.compare)
+app.command()(fit.fit)
+app.command()(compare.compare)
 app.command()(models.models)
 app.command()(export.export)
 app.command()(simulate.simulate)
@@ -81,7 +75,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments.remove("--debug")
     _prepare()
     try:
-        code = typer.main.get_command(app).main(arguments, "sysid", standalone_mode=False)
+        command, name, arguments = _command(arguments)
+        code = command.main(arguments, name, standalone_mode=False)
         sys.stdout.flush()  # a closed pipe must be noticed here, not when the interpreter ends
     except BrokenPipeError:
         return _pipe_closed()
@@ -94,23 +89,38 @@ def main(argv: Sequence[str] | None = None) -> int:
     return code if isinstance(code, int) else 0
 
 
+def _command(arguments: list[str]) -> tuple[Any, str, list[str]]:
+    """The command a line asks for, its name and its own arguments.
+
+    A line that begins with a command goes to it straight, not through the root: typer reads the
+    root's options with pydantic, whose import would double the time of ``sysid fit --help``.
+    """
+    whole: Any = typer.main.get_command(app)
+    first = arguments[0] if arguments else ""
+    if first in whole.commands:
+        return whole.commands[first], f"sysid {first}", arguments[1:]
+    return whole, "sysid", arguments
+
+
 def _sentence(error: Exception) -> tuple[str, int]:
     """What to tell the user about an exception, and the exit code."""
     if isinstance(error, SysidError):
         return str(error), error.exit_code
     if isinstance(error, _WRONG_USE):
-        context = getattr(error, "ctx", None)
-        command = context.command_path if context is not None else "sysid"
-        text = " ".join(error.format_message().split()).rstrip(".")
-        return f"{text}; see `{command} --help`", 2
+        return _wrong_use(error), 2
     if isinstance(error, MemoryError):
         return "the memory is not enough for this; use less data or lower orders", 1
     detail = " ".join(str(error).split())
-    return (
-        f"something unexpected went wrong ({type(error).__name__}{': ' if detail else ''}{detail}); "
-        "run the same command with --debug to see where and report it",
-        1,
-    )
+    what = f"{type(error).__name__}: {detail}" if detail else type(error).__name__
+    advice = "run the same command with --debug to see where, and report it"
+    return f"something unexpected went wrong ({what}); {advice}", 1
+
+
+def _wrong_use(error: Any) -> str:
+    """What click has to say, as one sentence that names the command."""
+    command = error.ctx.command_path if error.ctx is not None else "sysid"
+    said = " ".join(error.format_message().split()).rstrip(".")
+    return f"{said.replace('Value error, ', '')}; see `{command} --help`"
 
 
 def _failed(sentence: str, code: int) -> int:

@@ -18,7 +18,7 @@ def plain(value: Any) -> Any:
     Raises:
         TypeError: there is something in it that JSON cannot say.
     """
-    if value is None or isinstance(value, bool | int) and not isinstance(value, Enum):
+    if value is None or (isinstance(value, bool | int) and not isinstance(value, Enum)):
         return value
     if isinstance(value, Enum):
         return plain(value.value)

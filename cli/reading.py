@@ -149,3 +149,14 @@ def _units(given: list[str]) -> dict[str, str]:
                 raise UsageError(f"--unit names {name} twice; give each unit once")
             found[name] = unit
     return found
+
+
+def choice(given: str, allowed: list[str], option: str) -> str:
+    """``given`` in lower case if it is one of the allowed words.
+
+    Raises:
+        UsageError: it is not.
+    """
+    if given.lower() not in allowed:
+        raise UsageError(f"{option} is one of {', '.join(allowed)}, got {given!r}")
+    return given.lower()

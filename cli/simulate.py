@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sysid.errors import ModelError
+from sysid.errors import DataError, ModelError
 
 from . import reading, render
 from .workspace import Workspace
@@ -28,30 +28,26 @@ def simulate(
         Path | None, typer.Option(metavar="FILE", help="Draw the result: .svg or .png.")
     ] = None,
     log: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Where to write the log [in WORKSPACE].")
+        Path | None,
+        typer.Option(metavar="FILE", help="CSV to write [WORKSPACE/missions/NAME.csv]."),
     ] = None,
     ts: reading.SampleTime = None,
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
     json: reading.Json = False,
 ) -> None:
     """Drive the exported plant through a mission, or replay a log's inputs through it."""
-    place = Workspace(workspace)
-    if plot is not None:
-        _check_picture(plot)
-    model = _load(place, plant)
-    target = log or place.missions_dir / f"{mission.stem or 'mission'}.csv"
-    if mission.suffix.lower() in _MISSION_FILES:
-        facts = _drive(mission, model, target, plot)
-    else:
-        facts = _replay(mission, model, target, plot, ts)
-    _document(facts) if json else _show(mission, facts)
-
-
-def _check_picture(plot: Path) -> None:
-    """Refuse a wrong suffix before anything is simulated."""
     from sysid.report.plots import picture_format
 
-    picture_format(plot)
+    if plot is not None:
+        picture_format(plot)
+    place = Workspace(workspace)
+    loaded = _load(place, plant)
+    target = log or place.missions_dir / f"{mission.stem}.csv"
+    if mission.suffix.lower() in _MISSION_FILES:
+        facts = _drive(mission, loaded, target, plot)
+    else:
+        facts = _replay(mission, loaded, target, plot, ts)
+    render.document(facts) if json else _show(mission.name, facts)
 
 
 def _load(place: Workspace, plant: Path | None) -> "Plant":
@@ -66,30 +62,85 @@ def _load(place: Workspace, plant: Path | None) -> "Plant":
 
 
 def _drive(path: Path, plant: "Plant", log: Path, plot: Path | None) -> dict[str, Any]:
-    from sysid.data.files import write_atomic
+    import numpy as np
+
     from sysid.mission.mapping import as_robot
     from sysid.mission.simulator import simulate, write_log
     from sysid.mission.spec import load_mission
+    from sysid.plant.replay import outside_domain
+
+    from .run_pictures import draw_mission
 
     mission = load_mission(path)
-    robot, notes = as_robot(plant, mission)
+    robot, warnings = as_robot(plant, mission)
     with render.progress(f"Driving {path.name}"):
         result = simulate(mission, robot)
-    del write_atomic
-    log.parent.mkdir(parents=True, exist_ok=True)
-    facts = result.summary() | {"log": write_log(result, log), "warnings": notes}
+    named = [c.name for c in plant.inputs]
+    if set(named) <= result.log.keys():  # the plant's inputs are the robot's own PWM
+        warnings += outside_domain(plant, np.column_stack([result.log[n] for n in named]))
+    _make_folder(log)
+    facts = result.summary() | {"log": write_log(result, log), "warnings": list(warnings)}
+    if plot is not None:
+        draw_mission(plot, path.stem, mission, result)
+        facts["plot"] = plot
     return facts
 
 
 def _replay(
     path: Path, plant: "Plant", log: Path, plot: Path | None, ts: float | None
 ) -> dict[str, Any]:
-    return {}
+    from sysid.data.io import ReadOptions, read_log
+    from sysid.plant.replay import replay, write_replay
+
+    from .run_pictures import draw_replay
+
+    options = ReadOptions(
+        inputs=tuple(c.name for c in plant.inputs),
+        outputs=tuple(c.name for c in plant.outputs),
+        ts=ts,
+    )
+    result = replay(plant, read_log(path, options))
+    facts = result.summary() | {"log": write_replay(result, log)}
+    if plot is not None:
+        draw_replay(plot, result)
+        facts["plot"] = plot
+    return facts
 
 
-def _document(facts: dict[str, Any]) -> None:
-    render.document(facts)
+def _make_folder(log: Path) -> None:
+    try:
+        log.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(
+            f"{log.parent} cannot be made ({error.strerror}); choose another --log"
+        ) from None
 
 
-def _show(path: Path, facts: dict[str, Any]) -> None:
-    render.facts(list(facts.items()), path.name)
+def _show(name: str, facts: dict[str, Any]) -> None:
+    if "outcome" in facts:
+        from sysid.mission.result import Outcome
+
+        final = facts["final"]
+        rows = [
+            ("outcome", facts["outcome"]),
+            ("time [s]", facts["time_s"]),
+            ("final x, y [m]", f"{final['x']:.3f}, {final['y']:.3f}"),
+            ("final heading [rad]", f"{final['psi']:.3f}"),
+            ("path driven [m]", facts["path_length_m"]),
+            ("nearest obstacle [m]", facts["min_clearance_m"]),
+            ("off the straight line [m]", facts["max_deviation_m"]),
+        ]
+        render.table((name, ""), rows)
+        render.say(Outcome(facts["outcome"]).sentence)
+    else:
+        fits = facts["fit_percent"]
+        render.table(
+            ("output", "fit [%]", "RMSE"),
+            [(n, fits[n], facts["rmse"][n]) for n in fits],
+            title=f"The plant on {name}, {facts['horizon']} from {facts['initial_state']}",
+        )
+    for warning in facts["warnings"]:
+        render.warn(warning)
+    render.say(f"Log: {facts['log']}")
+    if "plot" in facts:
+        render.say(f"Plot: {facts['plot']}")

@@ -329,15 +329,29 @@ BAD_FILES: dict[str, tuple[str | bytes, str]] = {
     "too large": ("t,u,y\n0,1,2\n1,1e999,3\n", "line 3, column u: infinity"),
     "binary": (bytes(range(256)) * 8, "no text"),
     "control signs": (b"t,u\x01\x02\x03\xff\x04\x05\n" * 20, "no text but binary"),
-    "UTF-16 without mark": ("t,u,y\n0,1,2\n".encode("utf-16-le"), "zero bytes.*UTF-16"),
+    "UTF-16 without mark": ("t,u,y\n0,1,2\n".encode("utf-16-le"), "UTF-16 text without its mark"),
     "half UTF-16": ("t,u,y\n0,1,2\n".encode("utf-16")[:-1], "damaged UTF-16"),
     "zip": (b"PK\x03\x04rest", "spreadsheet or zip"),
     "gzip": (b"\x1f\x8b\x08rest", "gzip"),
     "damaged parquet": (b"PAR1 but nothing else", "not a Parquet file"),
-    "open quote": ('t,u,y\n0,"1,2\n0.1,1,2\n0.2,3,4\n', "."),
-    "strange names": ("a,b,c\n0,1,2\n1,2,3\n", "cannot tell which column.*a, b, c.*--input NAME"),
+    "open quote": ('t,u,y\n0,"1,2\n0.1,1,2\n0.2,3,4\n', "line 2 has 2 cells"),
+    "JSON": ('{"t": [0, 1], "u": [1, 2]}', "is JSON"),
+    "web page": ("<html><body>404</body></html>", "a web page"),
+    "emoji": ("t,u,y\n0,1,😀\n1,2,3\n", "line 2, column y: '😀' is no number; mend"),
+    "endless text": ("t,u,y\n0,1," + "x" * 5000 + "\n1,2,3\n", "line 2, column y: 'xxx"),
+    "many columns": (
+        ",".join(f"c{i}" for i in range(300)) + "\n" + ",".join("1" * 300) + "\n",
+        "c14 and 285 more",
+    ),
+    "absurd value": ("t,u,y\n0,1,2\n1,1e300,3\n", "line 3, column u: 1e.300 is no measurement"),
+    "absurd time step": ("t,u,y\n0,1,2\n1e-30,2,3\n2e-30,2,3\n", "not credible"),
+    "mixed decimals": ("t;u;y\n0;1,5;2.5\n1;2;3\n", "'1,5' is no number.*decimal comma"),
+    "strange names": (
+        "a,b,c\n0,1,2\n1,2,3\n",
+        "cannot tell which column is input and which output among a, b, c.*--input NAME",
+    ),
     "two columns without names": ("left,right\n0,1\n1,2\n", "cannot tell which column"),
-    "no output": ("t,u1,u2\n0,1,2\n1,2,3\n", "cannot tell|no column left"),
+    "no output": ("t,u1,u2\n0,1,2\n1,2,3\n", "no column left for the output"),
     "time backward": ("t,u,y\n2,1,2\n1,2,3\n0,2,3\n", "backward all along"),
     "time not increasing": (GOOD + "2.5,1,1\n3.0,1,2\n", "line 32: time does not increase"),
     "time twice": (GOOD + "2.9,1,1\n3.0,1,2\n", "line 32: time 2.9 is there twice"),
@@ -387,12 +401,13 @@ def test_places_that_are_no_file(tmp_path: Path) -> None:
         read_logs([])
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may read every file")
-def test_no_permission(tmp_path: Path) -> None:
-    path = put(tmp_path, GOOD)
-    path.chmod(0)
-    with pytest.raises(DataError, match="may not be read"):
-        read_log(path)
+def test_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_: Path) -> bytes:  # the superuser, as in a container, may read every file
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "read_bytes", refuse)
+    with pytest.raises(DataError, match="may not be read; give yourself read permission"):
+        read_log(put(tmp_path, GOOD))
 
 
 BAD_OPTIONS: list[tuple[dict[str, object], str]] = [

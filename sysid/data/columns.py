@@ -122,7 +122,7 @@ def _find(name: str, names: Sequence[str], option: str, where: str) -> str:
     shown = repr(wanted) if wanted else "an empty name"
     raise UsageError(
         f"{option} asks for {shown}, which is no column of {where}; "
-        f"its columns are {', '.join(names)}"
+        f"its columns are {_listed(names)}"
     )
 
 
@@ -168,14 +168,22 @@ def _unclear(
     clock: str | None,
     where: str,
 ) -> str:
-    missing = "input and output" if not (inputs or outputs) else "input" if outputs else "output"
+    missing = "input and which output"
+    if inputs or outputs:
+        missing = "the input" if outputs else "the output"
     free = [n for n in names if n not in (*inputs, *outputs, clock)]
     if not free:
         return (
-            f"{where} has no column left for an {missing}: its columns are {', '.join(names)}; "
+            f"{where} has no column left for {missing}: its columns are {_listed(names)}; "
             "a log needs at least one input and one output"
         )
     return (
-        f"{where}: cannot tell which column is the {missing} among {', '.join(names)}; "
+        f"{where}: cannot tell which column is {missing} among {_listed(names)}; "
         "say so with --input NAME and --output NAME, or name the columns u… and y…"
     )
+
+
+def _listed(names: Sequence[str], most: int = 15) -> str:
+    """The names, cut short where they would fill the screen."""
+    rest = len(names) - most
+    return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")

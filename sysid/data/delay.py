@@ -111,7 +111,8 @@ def _profiles(
     # One QR of all columns; every candidate is then a small problem on rows of R.
     R: Array = np.asarray(np.linalg.qr(np.hstack([X, Y]), mode="r"))
     targets = R[:, X.shape[1] :]
-    floor = np.finfo(float).eps ** 2 * np.sum(Y**2, axis=0) + np.finfo(float).tiny
+    # Below 1e-10 of the output there is only round-off, which must not choose between delays.
+    floor = 1e-20 * np.sum(Y**2, axis=0) + np.finfo(float).tiny
 
     def score(columns: NDArray[np.int64]) -> Array:
         basis, values, _ = np.linalg.svd(R[:, columns], full_matrices=False)

@@ -108,13 +108,17 @@ def check_feedback(records: Sequence[Record]) -> list[Finding]:
             test.output,
         )
         for test in tests
-        if test.p_value < 1e-6 and test.share > 0.03
+        if test.p_value < 1e-6 and test.share > 0.015
     ]
     return found or [Finding("feedback", Severity.OK, "No feedback from output to input is seen.")]
 
 
 def check_delay(records: Sequence[Record]) -> list[Finding]:
-    """The delay of every pair with its interval; a note for each output."""
+    """The delay of every pair with its interval, output by output.
+
+    An answer within the sample is either feedthrough or a controller that reads y(t) before it
+    writes u(t); one record cannot tell these apart, so it is noted.
+    """
     try:
         delays = estimate_delays(records)
     except DataError:
@@ -130,8 +134,15 @@ def check_delay(records: Sequence[Record]) -> list[Finding]:
             else:
                 parts.append(f"{d.delay} ({d.low} to {d.high}) from {d.input}")
         text = f"Delay to {output} in samples: {', '.join(parts)}."
-        advice = "" if all(d.certain for d in delays if d.output == output) else "Search nk."
-        found.append(Finding("delay", Severity.OK, text, advice, output))
+        mine = [d for d in delays if d.output == output]
+        severity, advice = Severity.OK, "" if all(d.certain for d in mine) else "Search nk."
+        if any(d.delay == 0 and d.certain for d in mine):
+            severity = Severity.NOTE
+            advice = (
+                "Use nk = 0, unless a controller answers within the sample: then the delay is the "
+                "controller's, and nk = 1."
+            )
+        found.append(Finding("delay", severity, text, advice, output))
     return found
 
 
@@ -145,15 +156,18 @@ def check_sampling(records: Sequence[Record]) -> list[Finding]:
             found.append(Finding("sampling", Severity.NOTE, text, "", speed.output))
             continue
         samples = speed.time_constant / dt
-        text = (
-            f"{speed.output} takes {speed.time_constant:.3g} s to 63 % of its final value, "
-            f"{samples:.2g} samples"
-        )
+        if speed.time_constant == 0:
+            text = f"{speed.output} is near its final value within the first sample"
+        else:
+            text = (
+                f"{speed.output} takes {speed.time_constant:.3g} s to 63 % of its final value, "
+                f"{samples:.2g} samples"
+            )
         severity, tail, advice = Severity.OK, ".", ""
         if samples < 0.75:
             severity = Severity.NOTE if speed.output in _immediate(records) else Severity.WARNING
             tail = ": the sampling is too slow to see how it gets there."
-            advice = f"Sample at least every {speed.time_constant / 4:.2g} s."
+            advice = "Sample several times faster."
         elif samples > 60:
             severity = Severity.WARNING if samples > 500 else Severity.NOTE
             tail = ": the sampling is much faster than the plant."

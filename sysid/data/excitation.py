@@ -5,52 +5,26 @@ the PWM is rounded to whole µs, as the robot takes it. The same arguments give 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from scipy import signal
 
 from sysid.data.columns import ROBOT_INPUTS
-from sysid.data.files import write_atomic
-from sysid.data.record import PWM_FULL_SCALE, Array, Channel, frozen
+from sysid.data.record import Array
+from sysid.data.schedule import Schedule, crest_factor, sample_count, with_rests, write_schedule
 from sysid.errors import UsageError
 
-REST = 1.0
-"""Standstill before and after the excitation [s]."""
-MAX_SAMPLES = 1_000_000
-"""Longer schedules are refused."""
-
-
-@dataclass(frozen=True, eq=False)
-class Schedule:
-    """What to send to the robot and when.
-
-    Attributes:
-        t: instants [s], shape (N,), read-only.
-        u: PWM [µs], shape (N, nu), read-only.
-        channels: the nu input channels.
-        active: first and one past the last row that is not the rest at the ends.
-    """
-
-    t: Array
-    u: Array
-    channels: tuple[Channel, ...]
-    active: tuple[int, int]
-
-    def __len__(self) -> int:
-        return len(self.t)
-
-    @property
-    def excited(self) -> Array:
-        """The rows between the rests, shape (M, nu)."""
-        return self.u[slice(*self.active)]
-
-
-def crest_factor(u: Array) -> float:
-    """max|u| / rms(u): 1 for a binary signal, √2 for a sine; low is good (Ljung 1999, §13.3)."""
-    rms = float(np.sqrt(np.mean(np.square(u))))
-    return float(np.max(np.abs(u))) / rms if rms > 0 else float("inf")
+__all__ = [
+    "DESIGNS",
+    "Schedule",
+    "chirp",
+    "crest_factor",
+    "multisine",
+    "prbs",
+    "pulses",
+    "steps",
+    "write_schedule",
+]
 
 
 def prbs(
@@ -81,7 +55,7 @@ def prbs(
     Raises:
         UsageError: an argument is out of range, or the levels exceed ±20000 µs.
     """
-    count = _samples(duration, dt, amplitude, offset, names)
+    count = sample_count(duration, dt, amplitude, offset, names)
     if clock < 1:
         raise UsageError(f"the clock of a PRBS must be 1 sample or more, got {clock}")
     steps = -(-count // clock)
@@ -93,7 +67,7 @@ def prbs(
     u = np.column_stack(
         [sequence[(first + i * shift + rows) % len(sequence)] for i in range(len(names))]
     )
-    return _schedule(offset + amplitude * u, dt, names)
+    return with_rests(offset + amplitude * u, dt, names)
 
 
 def multisine(
@@ -125,7 +99,7 @@ def multisine(
     Raises:
         UsageError: an argument is out of range, or the band holds no harmonic for some input.
     """
-    count = _samples(duration, dt, amplitude, 0.0, names)
+    count = sample_count(duration, dt, amplitude, 0.0, names)
     low, high = band
     if not 0 <= low < high <= 0.5 / dt * (1 + 1e-9):
         raise UsageError(
@@ -142,7 +116,7 @@ def multisine(
         )
     rng = np.random.default_rng(seed)
     columns = [_low_crest(harmonics[i::m], count, rng, tries) for i in range(m)]
-    return _schedule(amplitude * np.column_stack(columns), dt, names)
+    return with_rests(amplitude * np.column_stack(columns), dt, names)
 
 
 def _low_crest(
@@ -186,7 +160,7 @@ def chirp(
         UsageError: an argument is out of range, or a sweep does not hold one period of the lowest
             frequency.
     """
-    count = _samples(duration, dt, amplitude, 0.0, names)
+    count = sample_count(duration, dt, amplitude, 0.0, names)
     low, high = band
     if not 0 < low < high <= 0.5 / dt * (1 + 1e-9):
         raise UsageError(
@@ -206,7 +180,7 @@ def chirp(
     for i in range(sweeps):
         driven = [i] if i < len(names) else list(range(len(names)))
         u[i * part : (i + 1) * part, driven] = sweep[:, None]
-    return _schedule(amplitude * u, dt, names)
+    return with_rests(amplitude * u, dt, names)
 
 
 def steps(
@@ -226,7 +200,7 @@ def steps(
     Raises:
         UsageError: an argument is out of range.
     """
-    count = _samples(duration, dt, amplitude, 0.0, names)
+    count = sample_count(duration, dt, amplitude, 0.0, names)
     shortest, longest = hold
     if levels < 2:
         raise UsageError(f"steps need 2 levels or more, got {levels}")
@@ -237,7 +211,7 @@ def steps(
     rng = np.random.default_rng(seed)
     grid = np.linspace(-amplitude, amplitude, levels)
     columns = [_random_levels(grid, count, dt, hold, rng) for _ in names]
-    return _schedule(np.column_stack(columns), dt, names)
+    return with_rests(np.column_stack(columns), dt, names)
 
 
 def _random_levels(
@@ -281,7 +255,7 @@ def pulses(
     """
     if levels < 1:
         raise UsageError(f"pulses need 1 level or more, got {levels}")
-    _samples(2 * levels * (on + pause), dt, amplitude, 0.0, names)
+    sample_count(2 * levels * (on + pause), dt, amplitude, 0.0, names)
     n_on, n_pause = round(on / dt), round(pause / dt)
     if n_on < 1 or n_pause < 1:
         raise UsageError(f"pulses of {on:g} s and pauses of {pause:g} s are shorter than {dt:g} s")
@@ -290,7 +264,7 @@ def pulses(
     sense = np.ones(len(names))
     if rotate:
         sense[0] = -1.0
-    return _schedule(wave[:, None] * sense, dt, names)
+    return with_rests(wave[:, None] * sense, dt, names)
 
 
 DESIGNS = {
@@ -301,48 +275,3 @@ DESIGNS = {
     "pulses": pulses,
 }
 """Name of a design → the function that makes its schedule."""
-
-
-def write_schedule(schedule: Schedule, path: str | Path) -> Path:
-    """Write a schedule as CSV: ``t`` [s] and one column of whole µs for each input.
-
-    Raises:
-        DataError, UsageError: the file cannot be written; see ``write_atomic``.
-    """
-    header = ",".join(("t", *(c.name for c in schedule.channels)))
-    rows = (
-        ",".join((f"{t:.9g}", *(str(int(v)) for v in row)))
-        for t, row in zip(schedule.t, schedule.u, strict=True)
-    )
-    return write_atomic(path, "\n".join((header, *rows)) + "\n")
-
-
-def _samples(
-    duration: float, dt: float, amplitude: float, offset: float, names: Sequence[str]
-) -> int:
-    """Number of samples of the excitation, after checking what all designs share."""
-    if not names or len(set(names)) != len(names):
-        raise UsageError("a schedule needs one or more inputs of different names")
-    if not (np.isfinite(dt) and dt > 0):
-        raise UsageError(f"the sample time must be positive, got {dt:g} s")
-    if not (np.isfinite(duration) and duration >= 10 * dt):
-        raise UsageError(f"a duration of {duration:g} s is too short at {dt:g} s a sample")
-    if duration / dt > MAX_SAMPLES:
-        raise UsageError(f"{duration:g} s at {dt:g} s a sample are over {MAX_SAMPLES} samples")
-    if not (np.isfinite(amplitude) and np.isfinite(offset) and amplitude > 0):
-        raise UsageError(f"the amplitude must be positive, got {amplitude:g} µs")
-    if abs(offset) + amplitude > PWM_FULL_SCALE:
-        reach = f"±{amplitude:g}" if offset == 0 else f"{offset:g} ± {amplitude:g}"
-        raise UsageError(f"PWM of {reach} µs exceeds full drive, ±{PWM_FULL_SCALE:g} µs; lower it")
-    return round(duration / dt)
-
-
-def _schedule(u: Array, dt: float, names: Sequence[str]) -> Schedule:
-    """Put the rests around an excitation and round it to whole µs."""
-    n = max(1, round(REST / dt))
-    still = np.zeros((n, u.shape[1]))
-    # + 0.0 turns the −0 that rounding leaves into 0.
-    whole = frozen(np.vstack([still, np.rint(u) + 0.0, still]))
-    t = np.round(np.arange(len(whole)) * dt, 12)
-    t.setflags(write=False)
-    return Schedule(t, whole, tuple(Channel(n_, "µs") for n_ in names), (n, n + len(u)))

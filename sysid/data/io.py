@@ -21,7 +21,7 @@ from sysid.data.timing import (
     onto_grid,
     plan_grid,
 )
-from sysid.data.units import Conversion, conversion, from_name, pwm_conversion
+from sysid.data.units import conversions
 from sysid.errors import DataError, UsageError
 
 __all__ = ["LogFile", "ReadOptions", "read_file", "read_files", "read_log", "read_logs"]
@@ -126,7 +126,14 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
             "a log needs many"
         )
     grid = plan_grid(t[rows], options.resample, lambda i: table.place(int(rows[i])), table.where)
-    channels = _channels(choice, table, options, grid.dt)
+    bracketed = dict(zip(table.names, table.units, strict=True))
+    inputs, outputs = conversions(
+        choice.inputs, choice.outputs, bracketed, options.units, options.pwm_max, table.where
+    )
+    channels = (
+        tuple(c.channel(n, grid.dt) for n, c in inputs.items()),
+        tuple(c.channel(n, grid.dt) for n, c in outputs.items()),
+    )
     findings = (*_reading_notes(table, choice, channels), *findings, *lost, *grid.findings)
     digest = hashlib.sha256(data).hexdigest()
     records = tuple(
@@ -152,7 +159,7 @@ def _instants(
         )
     t = stamps
     if choice.unit is None:  # a counter: one row is one sample, whatever it counts in
-        return t / _median_step(t) * (options.ts or 1.0), _unknown_unit(options, where)
+        return (t - t[0]) / _median_step(t) * (options.ts or 1.0), _unknown_unit(options, where)
     if np.max(np.abs(t)) > MAX_COUNT:
         raise DataError(
             f"{where}, column {choice.time}: {t[0]:.4g} s is no time; if it counts milliseconds "
@@ -227,48 +234,6 @@ def _complete_rows(
             table.where,
         ),
     )
-
-
-def _channels(
-    choice: Choice, table: Table, options: ReadOptions, dt: float
-) -> tuple[tuple[Channel, ...], tuple[Channel, ...]]:
-    """The channels with their conversions, from options, names and the robot's convention."""
-    known = {n.lower(): n for n in (*choice.inputs, *choice.outputs)}
-    asked: dict[str, Conversion] = {}
-    for name, unit in options.units.items():
-        if name.lower() not in known:
-            raise UsageError(
-                f"--unit names {name!r}, which is no channel of {table.where}; "
-                f"they are {', '.join(known.values())}"
-            )
-        asked[known[name.lower()]] = conversion(unit, name)
-    for name in known.values():
-        bracketed = table.units[table.names.index(name)]
-        if name not in asked and bracketed:
-            asked[name] = _bracketed(bracketed)
-    if options.pwm_max is not None:
-        drive = pwm_conversion(options.pwm_max)
-        targets = [n for n in choice.inputs if from_name(n).unit in ("", "µs") and n not in asked]
-        named = [n for n in targets if n.lower().startswith("pwm")]
-        if not targets:
-            raise UsageError(
-                f"--pwm-max {options.pwm_max:g} converts PWM inputs, but those of {table.where} "
-                f"have other units ({', '.join(choice.inputs)}); leave it out"
-            )
-        asked.update(dict.fromkeys(named or targets, drive))
-
-    def channels(names: tuple[str, ...]) -> tuple[Channel, ...]:
-        return tuple((asked.get(n) or from_name(n)).channel(n, dt) for n in names)
-
-    return channels(choice.inputs), channels(choice.outputs)
-
-
-def _bracketed(unit: str) -> Conversion:
-    """A unit written behind the name in the file; one we do not know is kept as a label."""
-    try:
-        return conversion(unit)
-    except UsageError:
-        return Conversion(unit, 1.0, unit)
 
 
 def _reading_notes(

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.finding import Finding, Severity
-from sysid.data.preprocess import outlier_flags
+from sysid.data.outliers import outlier_flags
 from sysid.data.record import PWM_FULL_SCALE, Array, Record
 
 STUCK_SAMPLES = 20
@@ -22,7 +22,8 @@ def check_finite(records: Sequence[Record]) -> list[Finding]:
         for name, column in _channels(record):
             bad = np.flatnonzero(~np.isfinite(column))
             if len(bad):
-                text = f"{record.name}: {name} is not a number in {len(bad)} samples, first at "
+                many = "1 sample" if len(bad) == 1 else f"{len(bad)} samples, first"
+                text = f"{record.name}: {name} is not a number in {many} at "
                 found.append(
                     Finding(
                         "missing",

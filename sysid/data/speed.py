@@ -26,6 +26,8 @@ class Speed:
     settles: bool
 
 
+RISEN = 1.0 - np.exp(-1.0)
+"""Part of the final value that a first-order plant reaches after one time constant."""
 TRUSTED = 0.4
 """A step response is believed if it explains this share of the output's variance."""
 
@@ -102,9 +104,11 @@ def _rise(step: Array) -> float | None:
     response = step[:, i] / end[i] if end[i] != 0 else step[:, i]
     if end[i] == 0 or np.max(np.abs(response[60:] - 1.0)) > 0.3:
         return None
-    hit = int(np.argmax(response >= 1.0 - np.exp(-1.0)))
-    before = response[hit - 1] if hit else 0.0
-    return float(hit + (1.0 - np.exp(-1.0) - before) / (response[hit] - before))
+    hit = int(np.argmax(response >= RISEN))
+    if hit == 0:
+        return 0.0
+    before = response[hit - 1]
+    return float(hit - 1 + (RISEN - before) / (response[hit] - before))
 
 
 def _blocks(record: Record, factor: int) -> Record:

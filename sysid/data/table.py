@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _BRACKETS = re.compile(r"(?P<base>.*?\S)\s*[\[(](?P<unit>[^\[\]()]*)[\])]")
+LARGEST = 1e100
+"""No measured number is larger, and the squares of larger ones overflow."""
 _MISSING = ("", "na", "nan", "n/a", "null", "none", "-nan", "#n/a", "<na>")
 
 
@@ -54,10 +56,14 @@ class Table:
         """
         index = [self.names.index(n) for n in names]
         values = self._text(index) if isinstance(self.source, Layout) else self._frame(index)
-        if np.isinf(values).any():
-            row, column = np.argwhere(np.isinf(values))[0]
+        with np.errstate(invalid="ignore"):
+            beyond = np.abs(values) > LARGEST
+        if beyond.any():
+            row, column = np.argwhere(beyond)[0]
+            value = values[row, column]
+            what = "infinity" if np.isinf(value) else f"{value:g}"
             raise DataError(
-                f"{self.place(int(row))}, column {names[column]}: infinity is no measurement; "
+                f"{self.place(int(row))}, column {names[column]}: {what} is no measurement; "
                 "mend or delete that line"
             )
         return values
@@ -140,7 +146,7 @@ class Table:
                     hint = "it looks like a decimal comma: say so with the decimal option"
                 elif re.fullmatch(r"[+-]?\d{1,3}([., ']\d{3})+([.,]\d+)?", text):
                     hint = "thousands separators are not read: write the log without them"
-                elif row == 0:
+                elif row == 0 and re.fullmatch(r"\[?[A-Za-zµ°%][\w/^·* .-]{0,9}\]?", text):
                     hint = "write numbers below the header (units go into the column names: u_V)"
                 shown = text if len(text) <= 40 else text[:37] + "…"
                 name = self.names[column]

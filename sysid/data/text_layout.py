@@ -14,6 +14,9 @@ _MAGIC = {
     b"PK\x03\x04": "a spreadsheet or zip archive; export the sheet as CSV",
     b"\x1f\x8b": "a gzip archive; unpack it first",
     b"\xd0\xcf\x11\xe0": "an Excel file; export the sheet as CSV",
+    b"{": "JSON; export the numbers as CSV",
+    b"[{": "JSON; export the numbers as CSV",
+    b"<": "a web page or XML; download or export the log as CSV",
     b"%PDF": "a PDF; export the numbers as CSV",
     b"\x89PNG": "a picture; name the log itself",
     b"\x89HDF": "an HDF5 file; export it as CSV or Parquet",
@@ -97,8 +100,9 @@ def _decode(data: bytes, where: str) -> tuple[str, tuple[str, ...]]:
         except UnicodeDecodeError:
             raise DataError(f"{where} is damaged UTF-16 text; save it again as UTF-8") from None
     if b"\0" in data:
-        hint = " or UTF-16 text without its mark; save it as UTF-8" if _looks_wide(data) else ""
-        raise DataError(f"{where} is no text: it holds zero bytes; give a CSV or Parquet log{hint}")
+        if _looks_wide(data):
+            raise DataError(f"{where} looks like UTF-16 text without its mark; save it as UTF-8")
+        raise DataError(f"{where} is no text: it holds zero bytes; give a CSV or Parquet log")
     try:
         return data.decode("utf-8-sig"), ()
     except UnicodeDecodeError as error:

@@ -89,6 +89,10 @@ def plan_grid(t: Array, policy: ResamplePolicy, place: Place, where: str) -> Gri
     gaps = _gaps(ratio)
     missing = np.where(gaps, np.rint(ratio).astype(int) - 1, 0)
     dt = float(d[inside].sum() / max((np.count_nonzero(inside) + missing[inside].sum()), 1))
+    if not 1e-9 <= dt <= 1e9:
+        raise DataError(
+            f"{where}: samples {dt:.3g} s apart are not credible; check the time column"
+        )
     dt = float(f"{dt:.12g}")  # 0.0999999… of a mean over printed tenths is 0.1
 
     off = np.abs(d / dt - 1.0)[inside & ~gaps]

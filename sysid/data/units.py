@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from sysid.data.record import PWM_FULL_SCALE, Channel
@@ -148,3 +149,57 @@ def from_name(name: str) -> Conversion:
     if lower.startswith("omega"):
         return conversion("rad/s")
     return UNKNOWN
+
+
+def conversions(
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    bracketed: Mapping[str, str],
+    units: Mapping[str, str],
+    pwm_max: float | None,
+    where: str,
+) -> tuple[dict[str, Conversion], dict[str, Conversion]]:
+    """The conversion of every channel of a log.
+
+    A unit given by option wins over one in brackets behind the column's name in the file, that
+    over the ending of the name. ``pwm_max`` is for the inputs named ``pwm…`` without a unit by
+    option, or, where none is named so, for every input without a unit.
+
+    Args:
+        inputs, outputs: channel names.
+        bracketed: column name → unit in brackets; empty where there is none.
+        units: channel name → unit by option.
+        pwm_max: command of full drive, or None.
+        where: name of the file.
+
+    Raises:
+        UsageError: an option names no channel or no known unit, or there is no PWM to scale.
+    """
+    known = {n.lower(): n for n in (*inputs, *outputs)}
+    told = {n: _bracketed(bracketed[n]) for n in known.values() if bracketed.get(n)}
+    for name, unit in units.items():
+        if name.lower() not in known:
+            raise UsageError(
+                f"--unit names {name!r}, which is no channel of {where}; "
+                f"they are {', '.join(known.values())}"
+            )
+        told[known[name.lower()]] = conversion(unit, name)
+    if pwm_max is not None:
+        free = [n for n in inputs if n not in told and from_name(n).unit in ("", "µs")]
+        named = [n for n in free if n.lower().startswith("pwm")]
+        if not free:
+            raise UsageError(
+                f"--pwm-max {pwm_max:g} converts PWM inputs, but those of {where} have other units "
+                f"({', '.join(inputs)}); leave it out"
+            )
+        told.update(dict.fromkeys(named or free, pwm_conversion(pwm_max)))
+    every = {n: told.get(n) or from_name(n) for n in known.values()}
+    return {n: every[n] for n in inputs}, {n: every[n] for n in outputs}
+
+
+def _bracketed(unit: str) -> Conversion:
+    """A unit written behind the name in the file; one we do not know is kept as a label."""
+    try:
+        return conversion(unit)
+    except UsageError:
+        return Conversion(unit, 1.0, unit)

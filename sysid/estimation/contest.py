@@ -19,7 +19,7 @@ from sysid.estimation.orders import (
 )
 from sysid.estimation.pem import fit
 from sysid.estimation.search import FitOptions
-from sysid.structures.base import structure_class
+from sysid.structures.base import Structure, structure_class
 from sysid.structures.model import Model
 
 SEARCH_SAMPLES = 12_000
@@ -41,11 +41,13 @@ class Entry:
         model: fitted to all estimation data.
         search: the order search, or None when the orders were given.
         seconds: time of search and fit.
+        notes: what was changed on the way, for the user.
     """
 
     model: Model
     search: OrderSearch | None
     seconds: float
+    notes: tuple[str, ...] = ()
 
     @property
     def error(self) -> float | None:
@@ -101,7 +103,7 @@ def run_contest(
     train, held, words = hold_out(small)
     nu, ny = plain[0].nu, plain[0].ny
     tasks = []
-    nks = delays(small) if grid is None else []
+    nks = _delays(small, train, held, options, criterion) if grid is None else []
     for name in names:
         chosen = list(grid) if grid is not None else _grid(name, nu, ny, train, nks)
         for orders in chosen:
@@ -119,20 +121,67 @@ def run_contest(
         orders = chosen[0] if search is None else search[0].best.orders
         structure = structure_class(name).from_orders(dict(orders), nu, ny)
         try:
-            model = fit(structure, records, options, detrend=detrend)
+            model, notes = _fitted(structure, records, options, detrend)
         except (DataError, ModelError) as error:
             if len(tasks) == 1:
                 raise
             failed[name] = str(error)
             continue
         spent = perf_counter() - started + (search[1] if search else 0.0)
-        entries.append(Entry(model, search[0] if search else None, spent))
+        entries.append(Entry(model, search[0] if search else None, spent, notes))
     if not entries:
         raise DataError("; ".join(failed.values()) or "no structure could be fitted")
     if progress:
         progress(1.0, "done")
     order = _in_order(entries)
     return Contest(tuple(order), _reason(order, criterion, words), failed)
+
+
+def _delays(
+    records: Sequence[Record],
+    train: Sequence[Record],
+    held: Sequence[Record],
+    options: FitOptions,
+    criterion: str,
+) -> list[Any]:
+    """The delay worth searching with: of those the data allow, the one the best ARX has.
+
+    All ARX candidates cost one pass over the data, so that is where the delay is found.
+    """
+    nks = delays(records)
+    samples = sum(len(r) for r in train)
+    grid = default_grid("arx", records[0].nu, records[0].ny, samples, nks)
+    if len(nks) < 2 or not grid:
+        return nks[:1]
+    try:
+        best = search_orders("arx", grid, train, held, options, criterion).best.orders["nk"]
+    except DataError:
+        return nks[:1]
+    return [next((nk for nk in nks if _spread(nk, records[0]) == best), nks[0])]
+
+
+def _spread(nk: Any, record: Record) -> Any:
+    """A delay as ``order_values`` writes it for these channels."""
+    if record.nu * record.ny == 1 or isinstance(nk, list):
+        return nk
+    return [[nk] * record.nu for _ in range(record.ny)]
+
+
+def _fitted(
+    structure: Structure, records: Sequence[Record], options: FitOptions, detrend: Detrend
+) -> tuple[Model, tuple[str, ...]]:
+    """The fit; for output-error structures a second one with stable poles where it needs it.
+
+    An unstable predictor of OE or BJ cannot even be evaluated on a longer record, so stability
+    is part of what the structure means; for ARX and ARMAX it is reported and left to the user.
+    """
+    model = fit(structure, records, options, detrend=detrend)
+    if model.stable or options.stable or "nf" not in structure.order_names:
+        return model, ()
+    bounded = fit(structure, records, replace(options, stable=True), detrend=detrend)
+    return bounded, (
+        "The unconstrained fit had an unstable pole; the poles were kept inside the unit circle.",
+    )
 
 
 def _grid(

@@ -3,7 +3,8 @@
 ARX        linear least squares
 ARMAX      Hannan & Rissanen (1982): a long ARX gives ê, then least squares on y, u, ê
 OE, BJ     SRIV, the simplified refined instrumental variable method (Young 1985), with poles
-           reflected into the unit circle; from the ARX start and from the output of a long ARX
+           reflected into the unit circle; from the ARX start and from the output of a long ARX;
+           where much stays unexplained also the best poles of a grid
 BJ noise   Hannan & Rissanen on v = y − (B/F) u
 """
 
@@ -15,6 +16,14 @@ from scipy.signal import lfilter
 
 from sysid.data.record import Array, Record
 from sysid.estimation import normal_equations as ne
+from sysid.estimation.output_error import (
+    own_poles,
+    passing,
+    pole_grid,
+    reflected,
+    run_cost,
+    sriv,
+)
 from sysid.structures.base import Focus, Structure
 from sysid.structures.polynomial import PolynomialStructure
 from sysid.structures.predictor import RowLayout
@@ -22,10 +31,11 @@ from sysid.structures.predictor import RowLayout
 Starts = Sequence[tuple[str, Array]]
 Starter = Callable[[Structure, Sequence[Record], Focus], Starts]
 
-POLE_LIMIT = 0.9995
-"""Reflected poles are kept below this radius so that a start never rings for the whole record."""
+SHRINKS = 400
+"""Times the poles are shrunk by 3 % at most: enough for any radius that float64 tells apart."""
 
-SRIV_ITERATIONS = 12
+NOISY = 0.02
+"""Fraction of the output's power left unexplained beyond which the pole grid is searched too."""
 
 
 def starts(structure: Structure, records: Sequence[Record], focus: Focus) -> Starts:
@@ -40,9 +50,10 @@ def register(name: str, starter: Starter) -> None:
 
 
 def stabilised(structure: PolynomialStructure, theta: Array) -> Array:
-    """θ with a stable free run: A and F reflected row by row, then shrunk if rows still couple.
+    """θ with a stable free run: A and F reflected row by row, then shrunk if that is not enough.
 
-    Multiplying every a_k by ρᵏ multiplies all poles by ρ.
+    Rows may still couple, and multiple roots on the circle round to either side of it.
+    Multiplying every a_k and f_k by ρᵏ multiplies all poles by ρ.
     """
     out = theta.copy()
     for i in range(structure.ny):
@@ -50,10 +61,13 @@ def stabilised(structure: PolynomialStructure, theta: Array) -> Array:
         a, _, _, _, f = lay.slices()
         for s in (a[i], *f):
             out[index[s]] = reflected(np.concatenate([[1.0], out[index[s]]]))[1:]
-    while not structure.stable(out):
+    for _ in range(SHRINKS):
+        if structure.stable(out):
+            break
         for i in range(structure.ny):
             lay, index = structure.layout(i), structure.row_index(i)
-            for s in lay.slices()[0]:
+            a, _, _, _, f = lay.slices()
+            for s in (*a, *f):
                 out[index[s]] *= 0.97 ** np.arange(1, s.stop - s.start + 1)
     return out
 
@@ -81,8 +95,25 @@ def _arx_starts(structure: Structure, records: Sequence[Record], focus: Focus) -
     rows = [_plain(structure.layout(i)) for i in range(structure.ny)]
     found = [("least squares", np.concatenate([arx_row(records, lay) for lay in rows]))]
     if focus is Focus.SIMULATION and not structure.orders.coupled:
-        found.append(("SRIV", np.concatenate([_common_sriv(records, lay) for lay in rows])))
+        found += _common_pole_starts(records, rows)
     return found
+
+
+def _common_pole_starts(
+    records: Sequence[Record], rows: Sequence[RowLayout]
+) -> list[tuple[str, Array]]:
+    refined = [sriv(records, lay, arx_row(records, lay)) for lay in rows]
+    found = [("SRIV", np.concatenate(refined))]
+    if any(_noisy(records, lay, row) for lay, row in zip(rows, refined, strict=True)):
+        grid = [pole_grid(records, lay) for lay in rows]
+        found.append(("pole grid", np.concatenate(grid)))
+    return found
+
+
+def _noisy(records: Sequence[Record], lay: RowLayout, theta: Array) -> bool:
+    """Whether a row of common poles leaves much of the output unexplained."""
+    power = sum(float(np.sum(r.y[lay.start :, lay.output] ** 2)) for r in records)
+    return lay.na[lay.output] > 0 and run_cost(records, lay, theta) > NOISY * power
 
 
 def _armax_starts(structure: Structure, records: Sequence[Record], focus: Focus) -> Starts:
@@ -92,28 +123,39 @@ def _armax_starts(structure: Structure, records: Sequence[Record], focus: Focus)
     rissanen = [_hannan_rissanen(records, lay) for lay in layouts]
     found = [("Hannan-Rissanen", np.concatenate(rissanen)), ("ARX", np.concatenate(plain))]
     if focus is Focus.SIMULATION and not structure.orders.coupled:
-        rows = [
-            np.concatenate([_common_sriv(records, _plain(lay)), np.zeros(lay.nc)])
-            for lay in layouts
-        ]
-        found.append(("SRIV", np.concatenate(rows)))
+        for kind, theta in _common_pole_starts(records, [_plain(lay) for lay in layouts]):
+            ends = np.cumsum([lay.n - lay.nc for lay in layouts])[:-1]
+            rows = [
+                np.concatenate([row, np.zeros(lay.nc)])
+                for row, lay in zip(np.split(theta, ends), layouts, strict=True)
+            ]
+            found.append((kind, np.concatenate(rows)))
     return found
 
 
 def _output_error_starts(structure: Structure, records: Sequence[Record], focus: Focus) -> Starts:
     assert isinstance(structure, PolynomialStructure)
     layouts = [structure.layout(i) for i in range(structure.ny)]
-    noise_free = [_long_arx_output(records, lay) for lay in layouts]
-    kinds: dict[str, list[Array]] = {"SRIV": [], "SRIV on a long ARX": [], "ARX": []}
-    for lay, clean in zip(layouts, noise_free, strict=True):
+    rows: list[dict[str, Array]] = []
+    for lay in layouts:
         common = _shared_poles(lay)
         arx = arx_row(records, common)
-        kinds["ARX"].append(_with_noise(records, lay, _split(common, lay, arx)))
-        for kind, source in (("SRIV", records), ("SRIV on a long ARX", clean)):
-            row = _sriv(source, common, arx_row(source, common))
-            separate = _own_poles(source, lay, _split(common, lay, row))
-            kinds[kind].append(_with_noise(records, lay, separate))
-    return [(kind, np.concatenate(rows)) for kind, rows in kinds.items()]
+        clean = _long_arx_output(records, lay)
+        refined = sriv(records, common, arx)
+        smooth = sriv(clean, common, arx_row(clean, common))
+        kinds = {
+            "SRIV": own_poles(records, lay, _split(common, lay, refined)),
+            "SRIV on a long ARX": own_poles(clean, lay, _split(common, lay, smooth)),
+            "ARX": _split(common, lay, arx),
+        }
+        best = min((refined, smooth), key=lambda row: run_cost(records, common, row))
+        if _noisy(records, common, best):
+            grid = _split(common, lay, pole_grid(records, common))
+            kinds["pole grid"] = own_poles(records, lay, grid)
+        rows.append({kind: _with_noise(records, lay, row) for kind, row in kinds.items()})
+    names = dict.fromkeys(kind for row in rows for kind in row)
+    # an output that needed no pole grid keeps its SRIV start there
+    return [(k, np.concatenate([row.get(k, row["SRIV"]) for row in rows])) for k in names]
 
 
 _STARTERS: dict[str, Starter] = {
@@ -152,7 +194,7 @@ def _hannan_rissanen(records: Sequence[Record], lay: RowLayout) -> Array:
     """ARMAX row by two regressions: [a…, b…, c]."""
     plain = _plain(lay)
     errors = [
-        Record(r.u, np.column_stack([r.y, e]), r.dt)
+        passing(r.u, np.column_stack([r.y, e]), r.dt)
         for r, e in zip(records, _long_arx_errors(records, plain), strict=True)
     ]
     ny = records[0].ny
@@ -214,7 +256,7 @@ def _long_arx_output(records: Sequence[Record], lay: RowLayout) -> list[Record]:
                 drive += lfilter(np.concatenate([np.zeros(lay.nk[j]), theta[s]]), [1.0], r.u[:, j])
         y = np.array(r.y)
         y[:, lay.output] = lfilter([1.0], A, drive)
-        usable = np.all(np.isfinite(y)) and np.max(np.abs(y)) < 1e6 * (np.max(np.abs(r.y)) + 1.0)
+        usable = np.all(np.isfinite(y)) and np.max(np.abs(y)) < 1e6 * np.max(np.abs(r.y))
         out.append(replace(r, y=y) if usable else r)
     return out
 
@@ -232,7 +274,7 @@ def _with_noise(records: Sequence[Record], lay: RowLayout, theta: Array) -> Arra
             if lay.nb[j]:
                 top = np.concatenate([np.zeros(lay.nk[j]), theta[b[j]]])
                 v -= lfilter(top, np.concatenate([[1.0], theta[f[j]]]), r.u[:, j])
-        noise.append(Record(np.zeros((len(v), 0)), v, r.dt))
+        noise.append(passing(np.zeros((len(v), 0)), v, r.dt))
     row = RowLayout(0, (lay.nd,), (), (), lay.nc, 0, ())
     dc = _hannan_rissanen(noise, row) if lay.nc else arx_row(noise, row)
     D = reflected(np.concatenate([[1.0], dc[: lay.nd]]))[1:]

@@ -263,18 +263,23 @@ def _score(covariance: Array, samples: int, n: int, criterion: str) -> float:
 
 
 def orders_text(orders: Mapping[str, Any]) -> str:
-    """``na=2 nb=2 nk=1``, matrices as ``na=1,0;0,1``: what --orders reads."""
+    """``na=2 nb=2 nk=1``, matrices as ``na=1,0;0,1``, as short as --orders reads them back."""
     parts = []
     for name, value in orders.items():
-        if isinstance(value, list | tuple):
-            rows = [r if isinstance(r, list | tuple) else [r] for r in value]
-            vector = not any(isinstance(r, list | tuple) for r in value)
-            text = (
-                ",".join(str(r[0]) for r in rows)
-                if vector
-                else ";".join(",".join(str(c) for c in r) for r in rows)
-            )
-        else:
-            text = str(value)
-        parts.append(f"{name}={text}")
+        rows = value if isinstance(value, list | tuple) else [value]
+        cells = [list(r) if isinstance(r, list | tuple) else [r] for r in rows]
+        parts.append(f"{name}={_shortest(name, cells)}")
     return " ".join(parts)
+
+
+def _shortest(name: str, cells: list[list[Any]]) -> str:
+    flat = [c for row in cells for c in row]
+    same = len(set(flat)) == 1
+    if name == "na" and len(cells) > 1:
+        own = {row[i] for i, row in enumerate(cells)}
+        same = len(own) == 1 and sum(flat) == sum(row[i] for i, row in enumerate(cells))
+    if same:
+        return str(cells[0][0])
+    if all(len(row) == 1 for row in cells) and name in ("nc", "nd"):
+        return ",".join(str(c) for c in flat)
+    return ";".join(",".join(str(c) for c in row) for row in cells)

@@ -20,6 +20,9 @@ SRIV_TOLERANCE = 1e-4
 REAL_POLES = (-0.5, 0.2, 0.6, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995)
 RADII = (0.8, 0.95, 0.99)
 ANGLES = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 2.4)
+"""The grid: time constants of 0.6 … 200 samples, resonances of 2.6 … 126 samples a period."""
+
+SWEEPS = 2
 
 
 def reflected(polynomial: Array, limit: float = POLE_LIMIT) -> Array:
@@ -108,7 +111,7 @@ def pole_grid(records: Sequence[Record], lay: RowLayout) -> Array:
     poles: NDArray[np.complex128] = np.zeros(0, dtype=np.complex128)
     best = np.zeros(lay.n)
     while len(poles) < total:
-        found = []
+        found: list[tuple[float, int, NDArray[np.complex128], Array]] = []
         for trial in _more_poles(total - len(poles)):
             A = np.real(np.poly(np.concatenate([poles, trial])))
             b, gain = _zeros_for(records, lay, A)
@@ -141,3 +144,82 @@ def _zeros_for(records: Sequence[Record], lay: RowLayout, A: Array) -> tuple[Arr
     size[size == 0.0] = 1.0
     b = np.linalg.lstsq(gram / np.outer(size, size), right / size, rcond=1e-12)[0] / size
     return np.asarray(b), float(right @ b)
+
+
+def own_poles(records: Sequence[Record], lay: RowLayout, theta: Array) -> Array:
+    """[b…, f…] with poles of its own for each input, by refitting what the other inputs leave."""
+    active = [j for j, (nb, nf) in enumerate(zip(lay.nb, lay.nf, strict=True)) if nb and nf]
+    fed = [j for j, nb in enumerate(lay.nb) if nb]
+    if len(fed) < 2 or not active:
+        return theta
+    _, b, _, _, f = replace(lay, nc=0, nd=0).slices()
+
+    def part(theta: Array, j: int, u: Array) -> Array:
+        top = np.concatenate([np.zeros(lay.nk[j]), theta[b[j]]])
+        return np.asarray(lfilter(top, np.concatenate([[1.0], theta[f[j]]]), u[:, j]))
+
+    def left(theta: Array, without: int | None) -> list[Array]:
+        return [
+            r.y[:, lay.output] - sum(part(theta, k, r.u) for k in fed if k != without)
+            for r in records
+        ]
+
+    best, best_cost = theta, sum(float(e @ e) for e in left(theta, None))
+    for _ in range(SWEEPS):
+        for j in active:
+            single = RowLayout(0, (lay.nf[j],), (lay.nb[j],), (lay.nk[j],), 0, 0, (0,))
+            rest = [
+                passing(r.u[:, [j]], e, r.dt) for r, e in zip(records, left(best, j), strict=True)
+            ]
+            fitted = sriv(rest, single, np.concatenate([best[f[j]], best[b[j]]]))
+            trial = best.copy()
+            trial[f[j]], trial[b[j]] = fitted[: lay.nf[j]], fitted[lay.nf[j] :]
+            trial_cost = sum(float(e @ e) for e in left(trial, None))
+            if trial_cost < best_cost:
+                best, best_cost = trial, trial_cost
+    return best
+
+
+def passing(u: Array, y: Array, dt: float) -> Record:
+    """A record that only lives inside the search for a start: its hash is never asked for."""
+    return Record(u, y, dt, sha256="-")
+
+
+def _runs(records: Sequence[Record], lay: RowLayout, theta: Array) -> list[Array]:
+    """Free runs Σ_j (B_j/A) u_j from rest."""
+    a, b, *_ = lay.slices()
+    A = np.concatenate([[1.0], theta[a[lay.output]]])
+    runs = []
+    with np.errstate(over="ignore", invalid="ignore"):
+        for r in records:
+            drive = np.zeros(len(r))
+            for j, s in enumerate(b):
+                if s.stop > s.start:
+                    B = np.concatenate([np.zeros(lay.nk[j]), theta[s]])
+                    drive += lfilter(B, [1.0], r.u[:, j])
+            runs.append(np.asarray(lfilter([1.0], A, drive)))
+    return runs
+
+
+def _cost(records: Sequence[Record], lay: RowLayout, runs: Sequence[Array]) -> float:
+    with np.errstate(over="ignore", invalid="ignore"):
+        errors = [
+            (r.y[:, lay.output] - run)[lay.start :] for r, run in zip(records, runs, strict=True)
+        ]
+        cost = float(sum(e @ e for e in errors))
+    return cost if np.isfinite(cost) else np.inf
+
+
+def _inside(theta: Array, n: int) -> Array:
+    return np.concatenate([reflected(np.concatenate([[1.0], theta[:n]]))[1:], theta[n:]])
+
+
+def _regressors(lay: RowLayout, y: Array | None, inputs: Array) -> Array:
+    """Rows −y(t−k) (none without y), then u_j(t−k), for t from the row's first sample on."""
+    start, n = lay.start, inputs.shape[1]
+    rows = []
+    if y is not None:
+        rows += [-y[start - k : n - k] for k in range(1, lay.na[lay.output] + 1)]
+    for j, (nb, nk) in enumerate(zip(lay.nb, lay.nk, strict=True)):
+        rows += [inputs[j, start - k : n - k] for k in range(nk, nk + nb)]
+    return np.array(rows)

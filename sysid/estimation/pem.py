@@ -12,6 +12,7 @@ from sysid.data.record import Array, Record
 from sysid.errors import DataError, Termination, UsageError
 from sysid.estimation import closed_form
 from sysid.estimation.search import FitOptions, Search, assembled
+from sysid.estimation.uncertainty import confounded, with_infinite
 from sysid.structures.base import Parameter, Structure
 from sysid.structures.model import Model, Provenance, Source, StartReport
 
@@ -55,6 +56,8 @@ def fit(
         search = Search(structure, plain, options, parameters)
         theta, parts, starts = search.run(warm)
         covariance, null = assembled(parts, len(theta))
+        undecided = confounded(structure, plain)
+        covariance, null = with_infinite(covariance, undecided), np.hstack([null, undecided])
         warnings = ()
         n_states = sum(int(np.sum(p.free >= len(p.problem.index))) for p in parts)
         termination = _worst([p.solution.termination for p in parts])

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sysid.data.record import Array, Index, Record
-from sysid.errors import ModelError, Termination
+from sysid.errors import DataError, ModelError, Termination
 from sysid.estimation import initial
 from sysid.estimation.solvers import HUBER_WIDTH, Solution, levenberg_marquardt
 from sysid.estimation.uncertainty import Uncertainty, uncertainty
@@ -18,7 +18,13 @@ STATE_LEVEL = 0.99
 """Confidence beyond which initial states are estimated rather than taken as zero."""
 
 RIVAL = 4.0
-"""A second start is searched too when its cost is below this multiple of the best start's."""
+"""Another start is searched too when its cost is below this multiple of the best start's."""
+
+MAX_RUNS = 3
+"""Searches a problem at most, unless all of them failed."""
+
+LINEAR = 0.3
+"""Relative deviation from linearity up to which a start lies in the basin of a found minimum."""
 
 
 @dataclass(frozen=True)
@@ -128,15 +134,17 @@ class Search:
         zero, estimated = zero.given(base), estimated.given(base)
         costs = [half_square(zero.residual(zero.initial_guess(t))) for t in candidates]
         order = sorted(range(len(costs)), key=lambda k: costs[k])
+        self._check_equations(zero)
         huber = self._huber_width(zero, candidates[order[0]])
         problem = zero
         if estimated is not zero and self._states_matter(estimated, candidates[order[0]]):
             problem = estimated
         runs = {order[0]: self._descend(problem, candidates[order[0]], huber)}
-        # a second search where the best start is not clearly ahead or its search failed
-        for k in order[1:2]:
-            close = costs[k] < RIVAL * costs[order[0]] and costs[k] != costs[order[0]]
-            if close or not runs[order[0]].termination.good:
+        # further searches where the best start is not clearly ahead or its search failed
+        for k in order[1:]:
+            failed = not any(run.termination.good for run in runs.values())
+            close = costs[k] < RIVAL * costs[order[0]] and len(runs) < MAX_RUNS
+            if failed or (close and not self._known_basin(problem, runs, candidates[k])):
                 runs[k] = self._descend(problem, candidates[k], huber)
         best = min(runs, key=lambda k: runs[k].cost)
         solution = runs[best]
@@ -163,6 +171,16 @@ class Search:
             for k in order
         ]
         return self._valued(problem, solution), reports
+
+    def _check_equations(self, problem: Problem) -> None:
+        """Refuse a problem with fewer equations than unknowns."""
+        equations, unknowns = sum(problem.lengths), int(np.sum(self._free(problem)))
+        if equations < unknowns:
+            raise DataError(
+                f"{self.records[0].name}: {equations} equations for {unknowns} unknowns "
+                "(parameters and initial states); record longer, lower the orders or take the "
+                "initial states as zero"
+            )
 
     def _output_name(self, i: int) -> str:
         return self.records[0].output_names[i]
@@ -196,6 +214,22 @@ class Search:
             huber=huber,
             max_evaluations=self.options.max_evaluations,
         )
+
+    @staticmethod
+    def _known_basin(problem: Problem, runs: Mapping[int, Solution], theta: Array) -> bool:
+        """Whether a start would lead where an earlier search ended.
+
+        It does when between the two the errors change as the Jacobian there says: Gauss-Newton
+        then goes from the one to the other.
+        """
+        p = problem.initial_guess(theta)
+        r = problem.residual(p)
+        for run in runs.values():
+            change = r - run.residual
+            linear = run.jacobian @ (p - run.p)
+            if np.linalg.norm(change - linear) <= LINEAR * np.linalg.norm(change):
+                return True
+        return False
 
     def _huber_width(self, problem: Problem, theta: Array) -> float | None:
         """Huber's threshold from the median absolute deviation of the start's errors."""

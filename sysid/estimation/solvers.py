@@ -89,8 +89,15 @@ def levenberg_marquardt(
     def residual(x: Array) -> Array:
         return problem.residual(full(x))
 
+    known: dict[bytes, Array] = {}
+
     def jacobian(x: Array) -> Array:
-        return problem.jacobian(full(x))[:, free]
+        # SciPy asks again at the solution, and so do we: one evaluation serves all
+        key = x.tobytes()
+        if key not in known:
+            known.clear()
+            known[key] = problem.jacobian(full(x))
+        return known[key] if free.all() else known[key][:, free]
 
     with np.errstate(over="ignore", invalid="ignore"):
         found = least_squares(
@@ -111,7 +118,8 @@ def levenberg_marquardt(
     termination = _ENDINGS.get(int(found.status), Termination.MAX_ITERATIONS)
     if stuck and termination.good:
         termination = Termination.AT_BOUND
-    return _ended(problem, end, termination, int(found.nfev), huber, stuck)
+    J = known.get(found.x.tobytes())
+    return _ended(problem, end, termination, int(found.nfev), huber, stuck, J)
 
 
 _ENDINGS = {
@@ -130,6 +138,7 @@ def _ended(
     evaluations: int,
     huber: float | None,
     at_bound: tuple[int, ...] = (),
+    jacobian: Array | None = None,
 ) -> Solution:
     r = problem.residual(p)
     weights = np.ones(len(r))
@@ -140,7 +149,8 @@ def _ended(
         cost = float(np.sum(np.where(size <= huber, 0.5 * r**2, huber * (size - 0.5 * huber))))
     if not np.isfinite(cost) or np.max(np.abs(r), initial=0.0) >= 1e99:
         termination = Termination.DIVERGED
-    return Solution(p, cost, r, problem.jacobian(p), weights, termination, evaluations, at_bound)
+    J = problem.jacobian(p) if jacobian is None else jacobian
+    return Solution(p, cost, r, J, weights, termination, evaluations, at_bound)
 
 
 def _inside(x: Array, lower: Array, upper: Array) -> Array:

@@ -205,14 +205,16 @@ class PolynomialStructure(Structure):
         for i in range(self.ny):
             lay = self.layout(i)
             row = RowErrors(lay, self.row_index(i), [(u, y)], estimate_initial=window > 0)
+            if len(y) <= row.skipped:
+                continue
             p = row.initial_guess(theta)
-            e = row.residual(p)
-            if row.n_initial and len(e):
-                head = min(len(e), max(window - row.skipped, row.n_initial))
-                basis = row.jacobian(p)[:head, lay.n :]
-                zeta = np.linalg.lstsq(basis, -e[:head], rcond=1e-10)[0]
-                e = row.residual(np.concatenate([p[: lay.n], zeta]))
-            out[row.skipped :, i] = e
+            if row.n_initial:
+                stop = max(window, row.skipped + row.n_initial)
+                head = RowErrors(lay, self.row_index(i), [(u[:stop], y[:stop])], True)
+                basis = head.jacobian(p)[:, lay.n :]
+                zeta = np.linalg.lstsq(basis, -head.residual(p), rcond=1e-10)[0]
+                p = np.concatenate([p[: lay.n], zeta])
+            out[row.skipped :, i] = row.residual(p)
         return out
 
     def noise_response(self, theta: Array, n: int) -> Array:
@@ -240,6 +242,8 @@ class PolynomialStructure(Structure):
         """∂ŷ/∂θ of one output on a record, zero where it cannot be predicted."""
         row = RowErrors(self.layout(output), self.row_index(output), [(u, y)], False)
         out = np.zeros((len(y), self.layout(output).n))
+        if len(y) <= row.skipped:
+            return out
         out[row.skipped :] = -row.jacobian(row.initial_guess(theta))
         return out
 

@@ -10,10 +10,13 @@ which the other outputs enter like inputs. With v = A y − Σ (B_j/F_j) u_j,
 (Ljung 1999, §10.3). Regressors are taken from the record from its sample ``start`` on, so that no
 measured past is invented; the unknown past of w and of ε is either zero or a free response
 (ζ(q)/F) δ(t−start), (ζ(q)/C) δ(t−start) whose coefficients are estimated: they enter linearly.
+C must be invertible: of C and its mirror image, which shape the noise alike, only the one with its
+roots inside the unit circle predicts (Ljung 1999, §3.2), so the others are inadmissible.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -38,13 +41,13 @@ class RowLayout:
     nd: int
     nf: tuple[int, ...]
 
-    @property
+    @cached_property
     def start(self) -> int:
         """First sample whose measured regressors lie inside the record."""
         lags = [nb + nk - 1 for nb, nk in zip(self.nb, self.nk, strict=True) if nb]
         return max(0, *self.na, *lags)
 
-    @property
+    @cached_property
     def edges(self) -> tuple[int, ...]:
         """Cumulative offsets of a_1…a_ny, b_1…b_nu, c, d, f_1…f_nu in θ."""
         lengths = (*self.na, *self.nb, self.nc, self.nd, *self.nf)
@@ -62,12 +65,12 @@ class RowLayout:
             parts[ny + nu + 2 :],
         )
 
-    @property
+    @cached_property
     def n(self) -> int:
         """Number of coefficients."""
         return self.edges[-1]
 
-    @property
+    @cached_property
     def filtered(self) -> tuple[int, ...]:
         """Inputs with a denominator of their own."""
         return tuple(j for j, nf in enumerate(self.nf) if nf and self.nb[j])
@@ -145,6 +148,8 @@ class RowErrors(Problem):
 
     def residual(self, p: Array) -> Array:
         """Prediction errors ε of all experiments, stacked."""
+        if not invertible(p[self._c]):
+            return np.full(sum(self.lengths), HUGE)
         with np.errstate(all="ignore"):
             e = np.concatenate([s.e[self.layout.nd :] for s in self._signals(p)])
         if not np.all(np.isfinite(e)) or np.max(np.abs(e), initial=0.0) > HUGE:
@@ -169,7 +174,9 @@ class RowErrors(Problem):
                 first = lay.n + k * self.states_each
                 out[first : first + self.states_each, at:stop] = block[lay.n :]
             at = stop
-        return np.asarray(np.nan_to_num(out, nan=0.0, posinf=HUGE, neginf=-HUGE).T)
+        if not np.isfinite(out).all():
+            out = np.nan_to_num(out, nan=0.0, posinf=HUGE, neginf=-HUGE)
+        return out.T
 
     def _signals(self, p: Array) -> "list[_Signals]":
         key = p.tobytes()
@@ -244,6 +251,17 @@ class _Signals:
     v: Array
     ws: list[Array]
     fs: list[Array]
+
+
+def invertible(tail: Array) -> bool:
+    """Whether 1 + c₁q⁻¹ + … has all roots inside the unit circle (Schur-Cohn recursion)."""
+    c = [1.0, *tail.tolist()]
+    while len(c) > 1:
+        k = c[-1]
+        if not abs(k) < 1.0:
+            return False
+        c = [(x - k * y) / (1.0 - k * k) for x, y in zip(c[:-1], c[:0:-1], strict=True)]
+    return True
 
 
 def _lags(first: int, count: int) -> range:

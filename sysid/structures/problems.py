@@ -94,7 +94,9 @@ class FreeRunErrors(Problem):
                                     )
                 blocks.append(block.reshape(len(p), -1))
         out = np.concatenate(blocks, axis=1)
-        return np.asarray(np.nan_to_num(out, nan=0.0, posinf=HUGE, neginf=-HUGE).T)
+        if not np.isfinite(out).all():
+            out = np.nan_to_num(out, nan=0.0, posinf=HUGE, neginf=-HUGE)
+        return np.asarray(out.T)
 
     def _theta(self, p: Array) -> Array:
         theta = np.zeros(self._n)

@@ -68,6 +68,8 @@ class TransferMatrix:
     def simulate(self, u: Array, x0: Array | None = None) -> Array:
         """Response to ``u`` (N, nu) from state ``x0`` (n_states,) or rest, shape (N, ny)."""
         y = np.zeros((len(u), self.ny))
+        if not len(u):
+            return y
         at = 0
         for g in self.groups:
             state = None if x0 is None else x0[at : at + g.order]

@@ -1,0 +1,107 @@
+"""What ``sysid fit`` shows a person."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from . import render
+
+if TYPE_CHECKING:
+    from sysid.estimation.assessment import Assessment
+    from sysid.estimation.identify import Identification
+
+    from .workspace import StoredModel
+
+MANY = 24
+"""Parameters from which only the file lists them all."""
+
+
+def show(stored: "Sequence[StoredModel]", found: "Identification", plot: Path | None) -> None:
+    """Print the ranking, the winner's parameters and figures, and what to do next."""
+    from sysid.estimation.orders import orders_text
+
+    best = found.assessments[0]
+    names = list(best.estimation.free_run.fit_percent)
+    judged = "validation" if best.validation else "estimation"
+    if len(found.assessments) > 1:
+        rows = [
+            [
+                s.id,
+                orders_text(a.model.structure.order_values()),
+                a.model.n_estimated,
+                *(render.number(a.judged.free_run.fit_percent[n], 4) for n in names),
+                *(render.number(a.judged.one_step.fit_percent[n], 4) for n in names),
+                render.number(a.model.criteria.aic, 6),
+                _verdict(a),
+            ]
+            for s, a in zip(stored, found.assessments, strict=True)
+        ]
+        heads = [f"free run {n} %" for n in names] + [f"one step {n} %" for n in names]
+        render.table(
+            ["model", "orders", "n", *heads, "AIC", "residuals"],
+            rows,
+            title=f"Models, judged on {judged} data: {best.judged.free_run.data}",
+        )
+    render.say(found.reason, "bold")
+    for name, reason in found.failed.items():
+        render.warn(f"{name} could not be fitted: {reason}")
+    _parameters(best)
+    _figures(best)
+    for line in best.model.structure.equations(
+        best.model.theta, best.model.inputs, best.model.outputs
+    ):
+        render.say(f"  {line}")
+    render.say(best.model.termination.value, "dim")
+    for sentence in best.warnings:
+        render.warn(f"! {sentence}")
+    if plot is not None:
+        render.say(f"Picture: {plot}")
+    render.say(f"Kept as {stored[0].id} in {stored[0].path}. Next: sysid compare, sysid export.")
+
+
+def _verdict(a: "Assessment") -> str:
+    independent = all(t.passed for t in a.residuals.independence)
+    white = [t for t in a.residuals.whiteness if t.judged]
+    words = ["independent" if independent else "depend on u"]
+    if white:
+        words.append("white" if all(t.passed for t in white) else "not white")
+    return ", ".join(words)
+
+
+def _parameters(a: "Assessment") -> None:
+    table = a.model.parameter_table()
+    if len(table) > MANY:
+        render.say(f"{len(table)} parameters; `sysid models show` lists them.")
+        return
+    rows = [
+        [
+            p.name,
+            render.number(p.value, 6),
+            "fixed" if p.fixed else render.number(p.std_error, 3),
+            "" if p.fixed or not p.value else f"{100.0 * p.std_error / abs(p.value):.2g} %",
+            p.unit,
+        ]
+        for p in table
+    ]
+    render.table(["parameter", "value", "± std. error", "relative", "unit"], rows)
+
+
+def _figures(a: "Assessment") -> None:
+    rows = []
+    for part in (a.estimation, a.validation):
+        if part is None:
+            continue
+        for f in (part.free_run, *part.k_step[::-1], part.one_step):
+            horizon = "free run" if f.horizon is None else f"{f.horizon} step"
+            rows += [
+                [
+                    f.data,
+                    horizon,
+                    name,
+                    render.number(fit, 5),
+                    render.number(f.rmse[name], 4),
+                    f.initial_state,
+                ]
+                for name, fit in f.fit_percent.items()
+            ]
+    render.table(["data", "horizon", "output", "fit %", "RMSE", "initial state"], rows)

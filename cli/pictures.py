@@ -1,0 +1,120 @@
+"""From results of the library to the pictures of the report layer."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sysid.criteria.correlation import Correlation as FoundCorrelation
+    from sysid.data.record import Record
+    from sysid.estimation.assessment import Assessment
+    from sysid.estimation.comparison import Ranking
+    from sysid.estimation.identify import Identification
+    from sysid.report.correlation_panels import Correlation
+    from sysid.report.fit_picture import FitSegment
+
+
+def draw_fit(path: Path, title: str, found: "Identification") -> None:
+    """Draw measured, simulated and residual of the winner with its residual correlations."""
+    from sysid.criteria.residuals import autocorrelation, cross_correlation
+    from sysid.estimation.orders import orders_text
+    from sysid.estimation.pem import head_window
+    from sysid.report.fit_picture import FitPicture
+    from sysid.report.plots import plot_fit
+
+    best = found.assessments[0]
+    model = best.model
+    window = head_window(model.structure, model.theta)
+    errors = [model.errors(r, window) for r in found.estimation]
+    inputs = [r.u for r in found.estimation]
+    columns = [[e[:, [i]] for e in errors] for i in range(len(model.outputs))]
+    named = f"{title}: {orders_text(model.structure.order_values())}"
+    plot_fit(
+        path,
+        FitPicture(
+            title=named if len(named) < TITLE else title,
+            outputs=model.outputs,
+            inputs=model.inputs,
+            segments=_segments(best, found),
+            initial_state=best.judged.free_run.initial_state,
+            estimation_fit=tuple(best.estimation.free_run.fit_percent.values()),
+            validation_fit=(
+                tuple(best.validation.free_run.fit_percent.values()) if best.validation else ()
+            ),
+            autocorrelation=tuple(_drawn(autocorrelation(e), 0) for e in columns),
+            cross_correlation=tuple(
+                tuple(_drawn(found, j) for j in range(len(model.inputs)))
+                for found in (cross_correlation(e, inputs) for e in columns)
+            ),
+        ),
+    )
+
+
+TITLE = 70
+"""Longest title that fits on a picture."""
+
+
+def draw_ranking(path: Path, ranking: "Ranking") -> None:
+    """Draw the models of a comparison as bars with their fits beside them."""
+    from sysid.criteria.information import CRITERIA
+    from sysid.estimation.orders import orders_text
+    from sysid.report.plots import plot_ranking
+    from sysid.report.ranking_drawing import RankingPicture, RankingRow
+
+    from . import render
+
+    outputs = tuple(ranking.best.figures["fit_percent"])
+    rows = []
+    for line in ranking.lines:
+        structure = line.contender.model.structure
+        fits = line.figures["fit_percent"]
+        residuals = line.contender.report.get("residuals") or {}
+        rows.append(
+            RankingRow(
+                line.contender.id,
+                f"{structure.name} {orders_text(structure.order_values())}",
+                line.value,
+                render.number(line.value, 6),
+                tuple(float("nan") if fits[n] is None else fits[n] for n in outputs),
+                residuals.get("passed"),
+            )
+        )
+    plot_ranking(
+        path,
+        RankingPicture(
+            f"Models ranked by {ranking.criterion}, fits on {ranking.data}"[:TITLE],
+            ranking.criterion,
+            tuple(rows),
+            outputs,
+            not CRITERIA[ranking.criterion].smaller_is_better,
+            ranking.criterion in ("aic", "aicc", "naic", "bic"),
+        ),
+    )
+
+
+def _drawn(found: "FoundCorrelation", column: int) -> "Correlation":
+    from sysid.report.correlation_panels import Correlation
+
+    lags = found.lags.astype(float)
+    return Correlation(lags, found.values[:, column], float(found.bound[column]))
+
+
+def _segments(best: "Assessment", found: "Identification") -> "tuple[FitSegment, ...]":
+    from sysid.estimation.figures import Start, outputs
+    from sysid.report.fit_picture import FitSegment
+
+    def segment(record: "Record", part: str) -> FitSegment:
+        run = outputs(best.model, record, None, Start.ESTIMATED)
+        return FitSegment(
+            t=record.t,
+            measured=record.y,
+            simulated=run,
+            u=record.u,
+            part="estimation" if part == "estimation" else "validation",
+            label=record.name,
+        )
+
+    inside = [segment(r, "estimation") for r in found.estimation]
+    outside = [segment(r, "validation") for r in found.validation]
+    if len(inside) == len(outside):  # a split record continues in its validation part
+        return tuple(s for pair in zip(inside, outside, strict=True) for s in pair)
+    return (*inside, *outside)

@@ -1,0 +1,187 @@
+"""identify: the whole road from records to judged models, which ``sysid fit`` walks."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from sysid.data.preprocess import Detrend
+from sysid.data.record import Record
+from sysid.errors import DataError, UsageError
+from sysid.estimation.assessment import Assessment, Policy, assess
+from sysid.estimation.contest import LINEAR, Entry, run_contest
+from sysid.estimation.grid import parse_grid
+from sysid.estimation.orders import check_criterion, orders_text
+from sysid.estimation.search import FitOptions
+from sysid.structures.base import structure_class
+
+SHOWN_CANDIDATES = 10
+
+DETREND = ("auto", "none", "mean", "linear")
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be identified and how.
+
+    Attributes:
+        structures: names; empty for all that apply.
+        orders: text such as ``na=2 nb=2 nk=1`` or ``na=1:4 nb=1:4 nk=1``; None to search.
+        options: how to fit.
+        detrend: ``auto`` removes means except from robot logs, whose zeros are physical;
+            ``none``, ``mean`` or ``linear``.
+        criterion: what ranks orders and structures.
+        split: share of each record used for estimation, None for all of it.
+        policy: how figures are made.
+        jobs: processes.
+    """
+
+    structures: tuple[str, ...] = ()
+    orders: str | None = None
+    options: FitOptions = field(default_factory=FitOptions)
+    detrend: str = "auto"
+    criterion: str = "fit"
+    split: float | None = None
+    policy: Policy = field(default_factory=Policy)
+    jobs: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """Judged models, the winner first, why it is ahead, and what could not be fitted."""
+
+    assessments: tuple[Assessment, ...]
+    reason: str
+    failed: Mapping[str, str]
+    estimation: tuple[Record, ...]
+    validation: tuple[Record, ...]
+
+
+def identify(
+    records: Sequence[Record],
+    validation: Sequence[Record],
+    request: Request,
+    progress: Callable[[float, str], None] | None = None,
+    notes: Sequence[str] = (),
+) -> Identification:
+    """Choose orders and structures on the estimation data, fit them, and judge them.
+
+    Validation data are only looked at by the figures; they never choose anything.
+
+    Args:
+        records: all records of the estimation logs.
+        validation: records of separate validation logs, may be empty.
+        request: what to do.
+        progress: called with (share done, what).
+        notes: warnings about the data to pass on.
+
+    Raises:
+        DataError: the data cannot serve.
+        UsageError: the request contradicts itself or the data.
+    """
+    require_same_channels(records, validation)
+    inside, outside, labels = _parts(records, validation, request.split)
+    detrend = choose_detrend(inside, request.detrend)
+    names = request.structures or LINEAR
+    for name in names:
+        structure_class(name)
+    grid = None if request.orders is None else parse_grid(request.orders)
+    if grid is not None and len(names) > 1:
+        raise UsageError("--orders belongs to one structure; name it with --structure")
+    check_criterion(request.criterion)
+    options = replace(
+        request.options,
+        extra={
+            **request.options.extra,
+            "detrend": request.detrend,
+            "split": request.split,
+            "criterion": request.criterion,
+        },
+    )
+    contest = run_contest(
+        names,
+        inside,
+        options,
+        detrend,
+        grid=grid,
+        criterion=request.criterion,
+        jobs=request.jobs,
+        progress=progress,
+    )
+    judged = tuple(
+        assess(
+            entry.model,
+            (inside, labels[0]),
+            (outside, labels[1]) if outside else None,
+            request.policy,
+            entry.seconds,
+            _searched(entry),
+            (*notes, *entry.notes),
+        )
+        for entry in contest.entries
+    )
+    return Identification(judged, contest.reason, contest.failed, inside, outside)
+
+
+def choose_detrend(records: Sequence[Record], policy: str) -> Detrend:
+    """Offsets and trends for these records under a policy.
+
+    Raises:
+        UsageError: the policy is unknown.
+    """
+    if policy not in DETREND:
+        raise UsageError(f"no detrending {policy!r}; choose one of {', '.join(DETREND)}")
+    first = records[0]
+    if policy == "none" or (policy == "auto" and first.is_robot_log):
+        return Detrend.none(first.nu, first.ny)
+    return Detrend.linear(records) if policy == "linear" else Detrend.means(records)
+
+
+def _parts(
+    records: Sequence[Record], validation: Sequence[Record], split: float | None
+) -> tuple[tuple[Record, ...], tuple[Record, ...], tuple[str, str]]:
+    names = ", ".join(dict.fromkeys(r.name for r in records))
+    if split is None:
+        held = ", ".join(dict.fromkeys(r.name for r in validation))
+        return tuple(records), tuple(validation), (names, held)
+    if validation:
+        raise UsageError("give either --val or --split, not both")
+    if not 0.0 < split < 1.0:
+        raise UsageError(f"--split is the share to fit on, between 0 and 1, got {split:g}")
+    pairs = [r.split(split) for r in records]
+    share = 100.0 * split
+    labels = (f"{names}, first {share:g} %", f"{names}, last {100.0 - share:g} %")
+    return tuple(a for a, _ in pairs), tuple(b for _, b in pairs), labels
+
+
+def _searched(entry: Entry) -> dict[str, Any]:
+    if entry.search is None:
+        return {}
+    return {
+        "criterion": entry.search.criterion,
+        "tried": len(entry.search.candidates),
+        "candidates": [
+            {"orders": orders_text(c.orders), "n": c.n, "score": c.score, "stable": c.stable}
+            for c in entry.search.candidates[:SHOWN_CANDIDATES]
+        ],
+    }
+
+
+def require_same_channels(records: Sequence[Record], validation: Sequence[Record]) -> None:
+    """Refuse validation records whose channels or sample time differ.
+
+    Raises:
+        DataError: they do.
+    """
+    first = records[0]
+    for r in validation:
+        if r.input_names != first.input_names or r.output_names != first.output_names:
+            raise DataError(
+                f"the validation log {r.name} has {', '.join(r.input_names)} -> "
+                f"{', '.join(r.output_names)} but {first.name} has "
+                f"{', '.join(first.input_names)} -> {', '.join(first.output_names)}"
+            )
+        if abs(r.dt - first.dt) > 1e-3 * first.dt:
+            raise DataError(
+                f"the validation log {r.name} is sampled every {r.dt:g} s but {first.name} "
+                f"every {first.dt:g} s"
+            )

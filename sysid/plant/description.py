@@ -1,0 +1,177 @@
+"""plant.json: everything a runtime needs to know about a plant, and how it is read back."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from sysid import __version__
+from sysid.data.preprocess import Detrend
+from sysid.data.record import Array, Channel
+from sysid.errors import ModelError
+from sysid.structures.base import structure_from_json
+from sysid.structures.model import Model
+from sysid.structures.plant import Plant
+
+SCHEMA = "sysid-plant/1"
+BLOCKS = ("input_operating_point", "core", "output_operating_point")
+"""Kinds of the blocks a signal passes, in order."""
+
+
+def describe(model: Model, report: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """The content of plant.json: blocks, channels, domain of validity, origin and fit.
+
+    Args:
+        model: a fitted model.
+        report: what ``fit`` had to say; its ``validation``, else its ``estimation``, is kept.
+        name: what to call the plant.
+
+    Returns:
+        JSON-able values; numbers that are not finite are None.
+    """
+    channels = (*model.inputs, *model.outputs)
+    ranges = {c.name: [float(a), float(b)] for c, (a, b) in zip(channels, model.ranges)}  # noqa: B905 (a model may store no ranges)
+    core = {
+        "kind": "core",
+        **model.structure.to_json(),
+        "parameters": [
+            {
+                "name": p.name,
+                "value": p.value,
+                "std_error": p.std_error,
+                "unit": p.unit,
+                "fixed": p.fixed,
+            }
+            for p in model.parameter_table()
+        ],
+    }
+    described = {
+        "schema": SCHEMA,
+        "name": name,
+        "sample_time": model.dt,
+        "inputs": [asdict(c) for c in model.inputs],
+        "outputs": [asdict(c) for c in model.outputs],
+        "blocks": [
+            {"kind": BLOCKS[0], "offset": model.detrend.u_offset.tolist()},
+            core,
+            {"kind": BLOCKS[2], "offset": model.detrend.y_offset.tolist()},
+        ],
+        "domain": {
+            "inputs": {c.name: ranges.get(c.name) for c in model.inputs},
+            "outputs": {c.name: ranges.get(c.name) for c in model.outputs},
+        },
+        "properties": model.structure.properties(model.theta, model.dt),
+        "fit": _fit(report),
+        "termination": {"code": model.termination.code, "message": model.termination.value},
+        "data": [asdict(s) for s in model.provenance.data],
+        "warnings": list(dict.fromkeys((*model.warnings, *report.get("warnings", ())))),
+        # not where the logs lay on somebody's disk: their names and hashes are under data
+        "options": {k: v for k, v in model.provenance.options.items() if k != "files"},
+        "version": model.provenance.version or __version__,
+    }
+    finite: dict[str, Any] = _finite(described)
+    return finite
+
+
+def _fit(report: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The figures on validation data, on estimation data where there are none, and which."""
+    for part in ("validation", "estimation"):
+        if isinstance(report.get(part), Mapping):
+            return {"on": part, **report[part]}
+    return None
+
+
+def to_text(described: Mapping[str, Any]) -> str:
+    """The description as the text of plant.json."""
+    return json.dumps(described, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def from_text(text: bytes, where: str) -> dict[str, Any]:
+    """Read plant.json as far as its schema.
+
+    Raises:
+        ModelError: it is not JSON, or of another schema.
+    """
+    try:
+        raw = json.loads(text.decode("utf-8"))
+    except (ValueError, RecursionError):
+        raise ModelError(f"{where}: plant.json is damaged (not JSON); export it again") from None
+    if not isinstance(raw, dict) or "schema" not in raw:
+        raise ModelError(f"{where}: plant.json names no schema; export the plant again")
+    if raw["schema"] != SCHEMA:
+        raise ModelError(
+            f"{where}: plant.json has the schema {raw['schema']!r}, this version reads {SCHEMA}; "
+            "export the plant again"
+        )
+    return raw
+
+
+def to_plant(raw: Mapping[str, Any], where: str) -> Plant:
+    """The plant that a description describes, made through the registry of structures.
+
+    Raises:
+        ModelError: the description is damaged, or its structure is not known here.
+    """
+    try:
+        before, core, after = raw["blocks"]
+        if tuple(b["kind"] for b in (before, core, after)) != BLOCKS:
+            raise ValueError(f"its blocks must be {', '.join(BLOCKS)}")
+        inputs = tuple(Channel(**c) for c in raw["inputs"])
+        outputs = tuple(Channel(**c) for c in raw["outputs"])
+        structure = structure_from_json(core)
+        wanted = [p.name for p in structure.parameters(inputs, outputs)]
+        if [p["name"] for p in core["parameters"]] != wanted:
+            raise ValueError("its parameters do not fit its orders")
+        theta = _numbers([p["value"] for p in core["parameters"]], len(wanted), "parameters")
+        domain = [raw["domain"]["inputs"][c.name] for c in inputs]
+        if any(d is None for d in domain):
+            domain = []
+        return Plant.of_structure(
+            structure,
+            theta,
+            _positive(raw["sample_time"]),
+            inputs,
+            outputs,
+            Detrend(
+                _numbers(before["offset"], len(inputs), "input offsets"),
+                _numbers(after["offset"], len(outputs), "output offsets"),
+            ),
+            np.array([_numbers(d, 2, "domain") for d in domain]).reshape(-1, 2),
+        )
+    except ModelError as error:
+        raise ModelError(f"{where}: {error}") from None
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        what = f"{error} is missing" if isinstance(error, KeyError) else error
+        raise ModelError(f"{where}: plant.json is damaged ({what}); export it again") from None
+
+
+def _numbers(values: Any, count: int, what: str) -> Array:
+    if not isinstance(values, list) or len(values) != count:
+        raise ValueError(f"{what}: {count} numbers expected")
+    if any(isinstance(v, bool) or not isinstance(v, int | float) for v in values):
+        raise ValueError(f"{what}: a number is missing")
+    found = np.array(values, dtype=np.float64)
+    if not np.all(np.isfinite(found)):
+        raise ValueError(f"{what}: a number is not finite")
+    return found
+
+
+def _positive(value: Any) -> float:
+    number = float(_numbers([value], 1, "sample_time")[0])
+    if number <= 0:
+        raise ValueError(f"the sample time {number:g} s is not positive")
+    return number
+
+
+def _finite(value: Any) -> Any:
+    """``value`` with None for every number that is not finite, because JSON has none."""
+    if isinstance(value, Mapping):
+        return {str(k): _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    return value

@@ -1,0 +1,127 @@
+"""Open loop: the inputs of a log through a plant, its outputs beside the measured ones."""
+
+import csv
+import io
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid.criteria.fit import fit_percent, rmse
+from sysid.data.files import write_atomic
+from sysid.data.record import Array, Channel, Record
+from sysid.errors import ModelError
+from sysid.plant.selftest import run
+from sysid.structures.plant import Plant
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """What a plant answered to the inputs of a record.
+
+    Attributes:
+        record: the log, in the plant's units.
+        simulated: the plant's outputs, shape (N, ny).
+        warnings: what to know before trusting the figures.
+    """
+
+    record: Record
+    simulated: Array
+    warnings: tuple[str, ...]
+
+    def summary(self) -> dict[str, Any]:
+        """Fit [%] and RMSE of each output by name, with what they were computed from."""
+        names = self.record.output_names
+        fit = fit_percent(self.record.y, self.simulated)
+        error = rmse(self.record.y, self.simulated)
+        return {
+            "data": self.record.name,
+            "horizon": "free run",
+            "initial_state": "rest",
+            "fit_percent": dict(zip(names, map(float, fit), strict=True)),
+            "rmse": dict(zip(names, map(float, error), strict=True)),
+            "warnings": list(self.warnings),
+        }
+
+
+def replay(plant: Plant, record: Record) -> Replay:
+    """Step a plant from rest through the inputs of a log.
+
+    The log's channels are brought to the plant's units by the scale that is stored with the plant.
+
+    Args:
+        plant: any plant.
+        record: a log with the plant's inputs and outputs.
+
+    Raises:
+        ModelError: channels or sample time differ, or the plant runs away.
+    """
+    record = _in_units(record, plant)
+    if abs(record.dt - plant.dt) > 1e-2 * plant.dt:
+        raise ModelError(
+            f"{record.name} is sampled every {record.dt:g} s but the plant every {plant.dt:g} s; "
+            "fit and export a model of this sample time"
+        )
+    with np.errstate(over="ignore", invalid="ignore"):
+        simulated = run(plant, record.u)
+    if not np.all(np.isfinite(simulated)):
+        raise ModelError(
+            f"the plant runs away on {record.name}: it is unstable; fit with --stable or choose "
+            "another model"
+        )
+    return Replay(record, simulated, outside_domain(plant, record.u))
+
+
+def write_replay(result: Replay, path: str | Path) -> Path:
+    """Write t, inputs, measured and simulated outputs (``…_sim``) as CSV.
+
+    Raises:
+        DataError, UsageError: the file cannot be written.
+    """
+    record = result.record
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    simulated = [f"{n}_sim" for n in record.output_names]
+    writer.writerow(["t", *record.input_names, *record.output_names, *simulated])
+    t = np.round(record.t, 12)
+    writer.writerows(np.column_stack([t, record.u, record.y, result.simulated]).tolist())
+    return write_atomic(path, text.getvalue())
+
+
+def outside_domain(plant: Plant, u: Array) -> tuple[str, ...]:
+    """A sentence for each input of u (N, nu) that leaves the range the plant was identified in."""
+    found = []
+    for channel, (low, high), values in zip(plant.inputs, plant.input_range, u.T, strict=False):
+        margin = 0.01 * (high - low)
+        if values.min() < low - margin or values.max() > high + margin:
+            found.append(
+                f"{channel.name} runs from {values.min():.5g} to {values.max():.5g} but the plant "
+                f"was identified from {low:.5g} to {high:.5g}: outside it extrapolates."
+            )
+    return tuple(found)
+
+
+def _in_units(record: Record, plant: Plant) -> Record:
+    """The record with the channels of the plant, in the plant's order and units."""
+    wanted = [c.name for c in (*plant.inputs, *plant.outputs)]
+    there = (*record.input_names, *record.output_names)
+    missing = [n for n in wanted if n not in there]
+    if missing:
+        raise ModelError(
+            f"{record.name} has no column {missing[0]}, which the plant needs; it has "
+            + ", ".join(there)
+        )
+    chosen = record.select([c.name for c in plant.inputs], [c.name for c in plant.outputs])
+    return replace(
+        chosen,
+        u=chosen.u * _factors(chosen.inputs, plant.inputs),
+        y=chosen.y * _factors(chosen.outputs, plant.outputs),
+        inputs=plant.inputs,
+        outputs=plant.outputs,
+    )
+
+
+def _factors(read: tuple[Channel, ...], wanted: tuple[Channel, ...]) -> Array:
+    """From the units a log was read in to those the plant was identified in."""
+    return np.array([w.scale / r.scale for r, w in zip(read, wanted, strict=True)])
