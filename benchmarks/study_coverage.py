@@ -73,7 +73,7 @@ def _arma(e: Array) -> Array:
     return np.asarray(lfilter([1.0, 0.6], [1.0, -1.3, 0.8], e, axis=0))
 
 
-A, B, C, D = (-1.5, 0.7), (1.0, 0.5), (-0.9, 0.3), (-0.6, 0.2)
+A, B, C = (-1.5, 0.7), (1.0, 0.5), (-0.9, 0.3)
 SISO = {"na": 2, "nb": 2, "nk": 1}
 OE = {"nb": 2, "nf": 2, "nk": 1}
 ROW1 = (-1.2, 0.5, 1.0, 0.5, -0.6, 0.4)
@@ -122,7 +122,7 @@ CASES = (
         ny=2,
     ),
     Case("BJ", "bj", OE | {"nc": 1, "nd": 1}, (*B, 0.5, -0.9, *A)),
-    Case("BJ, second-order noise", "bj", OE | {"nc": 2, "nd": 2}, (*B, *C, -1.2, 0.5, *A)),
+    Case("BJ, second-order noise", "bj", OE | {"nc": 2, "nd": 2}, (*B, 0.4, 0.3, -1.2, 0.5, *A)),
     Case(
         "BJ, 2 inputs, 2 outputs",
         "bj",

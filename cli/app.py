@@ -13,20 +13,25 @@ from sysid.errors import SysidError
 
 from . import compare, excite, export, fit, inspect, models, simulate, structures
 
+_HELP = {"help_option_names": ["-h", "--help"]}
+
 app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings=_HELP,
 )
-app.command()(inspect.inspect)
-app.command()(excite.excite)
-app.command()(structures.structures)
-app.command()(fit.fit)
-app.command()(compare.compare)
-app.command()(models.models)
-app.command()(export.export)
-app.command()(simulate.simulate)
+for _command in (
+    inspect.inspect,
+    excite.excite,
+    structures.structures,
+    fit.fit,
+    compare.compare,
+    models.models,
+    export.export,
+    simulate.simulate,
+):
+    app.command(context_settings=_HELP)(_command)
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -97,6 +102,8 @@ def _command(arguments: list[str]) -> tuple[Any, str, list[str]]:
     """
     whole: Any = typer.main.get_command(app)
     first = arguments[0] if arguments else ""
+    if not arguments:
+        return whole, "sysid", ["--help"]
     if first in whole.commands:
         return whole.commands[first], f"sysid {first}", arguments[1:]
     return whole, "sysid", arguments

@@ -112,6 +112,15 @@ def fit(
             help="Keep a parameter between bounds, e.g. a1=-1:0.",
         ),
     ] = None,
+    option: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--option",
+            metavar="NAME=VALUE",
+            rich_help_panel=_FITTING,
+            help="Option of the structure; `sysid structures NAME` lists them.",
+        ),
+    ] = None,
     robust: Annotated[
         bool,
         typer.Option("--robust", rich_help_panel=_FITTING, help="Huber loss: outliers count less."),
@@ -189,6 +198,7 @@ def fit(
         initial,
         fix,
         bound,
+        option,
         robust,
         stable,
         initial_state,
@@ -219,6 +229,7 @@ def _request(
     initial: str,
     fix: list[str] | None,
     bound: list[str] | None,
+    option: list[str] | None,
     robust: bool,
     stable: bool,
     initial_state: str,
@@ -254,6 +265,7 @@ def _request(
         stable=stable,
         fixed=fixed,
         bounds=bounds,
+        structure_options=dict(_pair(item, "--option", "units=20") for item in option or []),
         extra={"files": [str(p.resolve()) for p in logs], "read": read.to_json()},
     )
     start = Start(reading.choice(initial_state, [s.value for s in Start], "--initial-state"))

@@ -59,9 +59,18 @@ def _summary(stored: "StoredModel") -> dict[str, Any]:
         "outputs": [c.name for c in model.outputs],
         "sample_time_s": model.dt,
         "stable": model.stable,
-        "aic": model.criteria.aic,
+        "fit_percent": _fit_percent(stored.report),
         "data": [s.name for s in model.provenance.data],
     }
+
+
+def _fit_percent(report: dict[str, Any]) -> dict[str, float | None]:
+    """Free-run fits on validation data, else on estimation data."""
+    for part in ("validation", "estimation"):
+        figures = report.get(part)
+        if isinstance(figures, dict) and isinstance(figures.get("fit_percent"), dict):
+            return dict(figures["fit_percent"])
+    return {}
 
 
 def _list_document(stored: "list[StoredModel]", _root: Path) -> None:
@@ -72,18 +81,20 @@ def _list(stored: "list[StoredModel]", root: Path) -> None:
     if not stored:
         render.say(f"The workspace {root} holds no model; run `sysid fit` first.")
         return
+    from sysid.estimation.orders import orders_text
+
     rows = [
         (
             s["model"],
-            " ".join(f"{k}={v}" for k, v in s["orders"].items()),
+            orders_text(s["orders"]),
             f"{', '.join(s['inputs'])} -> {', '.join(s['outputs'])}",
-            s["aic"],
+            ", ".join(render.number(f, 4) for f in s["fit_percent"].values()) or None,
             s["stable"],
             ", ".join(s["data"]),
         )
         for s in map(_summary, stored)
     ]
-    render.table(("model", "orders", "channels", "AIC", "stable", "data"), rows)
+    render.table(("model", "orders", "channels", "fit [%]", "stable", "data"), rows)
 
 
 def _document(stored: "StoredModel") -> None:

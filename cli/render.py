@@ -57,14 +57,7 @@ def table(
     from rich.table import Table
     from rich.text import Text
 
-    drawn = Table(
-        title=Text(title, style="bold") if title else None,
-        caption=Text(caption, style="dim") if caption else None,
-        title_justify="left",
-        caption_justify="left",
-        header_style="bold",
-        expand=False,
-    )
+    drawn = Table(header_style="bold")
     for k, heading in enumerate(headings):
         column = [row[k] for row in rows]
         numeric = any(_is_number(c) for c in column) and all(
@@ -73,7 +66,11 @@ def table(
         drawn.add_column(Text(heading), justify="right" if numeric else "left", overflow="fold")
     for row in rows:
         drawn.add_row(*(Text(_cell(c)) for c in row))
+    if title:  # as a line of its own: rich would break it at the width of the table
+        say(title, "bold")
     _console(sys.stdout).print(drawn)
+    if caption:
+        say(caption, "dim")
 
 
 def facts(pairs: Sequence[tuple[str, object]], title: str = "") -> None:

@@ -203,6 +203,8 @@ class Workspace:
             model = Model.from_json(content["model"])
         except ModelError as error:
             raise ModelError(f"{path}: {error}") from None
+        except LookupError:
+            raise ModelError(f"{path} is damaged; fit the model again") from None
         return StoredModel(id, path, model, content["report"])
 
     def _ids(self) -> list[str]:

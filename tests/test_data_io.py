@@ -194,6 +194,12 @@ def test_units_convert_and_are_stored(
     assert bool(found.file_unit) == (factor != 1.0)
 
 
+def test_names_that_differ_in_case_are_different_channels(tmp_path: Path) -> None:
+    path = put(tmp_path, table("t,u,U,y", [(k, k % 3, k % 5, k % 7) for k in range(20)]))
+    options = ReadOptions(inputs=("u", "U"), units={"U": "mV"})
+    assert [c.scale for c in read_log(path, options).inputs] == [1.0, 1e-3]
+
+
 def test_suffixes_tell_units(tmp_path: Path) -> None:
     rows = [(k, k % 3, k % 5, k % 7) for k in range(20)]
     log = read_file(put(tmp_path, table("t_s,u_mV,y_rpm,omega_m", rows)))

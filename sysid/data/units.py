@@ -175,15 +175,16 @@ def conversions(
     Raises:
         UsageError: an option names no channel or no known unit, or there is no PWM to scale.
     """
-    known = {n.lower(): n for n in (*inputs, *outputs)}
-    told = {n: _bracketed(bracketed[n]) for n in known.values() if bracketed.get(n)}
+    names = (*inputs, *outputs)
+    told = {n: _bracketed(bracketed[n]) for n in names if bracketed.get(n)}
     for name, unit in units.items():
-        if name.lower() not in known:
+        meant = [n for n in names if n == name] or [n for n in names if n.lower() == name.lower()]
+        if len(meant) != 1:
             raise UsageError(
                 f"--unit names {name!r}, which is no channel of {where}; "
-                f"they are {', '.join(known.values())}"
+                f"they are {', '.join(names)}"
             )
-        told[known[name.lower()]] = conversion(unit, name)
+        told[meant[0]] = conversion(unit, name)
     if pwm_max is not None:
         free = [n for n in inputs if n not in told and from_name(n).unit in ("", "µs")]
         named = [n for n in free if n.lower().startswith("pwm")]
@@ -193,7 +194,7 @@ def conversions(
                 f"({', '.join(inputs)}); leave it out"
             )
         told.update(dict.fromkeys(named or free, pwm_conversion(pwm_max)))
-    every = {n: told.get(n) or from_name(n) for n in known.values()}
+    every = {n: told.get(n) or from_name(n) for n in names}
     return {n: every[n] for n in inputs}, {n: every[n] for n in outputs}
 
 

@@ -107,7 +107,9 @@ def run_contest(
     for name in names:
         chosen = list(grid) if grid is not None else _grid(name, nu, ny, train, nks)
         for orders in chosen:
-            structure_class(name).from_orders(dict(orders), nu, ny)
+            structure_class(name).from_orders(
+                dict(orders), nu, ny, options.structure_options
+            )
         tasks.append((name, chosen))
     searches, failed = _searches(tasks, train, held, options, criterion, jobs, progress)
     entries = []
@@ -119,7 +121,9 @@ def run_contest(
         started = perf_counter()
         search = searches.get(name)
         orders = chosen[0] if search is None else search[0].best.orders
-        structure = structure_class(name).from_orders(dict(orders), nu, ny)
+        structure = structure_class(name).from_orders(
+            dict(orders), nu, ny, options.structure_options
+        )
         try:
             model, notes = _fitted(structure, records, options, detrend)
         except (DataError, ModelError) as error:

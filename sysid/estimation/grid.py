@@ -102,6 +102,9 @@ def default_grid(name: str, nu: int, ny: int, samples: int, nks: Sequence[Any]) 
                 for n in range(1, largest + 1)
                 for nc, nd in ((1, 1), (2, 2))
             ]
+        else:
+            own = structure_class(name).candidate_orders(nu, ny, samples, nk)
+            grid += [dict(orders) for orders in own]
     return [o for o in grid if _affordable(name, o, nu, ny, samples)]
 
 

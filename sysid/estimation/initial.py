@@ -35,7 +35,14 @@ SHRINKS = 400
 """Times the poles are shrunk by 3 % at most: enough for any radius that float64 tells apart."""
 
 NOISY = 0.02
-"""Fraction of the output's power left unexplained beyond which the pole grid is searched too."""
+"""Fraction of the output's power left unexplained beyond which the pole grid is searched too.
+
+With one or two poles SRIV never missed below it (0 of 600 simulated records, against 40 % at a
+signal-to-noise ratio of 0.3); with three it missed 20 % even at one per cent of noise.
+"""
+
+FEW_POLES = 2
+"""Number of poles up to which ``NOISY`` decides; with more the grid is always searched."""
 
 
 def starts(structure: Structure, records: Sequence[Record], focus: Focus) -> Starts:
@@ -94,7 +101,7 @@ def _arx_starts(structure: Structure, records: Sequence[Record], focus: Focus) -
     assert isinstance(structure, PolynomialStructure)
     rows = [_plain(structure.layout(i)) for i in range(structure.ny)]
     found = [("least squares", np.concatenate([arx_row(records, lay) for lay in rows]))]
-    if focus is Focus.SIMULATION and not structure.orders.coupled:
+    if focus is Focus.SIMULATION:
         found += _common_pole_starts(records, rows)
     return found
 
@@ -102,18 +109,35 @@ def _arx_starts(structure: Structure, records: Sequence[Record], focus: Focus) -
 def _common_pole_starts(
     records: Sequence[Record], rows: Sequence[RowLayout]
 ) -> list[tuple[str, Array]]:
-    refined = [sriv(records, lay, arx_row(records, lay)) for lay in rows]
-    found = [("SRIV", np.concatenate(refined))]
-    if any(_noisy(records, lay, row) for lay, row in zip(rows, refined, strict=True)):
-        grid = [pole_grid(records, lay) for lay in rows]
-        found.append(("pole grid", np.concatenate(grid)))
-    return found
+    """Starts of the free run; outputs that feed each other start uncoupled."""
+    alone = [
+        replace(lay, na=tuple(n if j == lay.output else 0 for j, n in enumerate(lay.na)))
+        for lay in rows
+    ]
+    refined = [sriv(records, lay, arx_row(records, lay)) for lay in alone]
+    found = [("SRIV", refined)]
+    if any(_doubtful(records, lay, row) for lay, row in zip(alone, refined, strict=True)):
+        found.append(("pole grid", [pole_grid(records, lay) for lay in alone]))
+    return [
+        (kind, np.concatenate([_coupled(lay, row) for lay, row in zip(rows, thetas, strict=True)]))
+        for kind, thetas in found
+    ]
 
 
-def _noisy(records: Sequence[Record], lay: RowLayout, theta: Array) -> bool:
-    """Whether a row of common poles leaves much of the output unexplained."""
+def _coupled(lay: RowLayout, theta: Array) -> Array:
+    """[a…, b…] with zeros for the other outputs, from [a, b…] of an uncoupled row."""
+    before, own = sum(lay.na[: lay.output]), lay.na[lay.output]
+    after = sum(lay.na) - before - own
+    return np.concatenate([np.zeros(before), theta[:own], np.zeros(after), theta[own:]])
+
+
+def _doubtful(records: Sequence[Record], lay: RowLayout, theta: Array) -> bool:
+    """Whether SRIV may have missed: many poles, or much of the output left unexplained."""
+    poles = lay.na[lay.output]
+    if not 0 < poles <= FEW_POLES:
+        return poles > 0
     power = sum(float(np.sum(r.y[lay.start :, lay.output] ** 2)) for r in records)
-    return lay.na[lay.output] > 0 and run_cost(records, lay, theta) > NOISY * power
+    return run_cost(records, lay, theta) > NOISY * power
 
 
 def _armax_starts(structure: Structure, records: Sequence[Record], focus: Focus) -> Starts:
@@ -122,7 +146,7 @@ def _armax_starts(structure: Structure, records: Sequence[Record], focus: Focus)
     plain = [np.concatenate([arx_row(records, _plain(lay)), np.zeros(lay.nc)]) for lay in layouts]
     rissanen = [_hannan_rissanen(records, lay) for lay in layouts]
     found = [("Hannan-Rissanen", np.concatenate(rissanen)), ("ARX", np.concatenate(plain))]
-    if focus is Focus.SIMULATION and not structure.orders.coupled:
+    if focus is Focus.SIMULATION:
         for kind, theta in _common_pole_starts(records, [_plain(lay) for lay in layouts]):
             ends = np.cumsum([lay.n - lay.nc for lay in layouts])[:-1]
             rows = [
@@ -149,7 +173,7 @@ def _output_error_starts(structure: Structure, records: Sequence[Record], focus:
             "ARX": _split(common, lay, arx),
         }
         best = min((refined, smooth), key=lambda row: run_cost(records, common, row))
-        if _noisy(records, common, best):
+        if _doubtful(records, common, best):
             grid = _split(common, lay, pole_grid(records, common))
             kinds["pole grid"] = own_poles(records, lay, grid)
         rows.append({kind: _with_noise(records, lay, row) for kind, row in kinds.items()})

@@ -98,7 +98,7 @@ def search_orders(
     """
     cls = structure_class(name)
     nu, ny = train[0].nu, train[0].ny
-    structures = [cls.from_orders(dict(o), nu, ny) for o in grid]
+    structures = [cls.from_orders(dict(o), nu, ny, options.structure_options) for o in grid]
     if cls is ARX and options.focus is Focus.PREDICTION and _unconstrained(options):
         found = _arx_in_one_pass(structures, train, held, criterion)
         if progress:

@@ -9,12 +9,11 @@ from sysid import __version__
 from sysid.criteria.information import information_criteria
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
-from sysid.errors import DataError, Termination, UsageError
-from sysid.estimation import closed_form
-from sysid.estimation.search import FitOptions, Search, assembled
-from sysid.estimation.uncertainty import confounded, with_infinite
+from sysid.errors import DataError, UsageError
+from sysid.estimation.search import FitOptions
+from sysid.estimation.strategies import Outcome, strategy
 from sysid.structures.base import Parameter, Structure
-from sysid.structures.model import Model, Provenance, Source, StartReport
+from sysid.structures.model import Model, Provenance, Source
 
 
 def fit(
@@ -48,41 +47,8 @@ def fit(
     plain = tuple(detrend.remove(r) for r in records)
     parameters = _constrained(structure, records[0], options)
     _check_length(structure, records, parameters)
-    if closed_form.applies(structure, options.focus, parameters, options.robust, options.stable):
-        theta, covariance, null, warnings = closed_form.solve(structure, plain)
-        starts: tuple[StartReport, ...] = (StartReport("all", "least squares", None, None, 1),)
-        termination, at_bound, n_states = Termination.CLOSED_FORM, [], 0
-    else:
-        search = Search(structure, plain, options, parameters)
-        theta, parts, starts = search.run(warm)
-        covariance, null = assembled(parts, len(theta))
-        undecided = confounded(structure, plain)
-        covariance, null = with_infinite(covariance, undecided), np.hstack([null, undecided])
-        warnings = ()
-        n_states = sum(int(np.sum(p.free >= len(p.problem.index))) for p in parts)
-        termination = _worst([p.solution.termination for p in parts])
-        at_bound = [
-            parameters[p.problem.index[k]].name
-            for p in parts
-            for k in p.solution.at_bound
-            if k < len(p.problem.index)
-        ]
-    return _model(
-        structure,
-        records,
-        plain,
-        options,
-        detrend,
-        parameters,
-        theta,
-        covariance,
-        null,
-        n_states,
-        termination,
-        tuple(at_bound),
-        starts,
-        tuple(warnings),
-    )
+    outcome = strategy(structure)(structure, plain, options, parameters, warm)
+    return _model(outcome, records, plain, options, detrend)
 
 
 def check_records(structure: Structure, records: Sequence[Record]) -> None:
@@ -171,27 +137,15 @@ def _check_length(
         )
 
 
-def _worst(endings: Sequence[Termination]) -> Termination:
-    order = list(Termination)
-    return max(endings, key=order.index)
-
-
 def _model(
-    structure: Structure,
+    outcome: Outcome,
     records: Sequence[Record],
     plain: Sequence[Record],
     options: FitOptions,
     detrend: Detrend,
-    parameters: tuple[Parameter, ...],
-    theta: Array,
-    covariance: Array,
-    null: Array,
-    n_states: int,
-    termination: Termination,
-    at_bound: tuple[str, ...],
-    starts: tuple[StartReport, ...],
-    warnings: tuple[str, ...],
 ) -> Model:
+    structure, theta, parameters = outcome.structure, outcome.theta, outcome.parameters
+    n_states = outcome.n_states
     n_estimated = sum(p.fixed is None for p in parameters) + n_states
     # the window lets a record that does not start at rest begin from its own state
     errors = [structure.errors(theta, r.u, r.y, head_window(structure, theta)) for r in plain]
@@ -205,7 +159,7 @@ def _model(
     return Model(
         structure=structure,
         theta=theta,
-        covariance=covariance,
+        covariance=outcome.covariance,
         parameters=parameters,
         dt=first.dt,
         inputs=first.inputs,
@@ -214,17 +168,18 @@ def _model(
         noise_covariance=joint.T @ joint / len(joint),
         n_estimated=n_estimated,
         criteria=criteria,
-        termination=termination,
+        termination=outcome.termination,
         initial_states=tuple(
             structure.fitted_state(theta, r.u, r.y, head_window(structure, theta)) for r in plain
         ),
         ranges=ranges,
-        at_bound=at_bound,
+        at_bound=outcome.at_bound,
         null_directions=tuple(
-            {names[k]: float(v) for k, v in enumerate(column) if abs(v) > 1e-3} for column in null.T
+            {names[k]: float(v) for k, v in enumerate(column) if abs(v) > 1e-3}
+            for column in outcome.null.T
         ),
-        starts=starts,
-        warnings=warnings,
+        starts=outcome.starts,
+        warnings=outcome.warnings,
         provenance=Provenance(
             tuple(Source(r.name, r.sha256, r.t0, len(r)) for r in records),
             {

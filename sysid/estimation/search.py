@@ -40,6 +40,7 @@ class FitOptions:
         fixed: values of parameters that are not estimated, by name.
         bounds: (lower, upper) by name.
         max_evaluations: limit of each search.
+        structure_options: options of the structure itself, as text.
         extra: facts to keep in the model's provenance (how the files were read …).
     """
 
@@ -50,6 +51,7 @@ class FitOptions:
     fixed: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     max_evaluations: int = 200
+    structure_options: Mapping[str, str] = field(default_factory=dict)
     extra: Mapping[str, object] = field(default_factory=dict)
 
 
@@ -110,7 +112,8 @@ class Search:
     def _admissible(self, theta: Array) -> Array:
         held = ~np.isnan(self.fixed)
         out = np.where(held, np.nan_to_num(self.fixed), theta)
-        if self.options.stable and isinstance(self.structure, PolynomialStructure):
+        run_freely = self.options.stable or self.options.focus is Focus.SIMULATION
+        if run_freely and isinstance(self.structure, PolynomialStructure):
             out = np.where(held, out, initial.stabilised(self.structure, out))
         return np.clip(out, self.lower, self.upper)
 
@@ -144,6 +147,9 @@ class Search:
         for k in order[1:]:
             failed = not any(run.termination.good for run in runs.values())
             close = costs[k] < RIVAL * costs[order[0]] and len(runs) < MAX_RUNS
+            index = problem.index
+            if any(np.array_equal(candidates[k][index], candidates[j][index]) for j in runs):
+                continue
             if failed or (close and not self._known_basin(problem, runs, candidates[k])):
                 runs[k] = self._descend(problem, candidates[k], huber)
         best = min(runs, key=lambda k: runs[k].cost)

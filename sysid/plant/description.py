@@ -122,6 +122,8 @@ def to_plant(raw: Mapping[str, Any], where: str) -> Plant:
         inputs = tuple(Channel(**c) for c in raw["inputs"])
         outputs = tuple(Channel(**c) for c in raw["outputs"])
         structure = structure_from_json(core)
+        if (structure.nu, structure.ny) != (len(inputs), len(outputs)):
+            raise ValueError("its channels do not fit its structure")
         wanted = [p.name for p in structure.parameters(inputs, outputs)]
         if [p["name"] for p in core["parameters"]] != wanted:
             raise ValueError("its parameters do not fit its orders")

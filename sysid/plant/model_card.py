@@ -5,6 +5,7 @@ from importlib.resources import files
 from string import Template
 from typing import Any
 
+from sysid.estimation.orders import orders_text
 from sysid.plant.c_code import has_c_code
 from sysid.plant.selftest import TOLERANCE
 from sysid.structures.model import Model
@@ -38,7 +39,7 @@ def model_card(model: Model, described: Mapping[str, Any]) -> str:
         equations="\n".join(equations).replace("`", "'"),
         input_offset=_offsets("subtracts", described["inputs"], before["offset"]),
         structure=core["structure"],
-        orders=_cell(" ".join(f"{k}={v}" for k, v in core["orders"].items())),
+        orders=_cell(orders_text(core["orders"])),
         output_offset=_offsets("adds", described["outputs"], after["offset"]),
         parameters="\n".join(_parameter_rows(core["parameters"])),
         behaviour="\n".join(f"- {line}" for line in _behaviour(described)),

@@ -108,8 +108,26 @@ class Structure(ABC):
 
     @classmethod
     @abstractmethod
-    def from_orders(cls, raw: Mapping[str, Any], nu: int, ny: int) -> "Structure":
-        """The structure with these orders; UsageError when they do not fit."""
+    def from_orders(
+        cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
+    ) -> "Structure":
+        """The structure with these orders and options (text, as users type them).
+
+        Raises:
+            UsageError: an order or option does not exist, is missing or does not fit.
+        """
+
+    @classmethod
+    def candidate_orders(
+        cls, nu: int, ny: int, samples: int, delay: Any
+    ) -> "tuple[Mapping[str, Any], ...]":
+        """Orders worth trying on a log when the user gives none, the smallest first."""
+        return ()
+
+    @classmethod
+    def applies(cls, record: Record) -> bool:
+        """Whether the structure can mean anything for such a record."""
+        return True
 
     @abstractmethod
     def order_values(self) -> dict[str, Any]:
@@ -159,8 +177,8 @@ class Structure(ABC):
         """
 
     @abstractmethod
-    def noise_response(self, theta: Array, n: int) -> Array:
-        """Impulse response of the noise model H(q), shape (n, ny, ny), first entry the identity."""
+    def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
+        """k-step-ahead predictions (N, ny), NaN where values before the record are needed."""
 
     @abstractmethod
     def stable(self, theta: Array) -> bool:
@@ -180,14 +198,36 @@ class Structure(ABC):
     def properties(self, theta: Array, dt: float) -> dict[str, Any]:
         """Poles, zeros, static gain …: JSON-able facts that follow from θ."""
 
+    def settings(self) -> dict[str, Any]:
+        """What besides orders makes the structure: options, and what was read off the data."""
+        return {}
+
     def to_json(self) -> dict[str, Any]:
-        """{structure, orders, nu, ny}: what ``structure_from_json`` needs."""
+        """{structure, orders, settings, nu, ny}: what ``from_json`` needs."""
         return {
             "structure": self.name,
             "orders": self.order_values(),
+            "settings": self.settings(),
             "nu": self.nu,
             "ny": self.ny,
         }
+
+    @classmethod
+    def from_json(cls, raw: Mapping[str, Any]) -> "Structure":
+        """Undo ``to_json``."""
+        return cls.from_orders(raw["orders"], int(raw["nu"]), int(raw["ny"]))
+
+
+def refuse_options(structure: str, options: Mapping[str, str] | None, known: Sequence[str]) -> None:
+    """Refuse options that the structure does not have.
+
+    Raises:
+        UsageError: there is one; the sentence lists those that exist.
+    """
+    for name in options or {}:
+        if name not in known:
+            has = f"its options are {', '.join(known)}" if known else "it has none"
+            raise UsageError(f"--option: {structure} has no option {name!r}; {has}")
 
 
 def structure_classes() -> dict[str, type[Structure]]:
@@ -226,6 +266,6 @@ def structure_from_json(raw: Mapping[str, Any]) -> Structure:
     """
     try:
         cls = structure_class(str(raw["structure"]))
-        return cls.from_orders(raw["orders"], int(raw["nu"]), int(raw["ny"]))
+        return cls.from_json(raw)
     except (KeyError, TypeError, ValueError, UsageError) as error:
         raise ModelError(f"the model's structure cannot be read ({error}); fit it again") from None

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.signal import lfilter
 
 from sysid.criteria.information import InformationCriteria
 from sysid.data.files import write_atomic
@@ -174,7 +173,7 @@ class Model:
         return self.structure.errors(self.theta, plain.u, plain.y, window)
 
     def predict(self, record: Record, horizon: int, window: int) -> Array:
-        """k-step-ahead predictions (N, ny): ŷ(t|t−k) = y(t) − Σ_{l<k} h(l) e(t−l).
+        """k-step-ahead predictions (N, ny), NaN where they need samples before the record.
 
         Args:
             record: measured inputs and outputs.
@@ -186,17 +185,10 @@ class Model:
         """
         if horizon < 1:
             raise ModelError(f"the prediction horizon must be at least 1 sample, got {horizon}")
-        e = self.errors(record, window)
-        h = self.structure.noise_response(self.theta, horizon)
-        k_step = np.zeros_like(e)
-        for i in range(record.ny):
-            for j in range(record.ny):
-                if np.any(h[:, i, j]):
-                    k_step[:, i] += lfilter(h[:, i, j], [1.0], np.nan_to_num(e[:, j]))
-        missing = np.isnan(e)
-        for lag in range(1, min(horizon, len(e))):
-            missing[lag:] |= np.isnan(e[:-lag])
-        return np.where(missing, np.nan, record.y - k_step)
+        self.check(record)
+        plain = self.detrend.remove(record)
+        run = self.structure.predict(self.theta, plain.u, plain.y, horizon, window)
+        return self.detrend.restore_output(run, record.t)
 
     def plant(self) -> Plant:
         """The model as a thing that is stepped sample by sample, in physical units."""

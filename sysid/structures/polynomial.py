@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from sysid.data.record import Array, Channel, Index, Record
-from sysid.structures.base import Focus, Initial, Parameter, Problem, Structure
+from sysid.structures.base import Focus, Initial, Parameter, Problem, Structure, refuse_options
 from sysid.structures.orders import Orders, spread
 from sysid.structures.predictor import RowErrors, RowLayout
 from sysid.structures.problems import FreeRunErrors, Remaining, Stacked
@@ -48,8 +48,11 @@ class PolynomialStructure(Structure):
         return self.orders.ny
 
     @classmethod
-    def from_orders(cls, raw: Mapping[str, Any], nu: int, ny: int) -> "PolynomialStructure":
+    def from_orders(
+        cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
+    ) -> "PolynomialStructure":
         """The structure with these orders; UsageError when they do not fit."""
+        refuse_options(cls.name, options, ())
         return cls(spread(raw, cls.letters, nu, ny, cls.name))
 
     def order_values(self) -> dict[str, Any]:
@@ -137,7 +140,8 @@ class PolynomialStructure(Structure):
         data = [(r.u, r.y) for r in records]
         estimate = initial in (Initial.ESTIMATED, Initial.AUTO)
         rows = [
-            RowErrors(self.layout(i), self.row_index(i), data, estimate) for i in range(self.ny)
+            RowErrors(self.layout(i), self.row_index(i), data, estimate, search=True)
+            for i in range(self.ny)
         ]
         found: tuple[Problem, ...] = tuple(rows)
         later: list[Problem] = []
@@ -160,7 +164,8 @@ class PolynomialStructure(Structure):
         for i in range(self.ny):
             index = self.row_index(i)
             output_error = replace(self.layout(i), nc=0, nd=0)
-            rows.append(RowErrors(output_error, index[np.isin(index, known)], data, estimate))
+            kept = index[np.isin(index, known)]
+            rows.append(RowErrors(output_error, kept, data, estimate, search=True))
         return tuple(rows)
 
     def deterministic_index(self) -> Index:
@@ -216,6 +221,20 @@ class PolynomialStructure(Structure):
                 p = np.concatenate([p[: lay.n], zeta])
             out[row.skipped :, i] = row.residual(p)
         return out
+
+    def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
+        """ŷ(t|t−k) = y(t) − Σ_{l<k} h(l) e(t−l) with h the impulse response of H = A⁻¹ C/D."""
+        e = self.errors(theta, u, y, window)
+        h = self.noise_response(theta, horizon)
+        k_step = np.zeros_like(e)
+        for i in range(self.ny):
+            for j in range(self.ny):
+                if np.any(h[:, i, j]):
+                    k_step[:, i] += lfilter(h[:, i, j], [1.0], np.nan_to_num(e[:, j]))
+        missing = np.isnan(e)
+        for lag in range(1, min(horizon, len(e))):
+            missing[lag:] |= np.isnan(e[:-lag])
+        return np.where(missing, np.nan, y - k_step)
 
     def noise_response(self, theta: Array, n: int) -> Array:
         """H(q) = A⁻¹ C/D as an impulse response."""

@@ -10,8 +10,9 @@ which the other outputs enter like inputs. With v = A y − Σ (B_j/F_j) u_j,
 (Ljung 1999, §10.3). Regressors are taken from the record from its sample ``start`` on, so that no
 measured past is invented; the unknown past of w and of ε is either zero or a free response
 (ζ(q)/F) δ(t−start), (ζ(q)/C) δ(t−start) whose coefficients are estimated: they enter linearly.
-C must be invertible: of C and its mirror image, which shape the noise alike, only the one with its
-roots inside the unit circle predicts (Ljung 1999, §3.2), so the others are inadmissible.
+In a search only stable predictors are admissible (Ljung 1999, §3.2 and eq. 4.98): of C and its mirror
+image, which shape the noise alike, the one with its roots inside the unit circle, and an F whose
+free response does not grow by more than a factor e over the record.
 """
 
 from collections.abc import Sequence
@@ -103,6 +104,8 @@ class RowErrors(Problem):
         index: where the row's coefficients stand in the structure's θ.
         data: (u (N, nu), y (N, ny)) of each experiment.
         estimate_initial: whether initial states are estimated or zero.
+        search: whether parameters with an unstable predictor are inadmissible; to evaluate a
+            given model they are not.
     """
 
     def __init__(
@@ -111,8 +114,10 @@ class RowErrors(Problem):
         index: Index,
         data: Sequence[tuple[Array, Array]],
         estimate_initial: bool,
+        search: bool = False,
     ) -> None:
         self.layout = layout
+        self._radius = largest_radius([y for _, y in data]) if search else None
         self.index = index
         self.states_each = layout.n_initial if estimate_initial else 0
         self.n_initial = self.states_each * len(data)
@@ -148,13 +153,19 @@ class RowErrors(Problem):
 
     def residual(self, p: Array) -> Array:
         """Prediction errors ε of all experiments, stacked."""
-        if not invertible(p[self._c]):
+        if not self._admissible(p):
             return np.full(sum(self.lengths), HUGE)
         with np.errstate(all="ignore"):
             e = np.concatenate([s.e[self.layout.nd :] for s in self._signals(p)])
         if not np.all(np.isfinite(e)) or np.max(np.abs(e), initial=0.0) > HUGE:
             return np.full(len(e), HUGE)
         return e
+
+    def _admissible(self, p: Array) -> bool:
+        return self._radius is None or (
+            roots_inside(p[self._c])
+            and all(roots_inside(p[self._f[j]], self._radius) for j in self.layout.filtered)
+        )
 
     def jacobian(self, p: Array) -> Array:
         """∂ε/∂p, exact for the stated treatment of the start."""
@@ -253,9 +264,14 @@ class _Signals:
     fs: list[Array]
 
 
-def invertible(tail: Array) -> bool:
-    """Whether 1 + c₁q⁻¹ + … has all roots inside the unit circle (Schur-Cohn recursion)."""
-    c = [1.0, *tail.tolist()]
+def largest_radius(records: Sequence[Array]) -> float:
+    """Radius of a pole whose free response grows by e over the longest record."""
+    return 1.0 + 1.0 / max(1, *(len(y) for y in records))
+
+
+def roots_inside(tail: Array, radius: float = 1.0) -> bool:
+    """Whether 1 + c₁q⁻¹ + … has all roots within the radius (Schur-Cohn recursion)."""
+    c = [1.0, *(tail / radius ** np.arange(1, len(tail) + 1)).tolist()]
     while len(c) > 1:
         k = c[-1]
         if not abs(k) < 1.0:

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from sysid.data.record import Array, Index
 from sysid.structures.base import Problem
-from sysid.structures.predictor import HUGE, RowErrors
+from sysid.structures.predictor import HUGE, RowErrors, largest_radius, roots_inside
 from sysid.structures.transfer import adjugate, determinant
 
 if TYPE_CHECKING:
@@ -22,7 +22,8 @@ class FreeRunErrors(Problem):
 
         ∂ŷ_i/∂a_lm,k = −H_il ŷ_m(t−k)   ∂ŷ_i/∂b_lj,k = H_il u_j(t−k)   ∂ŷ_i/∂ζ_l,k = H_il δ(t−k).
 
-    A noise model is fitted afterwards by ``Remaining``.
+    A noise model is fitted afterwards by ``Remaining``. Parameters whose free run grows by more
+    than e over the record are inadmissible.
     """
 
     def __init__(
@@ -40,10 +41,14 @@ class FreeRunErrors(Problem):
         self._n = sum(lay.n for lay in layouts)
         self.lengths = tuple(len(y) for _, y in data for _ in range(structure.ny))
         self.channels = tuple(i for _ in data for i in range(structure.ny))
+        self._radius = largest_radius([y for _, y in data])
         self._cache: tuple[bytes, list[Array]] | None = None
 
     def residual(self, p: Array) -> Array:
         """y − ŷ, output after output, experiment after experiment."""
+        det = determinant(self._structure.polynomials(self._theta(p)).A)
+        if not roots_inside(det[1:], self._radius):
+            return np.full(sum(self.lengths), HUGE)
         with np.errstate(all="ignore"):
             e = np.concatenate(
                 [(y - run).T.ravel() for run, (_, y) in zip(self._runs(p), self._data, strict=True)]

@@ -1,0 +1,66 @@
+# Everything runs in .venv; both stamps may be made in any order and again.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+DEMO   := demo_out
+SYSID  := $(BIN)/sysid
+LOGS   := datasets/devastator
+
+.PHONY: demo test bench reports study datasets clean help
+
+help:  ## List what make can do
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	  || { echo "sysid needs Python 3.11 or newer; name one with: make PYTHON=python3.11 ..."; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/.installed-test: pyproject.toml constraints.txt $(VENV)/.installed
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
+	@touch $@
+
+demo: $(VENV)/.installed  ## The main job on bundled data: fit, compare, export, simulate
+	@rm -rf $(DEMO) && mkdir -p $(DEMO)
+	@echo "== 1/4 fit: every linear structure, orders searched, judged on a second log"
+	$(SYSID) fit $(LOGS)/prbs.csv --val $(LOGS)/prbs_val.csv --workspace $(DEMO)/workspace --plot $(DEMO)/fit.svg
+	@echo "== 2/4 compare: rank them"
+	$(SYSID) compare --criteria aic --workspace $(DEMO)/workspace --plot $(DEMO)/ranking.svg
+	@echo "== 3/4 export: the best one as a plant package"
+	$(SYSID) export --workspace $(DEMO)/workspace
+	@echo "== 4/4 simulate: drive it around four obstacles to (6, 3)"
+	$(SYSID) simulate datasets/missions/obstacles_6_3.yaml --workspace $(DEMO)/workspace --plot $(DEMO)/mission.svg
+	@echo "== Done. Pictures: $(DEMO)/fit.svg, ranking.svg, mission.svg; plant: $(DEMO)/workspace/plant"
+
+test: $(VENV)/.installed-test  ## Lint, types, layers and tests
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy --strict sysid cli
+	$(BIN)/lint-imports
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal
+
+BENCH := .venv-bench
+$(BENCH)/.installed: pyproject.toml constraints.txt constraints-bench.txt
+	$(PYTHON) -m venv $(BENCH)
+	$(BENCH)/bin/pip install --quiet --disable-pip-version-check -c constraints.txt -c constraints-bench.txt -e '.[bench]'
+	@touch $@
+
+bench: $(BENCH)/.installed  ## Time and memory against the plainest reference and against peers
+	OPENBLAS_NUM_THREADS=1 $(BENCH)/bin/python benchmarks/bench_linear.py
+
+study: $(VENV)/.installed-test  ## Slow studies: interval coverage, alarm rates of the residual tests
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_coverage.py
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_residual_tests.py
+
+reports: $(VENV)/.installed  ## The tour's pictures and tables again, byte-identical
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/make_reports.py
+
+datasets: $(VENV)/.installed  ## The bundled logs and missions again, byte-identical
+	$(BIN)/python datasets/generate.py
+
+clean:  ## Remove what make has made
+	rm -rf $(VENV) $(BENCH) $(DEMO) build *.egg-info

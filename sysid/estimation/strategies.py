@@ -1,0 +1,108 @@
+"""How each structure is fitted: the general search, or a road of its own."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+
+import numpy as np
+
+from sysid.data.record import Array, Record
+from sysid.errors import Termination
+from sysid.estimation import closed_form
+from sysid.estimation.search import FitOptions, Search, assembled
+from sysid.estimation.uncertainty import confounded, with_infinite
+from sysid.structures.base import Parameter, Structure
+from sysid.structures.model import StartReport
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a strategy found.
+
+    Attributes:
+        structure: what was fitted; with what was read off the data, where a structure does that.
+        parameters: names, bounds and fixed values of θ.
+        theta: estimates, (n,).
+        covariance: their covariance, (n, n), infinite where the data say nothing.
+        null: directions without information, (n, n_null).
+        n_states: initial states that were estimated.
+        termination: how it ended.
+        at_bound: names of the parameters that ended on a bound.
+        starts: every start tried.
+        warnings: what the user should know.
+    """
+
+    structure: Structure
+    parameters: tuple[Parameter, ...]
+    theta: Array
+    covariance: Array
+    null: Array
+    n_states: int = 0
+    termination: Termination = Termination.CONVERGED_COST
+    at_bound: tuple[str, ...] = ()
+    starts: tuple[StartReport, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+Warm = Sequence[tuple[str, Array]]
+Strategy = Callable[[Structure, Sequence[Record], FitOptions, tuple[Parameter, ...], Warm], Outcome]
+
+_OWN: dict[str, str] = {}
+"""Structure → ``module:function`` of its own strategy, imported when it is first needed."""
+
+
+def strategy(structure: Structure) -> Strategy:
+    """The way to fit this structure."""
+    own = _OWN.get(structure.name)
+    if own is None:
+        return by_search
+    module, _, name = own.partition(":")
+    found: Strategy = getattr(import_module(module), name)
+    return found
+
+
+def by_search(
+    structure: Structure,
+    records: Sequence[Record],
+    options: FitOptions,
+    parameters: tuple[Parameter, ...],
+    warm: Warm,
+) -> Outcome:
+    """Linear algebra where the problem is linear, else a search from every known start."""
+    if closed_form.applies(structure, options.focus, parameters, options.robust, options.stable):
+        theta, covariance, null, warnings = closed_form.solve(structure, records)
+        return Outcome(
+            structure,
+            parameters,
+            theta,
+            covariance,
+            null,
+            termination=Termination.CLOSED_FORM,
+            starts=(StartReport("all", "least squares", None, None, 1),),
+            warnings=warnings,
+        )
+    theta, parts, starts = Search(structure, records, options, parameters).run(warm)
+    covariance, null = assembled(parts, len(theta))
+    undecided = confounded(structure, records)
+    stuck = tuple(
+        parameters[p.problem.index[k]].name
+        for p in parts
+        for k in p.solution.at_bound
+        if k < len(p.problem.index)
+    )
+    return Outcome(
+        structure,
+        parameters,
+        theta,
+        with_infinite(covariance, undecided),
+        np.hstack([null, undecided]),
+        n_states=sum(int(np.sum(p.free >= len(p.problem.index))) for p in parts),
+        termination=_worst([p.solution.termination for p in parts]),
+        at_bound=stuck,
+        starts=starts,
+    )
+
+
+def _worst(endings: Sequence[Termination]) -> Termination:
+    order = list(Termination)
+    return max(endings, key=order.index)

@@ -1,0 +1,139 @@
+"""The C code of a plant does what the Python plant does, to rounding."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plant_models import ORDERS, bench_model, robot_model
+
+from sysid.errors import ModelError
+from sysid.plant.c_code import c_sources, has_c_code
+from sysid.plant.selftest import make_selftest
+from sysid.structures.base import Structure
+from sysid.structures.model import Model
+
+COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler (cc, gcc, clang) here")
+
+FLAGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wconversion", "-O2"]
+
+EXACT = 1e-12
+"""Relative to the output's range: the C code adds in another order than scipy's filter, which
+costs some 1e-16 a sample, and the poles of these models amplify that by less than 1e3."""
+
+# Steps the plant through rows of inputs on stdin and prints every output in full; u and y share
+# one array, which plant_step allows.
+DRIVER = r"""
+#include <stdio.h>
+#include "plant.h"
+#define WIDTH (PLANT_INPUTS > PLANT_OUTPUTS ? PLANT_INPUTS : PLANT_OUTPUTS)
+int main(void)
+{
+    plant_state state;
+    double both[WIDTH];
+    int j;
+    plant_init(&state);
+    for (;;) {
+        for (j = 0; j < PLANT_INPUTS; j++)
+            if (scanf("%lf", &both[j]) != 1)
+                return 0;
+        plant_step(&state, both, both);
+        for (j = 0; j < PLANT_OUTPUTS; j++)
+            printf("%.17g ", both[j]);
+        printf("\n");
+    }
+}
+"""
+
+
+def build(folder: Path, model: Model, *mains: str) -> dict[str, Path]:
+    """Compile the plant with each main; return the programs."""
+    for name, text in c_sources(model, make_selftest(model)).items():
+        (folder / name).write_text(text, encoding="utf-8")
+    (folder / "driver.c").write_text(DRIVER)
+    programs = {}
+    for main in mains:
+        programs[main] = folder / main
+        command = [str(COMPILER), *FLAGS, "-o", main, "plant.c", f"{main}.c", "-lm"]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+    return programs
+
+
+CASES = [
+    *((s, 1, 1, 1) for s in ORDERS),
+    *((s, 2, 2, 1) for s in ORDERS),
+    ("arx", 1, 1, 0),
+    ("oe", 3, 1, 0),
+    ("arx", 1, 3, 1),
+]
+
+
+@needs_compiler
+@pytest.mark.parametrize(("structure", "nu", "ny", "nk"), CASES)
+def test_c_equals_python(tmp_path: Path, structure: str, nu: int, ny: int, nk: int) -> None:
+    model = bench_model(structure, nu, ny, nk)
+    programs = build(tmp_path, model, "selftest", "driver")
+    test = subprocess.run([programs["selftest"]], capture_output=True, text=True, check=False)
+    assert test.returncode == 0
+    assert float(test.stdout) < EXACT
+    u = model.detrend.u_offset + np.random.default_rng(7).normal(size=(500, nu))
+    rows = "\n".join(" ".join(f"{v:.17g}" for v in row) for row in u)
+    driven = subprocess.run(
+        [programs["driver"]], input=rows, capture_output=True, text=True, check=True
+    )
+    y = np.array([line.split() for line in driven.stdout.splitlines()], dtype=float)
+    expected = model.simulate(u)
+    np.testing.assert_allclose(y, expected, rtol=0, atol=EXACT * np.ptp(expected))
+
+
+@needs_compiler
+def test_the_c_selftest_can_fail(tmp_path: Path) -> None:
+    model = robot_model("oe")
+    build(tmp_path, model)
+    source = (tmp_path / "plant.c").read_text()
+    first = repr(float(-model.theta[[p.name for p in model.parameters].index(
+        "f1[omega_l,pwm_l]")]))  # fmt: skip
+    assert first in source
+    (tmp_path / "plant.c").write_text(source.replace(first, repr(float(first) * (1 + 1e-6))))
+    command = [str(COMPILER), *FLAGS, "-o", "selftest", "plant.c", "selftest.c", "-lm"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    test = subprocess.run([tmp_path / "selftest"], capture_output=True, text=True, check=False)
+    assert test.returncode == 1
+    assert float(test.stdout) > 1e-9
+
+
+@needs_compiler
+def test_names_cannot_break_out_of_a_comment(tmp_path: Path) -> None:
+    from dataclasses import replace
+
+    model = bench_model("arx")
+    wicked = replace(model.inputs[0], name="u */ #error\n#error \\\n??/", unit="/*")
+    build(tmp_path, replace(model, inputs=(wicked,)), "selftest")
+
+
+def test_the_code_keeps_its_promises() -> None:
+    sources = c_sources(robot_model("oe"), make_selftest(robot_model("oe")), "oe-123456")
+    assert sorted(sources) == ["plant.c", "plant.h", "selftest.c"]
+    for text in sources.values():
+        assert "$" not in text
+        assert "oe-123456" in text
+    for forbidden in ("malloc", "static", "extern double", "printf"):
+        assert forbidden not in sources["plant.c"]
+    assert "u[0]  pwm_l [µs]" in sources["plant.h"]
+    assert "PLANT_SAMPLE_TIME 0.1" in sources["plant.h"]
+
+
+def test_a_structure_without_transfer_matrix_is_refused() -> None:
+    from dataclasses import replace
+
+    class Strange:
+        name = "strange"
+
+    strange: Structure = Strange()  # type: ignore[assignment]
+    model = replace(bench_model("arx"), structure=strange)
+    assert not has_c_code(strange)
+    with pytest.raises(ModelError, match="cannot be written as C"):
+        c_sources(model, make_selftest(bench_model("arx")))
