@@ -80,7 +80,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments.remove("--debug")
     _prepare()
     try:
-        command, name, arguments = _command(arguments)
+        command, name, arguments = _asked(arguments)
         code = command.main(arguments, name, standalone_mode=False)
         sys.stdout.flush()  # a closed pipe must be noticed here, not when the interpreter ends
     except BrokenPipeError:
@@ -94,7 +94,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     return code if isinstance(code, int) else 0
 
 
-def _command(arguments: list[str]) -> tuple[Any, str, list[str]]:
+def _asked(arguments: list[str]) -> tuple[Any, str, list[str]]:
     """The command a line asks for, its name and its own arguments.
 
     A line that begins with a command goes to it straight, not through the root: typer reads the

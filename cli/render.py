@@ -8,7 +8,7 @@ import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from . import documents
 
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 _PIPE_WIDTH = 120
 """Columns of a table that is piped into a file, where no terminal says how wide it is."""
+
+_LONGEST_NAME = 30
+"""Letters up to which the first column of a table is never broken into lines."""
 
 _STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "fatal": "bold red"}
 
@@ -63,7 +66,10 @@ def table(
         numeric = any(_is_number(c) for c in column) and all(
             c is None or _is_number(c) for c in column
         )
-        drawn.add_column(Text(heading), justify="right" if numeric else "left", overflow="fold")
+        # the first column names the row, such as an id to copy: the others break before it does
+        whole = k == 0 and max((len(_cell(c)) for c in column), default=0) <= _LONGEST_NAME
+        side: Literal["left", "right"] = "right" if numeric else "left"
+        drawn.add_column(Text(heading), justify=side, overflow="fold", no_wrap=whole)
     for row in rows:
         drawn.add_row(*(Text(_cell(c)) for c in row))
     if title:  # as a line of its own: rich would break it at the width of the table

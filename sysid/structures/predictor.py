@@ -10,9 +10,9 @@ which the other outputs enter like inputs. With v = A y − Σ (B_j/F_j) u_j,
 (Ljung 1999, §10.3). Regressors are taken from the record from its sample ``start`` on, so that no
 measured past is invented; the unknown past of w and of ε is either zero or a free response
 (ζ(q)/F) δ(t−start), (ζ(q)/C) δ(t−start) whose coefficients are estimated: they enter linearly.
-In a search only stable predictors are admissible (Ljung 1999, §3.2 and eq. 4.98): of C and its mirror
-image, which shape the noise alike, the one with its roots inside the unit circle, and an F whose
-free response does not grow by more than a factor e over the record.
+In a search only stable predictors are admissible (Ljung 1999, §3.2 and eq. 4.98): of C and its
+mirror image, which shape the noise alike, the one with its roots inside the unit circle, and an F
+whose free response does not grow by more than a factor e over the record.
 """
 
 from collections.abc import Sequence
