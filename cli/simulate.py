@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sysid.errors import DataError, ModelError
+from sysid.errors import DataError, ModelError, UsageError
 
 from . import reading, render
 from .workspace import Workspace
@@ -42,8 +42,12 @@ def simulate(
         picture_format(plot)
     place = Workspace(workspace)
     loaded = _load(place, plant)
-    target = log or place.missions_dir / f"{mission.stem}.csv"
-    if mission.suffix.lower() in _MISSION_FILES:
+    drives = mission.suffix.lower() in _MISSION_FILES
+    name = f"{mission.stem}.csv" if drives else f"{mission.stem}_replay.csv"
+    target = log or place.missions_dir / name
+    if target.exists() and mission.exists() and target.samefile(mission):
+        raise UsageError(f"--log {target} would overwrite what is simulated; name another file")
+    if drives:
         facts = _drive(mission, loaded, target, plot)
     else:
         facts = _replay(mission, loaded, target, plot, ts)
@@ -89,17 +93,11 @@ def _drive(path: Path, plant: "Plant", log: Path, plot: Path | None) -> dict[str
 def _replay(
     path: Path, plant: "Plant", log: Path, plot: Path | None, ts: float | None
 ) -> dict[str, Any]:
-    from sysid.data.io import ReadOptions, read_log
-    from sysid.plant.replay import replay, write_replay
+    from sysid.plant.replay import read_for, replay, write_replay
 
     from .run_pictures import draw_replay
 
-    options = ReadOptions(
-        inputs=tuple(c.name for c in plant.inputs),
-        outputs=tuple(c.name for c in plant.outputs),
-        ts=ts,
-    )
-    result = replay(plant, read_log(path, options))
+    result = replay(plant, read_for(plant, path, ts))
     facts = result.summary() | {"log": write_replay(result, log)}
     if plot is not None:
         draw_replay(plot, result)

@@ -29,6 +29,14 @@ from . import documents
 if TYPE_CHECKING:
     from sysid.structures.model import Model
 
+
+def _identity(described: dict[str, Any]) -> dict[str, Any]:
+    """What makes a model itself: everything but the folder its log happened to lie in."""
+    provenance = described["provenance"]
+    options = {k: v for k, v in provenance["options"].items() if k != "files"}
+    return {**described, "provenance": {**provenance, "options": options}}
+
+
 if sys.platform == "win32":
     import msvcrt
 
@@ -87,7 +95,7 @@ class Workspace:
         from sysid.data.files import write_atomic
 
         described = documents.plain(model.to_json())
-        canonical = json.dumps(described, sort_keys=True, separators=(",", ":"))
+        canonical = json.dumps(_identity(described), sort_keys=True, separators=(",", ":"))
         digest = hashlib.sha256(canonical.encode()).hexdigest()
         kept = documents.plain(dict(report))
         with self._locked():

@@ -154,6 +154,12 @@ WRONG: dict[str, tuple[str, int, str]] = {
     "simulate plot format": ("simulate mission.yaml --plot x.docx", 2, ".svg or .png"),
     "simulate log at a folder": ("simulate mission.yaml --log empty", 1, "empty"),
     "simulate log below a file": ("simulate mission.yaml --log log.csv/x.csv", 1, "log.csv"),
+    "simulate onto itself": ("simulate log.csv --log log.csv", 2, "would overwrite"),
+    "simulate onto the mission": (
+        "simulate mission.yaml --log ./mission.yaml",
+        2,
+        "would overwrite",
+    ),
     "simulate foreign log": ("simulate bench.csv", 2, "pwm_l"),
     "simulate other rate": ("simulate slow.csv", 1, "sampled every 0.2 s"),
 }
@@ -449,6 +455,9 @@ def test_simulate_replays_a_log(here: Path, capsys: pytest.CaptureFixture[str]) 
     assert table[0] == "t,pwm_l,pwm_r,omega_l,omega_r,omega_l_sim,omega_r_sim"
     assert len(table) == 301
     assert answer(capsys, "inspect", str(result["log"]))["records"]
+    timeless = "\n".join(line.partition(",")[2] for line in Path("log.csv").read_text().split())
+    Path("timeless.csv").write_text(timeless + "\n")  # the plant's sample time is taken
+    assert answer(capsys, "simulate", "timeless.csv")["rmse"] == result["rmse"]
     code, out, _ = ask(capsys, ["simulate", "log.csv"])
     assert code == 0
     assert "free run from rest" in out

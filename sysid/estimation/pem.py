@@ -12,8 +12,12 @@ from sysid.data.record import Array, Record
 from sysid.errors import DataError, UsageError
 from sysid.estimation.search import FitOptions
 from sysid.estimation.strategies import Outcome, strategy
-from sysid.structures.base import Parameter, Structure
+from sysid.structures.base import Initial, Parameter, Structure
 from sysid.structures.model import Model, Provenance, Source
+from sysid.structures.polynomial import PolynomialStructure
+
+LONGEST_HEAD = 10_000
+"""Samples that suffice for the initial state of any run, even of an integrator."""
 
 
 def fit(
@@ -147,8 +151,9 @@ def _model(
     structure, theta, parameters = outcome.structure, outcome.theta, outcome.parameters
     n_states = outcome.n_states
     n_estimated = sum(p.fixed is None for p in parameters) + n_states
-    # the window lets a record that does not start at rest begin from its own state
-    errors = [structure.errors(theta, r.u, r.y, head_window(structure, theta)) for r in plain]
+    # the errors that were minimised: from rest, or from states fitted to the whole record
+    own_states = n_states > 0 or options.initial is Initial.BACKCAST
+    errors = [structure.errors(theta, r.u, r.y, len(r) if own_states else 0) for r in plain]
     criteria = information_criteria(errors, n_estimated)
     joint = np.concatenate(errors)
     joint = joint[np.all(np.isfinite(joint), axis=1)]
@@ -156,6 +161,7 @@ def _model(
     values = [np.concatenate([r.u for r in records]), np.concatenate([r.y for r in records])]
     ranges = np.array([(c.min(), c.max()) for block in values for c in block.T])
     names = [p.name for p in parameters]
+    window = head_window(structure, theta)
     return Model(
         structure=structure,
         theta=theta,
@@ -169,9 +175,7 @@ def _model(
         n_estimated=n_estimated,
         criteria=criteria,
         termination=outcome.termination,
-        initial_states=tuple(
-            structure.fitted_state(theta, r.u, r.y, head_window(structure, theta)) for r in plain
-        ),
+        initial_states=tuple(structure.fitted_state(theta, r.u, r.y, window) for r in plain),
         ranges=ranges,
         at_bound=outcome.at_bound,
         null_directions=tuple(
@@ -200,7 +204,16 @@ def head_window(structure: Structure, theta: Array, skip: int = 0) -> int:
 
     Exactly ``skip`` samples when that many are left out of the figures and they are enough for
     the states (with as many samples as states the run starts from the measured outputs);
-    otherwise three times the number of states, so that their noise averages out.
+    otherwise three times the number of states, so that their noise averages out, and at least
+    two of the slowest time constants: over less, the amplitude of a slow mode is guesswork, and
+    what is guessed wrong stays in the run for long.
     """
     states = structure.n_states(theta)
-    return skip if skip >= states > 0 else 3 * states
+    if skip >= states > 0:
+        return skip
+    slowest = 0.0
+    if isinstance(structure, PolynomialStructure):
+        radii = np.abs(structure.transfer(theta).poles())
+        decay = np.abs(np.log(radii[radii > 0.0]))
+        slowest = 2.0 / max(float(np.min(decay, initial=np.inf)), 2.0 / LONGEST_HEAD)
+    return max(3 * states, int(slowest))

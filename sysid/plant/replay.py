@@ -10,6 +10,7 @@ import numpy as np
 
 from sysid.criteria.fit import fit_percent, rmse
 from sysid.data.files import write_atomic
+from sysid.data.io import ReadOptions, read_file, read_log
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import ModelError
 from sysid.plant.selftest import run
@@ -43,6 +44,28 @@ class Replay:
             "rmse": dict(zip(names, map(float, error), strict=True)),
             "warnings": list(self.warnings),
         }
+
+
+def read_for(plant: Plant, path: str | Path, ts: float | None = None) -> Record:
+    """Read the columns of a log that a plant needs.
+
+    Args:
+        plant: names the columns; its sample time is taken where the log does not tell its own.
+        path: CSV or Parquet.
+        ts: the log's sample time [s], or None.
+
+    Raises:
+        DataError, UsageError: the log cannot serve; see ``sysid.data.io``.
+    """
+    options = ReadOptions(
+        inputs=tuple(c.name for c in plant.inputs),
+        outputs=tuple(c.name for c in plant.outputs),
+        ts=ts,
+    )
+    log = read_file(path, options)
+    if ts is None and any(f.code == "sample-time" for f in log.findings):
+        options = replace(options, ts=plant.dt)
+    return read_log(path, options)
 
 
 def replay(plant: Plant, record: Record) -> Replay:

@@ -297,7 +297,7 @@ class Model:
                     raw["provenance"]["version"],
                 ),
             )
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+        except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
             raise ModelError(f"the model is damaged ({error}); fit it again") from None
 
     def save(self, path: Path) -> None:
