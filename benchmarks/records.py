@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from sysid_datasets import path as bundled
 
 from sysid.criteria.fit import fit_percent, rmse, rrse
 from sysid.data.io import read_log
 from sysid.data.read_options import ReadOptions
 from sysid.data.record import Array, Record
-from sysid_datasets import path as bundled
 
 ROOT = Path(__file__).resolve().parent.parent
 

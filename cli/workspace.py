@@ -37,6 +37,13 @@ def _identity(described: dict[str, Any]) -> dict[str, Any]:
     return {**described, "provenance": {**provenance, "options": options}}
 
 
+def _same(stored: Any, described: dict[str, Any]) -> bool:
+    try:
+        return _identity(stored) == _identity(described)
+    except (KeyError, TypeError, AttributeError):
+        return False
+
+
 if sys.platform == "win32":
     import msvcrt
 
@@ -194,7 +201,7 @@ class Workspace:
             taken: Any = None
             with suppress(ModelError):  # a damaged file of this very id is mended by writing it
                 taken = self._json(self._path(id), missing={})
-            if not isinstance(taken, dict) or taken.get("model", described) == described:
+            if not isinstance(taken, dict) or _same(taken.get("model", described), described):
                 return id
         return f"{structure}-{digest}"
 

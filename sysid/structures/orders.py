@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Integral
 
 from sysid.errors import UsageError
 
@@ -136,12 +137,13 @@ _SHAPES = ("nb", "nc", "nd", "nf", "nk")
 
 
 def _matrix(name: str, value: object, rows: int, columns: int, diagonal: bool = False) -> Matrix:
-    if isinstance(value, int):
+    if not isinstance(value, list | tuple):
+        order = _checked(name, value)
         return tuple(
-            tuple(value if not diagonal or i == j else 0 for j in range(columns))
+            tuple(order if not diagonal or i == j else 0 for j in range(columns))
             for i in range(rows)
         )
-    cells = [list(row) if isinstance(row, list | tuple) else [row] for row in value]  # type: ignore[attr-defined]
+    cells = [list(row) if isinstance(row, list | tuple) else [row] for row in value]
     if len(cells) == columns and rows == 1 and all(len(row) == 1 for row in cells):
         cells = [[row[0] for row in cells]]
     if len(cells) != rows or any(len(row) != columns for row in cells):
@@ -154,15 +156,16 @@ def _matrix(name: str, value: object, rows: int, columns: int, diagonal: bool = 
 
 
 def _vector(name: str, value: object, rows: int) -> tuple[int, ...]:
-    if isinstance(value, int):
-        return (value,) * rows
-    flat = [c for row in value for c in (row if isinstance(row, list | tuple) else [row])]  # type: ignore[attr-defined]
+    if not isinstance(value, list | tuple):
+        return (_checked(name, value),) * rows
+    flat = [c for row in value for c in (row if isinstance(row, list | tuple) else [row])]
     if len(flat) != rows:
         raise UsageError(f"--orders: {name} must be a number or {rows} numbers, got {len(flat)}")
     return tuple(_checked(name, cell) for cell in flat)
 
 
 def _checked(name: str, value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= MAX_ORDER:
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if not (whole and 0 <= int(value) <= MAX_ORDER):  # type: ignore[call-overload]
         raise UsageError(f"{name}: orders are whole numbers from 0 to {MAX_ORDER}, got {value!r}")
-    return value
+    return int(value)  # type: ignore[call-overload, no-any-return]

@@ -209,9 +209,9 @@ class PolynomialStructure(Structure):
         out = np.full(y.shape, np.nan)
         for i in range(self.ny):
             lay = self.layout(i)
-            row = RowErrors(lay, self.row_index(i), [(u, y)], estimate_initial=window > 0)
-            if len(y) <= row.skipped:
+            if len(y) <= lay.start + lay.nd:
                 continue
+            row = RowErrors(lay, self.row_index(i), [(u, y)], estimate_initial=window > 0)
             p = row.initial_guess(theta)
             if row.n_initial:
                 stop = max(window, row.skipped + row.n_initial)
@@ -259,10 +259,11 @@ class PolynomialStructure(Structure):
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
         """∂ŷ/∂θ of one output on a record, zero where it cannot be predicted."""
-        row = RowErrors(self.layout(output), self.row_index(output), [(u, y)], False)
-        out = np.zeros((len(y), self.layout(output).n))
-        if len(y) <= row.skipped:
+        lay = self.layout(output)
+        out = np.zeros((len(y), lay.n))
+        if len(y) <= lay.start + lay.nd:
             return out
+        row = RowErrors(lay, self.row_index(output), [(u, y)], False)
         out[row.skipped :] = -row.jacobian(row.initial_guess(theta))
         return out
 

@@ -1,0 +1,132 @@
+"""``tour.md`` and its pictures: the four commands in a row on the bundled robot logs."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import sysid_datasets
+from sysid_cli.pictures import draw_fit, draw_ranking
+from sysid_cli.run_pictures import draw_mission
+
+from sysid.data.io import read_logs
+from sysid.estimation.comparison import Contender, compare
+from sysid.estimation.identify import Identification, Request, identify
+from sysid.mission.mapping import as_robot
+from sysid.mission.simulator import simulate
+from sysid.mission.spec import load_mission
+
+FILES = ("prbs.csv", "prbs_val.csv", "obstacles_6_3.yaml")
+
+STEPS = (
+    (
+        "Look at the log",
+        "Every check of the data, with what to do about what it finds.",
+        "sysid inspect prbs.csv",
+        None,
+    ),
+    (
+        "Fit",
+        "Four linear structures, orders searched on held-out parts of `prbs.csv`, then judged on "
+        "`prbs_val.csv`, which chooses nothing.",
+        "sysid fit prbs.csv --val prbs_val.csv",
+        "fit.svg",
+    ),
+    (
+        "Compare",
+        "The same models on equal terms: one-step errors on the samples that all of them predict.",
+        "sysid compare --criteria aic",
+        "ranking.svg",
+    ),
+    (
+        "Export",
+        "The best of the comparison as a plant package, read back and checked.",
+        "sysid export",
+        None,
+    ),
+    (
+        "Simulate",
+        "The exported plant in closed loop, around four obstacles to (6, 3).",
+        "sysid simulate obstacles_6_3.yaml",
+        "mission.svg",
+    ),
+)
+
+HEAD = """# The tour
+
+The four commands in a row, and a look at the log before them, in a folder with three bundled files:
+`prbs.csv`, `prbs_val.csv` and `obstacles_6_3.yaml` of `datasets/`. This is what the terminal shows,
+warnings included. Two things are masked because they differ between machines: the six hexadecimal
+digits of a model's id (a hash) are shown as `xxxxxx`, and the rounding error of the self-test as
+`…e-15`. The pictures are those of `--plot FILE`.
+"""
+
+
+def write(folder: Path) -> Mapping[str, str]:
+    """Draw the pictures into ``folder`` and return the tour."""
+    _draw(folder)
+    parts = [HEAD]
+    with tempfile.TemporaryDirectory() as place:
+        for name in FILES:
+            shutil.copy(sysid_datasets.path(name), place)
+        for title, words, command, picture in STEPS:
+            parts.append(f"## {title}\n\n{words}\n")
+            parts.append(f"```console\n$ {command}\n{masked(_output(command, place))}```\n")
+            if picture:
+                parts.append(f"![{title}]({picture})\n")
+    return {"tour.md": "\n".join(parts)}
+
+
+def masked(text: str) -> str:
+    """Terminal output without what differs between machines, and without blanks at line ends."""
+    text = re.sub(r"\b(arx|armax|oe|bj)-[0-9a-f]{6}", r"\1-xxxxxx", text)
+    text = re.sub(r"\d\.?\d*e-1[3-9]\b", "…e-15", text)
+    return "".join(line.rstrip() + "\n" for line in text.splitlines())
+
+
+def _output(command: str, place: str) -> str:
+    """What a command prints, results and warnings in the order in which they appear."""
+    words = [sys.executable, "-m", "sysid_cli.app", *command.split()[1:]]
+    env = os.environ | {
+        "OPENBLAS_NUM_THREADS": "1",
+        "PYTHONIOENCODING": "utf-8",
+        "LC_ALL": "C.UTF-8",
+    }
+    done = subprocess.run(
+        words,
+        cwd=place,
+        env=env,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        encoding="utf-8",
+        check=False,
+    )
+    if done.returncode != 0:
+        raise RuntimeError(f"`{command}` ended with {done.returncode}:\n{done.stdout}")
+    return done.stdout
+
+
+def _draw(folder: Path) -> None:
+    """The pictures of the tour, models called by their structure instead of by a hash."""
+    found = identified()
+    draw_fit(folder / "fit.svg", f"{found.assessments[0].model.structure.name} of prbs.csv", found)
+    contenders = [
+        Contender(a.model.structure.name, a.model, found.estimation, a.to_json())
+        for a in found.assessments
+    ]
+    ranking = compare(contenders, "aic", None)
+    draw_ranking(folder / "ranking.svg", ranking)
+    mission = load_mission(sysid_datasets.path("obstacles_6_3"))
+    robot, _ = as_robot(ranking.best.contender.model.plant(), mission)
+    draw_mission(folder / "mission.svg", "obstacles_6_3", mission, simulate(mission, robot))
+
+
+def identified() -> Identification:
+    """What ``sysid fit prbs.csv --val prbs_val.csv`` finds."""
+    estimation = read_logs([sysid_datasets.path("prbs")])
+    validation = read_logs([sysid_datasets.path("prbs_val")])
+    return identify(estimation, validation, Request(jobs=2))

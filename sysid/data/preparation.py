@@ -1,0 +1,80 @@
+"""Preparation: what is done to every record before a fit, stored so that it is done again."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.data.preprocess import decimate, low_pass, trim
+from sysid.data.record import Record
+from sysid.errors import UsageError
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """Trimming, low-pass filtering and decimation, in that order.
+
+    Attributes:
+        trim_start, trim_end: seconds cut from the head and the tail of each record.
+        low_pass: cut-off [Hz] of the zero-phase filter on inputs and outputs, None for none.
+        decimate: keep every so many samples (anti-alias filter included), 1 for all.
+
+    Raises:
+        UsageError: a number cannot be.
+    """
+
+    trim_start: float = 0.0
+    trim_end: float = 0.0
+    low_pass: float | None = None
+    decimate: int = 1
+
+    def __post_init__(self) -> None:
+        for name in ("trim_start", "trim_end"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0.0):
+                raise UsageError(f"--trim needs seconds of at least 0, got {value:g}")
+        if self.low_pass is not None and not (np.isfinite(self.low_pass) and self.low_pass > 0.0):
+            raise UsageError(f"--low-pass needs a positive cut-off in Hz, got {self.low_pass:g}")
+        if self.decimate < 1:
+            raise UsageError(f"--decimate needs a whole number of at least 1, got {self.decimate}")
+
+    def apply(self, record: Record) -> Record:
+        """The prepared record."""
+        if self.trim_start or self.trim_end:
+            record = trim(record, self.trim_start, self.trim_end)
+        if self.low_pass is not None:
+            record = low_pass(record, self.low_pass)
+        return decimate(record, self.decimate) if self.decimate > 1 else record
+
+    def to_json(self) -> dict[str, Any]:
+        """The steps as a JSON object; what is not done is left out."""
+        plain = Preparation()
+        return {k: v for k, v in asdict(self).items() if v != getattr(plain, k)}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> "Preparation":
+        """The steps that ``to_json`` wrote.
+
+        Raises:
+            UsageError: they are damaged.
+        """
+        try:
+            return cls(**data)
+        except TypeError:
+            raise UsageError("the preparation stored with the model is damaged") from None
+
+
+def parse_trim(text: str) -> tuple[float, float]:
+    """``"2:1.5"`` as seconds to cut at the head and at the tail; ``"2"`` cuts the head only.
+
+    Raises:
+        UsageError: the text cannot be read.
+    """
+    head, _, tail = text.partition(":")
+    try:
+        return float(head or 0.0), float(tail or 0.0)
+    except ValueError:
+        raise UsageError(
+            f"--trim cannot read {text!r}; write HEAD:TAIL in seconds, e.g. 2:1.5"
+        ) from None
