@@ -4,53 +4,51 @@
 
 All of them unless some are named. Nothing in these files depends on the time, the place or the
 load of the machine, so a second run writes the same bytes. Tables of measured records are left as
-they are where the records are not there (see ``measured_records.py``). The two studies of the
-statistics, ``coverage.md`` and ``residual_tests.md``, take minutes and are written by ``make study``.
+they are where the records are not there (see ``measured_records.py``). The studies of the
+statistics, ``coverage.md`` and ``residual_tests.md``, take minutes: ``make study`` writes them.
 """
 
 import os
-
-for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[_name] = "1"  # before NumPy: sums in another order are other bytes
-
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-
-import measured_report
-import mission_report
-import published_report
-import tour_report
-
-from sysid.data.files import write_atomic
 
 REPORTS = Path(__file__).resolve().parent.parent / "reports"
 
 Writer = Callable[[Path], Mapping[str, str]]
 """Draws pictures into a folder and returns the texts that belong there by file name."""
 
-WRITERS: dict[str, Writer] = {
-    "tour": tour_report.write,
-    "missions": mission_report.write,
-    "measured": measured_report.write,
-    "published": published_report.write,
-}
+NAMES = ("tour", "missions", "measured", "published")
+
+
+def writers() -> dict[str, Writer]:
+    """The writer of each report; imports NumPy, which must find the number of threads set."""
+    import measured_report
+    import mission_report
+    import published_report
+    import tour_report
+
+    modules = (tour_report, mission_report, measured_report, published_report)
+    return dict(zip(NAMES, (m.write for m in modules), strict=True))
 
 
 def main(names: list[str], folder: Path = REPORTS) -> int:
     """Write the reports asked for, all of them when none is named."""
-    unknown = [n for n in names if n not in WRITERS]
+    unknown = [n for n in names if n not in NAMES]
     if unknown:
-        print(f"no report {unknown[0]!r}; there are {', '.join(WRITERS)}", file=sys.stderr)
+        print(f"no report {unknown[0]!r}; there are {', '.join(NAMES)}", file=sys.stderr)
         return 2
+    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ[variable] = "1"  # sums in another order would be other bytes
     folder.mkdir(exist_ok=True)
-    for name in names or WRITERS:
+    every = writers()
+    for name in names or NAMES:
         print(f"{name} …", flush=True)
-        texts = WRITERS[name](folder)
+        texts = every[name](folder)
         for file, text in texts.items():
-            write_atomic(folder / file, text)
+            (folder / file).write_text(text, encoding="utf-8", newline="\n")
         if not texts:
-            print(f"  left as it is: {measured_report.MISSING}")
+            print("  left as it is: the measured records are not there (see measured_records.py)")
     print(f"Written to {folder}")
     return 0
 

@@ -1,18 +1,18 @@
-"""Where the measured records lie, if they do, and how each of them is read and divided.
+"""How the measured records of ``structures_on_data.md`` are read and divided.
 
-The records are not part of the product: they are read from ``../shared/data`` beside the checkout,
-or from the folder that the environment variable ``SYSID_DATA`` names.
+The records themselves, and where they lie, are those of ``records.py``; this page shows all of them
+to the linear structures, with the divisions that their authors name.
 """
 
-import os
 from dataclasses import dataclass
-from pathlib import Path
+
+from records import data_folder
 
 from sysid.data.io import ReadOptions, read_log
 from sysid.data.record import Record
 
-DATA = Path(os.environ.get("SYSID_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data")
-MISSING = f"the measured records are not in {DATA} (set SYSID_DATA to their folder)"
+DATA = data_folder()
+"""The folder of the measured records, or None."""
 
 
 @dataclass(frozen=True)
@@ -42,14 +42,20 @@ class Protocol:
 
     def read(self) -> tuple[Record, Record]:
         """The estimation and the validation data."""
-        whole = read_log(DATA / self.file, ReadOptions(ts=self.ts))
-        second = read_log(DATA / self.other, ReadOptions(ts=self.ts)) if self.other else whole
+        whole = read(self.file, self.ts)
+        second = read(self.other, self.ts) if self.other else whole
         return _rows(whole, self.estimation), _rows(second, self.validation)
 
 
 def available() -> bool:
     """Whether the measured records are there."""
-    return all((DATA / p.file).is_file() for p in PROTOCOLS)
+    return DATA is not None and all((DATA / p.file).is_file() for p in PROTOCOLS)
+
+
+def read(file: str, ts: float | None = None) -> Record:
+    """One record by its name inside the data folder."""
+    assert DATA is not None  # see available()
+    return read_log(DATA / file, ReadOptions(ts=ts))
 
 
 def _rows(record: Record, part: tuple[float, float]) -> Record:

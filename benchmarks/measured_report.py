@@ -3,24 +3,22 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from measured_records import MISSING, PROTOCOLS, Protocol, available
+from measured_records import PROTOCOLS, Protocol, available
 
 from sysid.estimation.assessment import Assessment, Policy
 from sysid.estimation.identify import Identification, Request, identify
 from sysid.estimation.orders import orders_text
 from sysid.report.markdown import table
 
-__all__ = ["MISSING", "write"]
-
 HEAD = """# The linear structures on measured records
 
-`sysid fit` without options on records of real machines: the four linear structures, orders searched on
-the estimation data alone, means removed, judged on the validation data. The winner stands first; it
-is chosen without a look at the validation data, so it need not be the best of its table. *n* counts
-the estimated numbers, initial states included. Free run: only the input is given, from a state
-estimated at the head of the validation data. *Residuals* are those on the estimation data: whether
-the tests of independence from the input, and of whiteness where there is a noise model, pass at
-99 %. Most of these machines are nonlinear, so that most tests fail, and rightly so.
+`sysid fit` without options on records of real machines: the four linear structures, their orders
+searched on the estimation data alone, means removed, judged on the validation data. The winner
+stands first; it is chosen without a look at the validation data, so it need not be the best of its
+table. *n* counts the estimated numbers, initial states included. Free run: only the input is given,
+from a state estimated at the head of the validation data. *Residuals* are those on the estimation
+data: whether the tests of independence from the input, and of whiteness where there is a noise
+model, pass at 99 %. Most of these machines are nonlinear, so that most tests fail, and rightly so.
 
 Left out: EMPS, recorded as a position in closed loop, and Silverbox, whose linear figures stand in
 [published_figures.md](published_figures.md).

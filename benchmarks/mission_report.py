@@ -1,4 +1,4 @@
-"""``missions.md``: the identified robot in the missions of the thesis, beside what was published."""
+"""``missions.md``: the identified robot in the missions of the thesis, beside their outcomes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -64,28 +64,39 @@ BANDS = (
     Band(
         "goal_1m",
         ("4.9 s, (0.91, 0.028)", "5 s, (0.93, 0.00)", "5 s, (1.03, 0.07), Kpψ = 0.3"),
-        "5.2 ± 0.6 s, within 0.10 m of (1, 0), 0.02–0.06 m to the left",
+        "arrive in 5.2 ± 0.6 s within 0.10 m, 0.02–0.06 m to the left",
         (5.2, 0.6),
         drift=(0.02, 0.06),
     ),
     Band(
         "obstacles_6_3",
         ("34.1 s, (5.97, 2.90)", "34 s, (5.94, 2.95)", "–"),
-        "34 ± 4 s, at least 0.10 m from every obstacle",
+        "arrive in 34 ± 4 s, clear by 0.10 m or more",
         (34.0, 4.0),
         clearance=0.10,
     ),
-    Band("straight_5m_theta1", ("21.5 s", "–", "–"), "21 ± 1.5 s", (21.0, 1.5)),
-    Band("straight_5m_theta2", ("19.6 s", "–", "–"), "faster than θ = 1", (19.5, 1.5)),
+    Band("straight_5m_theta1", ("21.5 s", "–", "–"), "arrive in 21 ± 1.5 s", (21.0, 1.5)),
+    Band("straight_5m_theta2", ("19.6 s", "–", "–"), "arrive sooner than with θ = 1", (19.5, 1.5)),
 )
 
 SECTORS = ((1, 1), (-1, 1), (-1, -1), (1, -1))
 
 HEAD = """# The identified robot in the missions of the thesis
 
-The plant is the one of the [tour](tour.md): identified from `prbs.csv`, the best by AIC, {plant}.
-Guidance, control and kinematics have the thesis's gains, so that nothing here was tuned to these
-outcomes. The picture of the second mission is [mission.svg](mission.svg).
+The plant is the one of the [tour](tour.md): identified from `prbs.csv` and the best by AIC,
+`{plant}`. Guidance and control have the thesis's gains;
+nothing was tuned to these outcomes. The picture of the second mission is
+[mission.svg](mission.svg). Times in seconds, lengths in metres.
+
+## Beside the published outcomes
+
+"""
+
+BAND_HEAD = """
+## What the loop must do
+
+*Off the line* is the largest distance from the straight line through start and goal, *clear* the
+smallest distance from the robot's centre to the surface of an obstacle.
 
 """
 
@@ -102,7 +113,7 @@ LOG_HEAD = """
 
 The model that is ahead after `sysid fit LOG --val LOG_val`, in the four missions: time, and the
 distance to the left of the line at the end (for `obstacles_6_3` the distance from the nearest
-surface). The thesis's robot is nonlinear, so each log gives another linear plant.
+surface). The bundled robot is nonlinear, so that each log gives another linear plant.
 
 """
 
@@ -111,7 +122,9 @@ def write(_folder: Path) -> Mapping[str, str]:
     """The tables."""
     found = {log: _identified(log) for log in LOGS}
     best = _best_by_aic(found["prbs"])
-    text = HEAD.format(plant=_called(best)) + _band_table(best)
+    results = {b.mission: run(best, _mission(b)) for b in BANDS}
+    text = HEAD.format(plant=_called(best)) + _published_table(results)
+    text += BAND_HEAD + _band_table(results)
     text += SECTOR_HEAD + _sector_table(best)
     text += LOG_HEAD + _log_table({log: f.assessments[0].model for log, f in found.items()})
     return {"missions.md": text}
@@ -141,30 +154,42 @@ def _called(model: Model) -> str:
     return f"{model.structure.name} {orders_text(model.structure.order_values())}"
 
 
-def _band_table(model: Model) -> str:
+def _mission(band: Band) -> Mission:
+    return load_mission(sysid_datasets.path(band.mission))
+
+
+def _published_table(results: Mapping[str, MissionResult]) -> str:
     rows = []
-    before = np.inf
     for band in BANDS:
-        mission = load_mission(sysid_datasets.path(band.mission))
-        result = run(model, mission)
-        inside = band.holds(mission, result)
+        result = results[band.mission]
+        x, y, _ = result.final
+        ours = f"{result.time_s:.1f} s, ({x:.2f}, {y:.3f})"
+        rows.append([f"`{band.mission}`", ours, *band.published])
+    return table(["mission", "ours", "Simulink", "Gazebo", "robot"], rows)
+
+
+def _band_table(results: Mapping[str, MissionResult]) -> str:
+    rows = []
+    for band in BANDS:
+        result = results[band.mission]
+        inside = band.holds(_mission(band), result)
         if band.mission == "straight_5m_theta2":
-            inside = inside and result.time_s < before
-        before = result.time_s
+            inside = inside and result.time_s < results["straight_5m_theta1"].time_s
+        nearest = result.min_clearance_m
         rows.append(
-            [f"`{band.mission}`", _outcome(result), *band.published, band.words, _yes(inside)]
+            [
+                f"`{band.mission}`",
+                band.words,
+                str(result.outcome),
+                f"{result.time_s:.1f}",
+                f"{result.final[1]:.3f}",
+                f"{result.max_deviation_m:.3f}",
+                "–" if nearest is None else f"{nearest:.3f}",
+                _yes(inside),
+            ]
         )
-    headers = ["mission", "ours", "Simulink", "Gazebo", "robot", "should be", "is"]
-    return table(headers, rows)
-
-
-def _outcome(result: MissionResult) -> str:
-    x, y, _ = result.final
-    text = f"{result.outcome}, {result.time_s:.1f} s, ({x:.2f}, {y:.3f})"
-    text += f", at most {result.max_deviation_m:.3f} m off the line"
-    if result.min_clearance_m is not None:
-        text += f", {result.min_clearance_m:.2f} m from the nearest surface"
-    return text
+    headers = ["mission", "should", "outcome", "time", "y", "off the line", "clear", "does"]
+    return table(headers, rows, "lllrrrrl")
 
 
 def _sector_table(model: Model) -> str:
@@ -192,7 +217,7 @@ def _log_table(models: Mapping[str, Model]) -> str:
     for log, model in models.items():
         cells = []
         for band in BANDS:
-            mission = load_mission(sysid_datasets.path(band.mission))
+            mission = _mission(band)
             result = run(model, mission)
             nearest = result.min_clearance_m
             what = result.final[1] if nearest is None else nearest

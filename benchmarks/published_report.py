@@ -3,10 +3,9 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from measured_records import DATA, available
+from measured_records import available, read
 
 from sysid.criteria.information import from_loss
-from sysid.data.io import read_log
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
 from sysid.estimation.figures import Start, figures
@@ -33,8 +32,8 @@ N ny (ln 2π + 1) is part of AIC and BIC).
 DRYER = """
 ## Hot-air dryer
 
-`arx([2 2 3])` on samples 1 … 300 with their means removed: A = 1 + a₁q⁻¹ + a₂q⁻², B = b₃q⁻³ + b₄q⁻⁴,
-and the one-step fit on the same samples (L. Ljung, DaISy and the System Identification Toolbox).
+`arx([2 2 3])` on samples 1 … 300 with their means removed, A = 1 + a₁q⁻¹ + a₂q⁻² and
+B = b₃q⁻³ + b₄q⁻⁴, and its one-step fit on the same samples (L. Ljung's dryer, DaISy).
 
 """
 
@@ -73,7 +72,7 @@ def _criteria() -> list[list[str]]:
 
 
 def _dryer() -> list[list[str]]:
-    record = read_log(DATA / "dryer/dryer.csv").rows(0, 300)
+    record = read("dryer/dryer.csv").rows(0, 300)
     model = _arx(record, na=2, nb=2, nk=3)
     one_step = figures(model, [record], "estimation", 1).mean_fit
     published = ("−1.2737", "0.3935", "0.0666", "0.0445")
@@ -88,7 +87,7 @@ def _dryer() -> list[list[str]]:
 def _drives() -> list[list[str]]:
     rows = []
     for level, published in (("low", ".2915"), ("high", ".3305")):
-        record = read_log(DATA / f"ced/unif_{level}.csv")
+        record = read(f"ced/unif_{level}.csv")
         model = _arx(record.rows(0, 200), na=10, nb=10, nk=0)
         error = _test_rmse(model, record.rows(400, 500), 10)
         rows.append([f"CED {level}, RMSE [V]", published, f"{error:.4f}".lstrip("0")])
@@ -96,7 +95,7 @@ def _drives() -> list[list[str]]:
 
 
 def _silverbox() -> list[list[str]]:
-    record = read_log(DATA / "silverbox/snls80mv.csv")
+    record = read("silverbox/snls80mv.csv")
     multisine, arrow = record.rows(40650, 127400), record.rows(100, 40575)
     train, test = multisine.split(0.75)
     model = _arx(train.rows(0, len(train) // 2), na=10, nb=10, nk=0)

@@ -77,7 +77,7 @@ def accumulate_arx(u: Array, y: Array, na: int, nb: int) -> Array:
         )
         normal += phi.T @ phi
         right += phi.T @ y[low:high]
-    return np.linalg.solve(normal, right)
+    return np.asarray(np.linalg.solve(normal, right))
 
 
 Residual = Callable[[Array], Array]

@@ -122,7 +122,13 @@ CASES = (
         ny=2,
     ),
     Case("BJ", "bj", OE | {"nc": 1, "nd": 1}, (*B, 0.5, -0.9, *A)),
-    Case("BJ, second-order noise", "bj", OE | {"nc": 2, "nd": 2}, (*B, 0.4, 0.3, -1.2, 0.5, *A)),
+    Case(
+        "BJ, second-order noise",
+        "bj",
+        OE | {"nc": 2, "nd": 2},
+        (*B, 0.4, 0.3, -1.2, 0.5, *A),
+        samples=2000,
+    ),
     Case(
         "BJ, 2 inputs, 2 outputs",
         "bj",
@@ -201,6 +207,7 @@ def main(records: int, target: Path) -> None:
         rows.append(
             [
                 case.name,
+                str(case.samples),
                 str(len(case.theta)),
                 f"{found.pooled:.1f}",
                 f"{found.lowest:.1f} … {found.highest:.1f}",
@@ -208,19 +215,27 @@ def main(records: int, target: Path) -> None:
                 f"{found.spread:.2f}",
             ]
         )
-    headers = ["system", "parameters", "covered", "per parameter", "beyond 4 σ̂", "spread"]
+    headers = [
+        "system",
+        "samples",
+        "parameters",
+        "covered",
+        "per parameter",
+        "beyond 4 σ̂",
+        "spread",
+    ]
     text = HEAD.format(records=records, error=100.0 * np.sqrt(0.95 * 0.05 / records))
-    target.write_text(text + "\n" + table(headers, rows, "lrrrrr"), encoding="utf-8")
+    target.write_text(text + "\n" + table(headers, rows, "lrrrrrr"), encoding="utf-8")
 
 
 HEAD = """# Coverage of the confidence intervals
 
-{records} simulated records a line, 1000 samples each, cut out of a longer experiment; every fit with
-the default options. *Covered* is the share [%] of 95 % intervals that hold the truth, over all
-parameters and for the worst and best single parameter (standard error of one parameter's figure:
-{error:.1f}); *beyond 4 σ̂* the share [%] of estimates more than four standard errors away; *spread* the
-standard deviation of (estimate − truth)/standard error, 1 where the standard errors are honest. An
-OE model of data with coloured noise has no noise model: its intervals come from the sandwich form.
+{records} simulated records a line, cut out of a longer experiment; every fit with the default
+options. *Covered* is the share [%] of 95 % intervals that hold the truth, over all parameters and
+for the worst and best single parameter (standard error of one parameter's figure: {error:.1f});
+*beyond 4 σ̂* the share [%] of estimates more than four standard errors away; *spread* the standard
+deviation of (estimate − truth)/standard error, 1 where the standard errors are honest. An OE model
+of data with coloured noise has no noise model: its intervals come from the sandwich form.
 """
 
 if __name__ == "__main__":

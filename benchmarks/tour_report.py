@@ -56,6 +56,8 @@ STEPS = (
     ),
 )
 
+BEGIN, END = "<!-- the tour, written by make reports -->", "<!-- end of the tour -->"
+
 HEAD = """# The tour
 
 The four commands in a row, and a look at the log before them, in a folder with three bundled files:
@@ -67,18 +69,46 @@ digits of a model's id (a hash) are shown as `xxxxxx`, and the rounding error of
 
 
 def write(folder: Path) -> Mapping[str, str]:
-    """Draw the pictures into ``folder`` and return the tour."""
+    """Draw the pictures into ``folder`` and return the tour; README.md gets its short form."""
     _draw(folder)
-    parts = [HEAD]
+    parts, short = [HEAD], []
     with tempfile.TemporaryDirectory() as place:
         for name in FILES:
             shutil.copy(sysid_datasets.path(name), place)
         for title, words, command, picture in STEPS:
+            output = masked(_output(command, place))
             parts.append(f"## {title}\n\n{words}\n")
-            parts.append(f"```console\n$ {command}\n{masked(_output(command, place))}```\n")
+            parts.append(f"```console\n$ {command}\n{output}```\n")
             if picture:
                 parts.append(f"![{title}]({picture})\n")
-    return {"tour.md": "\n".join(parts)}
+            if "inspect" not in command:
+                tables = 0 if "compare" in command else 1
+                short.append(f"```console\n$ {command}\n{shortened(output, tables)}```\n")
+    readme = folder.parent / "README.md"
+    return {
+        "tour.md": "\n".join(parts),
+        "../README.md": between_marks(readme.read_text(encoding="utf-8"), "\n".join(short)),
+    }
+
+
+def shortened(text: str, tables: int) -> str:
+    """Output with its first ``tables`` tables only, and without equations, which are indented."""
+    kept: list[str] = []
+    seen = 0
+    for line in text.splitlines():
+        seen += line.startswith("┏")
+        if line.startswith("  ") or (seen > tables and line[:1] in "┏┃┡│└"):
+            kept += [] if kept[-1:] == ["…"] else ["…"]
+        else:
+            kept.append(line)
+    return "".join(line + "\n" for line in kept)
+
+
+def between_marks(page: str, text: str) -> str:
+    """The page with ``text`` between its two marks."""
+    before, rest = page.split(BEGIN)
+    _, after = rest.split(END)
+    return f"{before}{BEGIN}\n\n{text}\n{END}{after}"
 
 
 def masked(text: str) -> str:

@@ -11,7 +11,7 @@ from sysid.estimation.uncertainty import AR_ORDER, portmanteau_white, with_infin
 from sysid.structures.arx import ARX
 from sysid.structures.base import Focus, Parameter, Structure
 
-SANDWICH_SAMPLES = 200_000
+SANDWICH_SAMPLES = 100_000
 """The sandwich form needs the regressors in memory: it is measured on at most this many samples."""
 
 

@@ -5,17 +5,21 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
+import numpy as np
+
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
 from sysid.errors import DataError, ModelError, SysidError, UsageError
-from sysid.estimation.grid import default_grid, delays
-from sysid.estimation.holdout import hold_out, shortened
+from sysid.estimation.delays import choose_delay
+from sysid.estimation.grid import default_grid
+from sysid.estimation.holdout import HoldOut, hold_out, shortened
 from sysid.estimation.orders import (
-    PARSIMONY,
     OrderSearch,
+    free_run_error,
     orders_text,
     ranked,
     search_orders,
+    tie_margin,
 )
 from sysid.estimation.pem import fit
 from sysid.estimation.search import FitOptions
@@ -27,6 +31,10 @@ SEARCH_SAMPLES = 12_000
 
 PARALLEL_WORK = 400_000
 """Candidates × samples from which a second process pays for its start (about a second)."""
+
+FOLLOWS = 1.5
+"""A model whose free run over all data errs by more than so many times the best one's does not
+lead: its search saw a good fit that the fit to all data did not find again."""
 
 LINEAR = ("arx", "armax", "oe", "bj")
 
@@ -100,18 +108,16 @@ def run_contest(
     """
     plain = tuple(detrend.remove(r) for r in records)
     small = shortened(plain, SEARCH_SAMPLES)
-    train, held, words = hold_out(small)
+    data = hold_out(small)
     nu, ny = plain[0].nu, plain[0].ny
     tasks = []
-    nks = _delays(small, train, held, options, criterion) if grid is None else []
+    nk = choose_delay(data) if grid is None else 1
     for name in names:
-        chosen = list(grid) if grid is not None else _grid(name, nu, ny, train, nks)
+        chosen = list(grid) if grid is not None else _grid(name, nu, ny, data.samples, nk)
         for orders in chosen:
-            structure_class(name).from_orders(
-                dict(orders), nu, ny, options.structure_options
-            )
+            structure_class(name).from_orders(dict(orders), nu, ny, options.structure_options)
         tasks.append((name, chosen))
-    searches, failed = _searches(tasks, train, held, options, criterion, jobs, progress)
+    searches, failed = _searches(tasks, data, options, criterion, jobs, progress)
     entries = []
     for k, (name, chosen) in enumerate(tasks):
         if name in failed:
@@ -137,38 +143,9 @@ def run_contest(
         raise DataError("; ".join(failed.values()) or "no structure could be fitted")
     if progress:
         progress(1.0, "done")
-    order = _in_order(entries)
-    return Contest(tuple(order), _reason(order, criterion, words), failed)
-
-
-def _delays(
-    records: Sequence[Record],
-    train: Sequence[Record],
-    held: Sequence[Record],
-    options: FitOptions,
-    criterion: str,
-) -> list[Any]:
-    """The delay worth searching with: of those the data allow, the one the best ARX has.
-
-    All ARX candidates cost one pass over the data, so that is where the delay is found.
-    """
-    nks = delays(records)
-    samples = sum(len(r) for r in train)
-    grid = default_grid("arx", records[0].nu, records[0].ny, samples, nks)
-    if len(nks) < 2 or not grid:
-        return nks[:1]
-    try:
-        best = search_orders("arx", grid, train, held, options, criterion).best.orders["nk"]
-    except DataError:
-        return nks[:1]
-    return [next((nk for nk in nks if _spread(nk, records[0]) == best), nks[0])]
-
-
-def _spread(nk: Any, record: Record) -> Any:
-    """A delay as ``order_values`` writes it for these channels."""
-    if record.nu * record.ny == 1 or isinstance(nk, list):
-        return nk
-    return [[nk] * record.nu for _ in range(record.ny)]
+    margin = tie_margin(data.held)
+    order, sound = _in_order(entries, plain, margin)
+    return Contest(tuple(order), _reason(order, sound, criterion, data.words, margin), failed)
 
 
 def _fitted(
@@ -189,10 +166,9 @@ def _fitted(
 
 
 def _grid(
-    name: str, nu: int, ny: int, train: Sequence[Record], nks: Sequence[Any]
+    name: str, nu: int, ny: int, samples: int, nk: int | list[list[int]]
 ) -> list[dict[str, Any]]:
-    samples = sum(len(r) for r in train)
-    found = default_grid(name, nu, ny, samples, nks)
+    found = default_grid(name, nu, ny, samples, nk)
     # a record that bears no order at all still gets the lowest one: the fit itself will refuse
     lowest = {"arx": {"na": 1}, "armax": {"na": 1, "nc": 1}, "oe": {"nf": 1}}
     return found or [{**lowest.get(name, {"nc": 1, "nd": 1, "nf": 1}), "nb": 1, "nk": 1}]
@@ -200,8 +176,7 @@ def _grid(
 
 def _searches(
     tasks: Sequence[tuple[str, list[Any]]],
-    train: Sequence[Record],
-    held: Sequence[Record],
+    data: HoldOut,
     options: FitOptions,
     criterion: str,
     jobs: int,
@@ -211,7 +186,7 @@ def _searches(
     found: dict[str, tuple[OrderSearch, float]] = {}
     failed: dict[str, str] = {}
     total = sum(len(grid) for _, grid in searched)
-    work = total * sum(len(r) for r in train)
+    work = total * data.samples
     if jobs > 1 and work > PARALLEL_WORK:
         from joblib import Parallel, delayed
 
@@ -223,7 +198,7 @@ def _searches(
         ]
         chains.sort(key=lambda c: -len(c[1]) * _WEIGHT.get(c[0], 1))
         outcomes = Parallel(n_jobs=jobs, return_as="generator_unordered")(
-            delayed(_timed)(name, grid, train, held, options, criterion) for name, grid in chains
+            delayed(_timed)(name, grid, data, options, criterion) for name, grid in chains
         )
         done = 0
         for outcome in outcomes:
@@ -239,7 +214,7 @@ def _searches(
                 if progress:
                     progress(0.9 * (base + k) / total, what)
 
-            _collect(_timed(name, grid, train, held, options, criterion, tell), found, failed)
+            _collect(_timed(name, grid, data, options, criterion, tell), found, failed)
             done += len(grid)
     return found, {k: v for k, v in failed.items() if k not in found}
 
@@ -253,15 +228,14 @@ Outcome = tuple[str, OrderSearch | str, int, float]
 def _timed(
     name: str,
     grid: Sequence[Mapping[str, Any]],
-    train: Sequence[Record],
-    held: Sequence[Record],
+    data: HoldOut,
     options: FitOptions,
     criterion: str,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> Outcome:
     started = perf_counter()
     try:
-        search = search_orders(name, grid, train, held, options, criterion, progress)
+        search = search_orders(name, grid, data, options, criterion, progress)
     except UsageError:
         raise
     except SysidError as error:
@@ -282,7 +256,7 @@ def _collect(
     if name in found:
         before, spent = found[name]
         both = (*before.candidates, *search.candidates)
-        search = replace(search, candidates=ranked(both, search.criterion))
+        search = replace(search, candidates=ranked(both, search.criterion, search.margin))
         seconds += spent
     found[name] = (search, seconds)
 
@@ -295,22 +269,45 @@ def _distinct(values: Sequence[Any]) -> list[Any]:
     return found
 
 
-def _in_order(entries: Sequence[Entry]) -> list[Entry]:
-    """Entries with a stable free run first, then by held-out error, simpler ones on a tie."""
+def _in_order(
+    entries: Sequence[Entry], plain: Sequence[Record], margin: float
+) -> tuple[list[Entry], list[Entry]]:
+    """Entries by held-out error, the smallest of those within ``margin`` of the best first.
+
+    Models that cannot lead come last whatever their error in the search: those whose free run
+    is unbounded, and those whose fit to all data follows them much worse than another one does.
+
+    Returns:
+        (all in order, those that may lead).
+    """
+    counted = [np.ones(len(r), dtype=bool) for r in plain]
+    follows = {
+        id(e): free_run_error(e.model.structure, e.model.theta, plain, counted) for e in entries
+    }
+    limit = FOLLOWS * min(follows.values())
+    sound = [e for e in entries if e.model.stable and follows[id(e)] <= limit]
+    sound = sound or [e for e in entries if follows[id(e)] <= limit] or list(entries)
     if any(e.error is None for e in entries):
-        return sorted(entries, key=lambda e: (not e.model.stable, e.model.criteria.aic))
+        key = {id(e): (e not in sound, e.model.criteria.aic) for e in entries}
+        return sorted(entries, key=lambda e: key[id(e)]), sound
     errors = {id(e): float(e.error or 0.0) for e in entries}
-    usable = [e for e in entries if e.model.stable] or list(entries)
-    limit = PARSIMONY * min(errors[id(e)] for e in usable)
+    close = (1.0 + margin) * min(errors[id(e)] for e in sound)
     lead = min(
-        (e for e in usable if errors[id(e)] <= limit),
-        key=lambda e: (e.model.n_estimated, errors[id(e)]),
+        (e for e in sound if errors[id(e)] <= close),
+        key=lambda e: (_size(e), errors[id(e)]),
     )
-    rest = sorted((e for e in entries if e is not lead), key=lambda e: errors[id(e)])
-    return [lead, *rest]
+    rest = (e for e in entries if e is not lead)
+    return [lead, *sorted(rest, key=lambda e: (e not in sound, errors[id(e)]))], sound
 
 
-def _reason(order: Sequence[Entry], criterion: str, words: str) -> str:
+def _size(entry: Entry) -> int:
+    """Parameters to estimate; initial states belong to the record, not to the model."""
+    return sum(p.fixed is None for p in entry.model.parameters)
+
+
+def _reason(
+    order: Sequence[Entry], sound: Sequence[Entry], criterion: str, words: str, margin: float
+) -> str:
     first = order[0]
     text = f"{first.model.structure.name} {orders_text(first.model.structure.order_values())}"
     if first.error is None:
@@ -323,9 +320,13 @@ def _reason(order: Sequence[Entry], criterion: str, words: str) -> str:
     if len(order) == 1:
         return f"{text} was chosen by {criterion} on {words}: {share:.2f} % in free run."
     second = order[1]
-    return (
-        f"{text} is ahead: {share:.2f} % free-run fit on {words} with "
-        f"{first.model.n_estimated} parameters; next {second.model.structure.name} with "
-        f"{100.0 * (1.0 - (second.error or 0.0)):.2f} % and {second.model.n_estimated} "
-        "(within 1 % of the error the smaller model leads)."
+    said = (
+        f"{text} is ahead: {share:.2f} % free-run fit on {words} with {_size(first)} parameters; "
+        f"next {second.model.structure.name} with {100.0 * (1.0 - (second.error or 0.0)):.2f} % "
+        f"and {_size(second)}"
     )
+    if second not in sound:
+        return f"{said}, which does not hold in a free run over all estimation data."
+    if (second.error or 0.0) < first.error:
+        return f"{said} (errors within {100.0 * margin:.2g} % tie, and the smaller model leads)."
+    return f"{said}."

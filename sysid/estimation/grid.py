@@ -1,20 +1,17 @@
 """Which orders to try: grids given by the user, and the small default grids of each structure."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import product
 from typing import Any
 
 import numpy as np
 
-from sysid.data.delay import estimate_delays
-from sysid.data.record import Record
-from sysid.errors import DataError, UsageError
+from sysid.errors import UsageError
 from sysid.structures.base import structure_class
 from sysid.structures.orders import parse_orders
 
 RawOrders = dict[str, Any]
 MAX_GRID = 5000
-LONGEST_DELAY = 30
 
 
 def parse_grid(text: str) -> list[RawOrders]:
@@ -47,65 +44,26 @@ def parse_grid(text: str) -> list[RawOrders]:
     return [dict(zip(choices, values, strict=True)) for values in product(*choices.values())]
 
 
-def delays(records: Sequence[Record]) -> list[Any]:
-    """Input delays worth trying: the estimated one first, its neighbours where it is uncertain.
-
-    A number when all pairs agree, else a matrix (outputs × inputs). Pairs without visible effect
-    take the commonest delay.
-    """
-    try:
-        longest = min(LONGEST_DELAY, max(min(len(r) for r in records) // 20, 2))
-        found = estimate_delays(records, longest)
-    except DataError:
-        return [1]
-    ny, nu = records[0].ny, records[0].nu
-    known = [d.delay for d in found if d.delay is not None]
-    common = int(np.median(known)) if known else 1
-    table = {(d.output, d.input): d for d in found}
-    names = [(o, i) for o in records[0].output_names for i in records[0].input_names]
-    best = [common if table[n].delay is None else int(table[n].delay or 0) for n in names]
-    if len(set(best)) > 1:
-        matrix = np.array(best).reshape(ny, nu).tolist()
-        return [matrix, common]
-    low = min((d.low for d in found if d.delay is not None), default=common)
-    high = max((d.high for d in found if d.delay is not None), default=common)
-    near = [k for k in (common - 1, common + 1) if max(low, 0) <= k <= high]
-    return [common, *near]
-
-
-def default_grid(name: str, nu: int, ny: int, samples: int, nks: Sequence[Any]) -> list[RawOrders]:
+def default_grid(name: str, nu: int, ny: int, samples: int, nk: Any) -> list[RawOrders]:
     """The orders tried when the user gives none: few, low, and never more than the data bear."""
     largest = _largest_order(nu, ny, samples)
+    orders = range(1, largest + 1)
     grid: list[RawOrders] = []
-    for nk in nks:
-        if name == "arx":
-            grid += [
-                {"na": na, "nb": nb, "nk": nk}
-                for na, nb in product(range(1, largest + 3), repeat=2)
-            ]
-        elif name == "armax":
-            grid += [
-                {"na": n, "nb": nb, "nc": nc, "nk": nk}
-                for n in range(1, largest + 1)
-                for nb in _numerators(n)
-                for nc in sorted({1, min(n, 2), n})
-            ]
-        elif name == "oe":
-            grid += [
-                {"nb": nb, "nf": n, "nk": nk}
-                for n in range(1, largest + 1)
-                for nb in _numerators(n)
-            ]
-        elif name == "bj":
-            grid += [
-                {"nb": n, "nc": nc, "nd": nd, "nf": n, "nk": nk}
-                for n in range(1, largest + 1)
-                for nc, nd in ((1, 1), (2, 2))
-            ]
-        else:
-            own = structure_class(name).candidate_orders(nu, ny, samples, nk)
-            grid += [dict(orders) for orders in own]
-    return [o for o in grid if _affordable(name, o, nu, ny, samples)]
+    if name == "arx":
+        grid = [{"na": na, "nb": nb} for na, nb in product(range(1, largest + 3), repeat=2)]
+    elif name == "armax":
+        grid = [
+            {"na": n, "nb": nb, "nc": nc}
+            for n in orders
+            for nb in _numerators(n)
+            for nc in sorted({1, min(n, 2), n})
+        ]
+    elif name == "oe":
+        grid = [{"nb": nb, "nf": n} for n in orders for nb in _numerators(n)]
+    elif name == "bj":
+        grid = [{"nb": n, "nc": noise, "nd": noise, "nf": n} for n in orders for noise in (1, 2)]
+    delayed = [{**o, "nk": nk} for o in grid]
+    return [o for o in delayed if _affordable(name, o, nu, ny, samples)]
 
 
 def _largest_order(nu: int, ny: int, samples: int) -> int:

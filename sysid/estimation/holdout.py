@@ -1,6 +1,10 @@
 """Holding data out: how orders and structures are chosen without touching validation data."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Record
 
@@ -9,36 +13,62 @@ LONG_ENOUGH = 600
 """Records from this many samples on are cut into interleaved blocks, shorter ones at 70 %."""
 
 
-def hold_out(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Record, ...], str]:
+@dataclass(frozen=True, eq=False)
+class HoldOut:
+    """Estimation data cut into what is fitted and what chooses.
+
+    Attributes:
+        train: pieces to fit on, each with an initial state of its own.
+        held: the pieces held out.
+        whole: the records uncut: a free run goes through all of a record, because a state fitted
+            to the head of a short block would hide a model that drifts.
+        counted: by record, the samples of ``whole`` that are held out, (N,) each.
+        words: what was done.
+    """
+
+    train: tuple[Record, ...]
+    held: tuple[Record, ...]
+    whole: tuple[Record, ...]
+    counted: tuple[NDArray[np.bool_], ...]
+    words: str
+
+    @property
+    def samples(self) -> int:
+        """Samples to fit on."""
+        return sum(len(r) for r in self.train)
+
+
+def hold_out(records: Sequence[Record]) -> HoldOut:
     """Split estimation data into a part to fit on and a part to choose on.
 
     Long records give three of ten interleaved blocks, so that the held-out part covers the
     operating range even where a record is ordered by level or sign; short ones give their last
-    30 %. Every block starts from a state of its own.
-
-    Returns:
-        (records to fit on, records to choose on, what was done in words).
+    30 %.
     """
     train: list[Record] = []
     held: list[Record] = []
+    counted = []
     for r in records:
         n = len(r)
-        if n < LONG_ENOUGH:
-            first, last = r.rows(0, round(0.7 * n)), r.rows(round(0.7 * n), n)
-            train.append(first)
-            held.append(last)
-            continue
         edges = [round(k * n / BLOCKS) for k in range(BLOCKS + 1)]
         # T T H  T T H  T T H  T: the blocks to fit on stay joined in pairs
-        train += [r.rows(edges[k], edges[min(k + 2, BLOCKS)]) for k in (0, 3, 6, 9)]
-        held += [r.rows(edges[k], edges[k + 1]) for k in (2, 5, 8)]
+        fitted = [(edges[k], edges[min(k + 2, BLOCKS)]) for k in (0, 3, 6, 9)]
+        chosen = [(edges[k], edges[k + 1]) for k in (2, 5, 8)]
+        if n < LONG_ENOUGH:
+            fitted, chosen = [(0, edges[7])], [(edges[7], n)]
+        train += [r.rows(a, b) for a, b in fitted]
+        held += [r.rows(a, b) for a, b in chosen]
+        mask = np.zeros(n, dtype=bool)
+        for a, b in chosen:
+            mask[a:b] = True
+        counted.append(mask)
     short = all(len(r) < LONG_ENOUGH for r in records)
     words = (
         "the last 30 % of the estimation data"
         if short
         else "three of ten interleaved blocks of the estimation data"
     )
-    return tuple(train), tuple(held), words
+    return HoldOut(tuple(train), tuple(held), tuple(records), tuple(counted), words)
 
 
 def shortened(records: Sequence[Record], samples: int) -> tuple[Record, ...]:

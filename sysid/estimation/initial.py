@@ -1,7 +1,8 @@
 """Starting values of the polynomial structures, one function a structure, all tried and recorded.
 
 ARX        linear least squares
-ARMAX      Hannan & Rissanen (1982): a long ARX gives ê, then least squares on y, u, ê
+ARMAX      Hannan & Rissanen (1982): a long ARX gives ê, then least squares on y, u, ê;
+           the starts of OE with a moving average fitted to what they leave
 OE, BJ     SRIV, the simplified refined instrumental variable method (Young 1985), with poles
            reflected into the unit circle; from the ARX start and from the output of a long ARX;
            where much stays unexplained also the best poles of a grid
@@ -106,6 +107,21 @@ def _arx_starts(structure: Structure, records: Sequence[Record], focus: Focus) -
     return found
 
 
+def _with_moving_average(records: Sequence[Record], lay: RowLayout, theta: Array) -> Array:
+    """[a…, b…, c] from [a…, b…]: C is the moving average that A y − B u is."""
+    plain = _plain(lay)
+    noise = []
+    for r in records:
+        v = ne.residual_row(r, plain.start, lay.output, _terms(plain, theta, r.ny))
+        noise.append(passing(np.zeros((len(v), 0)), v, r.dt))
+    return np.concatenate([theta, _hannan_rissanen(noise, _noise_row(lay))])
+
+
+def _noise_row(lay: RowLayout) -> RowLayout:
+    """The row D v = C e of a disturbance on its own."""
+    return RowLayout(0, (lay.nd,), (), (), lay.nc, 0, ())
+
+
 def _common_pole_starts(
     records: Sequence[Record], rows: Sequence[RowLayout]
 ) -> list[tuple[str, Array]]:
@@ -146,11 +162,12 @@ def _armax_starts(structure: Structure, records: Sequence[Record], focus: Focus)
     plain = [np.concatenate([arx_row(records, _plain(lay)), np.zeros(lay.nc)]) for lay in layouts]
     rissanen = [_hannan_rissanen(records, lay) for lay in layouts]
     found = [("Hannan-Rissanen", np.concatenate(rissanen)), ("ARX", np.concatenate(plain))]
-    if focus is Focus.SIMULATION:
+    if focus is Focus.SIMULATION or not structure.orders.coupled:
+        # with a sensor's noise C is near A, and both regressions start far off
+        ends = np.cumsum([lay.n - lay.nc for lay in layouts])[:-1]
         for kind, theta in _common_pole_starts(records, [_plain(lay) for lay in layouts]):
-            ends = np.cumsum([lay.n - lay.nc for lay in layouts])[:-1]
             rows = [
-                np.concatenate([row, np.zeros(lay.nc)])
+                _with_moving_average(records, lay, row)
                 for row, lay in zip(np.split(theta, ends), layouts, strict=True)
             ]
             found.append((kind, np.concatenate(rows)))
@@ -299,7 +316,7 @@ def _with_noise(records: Sequence[Record], lay: RowLayout, theta: Array) -> Arra
                 top = np.concatenate([np.zeros(lay.nk[j]), theta[b[j]]])
                 v -= lfilter(top, np.concatenate([[1.0], theta[f[j]]]), r.u[:, j])
         noise.append(passing(np.zeros((len(v), 0)), v, r.dt))
-    row = RowLayout(0, (lay.nd,), (), (), lay.nc, 0, ())
+    row = _noise_row(lay)
     dc = _hannan_rissanen(noise, row) if lay.nc else arx_row(noise, row)
     D = reflected(np.concatenate([[1.0], dc[: lay.nd]]))[1:]
     return np.concatenate([theta[:n_b], dc[lay.nd :], D, theta[n_b:]])

@@ -5,11 +5,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.criteria.information import CRITERIA, from_loss, information_criteria
 from sysid.data.record import Array, Record
 from sysid.errors import DataError, ModelError, UsageError
 from sysid.estimation import normal_equations as ne
+from sysid.estimation.holdout import HoldOut
 from sysid.estimation.pem import fit, head_window
 from sysid.estimation.search import FitOptions
 from sysid.structures.arx import ARX
@@ -17,8 +19,8 @@ from sysid.structures.base import Focus, Structure, structure_class
 
 Progress = Callable[[int, int, str], None]
 
-PARSIMONY = 1.01
-"""A smaller model is preferred while its held-out error stays below this multiple of the best."""
+CLOSE = 0.01
+"""Held-out errors that differ by less than this fraction are the same for all purposes."""
 
 SEARCH_EVALUATIONS = 40
 """Limit of each descent during a search: enough to rank; the chosen orders are fitted in full."""
@@ -48,11 +50,19 @@ class Candidate:
 
 @dataclass(frozen=True)
 class OrderSearch:
-    """The outcome of a search over one structure's orders, best first."""
+    """The outcome of a search over one structure's orders, best first.
+
+    Attributes:
+        structure: its name.
+        criterion: what ranked.
+        candidates: all orders that could be fitted.
+        margin: fraction by which a held-out error may exceed the best one and still tie with it.
+    """
 
     structure: str
     criterion: str
     candidates: tuple[Candidate, ...]
+    margin: float
 
     @property
     def best(self) -> Candidate:
@@ -74,8 +84,7 @@ def check_criterion(criterion: str) -> str:
 def search_orders(
     name: str,
     grid: Sequence[Mapping[str, Any]],
-    train: Sequence[Record],
-    held: Sequence[Record],
+    data: HoldOut,
     options: FitOptions,
     criterion: str = "fit",
     progress: Progress | None = None,
@@ -85,10 +94,9 @@ def search_orders(
     Args:
         name: structure.
         grid: orders to try.
-        train: records to fit on (offsets removed).
-        held: records to choose on (offsets removed); for ``fit`` and ``rmse`` the free run on
-            them counts, for ``aic``, ``bic`` … the one-step errors on the records to fit on, over
-            the samples that all candidates predict.
+        data: what to fit and what to choose on (offsets removed); for ``fit`` and ``rmse`` the
+            free run on the held-out samples counts, for ``aic``, ``bic`` … the one-step errors
+            on the records to fit on, over the samples that all candidates predict.
         options: how to fit.
         criterion: what ranks.
         progress: called with (done, all, what) after each candidate.
@@ -97,27 +105,39 @@ def search_orders(
         DataError: not one of the candidates could be fitted.
     """
     cls = structure_class(name)
-    nu, ny = train[0].nu, train[0].ny
+    nu, ny = data.whole[0].nu, data.whole[0].ny
     structures = [cls.from_orders(dict(o), nu, ny, options.structure_options) for o in grid]
     if cls is ARX and options.focus is Focus.PREDICTION and _unconstrained(options):
-        found = _arx_in_one_pass(structures, train, held, criterion)
+        found = _arx_in_one_pass(structures, data, criterion)
         if progress:
             progress(len(grid), len(grid), f"{name}: {len(grid)} orders in one pass")
     else:
-        found = _one_after_another(structures, train, held, options, criterion, progress)
+        found = _one_after_another(structures, data, options, criterion, progress)
     if not found:
         raise DataError(
-            f"{train[0].name}: none of the {len(grid)} orders of {name} could be fitted; record "
-            "more data or give --orders"
+            f"{data.whole[0].name}: none of the {len(grid)} orders of {name} could be fitted; "
+            "record more data or give --orders"
         )
-    return OrderSearch(name, criterion, ranked(found, criterion))
+    margin = tie_margin(data.held)
+    return OrderSearch(name, criterion, ranked(found, criterion, margin), margin)
 
 
-def ranked(found: Sequence[Candidate], criterion: str) -> tuple[Candidate, ...]:
-    """Best first; on held-out error the smallest model within ``PARSIMONY`` of the best leads."""
+def tie_margin(held: Sequence[Record]) -> float:
+    """Fraction by which an RMS error on these records is uncertain: one standard error.
+
+    N independent errors give their RMS with a relative standard error of 1/√(2N). Among models
+    within one standard error of the best the smallest is taken (Breiman et al. 1984, §3.4.3):
+    the best of many candidates owes part of its lead to chance.
+    """
+    samples = sum(len(r) * r.ny for r in held)
+    return max(CLOSE, 1.0 / float(np.sqrt(2.0 * max(samples, 1))))
+
+
+def ranked(found: Sequence[Candidate], criterion: str, margin: float) -> tuple[Candidate, ...]:
+    """Best first; on held-out error the smallest model within ``margin`` of the best leads."""
     ordered = sorted(found, key=lambda c: (not c.stable, c.score, c.n, orders_text(c.orders)))
     if criterion in ("fit", "rmse"):
-        limit = PARSIMONY * ordered[0].score
+        limit = (1.0 + margin) * ordered[0].score
         close = [c for c in ordered if c.score <= limit and c.stable == ordered[0].stable]
         lead = min(close, key=lambda c: (c.n, c.score, orders_text(c.orders)))
         ordered = [lead, *(c for c in ordered if c is not lead)]
@@ -130,14 +150,14 @@ def _unconstrained(options: FitOptions) -> bool:
 
 def _one_after_another(
     structures: Sequence[Structure],
-    train: Sequence[Record],
-    held: Sequence[Record],
+    data: HoldOut,
     options: FitOptions,
     criterion: str,
     progress: Progress | None,
 ) -> list[Candidate]:
     """Fit each candidate, warm-started from the best smaller neighbours already fitted."""
     found: list[Candidate] = []
+    train = data.train
     options = replace(options, max_evaluations=min(options.max_evaluations, SEARCH_EVALUATIONS))
     fitted: dict[int, tuple[float, dict[str, float]]] = {}
     common = max(s.first_sample() for s in structures)
@@ -153,7 +173,7 @@ def _one_after_another(
         except (DataError, ModelError):
             model = None
         if model is not None:
-            error = free_run_error(s, model.theta, held)
+            error = free_run_error(s, model.theta, data.whole, data.counted)
             if criterion in ("fit", "rmse"):
                 score = error
             else:
@@ -175,15 +195,20 @@ def _information(
     return float(getattr(information_criteria(errors, n), criterion))
 
 
-def free_run_error(s: Structure, theta: Array, held: Sequence[Record]) -> float:
-    """Root mean square over the outputs of free-run error relative to the output's spread."""
+def free_run_error(
+    s: Structure, theta: Array, records: Sequence[Record], counted: Sequence[NDArray[np.bool_]]
+) -> float:
+    """Root mean square over the outputs of free-run error relative to the output's spread.
+
+    The run goes through each whole record; only the samples ``counted``, (N,) by record, matter.
+    """
     window = head_window(s, theta)
     square = np.zeros(s.ny)
     with np.errstate(over="ignore", invalid="ignore"):
-        for r in held:
+        for r, held in zip(records, counted, strict=True):
             run = s.simulate(theta, r.u, s.fitted_state(theta, r.u, r.y, window))
-            square += np.sum((r.y - run) ** 2, axis=0)
-    spread = np.concatenate([r.y for r in held])
+            square += np.sum((r.y - run)[held] ** 2, axis=0)
+    spread = np.concatenate([r.y[held] for r, held in zip(records, counted, strict=True)])
     spread_square = np.sum((spread - spread.mean(axis=0)) ** 2, axis=0)
     moving = spread_square > 0
     if not moving.any():
@@ -194,14 +219,13 @@ def free_run_error(s: Structure, theta: Array, held: Sequence[Record]) -> float:
 
 def _arx_in_one_pass(
     structures: Sequence[Structure],
-    train: Sequence[Record],
-    held: Sequence[Record],
+    data: HoldOut,
     criterion: str,
 ) -> list[Candidate]:
     """Every ARX candidate from two Gram matrices: sub-matrices of the largest one."""
     layouts = [[s.layout(i) for i in range(s.ny)] for s in structures if isinstance(s, ARX)]
     lags = max(lay.start for rows in layouts for lay in rows)
-    inside, outside = ne.lag_gram(train, lags), ne.lag_gram(held, lags)
+    inside, outside = ne.lag_gram(data.train, lags), ne.lag_gram(data.held, lags)
     if inside.samples == 0 or outside.samples == 0:
         return []
     scored: list[tuple[float, float, Structure, Array, int]] = []
@@ -231,7 +255,9 @@ def _arx_in_one_pass(
         scored = [scored[k] for k in shown]
     found = []
     for value, _, s, theta_all, n in scored:
-        error = free_run_error(s, theta_all, held) if criterion in ("fit", "rmse") else np.nan
+        error = np.nan
+        if criterion in ("fit", "rmse"):
+            error = free_run_error(s, theta_all, data.whole, data.counted)
         score = error if criterion in ("fit", "rmse") else value
         if np.isfinite(score):
             stable = s.stable(theta_all)

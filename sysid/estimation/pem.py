@@ -158,8 +158,8 @@ def _model(
     joint = np.concatenate(errors)
     joint = joint[np.all(np.isfinite(joint), axis=1)]
     first = records[0]
-    values = [np.concatenate([r.u for r in records]), np.concatenate([r.y for r in records])]
-    ranges = np.array([(c.min(), c.max()) for block in values for c in block.T])
+    lows = np.min([[*r.u.min(axis=0), *r.y.min(axis=0)] for r in records], axis=0)
+    highs = np.max([[*r.u.max(axis=0), *r.y.max(axis=0)] for r in records], axis=0)
     names = [p.name for p in parameters]
     window = head_window(structure, theta)
     return Model(
@@ -176,7 +176,7 @@ def _model(
         criteria=criteria,
         termination=outcome.termination,
         initial_states=tuple(structure.fitted_state(theta, r.u, r.y, window) for r in plain),
-        ranges=ranges,
+        ranges=np.column_stack([lows, highs]),
         at_bound=outcome.at_bound,
         null_directions=tuple(
             {names[k]: float(v) for k, v in enumerate(column) if abs(v) > 1e-3}

@@ -17,13 +17,13 @@ from sysid.structures.polynomial import PolynomialStructure
 STATE_LEVEL = 0.99
 """Confidence beyond which initial states are estimated rather than taken as zero."""
 
-RIVAL = 4.0
+RIVAL = 1.2
 """Another start is searched too when its cost is below this multiple of the best start's."""
 
 MAX_RUNS = 3
 """Searches a problem at most, unless all of them failed."""
 
-LINEAR = 0.3
+LINEAR = 0.5
 """Relative deviation from linearity up to which a start lies in the basin of a found minimum."""
 
 
@@ -179,9 +179,9 @@ class Search:
         return self._valued(problem, solution), reports
 
     def _check_equations(self, problem: Problem) -> None:
-        """Refuse a problem with fewer equations than unknowns."""
+        """Refuse a problem with no more equations than unknowns."""
         equations, unknowns = sum(problem.lengths), int(np.sum(self._free(problem)))
-        if equations < unknowns:
+        if equations <= unknowns:
             raise DataError(
                 f"{self.records[0].name}: {equations} equations for {unknowns} unknowns "
                 "(parameters and initial states); record longer, lower the orders or take the "
@@ -258,8 +258,11 @@ class Search:
         if not np.all(np.abs(r) < 1e50) or len(r) <= k + len(theta):
             return False
         basis = problem.jacobian(p)[:, len(problem.index) :]
-        fitted = basis @ np.linalg.lstsq(basis, r, rcond=1e-12)[0]
-        gained = float(fitted @ fitted)
+        size = np.linalg.norm(basis, axis=0)
+        basis = basis / np.where(size > 0.0, size, 1.0)
+        share = basis.T @ r
+        # from the k x k Gram matrix: k is small and the record long
+        gained = float(share @ np.linalg.lstsq(basis.T @ basis, share, rcond=1e-12)[0])
         left = max(float(r @ r) - gained, 1e-300)
         ratio = (gained / k) / (left / (len(r) - k - len(problem.index)))
         return bool(ratio > f.ppf(STATE_LEVEL, k, len(r) - k - len(problem.index)))

@@ -10,7 +10,7 @@ from sysid.data.record import Array, Record
 from sysid.errors import Termination
 from sysid.estimation import closed_form
 from sysid.estimation.search import FitOptions, Search, assembled
-from sysid.estimation.uncertainty import confounded, with_infinite
+from sysid.estimation.uncertainty import with_confounded
 from sysid.structures.base import Parameter, Structure
 from sysid.structures.model import StartReport
 
@@ -83,7 +83,7 @@ def by_search(
         )
     theta, parts, starts = Search(structure, records, options, parameters).run(warm)
     covariance, null = assembled(parts, len(theta))
-    undecided = confounded(structure, records)
+    covariance, null = with_confounded(structure, records, covariance, null)
     stuck = tuple(
         parameters[p.problem.index[k]].name
         for p in parts
@@ -94,8 +94,8 @@ def by_search(
         structure,
         parameters,
         theta,
-        with_infinite(covariance, undecided),
-        np.hstack([null, undecided]),
+        covariance,
+        null,
         n_states=sum(int(np.sum(p.free >= len(p.problem.index))) for p in parts),
         termination=_worst([p.solution.termination for p in parts]),
         at_bound=stuck,

@@ -144,6 +144,18 @@ def confounded(structure: Structure, records: Sequence[Record]) -> Array:
     return np.array(found).T if found else np.zeros((n, 0))
 
 
+def with_confounded(
+    structure: Structure, records: Sequence[Record], covariance: Array, null: Array
+) -> tuple[Array, Array]:
+    """Covariance and open directions with those of ``confounded``, nothing said twice."""
+    more = confounded(structure, records)
+    if not more.size:
+        return covariance, null
+    covered = np.max(np.abs(more), axis=1) > PART
+    fresh = [d for d in null.T if np.any(np.abs(d[~covered]) > PART)]
+    return with_infinite(covariance, more), np.column_stack([*fresh, *more.T])
+
+
 def _proportions(records: Sequence[Record]) -> Array:
     """Null space of the inputs, each scaled to unit norm, (nu, k)."""
     R = np.linalg.qr(np.vstack([np.linalg.qr(r.u, mode="r") for r in records]), mode="r")

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Integral
+from typing import Any
 
 from sysid.errors import UsageError
 
@@ -164,8 +165,8 @@ def _vector(name: str, value: object, rows: int) -> tuple[int, ...]:
     return tuple(_checked(name, cell) for cell in flat)
 
 
-def _checked(name: str, value: object) -> int:
+def _checked(name: str, value: Any) -> int:
     whole = isinstance(value, Integral) and not isinstance(value, bool)
-    if not (whole and 0 <= int(value) <= MAX_ORDER):  # type: ignore[call-overload]
+    if not whole or not 0 <= int(value) <= MAX_ORDER:
         raise UsageError(f"{name}: orders are whole numbers from 0 to {MAX_ORDER}, got {value!r}")
-    return int(value)  # type: ignore[call-overload, no-any-return]
+    return int(value)

@@ -211,6 +211,9 @@ class PolynomialStructure(Structure):
             lay = self.layout(i)
             if len(y) <= lay.start + lay.nd:
                 continue
+            if not lay.n_initial:
+                out[lay.start :, i] = self._equation_errors(theta, u, y, i)[lay.start :]
+                continue
             row = RowErrors(lay, self.row_index(i), [(u, y)], estimate_initial=window > 0)
             p = row.initial_guess(theta)
             if row.n_initial:
@@ -235,6 +238,13 @@ class PolynomialStructure(Structure):
         for lag in range(1, min(horizon, len(e))):
             missing[lag:] |= np.isnan(e[:-lag])
         return np.where(missing, np.nan, y - k_step)
+
+    def _equation_errors(self, theta: Array, u: Array, y: Array, i: int) -> Array:
+        """A y − B u of one output, without a matrix of regressors."""
+        p = self.polynomials(theta)
+        terms = [(p.A[i][j], y[:, j]) for j in range(self.ny)]
+        terms += [(-p.B[i][j], u[:, j]) for j in range(self.nu)]
+        return np.asarray(sum(lfilter(c, [1.0], s) for c, s in terms if np.any(c)))
 
     def noise_response(self, theta: Array, n: int) -> Array:
         """H(q) = A⁻¹ C/D as an impulse response."""
