@@ -424,7 +424,10 @@ def test_the_head_of_a_slow_run_is_long_enough_for_its_state() -> None:
     record = slow.record(1500, 0.3, seed=3, skip=400)
     model = of(slow, record)
     assert head_window(model.structure, model.theta) > 150
-    assert head_window(model.structure, model.theta, skip=20) == 20
+    # as many skipped samples as states: the run starts from the measured outputs; else never less
+    assert head_window(model.structure, model.theta, skip=2) == 2
+    assert head_window(model.structure, model.theta, skip=20) > 150
+    assert head_window(model.structure, model.theta, skip=900) == 900
     run = free_run(model, record)
     assert rmse(record.y, run)[0] < 1.1 * 0.3
 

@@ -7,9 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
+from sysid.estimation.search import STATE_LEVEL, FitOptions, Search, assembled
 from sysid.estimation.solvers import Solution, levenberg_marquardt
+from sysid.estimation.strategies import Outcome
+from sysid.structures.base import Initial, Parameter
 from sysid.structures.block_chain import BlockChain, LinearLayer, StaticLayer
-from sysid.structures.block_structure import ChainErrors, output_scales
+from sysid.structures.block_structure import BlockStructure, ChainErrors, output_scales
+from sysid.structures.model import StartReport
 from sysid.structures.static import Stage, Static, spline_knots
 
 Mask = NDArray[np.bool_]
@@ -269,3 +273,93 @@ def _unit_gain(static: Static, p: Array, x: Array) -> tuple[float, list[int]]:
     if high == low or rise == 0.0:
         return 1.0, [first]
     return float((points[high] - points[low]) / rise), [first + low, first + high]
+
+
+def finished(
+    structure: BlockStructure,
+    records: Sequence[Record],
+    options: FitOptions,
+    parameters: tuple[Parameter, ...],
+    starts: Sequence[tuple[str, Array]],
+    reports: tuple[StartReport, ...],
+) -> Outcome:
+    """The last search on all data from the given starts, every gain in one place.
+
+    Args:
+        structure: orders and statics settled.
+        records: experiments, offsets removed.
+        options: how to fit.
+        parameters: bounds and fixed values the user gave, by name.
+        starts: named θ of ``structure``, the best first.
+        reports: starts tried before.
+    """
+    data = [(np.asarray(r.u), np.asarray(r.y)) for r in records]
+    given = {p.name: p for p in parameters}
+    bare = structure.parameters(records[0].inputs, records[0].outputs)
+    bound_by_user = {
+        k
+        for k, p in enumerate(bare)
+        if p.name in given and _constrained(given[p.name])
+    }
+    chain, theta, pins = structure.chain, starts[0][1], list[int]()
+    if not bound_by_user:
+        chain, theta, pins = normalised(chain, theta, data)
+    pins = sorted({*pins, *outer_abscissae(chain)})
+    structure = structure.with_chain(chain)
+    table = tuple(
+        given[p.name]
+        if k in bound_by_user
+        else replace(p, fixed=float(theta[k]))
+        if k in pins
+        else p
+        for k, p in enumerate(bare)
+    )
+    if options.initial is Initial.AUTO:
+        options = replace(options, initial=_initial(chain, theta, records))
+    search = Search(structure, records, options, table)
+    own = [(starts[0][0], theta), *starts[1:]]
+    theta, parts, last = search.run(own)
+    covariance, null = assembled(parts, len(theta))
+    stuck = tuple(
+        table[p.problem.index[k]].name
+        for p in parts
+        for k in p.solution.at_bound
+        if k < len(p.problem.index)
+    )
+    return Outcome(
+        structure,
+        table,
+        theta,
+        covariance,
+        null,
+        n_states=sum(int(np.sum(p.free >= len(p.problem.index))) for p in parts),
+        termination=parts[0].solution.termination,
+        at_bound=stuck,
+        starts=(*reports, *last),
+    )
+
+
+def _constrained(p: Parameter) -> bool:
+    return p.fixed is not None or bool(np.isfinite(p.lower)) or bool(np.isfinite(p.upper))
+
+
+def _initial(chain: BlockChain, theta: Array, records: Sequence[Record]) -> Initial:
+    """Rest, unless initial states of their own lower the cost significantly (F-test, 99 %)."""
+    from scipy.stats import f
+
+    data = ChainData.of(records)
+    free = data.problem(chain)
+    rest = ChainErrors(chain, data.data, False, scales=data.scales)
+    k = free.n_initial
+    if k == 0:
+        return Initial.ZERO
+    p = free.initial_guess(theta)
+    r = free.residual(p)
+    basis = free.jacobian(p)[:, chain.n :]
+    left = r - basis @ np.linalg.lstsq(basis, r, rcond=1e-10)[0]
+    e, dof = rest.residual(theta), len(r) - k - chain.n
+    if dof <= 0:
+        return Initial.ZERO
+    after = max(float(left @ left), 1e-300)
+    ratio = (float(e @ e) - after) / k / (after / dof)
+    return Initial.ESTIMATED if ratio > f.ppf(STATE_LEVEL, k, dof) else Initial.ZERO

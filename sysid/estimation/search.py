@@ -23,6 +23,9 @@ RIVAL = 1.2
 MAX_RUNS = 3
 """Searches a problem at most, unless all of them failed."""
 
+USABLE = 1e50
+"""Errors beyond this are those of a start that cannot be run."""
+
 LINEAR = 0.5
 """Relative deviation from linearity up to which a start lies in the basin of a found minimum."""
 
@@ -142,7 +145,11 @@ class Search:
         problem = zero
         if estimated is not zero and self._states_matter(estimated, candidates[order[0]]):
             problem = estimated
-        runs = {order[0]: self._descend(problem, candidates[order[0]], huber)}
+        points = [self._with_states(problem, t) for t in candidates]
+        if problem.n_initial:  # what the states explain says nothing about a start
+            costs = [half_square(problem.residual(p)) for p in points]
+            order = sorted(range(len(costs)), key=lambda k: costs[k])
+        runs = {order[0]: self._descend(problem, points[order[0]], huber)}
         # further searches where the best start is not clearly ahead or its search failed
         for k in order[1:]:
             failed = not any(run.termination.good for run in runs.values())
@@ -150,8 +157,8 @@ class Search:
             index = problem.index
             if any(np.array_equal(candidates[k][index], candidates[j][index]) for j in runs):
                 continue
-            if failed or (close and not self._known_basin(problem, runs, candidates[k])):
-                runs[k] = self._descend(problem, candidates[k], huber)
+            if failed or (close and not self._known_basin(problem, runs, points[k])):
+                runs[k] = self._descend(problem, points[k], huber)
         best = min(runs, key=lambda k: runs[k].cost)
         solution = runs[best]
         n = len(problem.index)
@@ -160,7 +167,7 @@ class Search:
             reached[problem.index] = solution.p[:n]
             if self._states_matter(estimated, reached):
                 problem = estimated
-                solution = self._descend(problem, reached, huber)
+                solution = self._descend(problem, self._with_states(problem, reached), huber)
         if self.options.initial is Initial.BACKCAST:
             solution = self._backcast(problem, solution, huber)
         if solution.termination is Termination.DIVERGED:
@@ -205,15 +212,14 @@ class Search:
     def _descend(
         self,
         problem: Problem,
-        theta: Array,
+        p0: Array,
         huber: float | None,
-        p0: Array | None = None,
         states: bool = True,
     ) -> Solution:
         lower, upper = self._limits(problem)
         return levenberg_marquardt(
             problem,
-            problem.initial_guess(theta) if p0 is None else p0,
+            p0,
             free=self._free(problem, states),
             lower=lower,
             upper=upper,
@@ -222,13 +228,23 @@ class Search:
         )
 
     @staticmethod
-    def _known_basin(problem: Problem, runs: Mapping[int, Solution], theta: Array) -> bool:
+    def _with_states(problem: Problem, theta: Array) -> Array:
+        """A start with the initial states that suit it best: the errors are linear in them."""
+        p = problem.initial_guess(theta)
+        r = problem.residual(p)
+        if problem.n_initial and np.all(np.abs(r) < USABLE):
+            n = len(problem.index)
+            basis = problem.jacobian(p)[:, n:]
+            p[n:] = np.linalg.lstsq(basis, -r, rcond=1e-12)[0]
+        return p
+
+    @staticmethod
+    def _known_basin(problem: Problem, runs: Mapping[int, Solution], p: Array) -> bool:
         """Whether a start would lead where an earlier search ended.
 
         It does when between the two the errors change as the Jacobian there says: Gauss-Newton
         then goes from the one to the other.
         """
-        p = problem.initial_guess(theta)
         r = problem.residual(p)
         for run in runs.values():
             change = r - run.residual
@@ -241,7 +257,7 @@ class Search:
         """Huber's threshold from the median absolute deviation of the start's errors."""
         if not self.options.robust:
             return None
-        quick = self._descend(problem, theta, None)
+        quick = self._descend(problem, problem.initial_guess(theta), None)
         spread = float(np.median(np.abs(quick.residual - np.median(quick.residual))))
         return HUBER_WIDTH * max(1.4826 * spread, 1e-12 * float(np.max(np.abs(quick.residual))))
 
@@ -255,7 +271,7 @@ class Search:
             return False
         p = problem.initial_guess(theta)
         r = problem.residual(p)
-        if not np.all(np.abs(r) < 1e50) or len(r) <= k + len(theta):
+        if not np.all(np.abs(r) < USABLE) or len(r) <= k + len(theta):
             return False
         basis = problem.jacobian(p)[:, len(problem.index) :]
         size = np.linalg.norm(basis, axis=0)
@@ -275,7 +291,7 @@ class Search:
             r0 = problem.residual(np.concatenate([p[:n], np.zeros(problem.n_initial)]))
             basis = problem.jacobian(p)[:, n:]
             p = np.concatenate([p[:n], np.linalg.lstsq(basis, -r0, rcond=1e-12)[0]])
-            solution = self._descend(problem, np.zeros(0), huber, p, states=False)
+            solution = self._descend(problem, p, huber, states=False)
             p = solution.p
         return solution
 
@@ -292,6 +308,7 @@ class Search:
 
 
 def half_square(r: Array) -> float:
+    """½‖r‖², infinite where it overflows."""
     with np.errstate(over="ignore"):
         return 0.5 * float(r @ r)
 

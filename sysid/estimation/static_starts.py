@@ -1,34 +1,53 @@
-"""Starting values of statics: the identity over the signal's range, or the best limits of a grid."""
+"""Starting values of statics: the identity over a signal's range, or the shape of another one."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.structures.static import Stage, Static
+from sysid.structures.static import KINDS, Stage, Static
 
-LIMITS = (0.0, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 1.0)
+PLACES = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0)
 """Places of limits tried, as fractions of the range of a signal."""
+
+SHAPE_POINTS = 2000
+"""Samples that suffice to compare the shapes of two statics."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A static that follows another one: gain·static(x) + offset ≈ target.
+
+    Attributes:
+        static: with the abscissae of splines read off the data.
+        p: its parameters.
+        gain: what it is multiplied by; 1 where it has a gain of its own.
+        offset: what is added; 0 where it can add it itself.
+    """
+
+    static: Static
+    p: Array
+    gain: float
+    offset: float
 
 
 def identity_start(static: Static, low: float, high: float) -> tuple[Static, Array]:
     """The static and parameters with which it hardly does anything on low … high.
 
-    Limits stand at the ends of the range (a dead zone is empty), points on the identity line; an
-    absolute value has its kink at 0.
+    Limits stand near the ends of the range (a dead zone is narrow), points on the identity line;
+    an absolute value has its kink at 0.
     """
     stages, parts = [], []
     for stage in static.stages:
-        stage, p, low, high = _stage_identity(stage, low, high)
-        stages.append(stage)
+        placed, p, low, high = _stage_identity(stage, low, high)
+        stages.append(placed)
         parts.append(p)
     return Static(tuple(stages)), np.concatenate([*parts, np.zeros(0)])
 
 
 def _stage_identity(stage: Stage, low: float, high: float) -> tuple[Stage, Array, float, float]:
     width = max(high - low, 1e-12)
-    inner = {"low": low + 0.02 * width, "high": high - 0.02 * width}
     middle = min(max(0.0, low + 0.1 * width), high - 0.1 * width)
     if stage.kind == "abs":
         return stage, np.zeros(1), 0.0, max(abs(low), abs(high))
@@ -39,30 +58,77 @@ def _stage_identity(stage: Stage, low: float, high: float) -> tuple[Stage, Array
         if stage.kind == "piecewise":
             return stage, np.concatenate([points, points]), low, high
         return replace(stage, knots=tuple(points.tolist())), points, low, high
-    if stage.kind.startswith("saturation"):
-        return stage, np.array([inner[n.partition("_")[2]] for n in stage.names]), low, high
-    sides = {"low": middle - 0.02 * width, "high": middle + 0.02 * width}
+    ends = (low, high) if stage.kind.startswith("saturation") else (middle, middle)
+    inward = 0.02 if stage.kind.startswith("saturation") else -0.02
+    sides = {"low": ends[0] + inward * width, "high": ends[1] - inward * width}
     return stage, np.array([sides[n.partition("_")[2]] for n in stage.names]), low, high
 
 
-def limit_grid(static: Static, low: float, high: float) -> Iterator[Array]:
-    """Parameters with the first stage's limits at places of a grid over the range.
+def shaped(static: Static, x: Array, target: Array) -> Shape:
+    """The static's parameters with which it follows ``target`` over the samples x best.
 
-    Nothing where the first stage has no limits.
+    Limits of the first stage are tried on a grid; what enters linearly is found by least squares.
     """
-    if not static.stages or not static.stages[0].names[0].startswith(("d_", "s_")):
+    if len(x) > SHAPE_POINTS:
+        pick = np.linspace(0, len(x) - 1, SHAPE_POINTS).astype(int)
+        x, target = x[pick], target[pick]
+    placed, start = identity_start(static, float(x.min()), float(x.max()))
+    best: tuple[float, Shape] | None = None
+    for p in (start, *_other_limits(placed, start, float(x.min()), float(x.max()))):
+        cost, shape = _followed(placed, p, x, target)
+        if best is None or cost < best[0]:
+            best = cost, shape
+    assert best is not None
+    return best[1]
+
+
+def _other_limits(static: Static, start: Array, low: float, high: float) -> Iterator[Array]:
+    """Starts with the limits or the kink of the first stage elsewhere."""
+    if not static.stages:
         return
-    _, start = identity_start(static, low, high)
-    names = static.stages[0].names
-    places = [low + f * (high - low) for f in LIMITS]
-    for a in places[:-1] if len(names) == 2 else places[1:-1]:
-        for b in [t for t in places if t > a] if len(names) == 2 else [a]:
-            p = start.copy()
-            p[: len(names)] = [a, b][: len(names)]
-            if len(names) == 2 or not (a == low or a == high):
-                yield p
+    first = static.stages[0]
+    places = [low + f * (high - low) for f in PLACES]
+    if len(first.names) == 1 and KINDS[first.kind].smallest == 0:
+        for a in places[1:-1]:
+            yield np.concatenate([[a], start[1:]])
+    elif KINDS[first.kind].ordered(first.size) == 2 and first.size == 0:
+        for k, a in enumerate(places):
+            for b in places[k + 1 :]:
+                yield np.concatenate([[a, b], start[2:]])
 
 
-def ranges(signals: Sequence[Array]) -> tuple[float, float]:
-    """Lowest and highest value of one signal over all experiments."""
-    return float(min(s.min() for s in signals)), float(max(s.max() for s in signals))
+def _followed(static: Static, p: Array, x: Array, target: Array) -> tuple[float, Shape]:
+    """Least squares of what enters linearly: (sum of squares, shape)."""
+    value, _, partials = static.evaluated(x, p)
+    linear = _linear_entries(static)
+    columns = partials[linear] if len(linear) else value[None]
+    if not static.has_offset:
+        columns = np.concatenate([columns, np.ones((1, len(x)))])
+    scale = np.sqrt(np.mean(columns**2, axis=1))
+    scale[scale == 0.0] = 1.0
+    # points without data stay where the others put them: the smallest change from the start
+    now = p[linear] if len(linear) else np.ones(1)
+    now = now if static.has_offset else np.append(now, 0.0)
+    rest = target - now @ columns
+    found = now + np.linalg.lstsq((columns / scale[:, None]).T, rest, rcond=1e-6)[0] / scale
+    e = target - found @ columns
+    cost = float(e @ e)
+    offset = 0.0 if static.has_offset else float(found[-1])
+    if len(linear):
+        out = p.copy()
+        out[linear] = found[: len(linear)]
+        return cost, Shape(static, out, 1.0, offset)
+    gain = float(found[0])
+    if gain <= 0.0:
+        return np.inf, Shape(static, p, 1.0, offset)
+    return cost, Shape(static, p, gain, offset)
+
+
+def _linear_entries(static: Static) -> Array:
+    """Parameters of the last stage that enter linearly."""
+    if not static.stages:
+        return np.zeros(0, dtype=int)
+    last, place = static.stages[-1], static.slices()[-1]
+    if not KINDS[last.kind].has_gain:
+        return np.zeros(0, dtype=int)
+    return np.arange(place.stop - last.size, place.stop)

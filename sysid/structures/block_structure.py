@@ -123,6 +123,10 @@ class BlockStructure(Structure):
     def layer_names(self) -> tuple[str, ...]:
         """What each layer is called in parameter names; empty for the main linear block."""
 
+    @abstractmethod
+    def with_chain(self, chain: BlockChain) -> "BlockStructure":
+        """This structure with the statics of another chain of the same layers."""
+
     @property
     def nu(self) -> int:
         """Number of inputs."""

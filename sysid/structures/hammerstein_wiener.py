@@ -138,6 +138,13 @@ class HammersteinWiener(BlockStructure):
             outputs=self.asked[1].of_channels(outputs, IDENTITY),
         )
 
+    def with_chain(self, chain: BlockChain) -> "HammersteinWiener":
+        """This structure with the statics of another chain."""
+        before, _, after = chain.layers
+        assert isinstance(before, StaticLayer)
+        assert isinstance(after, StaticLayer)
+        return replace(self, inputs=before.statics, outputs=after.statics)
+
     def order_values(self) -> dict[str, Any]:
         """Orders in their shortest form."""
         names = ("nk",) if self.choose_orders else self.order_names

@@ -1,6 +1,7 @@
 """Least-squares problems of polynomial NARMAX models: one step ahead, and runs cut into chunks."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +31,7 @@ class OneStep(Problem):
         first: first sample whose terms lie inside the record; ε before it is zero.
     """
 
-    def __init__(
-        self, terms: Sequence[Term], at: int, output: int, data: Data, first: int
-    ) -> None:
+    def __init__(self, terms: Sequence[Term], at: int, output: int, data: Data, first: int) -> None:
         self.index = np.arange(at, at + len(terms))
         self.n_initial = 0
         self.lengths = tuple(max(len(y) - first, 0) for _, y in data)
@@ -41,9 +40,7 @@ class OneStep(Problem):
         self._plain = [k for k, t in enumerate(terms) if not is_noise(t)]
         self._noise = [(k, _error_lag(terms[k])) for k in noise]
         # a noise term's value is its cofactor (what multiplies the error) times the past error
-        cofactors = [
-            tuple(f for f in t if f.kind != "e") if is_noise(t) else t for t in terms
-        ]
+        cofactors = [tuple(f for f in t if f.kind != "e") if is_noise(t) else t for t in terms]
         self._values = [columns(cofactors, u, y)[first:] for u, y in data]
         self._targets = [y[first:, output] for _, y in data]
 
@@ -139,7 +136,7 @@ class ChunkedRuns(Problem):
             if free > 0:
                 count = max(1, round(free / length))
                 edges = [first + round(k * free / count) for k in range(count + 1)]
-                pieces += [(u, y, a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+                pieces += [(u, y, a, b) for a, b in pairwise(edges)]
         longest = max((b - a for _, _, a, b in pieces), default=0)
         batch = len(pieces)
         inputs = np.zeros((run.before + longest, run.nu, batch))

@@ -226,7 +226,13 @@ class PolynomialStructure(Structure):
         return out
 
     def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
-        """ŷ(t|t−k) = y(t) − Σ_{l<k} h(l) e(t−l) with h the impulse response of H = A⁻¹ C/D."""
+        """ŷ(t|t−k) = y(t) − Σ_{l<k} h(l) e(t−l) with h the impulse response of H = A⁻¹ C/D.
+
+        Without a noise model (H = 1) that is the free run, whatever the horizon.
+        """
+        if not self.has_noise_model:
+            x0 = self.fitted_state(theta, u, y, window) if window > 0 else None
+            return self.simulate(theta, u, x0)
         e = self.errors(theta, u, y, window)
         h = self.noise_response(theta, horizon)
         k_step = np.zeros_like(e)

@@ -200,7 +200,7 @@ class FreeRun:
 
     def weights(self, theta: Array, U: Array) -> Array:
         """w_im(t), (ny, L, n_products, B)."""
-        return np.einsum("lqb,iqm->ilmb", U, self.coefficients(theta), optimize=True)
+        return np.asarray(np.einsum("lqb,iqm->ilmb", U, self.coefficients(theta), optimize=True))
 
     def runs(self, weights: Array, past: Array) -> Array:
         """All runs at once from past outputs (depth, ny, B): (depth + L, ny, B), past included."""
@@ -248,9 +248,7 @@ class FreeRun:
                         row *= inside[t, i]
         return now
 
-    def _products_of(
-        self, full: Array
-    ) -> tuple[Array, dict[tuple[int, int], tuple[Index, Array]]]:
+    def _products_of(self, full: Array) -> tuple[Array, dict[tuple[int, int], tuple[Index, Array]]]:
         """μ (n_products, L, B), and by slot the products that hold it with their slope."""
         length = len(full) - self.depth
         values = np.ones((len(self.products), length, full.shape[2]))

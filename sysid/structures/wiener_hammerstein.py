@@ -149,6 +149,12 @@ class WienerHammerstein(BlockStructure):
             return self
         return replace(self, statics=self.asked.of_channels(inputs, IDENTITY))
 
+    def with_chain(self, chain: BlockChain) -> "WienerHammerstein":
+        """This structure with the statics of another chain."""
+        layer = chain.layers[1]
+        assert isinstance(layer, StaticLayer)
+        return replace(self, statics=layer.statics)
+
     def order_values(self) -> dict[str, Any]:
         """Orders in their shortest form."""
         second = {n: self.orders.value(n) for n in ("nb", "nf", "nk")}
