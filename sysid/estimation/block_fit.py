@@ -89,7 +89,7 @@ def descend(
     *,
     evaluations: int,
     held_entries: Sequence[int] = (),
-    tolerance: float = 1e-7,
+    tolerance: float = 1e-4,
 ) -> Fitted:
     """Levenberg–Marquardt on the fitted samples from p0 (θ, or θ and initial states)."""
     problem = data.problem(chain)

@@ -131,7 +131,7 @@ class Chooser:
             found = fitted_pair(linear[o], *pair, self.data, ROUGH)
             seen.append(found)
             yield found
-        if min(c.found.held for c in seen) > POOR and self._open(1):
+        if min(c.found.held for c in linear.values()) > POOR and self._open(1):
             for o in orders:
                 yield from self._signless(o)
 
