@@ -121,12 +121,12 @@ def _show(name: str, facts: dict[str, Any]) -> None:
         final = facts["final"]
         rows = [
             ("outcome", facts["outcome"]),
-            ("time [s]", facts["time_s"]),
+            ("time [s]", render.number(facts["time_s"], 4)),
             ("final x, y [m]", f"{final['x']:.3f}, {final['y']:.3f}"),
             ("final heading [rad]", f"{final['psi']:.3f}"),
-            ("path driven [m]", facts["path_length_m"]),
-            ("nearest obstacle [m]", facts["min_clearance_m"]),
-            ("off the straight line [m]", facts["max_deviation_m"]),
+            ("path driven [m]", render.number(facts["path_length_m"], 4)),
+            ("nearest obstacle [m]", render.number(facts["min_clearance_m"], 3)),
+            ("off the straight line [m]", render.number(facts["max_deviation_m"], 3)),
         ]
         render.table((name, ""), rows)
         render.say(Outcome(facts["outcome"]).sentence)
@@ -138,7 +138,7 @@ def _show(name: str, facts: dict[str, Any]) -> None:
             title=f"The plant on {name}, {facts['horizon']} from {facts['initial_state']}",
         )
     for warning in facts["warnings"]:
-        render.warn(warning)
+        render.warn(f"! {warning}")
     render.say(f"Log: {facts['log']}")
     if "plot" in facts:
         render.say(f"Plot: {facts['plot']}")

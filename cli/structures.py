@@ -41,7 +41,7 @@ def structures(
         render.document(facts)
         return
     render.say(facts["title"], "bold")
-    render.facts([(k, facts[k]) for k in ("equation", "when", "description", "noise model")])
+    render.facts([(k, facts[k]) for k in ("equation", "when", "description", "noise_model")])
     rows = [(o["name"], o["meaning"], o["default"]) for o in facts["orders"]]
     render.table(("order", "meaning", "default"), rows)
     render.say(f"sysid fit LOG --structure {facts['name']} {facts['example']}")
@@ -57,7 +57,7 @@ def _facts(cls: "type[Structure]") -> dict[str, Any]:
         "when": cls.when,
         "equation": cls.equation,
         "description": description,
-        "noise model": "its own" if cls.has_noise_model else "none: errors are the output's own",
+        "noise_model": "its own" if cls.has_noise_model else "none: errors are the output's own",
         "orders": [
             {
                 "name": n,

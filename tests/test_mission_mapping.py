@@ -196,6 +196,17 @@ def test_a_falling_output_is_turned_over() -> None:
     )
 
 
+def test_a_robot_never_seen_driving_straight_is_said_to_be_so() -> None:
+    turned_on_the_spot = Lag(
+        ((5e-4, -5e-4), (-4.9e-4, 4.9e-4)), names("pwm_l", "pwm_r", unit="µs"),
+        names("omega_l", "omega_r", unit="rad/s"),
+    )  # fmt: skip
+    robot, warnings = as_robot(turned_on_the_spot, MISSION)
+    np.testing.assert_array_equal(robot.scale, (1.0, 1.0))
+    assert len(warnings) == 2
+    assert all("also drives straight" in w for w in warnings)
+
+
 def test_the_missions_scales_are_taken_as_given() -> None:
     vehicle = {"command_scale": 12.0, "speed_scale": 0.1}
     mission = Mission.model_validate({"goal": (1, 0), "vehicle": vehicle})

@@ -55,7 +55,7 @@ def fit_picture(n: int = 120, ny: int = 1, nu: int = 2, t1: float | None = None)
             FitSegment(t[:cut], y[:cut], s[:cut], u[:cut], "estimation", "log.csv"),
             FitSegment(later, y[cut:], s[cut:], u[cut:], "validation", "log_val.csv"),
         ),
-        initial_state="initial state estimated",
+        initial_state="estimated",
         estimation_fit=(91.47, 91.9, 88.0, 87.0)[:ny],
         validation_fit=(90.04, float("nan"), 85.0, 84.0)[:ny],
         autocorrelation=(one,) * ny,

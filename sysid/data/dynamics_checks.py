@@ -135,7 +135,12 @@ def check_delay(records: Sequence[Record]) -> list[Finding]:
                 parts.append(f"{d.delay} ({d.low} to {d.high}) from {d.input}")
         text = f"Delay to {output} in samples: {', '.join(parts)}."
         mine = [d for d in delays if d.output == output]
-        severity, advice = Severity.OK, "" if all(d.certain for d in mine) else "Search nk."
+        severity, advice = (
+            Severity.OK,
+            ""
+            if all(d.certain for d in mine)
+            else "Let the fit search the delay (leave nk out of --orders).",
+        )
         if any(d.delay == 0 and d.certain for d in mine):
             severity = Severity.NOTE
             advice = (

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
 
 from sysid.data.record import Array, Record
 from sysid.estimation.search import STATE_LEVEL, FitOptions, Search, assembled
-from sysid.estimation.solvers import Solution, levenberg_marquardt
 from sysid.estimation.strategies import Outcome
 from sysid.structures.base import Initial, Parameter
 from sysid.structures.block_chain import BlockChain, LinearLayer, StaticLayer
@@ -17,6 +17,9 @@ from sysid.structures.model import StartReport
 from sysid.structures.static import Stage, Static, spline_knots
 
 Mask = NDArray[np.bool_]
+
+ROUGH_TOLERANCE = 1e-4
+"""Relative gain of a step below which a descent that only ranks candidates ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,29 +92,64 @@ def descend(
     *,
     evaluations: int,
     held_entries: Sequence[int] = (),
-    tolerance: float = 1e-4,
+    tolerance: float = ROUGH_TOLERANCE,
 ) -> Fitted:
-    """Levenberg–Marquardt on the fitted samples from p0 (θ, or θ and initial states)."""
+    """Levenberg-Marquardt on the fitted samples from p0 (θ, or θ and initial states).
+
+    The normal equations are summed experiment by experiment, so that 10⁵ samples of 40 parameters
+    cost 50 ms a step; Marquardt's damping is steered as Nielsen (1999) does. Their condition is
+    that of J squared, which the damping bears; the last search works on J itself.
+    """
     problem = data.problem(chain)
-    p0 = problem.initial_guess(p0) if len(p0) == chain.n else p0
-    free = np.ones(len(p0), dtype=bool)
+    p = problem.initial_guess(p0) if len(p0) == chain.n else p0.copy()
+    free = np.ones(len(p), dtype=bool)
     free[list(held_entries)] = False
-    limit = np.full(len(p0), np.inf)
-    found = levenberg_marquardt(
-        problem,
-        p0,
-        free=free,
-        lower=-limit,
-        upper=limit,
-        max_evaluations=evaluations,
-        tolerance=tolerance,
-    )
-    return fitted(chain, found, data)
+    r = problem.residual(p)
+    cost, spent, damping, growth = _half_square(r), 1, 1e-3, 2.0
+    fresh, gram, gradient = True, np.zeros((0, 0)), np.zeros(0)
+    while spent < evaluations:
+        if fresh:
+            full, slope = problem.normal_equations(p, r)
+            gram, gradient = full[np.ix_(free, free)], slope[free]
+            if not (np.all(np.isfinite(gram)) and np.all(np.isfinite(gradient))):
+                break
+            scale = np.sqrt(np.diag(gram))
+            scale[scale == 0.0] = 1.0
+            gram, gradient = gram / np.outer(scale, scale), gradient / scale
+        step = -_solved(gram, damping, gradient)
+        trial = p.copy()
+        trial[free] += step / scale
+        foreseen = float(step @ (damping * step - gradient)) / 2.0
+        e = problem.residual(trial)
+        new, spent = _half_square(e), spent + 1
+        fresh = new < cost
+        if fresh:
+            ratio = (cost - new) / max(foreseen, 1e-300)
+            gained = (cost - new) / max(cost, 1e-300)
+            p, r, cost = trial, e, new
+            damping *= max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3)
+            growth = 2.0
+            if gained < tolerance and foreseen < tolerance * max(cost, 1e-300):
+                break
+        else:
+            if foreseen < 0.01 * tolerance * cost or damping > 1e12:
+                break
+            damping, growth = damping * growth, growth * 2.0
+    return Fitted(chain, p, cost, data.held_error(chain, p), spent)
 
 
-def fitted(chain: BlockChain, found: Solution, data: ChainData) -> Fitted:
-    """A solution with its held-out error."""
-    return Fitted(chain, found.p, found.cost, data.held_error(chain, found.p), found.evaluations)
+def _solved(gram: Array, damping: float, gradient: Array) -> Array:
+    """(gram + damping I)⁻¹ gradient for a gram with a unit diagonal."""
+    eye = np.eye(len(gram))
+    try:
+        return np.asarray(cho_solve(cho_factor(gram + damping * eye), gradient))
+    except np.linalg.LinAlgError:
+        return np.asarray(cho_solve(cho_factor(gram + (damping + 1e-8) * eye), gradient))
+
+
+def _half_square(r: Array) -> float:
+    with np.errstate(over="ignore"):
+        return 0.5 * float(r @ r)
 
 
 def abscissae(chain: BlockChain) -> list[int]:

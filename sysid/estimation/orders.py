@@ -25,6 +25,9 @@ CLOSE = 0.01
 SEARCH_EVALUATIONS = 40
 """Limit of each descent during a search: enough to rank; the chosen orders are fitted in full."""
 
+SEARCH_TOLERANCE = 1e-4
+"""Convergence during a search: errors closer than ``CLOSE`` tie anyway."""
+
 SIMULATED = 16
 """ARX candidates, best one-step first, whose free run is looked at."""
 
@@ -158,7 +161,11 @@ def _one_after_another(
     """Fit each candidate, warm-started from the best smaller neighbours already fitted."""
     found: list[Candidate] = []
     train = data.train
-    options = replace(options, max_evaluations=min(options.max_evaluations, SEARCH_EVALUATIONS))
+    options = replace(
+        options,
+        max_evaluations=min(options.max_evaluations, SEARCH_EVALUATIONS),
+        tolerance=max(options.tolerance, SEARCH_TOLERANCE),
+    )
     fitted: dict[int, tuple[float, dict[str, float]]] = {}
     common = max(s.first_sample() for s in structures)
     for k, s in enumerate(structures):

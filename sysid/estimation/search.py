@@ -4,11 +4,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.special import fdtri
 
 from sysid.data.record import Array, Index, Record
 from sysid.errors import DataError, ModelError, Termination
 from sysid.estimation import initial
-from sysid.estimation.solvers import HUBER_WIDTH, Solution, levenberg_marquardt
+from sysid.estimation.solvers import HUBER_WIDTH, TOLERANCE, Solution, levenberg_marquardt
 from sysid.estimation.uncertainty import Uncertainty, uncertainty
 from sysid.structures.base import Focus, Initial, Parameter, Problem, Structure
 from sysid.structures.model import StartReport
@@ -43,6 +44,7 @@ class FitOptions:
         fixed: values of parameters that are not estimated, by name.
         bounds: (lower, upper) by name.
         max_evaluations: limit of each search.
+        tolerance: relative change of cost and step at which a search has converged.
         structure_options: options of the structure itself, as text.
         extra: facts to keep in the model's provenance (how the files were read …).
     """
@@ -54,6 +56,7 @@ class FitOptions:
     fixed: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     max_evaluations: int = 200
+    tolerance: float = TOLERANCE
     structure_options: Mapping[str, str] = field(default_factory=dict)
     extra: Mapping[str, object] = field(default_factory=dict)
 
@@ -225,6 +228,7 @@ class Search:
             upper=upper,
             huber=huber,
             max_evaluations=self.options.max_evaluations,
+            tolerance=self.options.tolerance,
         )
 
     @staticmethod
@@ -234,7 +238,7 @@ class Search:
         r = problem.residual(p)
         if problem.n_initial and np.all(np.abs(r) < USABLE):
             n = len(problem.index)
-            basis = problem.jacobian(p)[:, n:]
+            basis = problem.initial_columns(p)
             p[n:] = np.linalg.lstsq(basis, -r, rcond=1e-12)[0]
         return p
 
@@ -264,8 +268,6 @@ class Search:
     @staticmethod
     def _states_matter(problem: Problem, theta: Array) -> bool:
         """F-test of the initial states at fixed θ (they enter the errors linearly)."""
-        from scipy.stats import f
-
         k = problem.n_initial
         if k == 0:
             return False
@@ -273,7 +275,7 @@ class Search:
         r = problem.residual(p)
         if not np.all(np.abs(r) < USABLE) or len(r) <= k + len(theta):
             return False
-        basis = problem.jacobian(p)[:, len(problem.index) :]
+        basis = problem.initial_columns(p)
         size = np.linalg.norm(basis, axis=0)
         basis = basis / np.where(size > 0.0, size, 1.0)
         share = basis.T @ r
@@ -281,7 +283,7 @@ class Search:
         gained = float(share @ np.linalg.lstsq(basis.T @ basis, share, rcond=1e-12)[0])
         left = max(float(r @ r) - gained, 1e-300)
         ratio = (gained / k) / (left / (len(r) - k - len(problem.index)))
-        return bool(ratio > f.ppf(STATE_LEVEL, k, len(r) - k - len(problem.index)))
+        return bool(ratio > fdtri(k, len(r) - k - len(problem.index), STATE_LEVEL))
 
     def _backcast(self, problem: Problem, solution: Solution, huber: float | None) -> Solution:
         """Alternate: states by least squares with θ held, θ with the states held."""
@@ -289,7 +291,7 @@ class Search:
         p = solution.p
         for _ in range(3):
             r0 = problem.residual(np.concatenate([p[:n], np.zeros(problem.n_initial)]))
-            basis = problem.jacobian(p)[:, n:]
+            basis = problem.initial_columns(p)
             p = np.concatenate([p[:n], np.linalg.lstsq(basis, -r0, rcond=1e-12)[0]])
             solution = self._descend(problem, p, huber, states=False)
             p = solution.p

@@ -47,7 +47,9 @@ class Outcome:
 Warm = Sequence[tuple[str, Array]]
 Strategy = Callable[[Structure, Sequence[Record], FitOptions, tuple[Parameter, ...], Warm], Outcome]
 
-_OWN: dict[str, str] = {}
+_OWN: dict[str, str] = {
+    "narmax": "sysid.estimation.narmax:fit_narmax",
+}
 """Structure → ``module:function`` of its own strategy, imported when it is first needed."""
 
 

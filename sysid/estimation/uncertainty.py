@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.special import chdtri
 
 from sysid.criteria.coloured import coloured_gram
 from sysid.data.record import Array, Record
@@ -94,8 +95,6 @@ def uncertainty(
 
 def portmanteau_white(residuals: Sequence[Array]) -> bool:
     """Ljung & Box (1978) over 25 lags at 1 %, pooled over the stretches."""
-    from scipy.stats import chi2
-
     n = sum(len(e) for e in residuals)
     power = sum(float(e @ e) for e in residuals)
     if power <= 0.0 or n <= 2 * WHITE_LAGS:
@@ -104,7 +103,7 @@ def portmanteau_white(residuals: Sequence[Array]) -> bool:
     for k in range(1, WHITE_LAGS + 1):
         r = sum(float(e[k:] @ e[:-k]) for e in residuals if len(e) > k) / power
         statistic += r * r / (n - k)
-    return bool(n * (n + 2) * statistic < chi2.ppf(0.99, WHITE_LAGS))
+    return bool(n * (n + 2) * statistic < chdtri(WHITE_LAGS, 0.01))
 
 
 def with_infinite(covariance: Array, null: Array) -> Array:

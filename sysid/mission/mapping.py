@@ -30,6 +30,9 @@ _DRIFTS = 1.0
 none. Channels without names beyond this are no pair of tracks: their answers nearly cancel in
 straight driving and are magnified by its scale in everything else."""
 
+_HARDLY = 0.1
+"""Share of the top speed below which a robot's track does not answer to driving straight."""
+
 _SWINGS = 3.0
 """An output that swings beyond this many times its final value is worth a warning."""
 
@@ -164,7 +167,14 @@ def _wired(
         swing = answer.swing[at[k]] / abs(rise[k])
         if swing > _SWINGS:
             notes.append(f"{_quantity(y[at[k]])} swings to {swing:.1f} times its final value.")
-        if falls[k]:
+        if direct and abs(rise[k]) * vehicle.r < _HARDLY * top_speed:
+            falls[k] = False
+            notes.append(
+                f"{_quantity(y[at[k]])} hardly moves when both tracks are driven forward: straight "
+                "driving is not in the data the plant was identified from, so this run means "
+                "little; identify it from a log in which the robot also drives straight."
+            )
+        elif falls[k]:
             notes.append(
                 f"{_quantity(y[at[k]])} falls where the drive rises and is turned over: "
                 "check the wiring or the sign of the data."

@@ -49,7 +49,8 @@ def size_inches(picture: FitPicture) -> tuple[float, float]:
 
 def draw(figure: "Figure", picture: FitPicture) -> None:
     """Draw a block of panels per output, then the inputs, all on one time axis."""
-    subtitle = ", ".join(s for s in (picture.horizon, picture.initial_state) if s)
+    start = f"initial state {picture.initial_state}" if picture.initial_state else ""
+    subtitle = ", ".join(s for s in (picture.horizon, start) if s)
     style.heading(figure, picture.title, subtitle)
     pieces, panels, ny = _pieces(picture), _input_panels(picture), len(picture.outputs)
     kinds = [k for k in (picture.autocorrelation, picture.cross_correlation) if k]

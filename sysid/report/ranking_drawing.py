@@ -163,7 +163,9 @@ def _write_columns(page: "Axes", picture: RankingPicture, rows: tuple[RankingRow
         finite = np.where(np.isfinite(values), values, -np.inf)
         texts[int(finite.argmax())].set_fontweight("bold")
         edge -= max(0.72, style.width_inches(texts[-1]) + 0.2)
-    texts = _column(page, edge, picture.criterion, [row.text.replace("-", "−") for row in rows])
+    texts = _column(
+        page, edge, _heading(picture.criterion), [row.text.replace("-", "−") for row in rows]
+    )
     widest = max(style.width_inches(text) for text in texts)
     return edge - max(widest, 0.5) - 0.2
 
@@ -192,7 +194,7 @@ def _column(page: "Axes", right: float, head: str, cells: list[str]) -> "list[Te
 
 def _draw_bars(axes: "Axes", picture: RankingPicture, rows: tuple[RankingRow, ...]) -> None:
     values = np.array([row.value for row in rows], dtype=np.float64)
-    name = picture.criterion
+    name = _heading(picture.criterion)
     if picture.from_best:
         values = np.abs(values - values[0])
         name = f"Δ{name}: distance to the best"
@@ -229,3 +231,8 @@ def _draw_bars(axes: "Axes", picture: RankingPicture, rows: tuple[RankingRow, ..
     axes.grid(visible=True, axis="x")
     axes.spines["left"].set_visible(bool(np.all(values[finite] >= 0)))
     style.shorten(axes.set_xlabel(name), 4.0)
+
+
+def _heading(criterion: str) -> str:
+    """AIC, BIC … are written in capitals, fit and loss are words."""
+    return criterion if criterion in ("fit", "loss", "rmse") else criterion.upper()

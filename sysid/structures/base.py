@@ -73,6 +73,10 @@ class Problem(ABC):
     def jacobian(self, p: Array) -> Array:
         """∂ε/∂p, shape (M, len(p))."""
 
+    def initial_columns(self, p: Array) -> Array:
+        """∂ε/∂(initial states), shape (M, n_initial): the last columns of the Jacobian."""
+        return self.jacobian(p)[:, len(self.index) :]
+
     def given(self, theta: Array) -> "Problem":
         """This problem when the entries of θ outside ``index`` are those of ``theta``."""
         return self
@@ -238,9 +242,10 @@ def structure_classes() -> dict[str, type[Structure]]:
     from sysid.structures.armax import ARMAX
     from sysid.structures.arx import ARX
     from sysid.structures.bj import BJ
+    from sysid.structures.narmax import NARMAX
     from sysid.structures.oe import OE
 
-    classes: dict[str, type[Structure]] = {c.name: c for c in (ARX, ARMAX, OE, BJ)}
+    classes: dict[str, type[Structure]] = {c.name: c for c in (ARX, ARMAX, OE, BJ, NARMAX)}
     for point in entry_points(group="sysid.structures"):
         classes.setdefault(point.name, point.load())
     return classes

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from scipy.signal import lfilter, lfilter_zi
 
-from sysid.data.record import Array, Index
+from sysid.data.record import Array
 from sysid.structures.orders import Matrix
 from sysid.structures.predictor import roots_inside
 from sysid.structures.static import Static
@@ -139,14 +139,6 @@ Layer = StaticLayer | LinearLayer
 
 
 @dataclass(frozen=True)
-class Tangents:
-    """Derivatives of one signal: rows of ``values`` that are not zero."""
-
-    rows: Index
-    values: Array
-
-
-@dataclass(frozen=True)
 class BlockChain:
     """Layers in the order in which a signal passes them.
 
@@ -212,7 +204,7 @@ class BlockChain:
     def tangents(
         self, theta: Array, u: Array, x0: Array | None, states: bool, parameters: bool = True
     ) -> tuple[Array, Array]:
-        """Free run (ny, N) and its derivative (n + n_states or n, ny, N).
+        """Free run (ny, N) and its derivative (ny, n + n_states or n, N).
 
         Args:
             theta: parameters.
@@ -265,7 +257,7 @@ class BlockChain:
                 at += order
             signal, D = out, E
             active = [np.array(sorted(g), dtype=np.intp) for g in grown]
-        return signal, np.ascontiguousarray(D.transpose(1, 0, 2))
+        return signal, D
 
     def admissible(self, theta: Array, radius: float) -> bool:
         """Whether all poles lie within ``radius`` and limits and points of statics rise."""
@@ -343,7 +335,7 @@ class BlockChain:
             if not np.isfinite(best) or not known.any():
                 break
             run, D = self.tangents(theta, u, x, states=True, parameters=False)
-            J = np.array([d[known] for d in D[self.n :]]).T
+            J = np.concatenate([d[self.n :, k] for d, k in zip(D, known, strict=True)], axis=1).T
             if not np.all(np.isfinite(J)):
                 break
             scale = np.linalg.norm(J, axis=0)

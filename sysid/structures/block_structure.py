@@ -1,14 +1,14 @@
 """What Hammerstein–Wiener and Wiener–Hammerstein models have in common."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Array, Channel, Record
+from sysid.data.record import Array, Channel, Index, Record
 from sysid.structures.base import Focus, Initial, Parameter, Problem, Structure
 from sysid.structures.block_chain import BlockChain, LinearLayer, StaticLayer
 from sysid.structures.polynomial import _pole, _text
@@ -75,20 +75,34 @@ class ChainErrors(Problem):
     def jacobian(self, p: Array) -> Array:
         """∂ε/∂p, (M, len(p))."""
         out = np.zeros((sum(self.lengths), len(p)))
-        n, at = self.chain.n, 0
-        with np.errstate(all="ignore"):
-            for k, ((u, _), kept) in enumerate(zip(self.data, self.kept, strict=True)):
-                _, D = self.chain.tangents(p[:n], u, self.state(p, k), self.states_each > 0)
-                first = n + k * self.states_each
-                for i, scale in enumerate(self.scales):
-                    rows = slice(at, at + int(kept.sum()))
-                    block = D[:, i, :] if kept.all() else D[:, i, kept]
-                    out[rows, :n] = block[:n].T / -scale
-                    out[rows, first : first + self.states_each] = block[n:].T / -scale
-                    at = rows.stop
+        at = 0
+        for columns, block in self._blocks(p):
+            out[at : at + block.shape[1], columns] = block.T
+            at += block.shape[1]
         if not np.isfinite(out).all():
             out = np.nan_to_num(out, nan=0.0, posinf=HUGE, neginf=-HUGE)
         return out
+
+    def normal_equations(self, p: Array, r: Array) -> tuple[Array, Array]:
+        """JᵀJ and Jᵀr without ever holding J."""
+        gram, gradient = np.zeros((len(p), len(p))), np.zeros(len(p))
+        at = 0
+        for columns, block in self._blocks(p):
+            gram[np.ix_(columns, columns)] += block @ block.T
+            gradient[columns] += block @ r[at : at + block.shape[1]]
+            at += block.shape[1]
+        return gram, gradient
+
+    def _blocks(self, p: Array) -> Iterator[tuple[Index, Array]]:
+        """Of each experiment and output: which entries of p count, and their rows of Jᵀ."""
+        n = self.chain.n
+        for k, ((u, _), kept) in enumerate(zip(self.data, self.kept, strict=True)):
+            with np.errstate(all="ignore"):
+                _, D = self.chain.tangents(p[:n], u, self.state(p, k), self.states_each > 0)
+            first = n + k * self.states_each
+            columns = np.concatenate([np.arange(n), np.arange(first, first + self.states_each)])
+            for d, scale in zip(D, self.scales, strict=True):
+                yield columns, (d if kept.all() else d[:, kept]) / -scale
 
     def initial_guess(self, theta: Array) -> Array:
         """θ, and for each experiment the state in which its first input has held for ever."""
@@ -235,7 +249,7 @@ class BlockStructure(Structure):
             return np.zeros((0, self.chain.n))
         with np.errstate(all="ignore"):
             _, D = self.chain.tangents(theta, u, None, states=False)
-        return np.ascontiguousarray(D[:, output, :].T)
+        return np.ascontiguousarray(D[output].T)
 
     def equations(
         self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]

@@ -219,7 +219,7 @@ class PolynomialStructure(Structure):
             if row.n_initial:
                 stop = max(window, row.skipped + row.n_initial)
                 head = RowErrors(lay, self.row_index(i), [(u[:stop], y[:stop])], True)
-                basis = head.jacobian(p)[:, lay.n :]
+                basis = head.initial_columns(p)
                 zeta = np.linalg.lstsq(basis, -head.residual(p), rcond=1e-10)[0]
                 p = np.concatenate([p[: lay.n], zeta])
             out[row.skipped :, i] = row.residual(p)

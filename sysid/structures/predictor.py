@@ -127,8 +127,9 @@ class RowErrors(Problem):
         a, b, c, d, f = layout.slices()
         self._c, self._d, self._b, self._f = c, d, b, f
         plain = [b[j] for j in range(len(b)) if j not in layout.filtered]
+        self._lagged = [s for s in (*a, *plain) if s.stop > s.start]
         self._linear = np.concatenate(
-            [np.arange(s.start, s.stop) for s in (*a, *plain)] or [np.zeros(0, dtype=int)]
+            [np.arange(s.start, s.stop) for s in self._lagged] or [np.zeros(0, dtype=int)]
         ).astype(int)
         self._cache: tuple[bytes, list[_Signals]] | None = None
 
@@ -169,21 +170,30 @@ class RowErrors(Problem):
 
     def jacobian(self, p: Array) -> Array:
         """∂ε/∂p, exact for the stated treatment of the start."""
-        lay = self.layout
         with np.errstate(all="ignore"):
             blocks = [
-                self._columns(p, s, x)[:, lay.nd :]
+                np.vstack([self._columns(p, s, x), self._state_columns(p, len(s.e))])
                 for s, x in zip(self._signals(p), self._experiments, strict=True)
             ]
-        m = sum(block.shape[1] for block in blocks)
-        out = np.zeros((lay.n + self.n_initial, m))
+        return self._stacked(blocks, self.layout.n)
+
+    def initial_columns(self, p: Array) -> Array:
+        """The columns of the Jacobian that belong to the initial states."""
+        with np.errstate(all="ignore"):
+            blocks = [self._state_columns(p, len(x.y)) for x in self._experiments]
+        return self._stacked(blocks, 0)
+
+    def _stacked(self, blocks: Sequence[Array], shared: int) -> Array:
+        """Columns of all experiments: the first ``shared`` rows in common, states on their own."""
+        nd = self.layout.nd
+        blocks = [block[:, nd:] for block in blocks]
+        out = np.zeros((shared + self.n_initial, sum(block.shape[1] for block in blocks)))
         at = 0
         for k, block in enumerate(blocks):
             stop = at + block.shape[1]
-            out[: lay.n, at:stop] = block[: lay.n]
-            if self.states_each:
-                first = lay.n + k * self.states_each
-                out[first : first + self.states_each, at:stop] = block[lay.n :]
+            out[:shared, at:stop] = block[:shared]
+            first = shared + k * self.states_each
+            out[first : first + self.states_each, at:stop] = block[shared:]
             at = stop
         if not np.isfinite(out).all():
             out = np.nan_to_num(out, nan=0.0, posinf=HUGE, neginf=-HUGE)
@@ -228,30 +238,46 @@ class RowErrors(Problem):
         return _Signals(lfilter([1.0], C, drive), v, ws, fs)
 
     def _columns(self, p: Array, s: "_Signals", x: _Experiment) -> Array:
+        """Gradients with respect to θ, one row a coefficient, (n, M)."""
         lay, start = self.layout, self.layout.start
-        C, D = _monic(p[self._c]), _monic(p[self._d])
-        noisy = bool(lay.nc or lay.nd)
-        m = len(s.e)
-        out = np.zeros((lay.n + self.states_each, m))
-        out[self._linear] = lfilter(D, C, x.linear) if noisy and len(x.linear) else x.linear
-        at = lay.n
+        C, D, h = self._noise_filter(p, len(s.e))
+        out = np.zeros((lay.n, len(s.e)))
+        row = 0
+        for lags in self._lagged:
+            count = lags.stop - lags.start
+            out[lags] = _through(D, C, h, x.linear[row : row + count])
+            row += count
         for j, u, w, F in zip(lay.filtered, x.inputs, s.ws, s.fs, strict=True):
             gb = _shifted(lfilter([-1.0], F, u), _lags(lay.nk[j], lay.nb[j]), start)
             gf = _shifted(lfilter([1.0], F, w), _lags(1, lay.nf[j]), start)
-            out[self._b[j]] = lfilter(D, C, gb) if noisy else gb
-            out[self._f[j]] = lfilter(D, C, gf) if noisy else gf
-            if self.states_each:
-                h = lfilter([1.0], F, -_impulse(m))
-                gz = _shifted(h, range(lay.nf[j]), 0)
-                out[at : at + lay.nf[j]] = lfilter(D, C, gz) if noisy else gz
-                at += lay.nf[j]
+            out[self._b[j]] = _through(D, C, h, gb)
+            out[self._f[j]] = _through(D, C, h, gf)
         if lay.nc:
             out[self._c] = _shifted(lfilter([-1.0], C, s.e), _lags(1, lay.nc), 0)
         if lay.nd:
             out[self._d] = _shifted(lfilter([1.0], C, s.v), _lags(1, lay.nd), 0)
-        if self.states_each and lay.n_noise_states:
+        return out
+
+    def _state_columns(self, p: Array, m: int) -> Array:
+        """Gradients with respect to one experiment's initial states, (states, M)."""
+        lay = self.layout
+        out = np.zeros((self.states_each, m))
+        if not self.states_each:
+            return out
+        C, D, h = self._noise_filter(p, m)
+        at = 0
+        for j in lay.filtered:
+            free = lfilter([1.0], _monic(p[self._f[j]]), -_impulse(m))
+            out[at : at + lay.nf[j]] = _through(D, C, h, _shifted(free, range(lay.nf[j]), 0))
+            at += lay.nf[j]
+        if lay.n_noise_states:
             out[at:] = _shifted(lfilter([1.0], C, _impulse(m)), range(lay.n_noise_states), 0)
         return out
+
+    def _noise_filter(self, p: Array, m: int) -> tuple[Array, Array, Array | None]:
+        """C, D and the impulse response of D/C, None where that is 1."""
+        C, D = _monic(p[self._c]), _monic(p[self._d])
+        return C, D, lfilter(D, C, _impulse(m)) if self.layout.nc or self.layout.nd else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,6 +304,22 @@ def roots_inside(tail: Array, radius: float = 1.0) -> bool:
             return False
         c = [(x - k * y) / (1.0 - k * k) for x, y in zip(c[:-1], c[:0:-1], strict=True)]
     return True
+
+
+def _through(D: Array, C: Array, h: Array | None, rows: Array) -> Array:
+    """(D/C) of rows that are consecutive lags of one signal; h is the impulse response of D/C.
+
+    Each row is the one before it a sample later, but for its first value: so is its response, but
+    for that value times h. One filter run serves all lags.
+    """
+    if h is None or not rows.size:
+        return rows
+    out = np.empty_like(rows)
+    out[0] = lfilter(D, C, rows[0])
+    for k in range(1, len(rows)):
+        np.multiply(h, rows[k, 0], out=out[k])
+        out[k, 1:] += out[k - 1, :-1]
+    return out
 
 
 def _lags(first: int, count: int) -> range:
