@@ -1,16 +1,19 @@
 """``sysid compare``: the workspace's models side by side, ranked by one criterion."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from . import reading, render
+from .fit_report import residual_words
 from .workspace import StoredModel, Workspace
 
 if TYPE_CHECKING:
     from sysid.data.record import Record
     from sysid.estimation.comparison import Contender, Ranked, Ranking
+    from sysid.estimation.cross_validation import CrossValidation
 
 
 def compare(
@@ -43,6 +46,15 @@ def compare(
         list[int] | None,
         typer.Option("--horizon", metavar="K", min=2, help="Also show the K-step prediction."),
     ] = None,
+    folds: Annotated[
+        int | None,
+        typer.Option(
+            "--folds",
+            metavar="K",
+            min=2,
+            help="Also cross-validate: refit on all blocks of the data but one, K times.",
+        ),
+    ] = None,
     plot: Annotated[
         Path | None, typer.Option("--plot", metavar="FILE", help="Draw the ranking: .svg or .png.")
     ] = None,
@@ -65,12 +77,13 @@ def compare(
     policy = Policy(start, skip, tuple(sorted(set(horizon or []))))
     with render.progress("Comparing"):
         ranking = rank([_contender(s) for s in stored], criteria, _validation(stored, val), policy)
+    crossed = _cross_validated(ranking, folds)
     place.remember("best", ranking.best.contender.id)
     if plot is not None:
         from .pictures import draw_ranking
 
         draw_ranking(plot, ranking)
-    _document(ranking) if json else _show(ranking, plot)
+    _document(ranking, crossed) if json else _show(ranking, crossed, plot)
 
 
 def _contender(stored: StoredModel) -> "Contender":
@@ -82,12 +95,15 @@ def _contender(stored: StoredModel) -> "Contender":
 def _estimation_data(stored: StoredModel) -> "tuple[Record, ...] | None":
     """The model's estimation data read again, or None when they are not the same any more."""
     from sysid.data.io import read_logs
+    from sysid.data.preparation import Preparation
     from sysid.data.read_options import ReadOptions
     from sysid.errors import SysidError
 
     options = stored.model.provenance.options
     try:
-        records = read_logs(options.get("files", []), ReadOptions.from_json(options["read"]))
+        steps = Preparation.from_json(options.get("prepare", {}))
+        read = read_logs(options.get("files", []), ReadOptions.from_json(options["read"]))
+        records = tuple(steps.apply(r) for r in read)
     except (SysidError, KeyError, TypeError):
         return None
     split = options.get("split")
@@ -105,17 +121,23 @@ def _validation(
     if not val:
         return None
     from sysid.data.io import read_logs
+    from sysid.data.preparation import Preparation
     from sysid.data.read_options import ReadOptions
 
     options = stored[-1].model.provenance.options if stored else {}
-    records = read_logs(val, ReadOptions.from_json(options.get("read", {})))
+    steps = Preparation.from_json(options.get("prepare", {}))
+    read = read_logs(val, ReadOptions.from_json(options.get("read", {})))
+    records = tuple(steps.apply(r) for r in read)
     return records, ", ".join(dict.fromkeys(r.name for r in records))
 
 
-def _document(ranking: "Ranking") -> None:
+def _document(ranking: "Ranking", folds: "Mapping[str, CrossValidation]") -> None:
     render.document(
         {
-            "ranking": [line.to_json() for line in ranking.lines],
+            "ranking": [
+                line.to_json() | {"cross_validation": folds.get(line.contender.id)}
+                for line in ranking.lines
+            ],
             "criterion": ranking.criterion,
             "best": ranking.best.contender.id,
             "data": ranking.data,
@@ -127,22 +149,21 @@ def _document(ranking: "Ranking") -> None:
     )
 
 
-def _show(ranking: "Ranking", plot: Path | None) -> None:
+def _show(ranking: "Ranking", folds: "Mapping[str, CrossValidation]", plot: Path | None) -> None:
     from sysid.criteria.information import CRITERIA
 
     first = ranking.best
     names = list(first.figures["fit_percent"])
     ks = [f["horizon"] for f in first.figures.get("k_step", [])]
-    heads = [
-        f"{what} {n} %"
-        for what in ("free run", *(f"{k} step" for k in ks), "one step")
-        for n in names
-    ]
+    shown = "" if ranking.criterion in ("fit", "rmse") else ranking.criterion.upper()
+    heads = ["free run %", *(f"{k} step %" for k in ks), "one step %"]
+    heads += [f"{next(iter(folds.values())).folds} folds %"] if folds else []
     render.table(
-        ["model", "orders", "n", *heads, "AIC", "BIC", "FPE", "residuals"],
-        [_row(line, names) for line in ranking.lines],
+        ["model", "orders", "n", *heads, *([shown] if shown else ["RMSE"]), "residuals"],
+        [_row(line, names, folds, shown) for line in ranking.lines],
         title=f"Ranked by {ranking.criterion}, judged on {ranking.data}",
-        caption=f"initial state: {first.figures['initial_state']}",
+        caption=f"fits of {', '.join(names)}; n counts initial states; "
+        f"initial state: {first.figures['initial_state']}",
     )
     render.say(CRITERIA[ranking.criterion].sentence)
     for sentence in (*ranking.notes, *ranking.excluded.values()):
@@ -152,20 +173,37 @@ def _show(ranking: "Ranking", plot: Path | None) -> None:
     render.say(f"Best: {first.contender.id}. Next: sysid export.", "bold")
 
 
-def _row(line: "Ranked", names: list[str]) -> list[object]:
+def _row(
+    line: "Ranked", names: list[str], folds: "Mapping[str, CrossValidation]", shown: str
+) -> list[object]:
     from sysid.estimation.orders import orders_text
 
-    figures = line.figures
-    parts = [figures, *figures.get("k_step", []), figures["one_step"]]
-    residuals = line.contender.report.get("residuals") or {}
-    passed = residuals.get("passed")
+    figures, id = line.figures, line.contender.id
+    parts = [p["fit_percent"] for p in (figures, *figures.get("k_step", []), figures["one_step"])]
+    if folds:
+        parts.append(folds[id].fit_percent if id in folds else {})
+    value = [line.criteria[shown.lower()]] if shown else [figures["rmse"][n] for n in names]
     return [
-        line.contender.id,
+        id,
         orders_text(line.contender.model.structure.order_values()),
         line.contender.model.n_estimated,
-        *(render.number(p["fit_percent"][n], 4) for p in parts for n in names),
-        render.number(line.criteria["aic"], 6),
-        render.number(line.criteria["bic"], 6),
-        render.number(line.criteria["fpe"], 4),
-        "–" if passed is None else ("pass" if passed else "fail"),
+        *(", ".join(render.number(p.get(n), 4) for n in names) for p in parts),
+        ", ".join(render.number(v, 6 if shown else 4) for v in value),
+        residual_words(line.contender.report.get("residuals") or {}),
     ]
+
+
+def _cross_validated(ranking: "Ranking", folds: int | None) -> "dict[str, CrossValidation]":
+    """Cross-validation of every ranked model whose estimation data are at hand."""
+    if folds is None:
+        return {}
+    from sysid.estimation.cross_validation import cross_validate
+
+    found = {}
+    with render.progress("Cross-validating", total=len(ranking.lines)) as tick:
+        for line in ranking.lines:
+            c = line.contender
+            if c.records is not None:
+                found[c.id] = cross_validate(c.model, c.records, folds)
+            tick(1)
+    return found

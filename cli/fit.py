@@ -1,5 +1,6 @@
 """``sysid fit``: models of a log, judged, ranked and kept in the workspace."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +13,7 @@ from .fit_report import show
 from .workspace import StoredModel, Workspace
 
 if TYPE_CHECKING:
+    from sysid.data.preparation import Preparation
     from sysid.data.read_options import ReadOptions
     from sysid.data.record import Record
     from sysid.estimation.identify import Identification, Request
@@ -121,6 +123,9 @@ def fit(
             help="Option of the structure; `sysid structures NAME` lists them.",
         ),
     ] = None,
+    trim: reading.Trim = None,
+    low_pass: reading.LowPass = None,
+    decimate: reading.Decimate = 1,
     robust: Annotated[
         bool,
         typer.Option("--robust", rich_help_panel=_FITTING, help="Huber loss: outliers count less."),
@@ -189,6 +194,7 @@ def fit(
     read = reading.read_options(
         inputs, outputs, time, ts, units, pwm_max, delimiter, decimal, resample
     )
+    steps = reading.preparation(trim, low_pass, decimate)
     request = _request(
         structure,
         orders,
@@ -207,9 +213,10 @@ def fit(
         split,
         jobs,
         read,
+        steps,
         logs,
     )
-    found = _identify(logs, val or [], read, request)
+    found = _identify(logs, val or [], read, steps, request)
     place = Workspace(workspace)
     stored = [place.save(a.model, a.to_json()) for a in reversed(found.assessments)][::-1]
     place.remember("latest", [s.id for s in stored])
@@ -238,6 +245,7 @@ def _request(
     split: float | None,
     jobs: int,
     read: "ReadOptions",
+    steps: "Preparation",
     logs: list[Path],
 ) -> "Request":
     """The options as the library takes them."""
@@ -251,6 +259,8 @@ def _request(
     for item in fix or []:
         name, value = _pair(item, "--fix", "a1=-0.9")
         fixed[name] = _number(value, item, "--fix")
+        if math.isinf(fixed[name]):
+            raise UsageError(f"--fix cannot hold {name} at {value!r}; give a finite number")
     bounds = {}
     for item in bound or []:
         name, value = _pair(item, "--bound", "a1=-1:0")
@@ -266,7 +276,11 @@ def _request(
         fixed=fixed,
         bounds=bounds,
         structure_options=dict(_pair(item, "--option", "units=20") for item in option or []),
-        extra={"files": [str(p.resolve()) for p in logs], "read": read.to_json()},
+        extra={
+            "files": [str(p.resolve()) for p in logs],
+            "read": read.to_json(),
+            "prepare": steps.to_json(),
+        },
     )
     start = Start(reading.choice(initial_state, [s.value for s in Start], "--initial-state"))
     names = tuple(n.strip().lower() for n in (structure or "").split(",") if n.strip())
@@ -292,7 +306,11 @@ def _number(text: str, item: str, option: str) -> float:
 
 
 def _identify(
-    logs: list[Path], val: list[Path], read: "ReadOptions", request: "Request"
+    logs: list[Path],
+    val: list[Path],
+    read: "ReadOptions",
+    steps: "Preparation",
+    request: "Request",
 ) -> "Identification":
     from sysid.data.finding import Severity
     from sysid.data.io import read_files
@@ -300,8 +318,9 @@ def _identify(
     from sysid.estimation.identify import identify
 
     files = read_files(logs, read)
-    records = [r for f in files for r in f.records]
-    held: list[Record] = [r for f in (read_files(val, read) if val else ()) for r in f.records]
+    records = [steps.apply(r) for f in files for r in f.records]
+    judged = read_files(val, read) if val else ()
+    held: list[Record] = [steps.apply(r) for f in judged for r in f.records]
     require_usable(records)
     findings = [*(f for file in files for f in file.findings), *inspect_records(records)]
     notes = tuple(f.text for f in findings if f.severity >= Severity.WARNING)

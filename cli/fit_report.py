@@ -1,8 +1,8 @@
 """What ``sysid fit`` shows a person."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from . import render
 
@@ -29,18 +29,18 @@ def show(stored: "Sequence[StoredModel]", found: "Identification", plot: Path | 
                 s.id,
                 orders_text(a.model.structure.order_values()),
                 a.model.n_estimated,
-                *(render.number(a.judged.free_run.fit_percent[n], 4) for n in names),
-                *(render.number(a.judged.one_step.fit_percent[n], 4) for n in names),
+                ", ".join(render.number(a.judged.free_run.fit_percent[n], 4) for n in names),
+                ", ".join(render.number(a.judged.one_step.fit_percent[n], 4) for n in names),
                 render.number(a.model.criteria.aic, 6),
-                _verdict(a),
+                residual_words(a.residuals.as_dict()),
             ]
             for s, a in zip(stored, found.assessments, strict=True)
         ]
-        heads = [f"free run {n} %" for n in names] + [f"one step {n} %" for n in names]
         render.table(
-            ["model", "orders", "n", *heads, "AIC", "residuals"],
+            ["model", "orders", "n", "free run %", "one step %", "AIC", "residuals"],
             rows,
             title=f"Models, judged on {judged} data: {best.judged.free_run.data}",
+            caption=f"fits of {', '.join(names)}; n counts estimated initial states",
         )
     render.say(found.reason, "bold")
     for name, reason in found.failed.items():
@@ -59,12 +59,13 @@ def show(stored: "Sequence[StoredModel]", found: "Identification", plot: Path | 
     render.say(f"Kept as {stored[0].id} in {stored[0].path}. Next: sysid compare, sysid export.")
 
 
-def _verdict(a: "Assessment") -> str:
-    independent = all(t.passed for t in a.residuals.independence)
-    white = [t for t in a.residuals.whiteness if t.judged]
-    words = ["independent" if independent else "depend on u"]
-    if white:
-        words.append("white" if all(t.passed for t in white) else "not white")
+def residual_words(residuals: Mapping[str, Any]) -> str:
+    """What the residual tests found, as a fit and a comparison both say it."""
+    if not residuals:
+        return "–"
+    words = ["independent of u" if residuals["independence"]["passed"] else "depend on u"]
+    if residuals["whiteness"]["judged"]:
+        words.append("white" if residuals["whiteness"]["passed"] else "not white")
     return ", ".join(words)
 
 

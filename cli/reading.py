@@ -8,6 +8,7 @@ import typer
 from sysid.errors import UsageError
 
 if TYPE_CHECKING:
+    from sysid.data.preparation import Preparation
     from sysid.data.read_options import ReadOptions
 
 _PANEL = "Reading the log"
@@ -87,6 +88,35 @@ Resample = Annotated[
     ),
 ]
 
+_PREPARING = "Preparing the log"
+Trim = Annotated[
+    str | None,
+    typer.Option(
+        "--trim",
+        metavar="HEAD:TAIL",
+        rich_help_panel=_PREPARING,
+        help="Seconds to cut at the head and the tail of each record, e.g. 2:1.5.",
+    ),
+]
+LowPass = Annotated[
+    float | None,
+    typer.Option(
+        "--low-pass",
+        metavar="HZ",
+        rich_help_panel=_PREPARING,
+        help="Filter inputs and outputs alike (zero phase) at this cut-off.",
+    ),
+]
+Decimate = Annotated[
+    int,
+    typer.Option(
+        "--decimate",
+        metavar="N",
+        rich_help_panel=_PREPARING,
+        help="Keep every N-th sample, behind an anti-alias filter.",
+    ),
+]
+
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 WorkspaceRoot = Annotated[
     Path,
@@ -129,6 +159,18 @@ def read_options(
         pwm_max=pwm_max,
         resample=check_policy(resample),
     )
+
+
+def preparation(trim: str | None, low_pass: float | None, decimate: int) -> "Preparation":
+    """The preparing options as the library takes them.
+
+    Raises:
+        UsageError: an option cannot be.
+    """
+    from sysid.data.preparation import Preparation, parse_trim
+
+    head, tail = parse_trim(trim) if trim is not None else (0.0, 0.0)
+    return Preparation(head, tail, low_pass, decimate)
 
 
 def _names(given: list[str] | None) -> tuple[str, ...]:

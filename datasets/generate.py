@@ -1,5 +1,8 @@
 """Write the bundled robot logs again, byte for byte: ``python datasets/generate.py [--out DIR]``.
 
+With ``--effect`` it writes logs of a plain robot with something hidden in them instead:
+``python datasets/generate.py --effect dead-zone --seed 3 -o DIR`` (``hidden_logs.py``).
+
 Each log is a schedule of commands, the truth twin's answer to it and the sensors' noise. Schedule,
 encoder noise and pose noise have generators of their own, so that another twin under the same log
 meets the same commands and the same noise.
@@ -16,9 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING or __package__:
+    from sysid_datasets.driving import STYLES
+    from sysid_datasets.hidden_effects import KNOWN
+    from sysid_datasets.hidden_logs import NOISE, Request, write_hidden
     from sysid_datasets.schedules import Pwm, multilevel, multisine, prbs, pulses
     from sysid_datasets.twin import DEVASTATOR, Truth, Twin, simulate_truth
 else:  # run as a file, from a checkout in which nothing is installed
+    from driving import STYLES
+    from hidden_effects import KNOWN
+    from hidden_logs import NOISE, Request, write_hidden
     from schedules import Pwm, multilevel, multisine, prbs, pulses
     from twin import DEVASTATOR, Truth, Twin, simulate_truth
 
@@ -130,20 +139,72 @@ def write(out: Path) -> list[Path]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; return its exit code."""
-    parser = argparse.ArgumentParser(description="Write the bundled robot logs from the twin.")
-    here = Path(__file__).resolve().parent
-    parser.add_argument(
-        "--out", type=Path, default=here, metavar="DIR", help="folder to write devastator/ into"
-    )
-    out: Path = parser.parse_args(arguments).out
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    out: Path = options.out
     try:
-        files = write(out)
+        if options.effect is None:
+            files = write(out)
+        else:
+            files = write_hidden(_request(parser, options), out)
     except OSError as error:
         print(f"cannot write the logs to {out}: {error.strerror or error}", file=sys.stderr)
         return 1
     for file in files:
         print(file)
     return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        description="Write the bundled robot logs from the twin, or logs with a hidden effect."
+    )
+    here = Path(__file__).resolve().parent
+    parser.add_argument(
+        "-o", "--out", type=Path, default=here, metavar="DIR",
+        help="folder to write devastator/, or the logs with a hidden effect, into",
+    )  # fmt: skip
+    hidden = parser.add_argument_group("a hidden effect")
+    hidden.add_argument("--effect", metavar="ID[,ID]", help="what to hide: " + ", ".join(KNOWN))
+    hidden.add_argument("--seed", type=int, default=1, metavar="K", help="robot, strength, noise")
+    hidden.add_argument("--noise", choices=list(NOISE), default="low", help="1 %% or 3 %%")
+    hidden.add_argument("--style", choices=list(STYLES), default="steps", help="the commands")
+    hidden.add_argument("--duration", type=float, default=120.0, metavar="S", help="of est.csv [s]")
+    hidden.add_argument("--rate", type=float, metavar="HZ", help="default 20, with --mission 10")
+    hidden.add_argument("--strength", type=float, default=1.0, metavar="X", help="0 is no effect")
+    hidden.add_argument("--mission", action="store_true", help="two missions, with the pose")
+    hidden.add_argument("--disturbance", choices=["white", "ar", "walk"], default="white")
+    hidden.add_argument("--closed-loop", action="store_true", help="speed under PI control")
+    hidden.add_argument("--clean", action="store_true", help="clean.csv: the robot without effects")
+    return parser
+
+
+def _request(parser: argparse.ArgumentParser, options: argparse.Namespace) -> Request:
+    """What the options ask for; refuses the impossible with exit code 2."""
+    effects = tuple(e for e in options.effect.split(",") if e != "none")
+    unknown = [e for e in effects if e not in KNOWN]
+    rate = options.rate or (10.0 if options.mission else 20.0)
+    if unknown:
+        parser.error(f"no effect {', '.join(map(repr, unknown))}; there are {', '.join(KNOWN)}")
+    if len(set(effects)) < len(effects):
+        parser.error("--effect names an effect twice")
+    if options.seed < 0 or options.strength < 0.0:
+        parser.error("--seed and --strength must not be negative")
+    if not (2.0 <= rate <= 200.0 and 5.0 <= options.duration <= 3600.0):
+        parser.error("--rate must be 2 to 200 Hz and --duration 5 to 3600 s")
+    return Request(
+        effects=effects,
+        seed=options.seed,
+        noise=options.noise,
+        style=options.style,
+        duration=options.duration,
+        rate=rate,
+        strength=options.strength,
+        mission=options.mission,
+        disturbance=options.disturbance,
+        closed_loop=options.closed_loop,
+        clean=options.clean,
+    )
 
 
 def _generator(seed: int, stream: int) -> np.random.Generator:

@@ -115,7 +115,9 @@ def complete_rows(errors: Signals) -> Array:
         DataError: no complete row is left.
     """
     stacked = np.concatenate(as_records(errors, "errors"))
-    kept = stacked[~np.isnan(stacked).any(axis=1)]
+    # column by column: NumPy's reductions along the short axis of (N, ny) are ten times slower
+    missing = np.any([np.isnan(c) for c in stacked.T], axis=0)
+    kept = np.compress(~missing, stacked, axis=0)
     if not len(kept):
         raise DataError("errors: no sample is predicted on all outputs; give a longer record")
     return kept

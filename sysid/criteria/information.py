@@ -79,7 +79,7 @@ def information_criteria(errors: Signals, n_parameters: int) -> InformationCrite
     """
     kept = complete_rows(errors)
     samples, outputs = kept.shape
-    scale = np.abs(kept).max(axis=0)
+    scale = np.array([np.abs(c).max() for c in kept.T])
     if not np.isfinite(scale).all():
         log_loss = np.inf
     elif not scale.all():

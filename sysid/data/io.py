@@ -26,6 +26,9 @@ from sysid.errors import DataError, UsageError
 
 __all__ = ["LogFile", "ReadOptions", "read_file", "read_files", "read_log", "read_logs"]
 
+UNLIKELY_STEP = 10.0
+"""Whole-numbered times at least this far apart [s] may well be milliseconds."""
+
 MAX_COUNT = 1e11
 """A time stamp in seconds since 1970 beyond this (the year 5138) must be in another unit."""
 
@@ -165,9 +168,9 @@ def _instants(
             f"{where}, column {choice.time}: {t[0]:.4g} s is no time; if it counts milliseconds "
             f"name the column {choice.time}_ms (_us, _ns)"
         )
-    if options.ts is None:
-        return t, ()
     step = _median_step(t)
+    if options.ts is None:
+        return t, _counted(choice, t, step, where)
     if abs(step / options.ts - 1.0) <= 0.01:
         return t, ()
     return t / step * options.ts, (
@@ -177,6 +180,24 @@ def _instants(
             f"{where}: column {choice.time} says {step:.4g} s between samples, --ts says "
             f"{options.ts:g} s; --ts was used.",
             "Leave --ts out if the time column is right.",
+            record=where,
+        ),
+    )
+
+
+def _counted(choice: Choice, t: Array, step: float, where: str) -> tuple[Finding, ...]:
+    """A doubt about whole numbers far apart under a name that tells no unit: milliseconds?"""
+    unit_told = choice.time is not None and choice.time.lower().endswith("_s")
+    if unit_told or step < UNLIKELY_STEP or np.any(t != np.rint(t)):
+        return ()
+    return (
+        Finding(
+            "sample-time",
+            Severity.WARNING,
+            f"{where}: column {choice.time} counts in whole numbers, {step:.4g} apart, and was "
+            f"read in seconds: a sample every {step:.4g} s.",
+            f"If it counts milliseconds, name the column {choice.time}_ms (_us, _ns) or give "
+            f"--ts {step * 1e-3:.4g}.",
             record=where,
         ),
     )

@@ -7,6 +7,7 @@ import numpy as np
 from sysid.criteria.residuals import ResidualReport
 from sysid.errors import Termination
 from sysid.estimation.figures import Figures
+from sysid.estimation.orders import INTEGRATING
 from sysid.structures.model import Model
 
 GOOD_PREDICTION = 80.0
@@ -64,7 +65,7 @@ def _stability(model: Model) -> list[str]:
         return []
     poles = model.structure.properties(model.theta, model.dt).get("poles", [])
     worst = max((p["abs"] for p in poles), default=float("nan"))
-    if worst < 1.0005:
+    if worst < INTEGRATING:
         return [
             f"The model integrates (largest pole at radius {worst:.5f}): its free run drifts "
             "with any error; differentiate the output or fit its rate."

@@ -14,14 +14,20 @@ from scipy.signal import lfilter
 
 from sysid.data.record import Array, Record
 from sysid.estimation import initial
+from sysid.estimation.block_fit import ChainData, descend
 from sysid.estimation.output_error import reflected
 from sysid.structures.base import Focus
+from sysid.structures.block_chain import BlockChain, LinearLayer, StaticLayer
 from sysid.structures.oe import OE
 from sysid.structures.orders import Orders
+from sysid.structures.static import IDENTITY
 
 DECAYS = (0.8, 0.9, 0.95, 0.98, 0.99)
 RIDGES = (1e-6, 1e-4, 1e-2, 1.0)
 """Decay per lag and strength of the prior on the impulse response; the evidence chooses."""
+
+LONGEST_RESPONSE = 160
+"""Lags of all inputs together."""
 
 
 def centred(records: Sequence[Record]) -> tuple[Record, ...]:
@@ -47,9 +53,7 @@ def linear_starts(records: Sequence[Record], orders: Orders) -> list[tuple[str, 
     return found
 
 
-def impulse_response(
-    records: Sequence[Record], output: int, lags: int
-) -> tuple[Array, float]:
+def impulse_response(records: Sequence[Record], output: int, lags: int) -> tuple[Array, float]:
     """Regularised impulse responses from all inputs to one output, (nu, lags), by the evidence.
 
     min ‖y − Φ g‖² + σ² gᵀ P⁻¹ g with P the tuned-correlated kernel c·λ^max(k,l) (Chen, Ohlsson &
@@ -109,7 +113,7 @@ def realised_denominator(responses: Array, order: int) -> Array:
     """
     m, lags = responses.shape
     rows = lags // 2
-    blocks = [hankel(h[1 : rows + 1], h[rows : lags]) for h in responses]
+    blocks = [hankel(h[1 : rows + 1], h[rows:lags]) for h in responses]
     U, s, _ = np.linalg.svd(np.concatenate(blocks, axis=1), full_matrices=False)
     O = U[:, :order] * np.sqrt(s[:order])
     A = np.linalg.lstsq(O[:-1], O[1:], rcond=None)[0]
@@ -138,3 +142,31 @@ def numerator_for(
     b = np.linalg.lstsq(gram / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
     left = power - float(right @ b)
     return b[:-1].reshape(nu, nb), max(left / max(power, 1e-300), 0.0)
+
+
+def input_denominators(records: Sequence[Record], orders: Sequence[int]) -> list[Array]:
+    """For each input the denominator of that order behind its responses in all outputs.
+
+    Regularised impulse responses, realised (``realised_denominator``), then refined as
+    output-error models where there is one input and one output.
+    """
+    longest = max((len(r) for r in records), default=1)
+    lags = int(min(LONGEST_RESPONSE // max(records[0].nu, 1), longest // 4))
+    lags = max(lags, 2 * max(orders) + 4)
+    responses = [impulse_response(records, i, lags)[0] for i in range(records[0].ny)]
+    found = []
+    for j, order in enumerate(orders):
+        own = realised_denominator(np.array([g[j] for g in responses]), order)
+        found.append(_refined(records, own) if records[0].nu == records[0].ny == 1 else own)
+    return found
+
+
+def _refined(records: Sequence[Record], denominator: Array) -> Array:
+    """The denominator after a fit of the output-error model that starts from it."""
+    order = len(denominator) - 1
+    b, _ = numerator_for(records, 0, denominator, 0, order + 1)
+    layer = LinearLayer(((order + 1,),), ((order,),), ((0,),))
+    chain = BlockChain((layer, StaticLayer((IDENTITY,), last=True)), 1)
+    theta = np.concatenate([b[0], denominator[1:], [0.0]])
+    found = descend(chain, theta, ChainData.of(centred(records)), evaluations=60, tolerance=1e-6)
+    return np.concatenate([[1.0], found.theta[order + 1 : 2 * order + 1]])

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.data.record import Array
+from sysid.data.record import Array, Index
 from sysid.estimation.frols import TermGram
 from sysid.structures.monomials import Term
 from sysid.structures.polynomial_runs import FreeRun
@@ -76,7 +76,7 @@ class CandidateRuns:
         ]
         return np.concatenate([np.zeros(0), *parts])
 
-    def _some(self, theta: Array, used: Array) -> Array:
+    def _some(self, theta: Array, used: Index) -> Array:
         run = self.run
         length, chunks = self.y.shape
         batch = theta.shape[1]
@@ -100,7 +100,7 @@ class CandidateRuns:
         return np.asarray(total.sum(axis=1) / max(int(self.valid.sum()), 1))
 
 
-def _closed(run: FreeRun, wanted: Array) -> list[int]:
+def _closed(run: FreeRun, wanted: Index) -> list[int]:
     """The products wanted and those they are made from, in the order of the plan."""
     found: set[int] = set()
     for m in wanted.tolist():

@@ -10,12 +10,9 @@ from sysid.criteria.information import CRITERIA, information_criteria, on_common
 from sysid.data.record import Record
 from sysid.errors import ModelError
 from sysid.estimation.assessment import DataFigures, Policy, figures_on
-from sysid.estimation.orders import check_criterion
+from sysid.estimation.orders import ERROR_CRITERIA, check_criterion
 from sysid.estimation.pem import head_window
 from sysid.structures.model import Model
-
-ERROR_CRITERIA = ("fit", "rmse")
-"""Criteria of the free run; the others are of one-step errors on the estimation data."""
 
 
 @dataclass(frozen=True, eq=False)

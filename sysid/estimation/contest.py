@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.criteria.information import information_criteria, on_common_samples
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
 from sysid.errors import DataError, ModelError, SysidError, UsageError
@@ -14,14 +15,16 @@ from sysid.estimation.delays import choose_delay
 from sysid.estimation.grid import default_grid
 from sysid.estimation.holdout import HoldOut, hold_out, shortened
 from sysid.estimation.orders import (
+    ERROR_CRITERIA,
     OrderSearch,
+    bounded_run,
     free_run_error,
     orders_text,
     ranked,
     search_orders,
     tie_margin,
 )
-from sysid.estimation.pem import fit
+from sysid.estimation.pem import fit, head_window
 from sysid.estimation.search import FitOptions
 from sysid.structures.base import Structure, structure_class
 from sysid.structures.model import Model
@@ -143,9 +146,8 @@ def run_contest(
         raise DataError("; ".join(failed.values()) or "no structure could be fitted")
     if progress:
         progress(1.0, "done")
-    margin = tie_margin(data.held)
-    order, sound = _in_order(entries, plain, margin)
-    return Contest(tuple(order), _reason(order, sound, criterion, data.words, margin), failed)
+    order = _in_order(entries, plain, options, criterion, tie_margin(data.held))
+    return Contest(order.entries, _reason(order, criterion, data.words), failed)
 
 
 def _fitted(
@@ -157,7 +159,7 @@ def _fitted(
     is part of what the structure means; for ARX and ARMAX it is reported and left to the user.
     """
     model = fit(structure, records, options, detrend=detrend)
-    if model.stable or options.stable or "nf" not in structure.order_names:
+    if bounded_run(structure, model.theta) or options.stable or "nf" not in structure.order_names:
         return model, ()
     bounded = fit(structure, records, replace(options, stable=True), detrend=detrend)
     return bounded, (
@@ -269,35 +271,80 @@ def _distinct(values: Sequence[Any]) -> list[Any]:
     return found
 
 
+@dataclass(frozen=True, eq=False)
+class _Order:
+    """Entries, the leading one first.
+
+    Attributes:
+        entries: all of them.
+        sound: those that may lead.
+        margin: fraction within which held-out errors tie.
+        rule: what decided among equals: the name of a criterion, or ``size``.
+    """
+
+    entries: tuple[Entry, ...]
+    sound: tuple[Entry, ...]
+    margin: float
+    rule: str
+
+
 def _in_order(
-    entries: Sequence[Entry], plain: Sequence[Record], margin: float
-) -> tuple[list[Entry], list[Entry]]:
-    """Entries by held-out error, the smallest of those within ``margin`` of the best first.
+    entries: Sequence[Entry],
+    plain: Sequence[Record],
+    options: FitOptions,
+    criterion: str,
+    margin: float,
+) -> _Order:
+    """Entries by held-out error; of those within ``margin`` of the best the lowest BIC leads.
 
-    Models that cannot lead come last whatever their error in the search: those whose free run
-    is unbounded, and those whose fit to all data follows them much worse than another one does.
-
-    Returns:
-        (all in order, those that may lead).
+    Free runs of different structures tie more often than not: what then tells them apart is
+    how well they predict with how many parameters, and BIC finds the true one (Schwarz 1978).
+    Under an information criterion that one ranks alone. Models that cannot lead come last: those
+    whose free run is unbounded, and those whose fit to all data follows them much worse than
+    another one does.
     """
     counted = [np.ones(len(r), dtype=bool) for r in plain]
     follows = {
-        id(e): free_run_error(e.model.structure, e.model.theta, plain, counted) for e in entries
+        id(e): free_run_error(e.model.structure, e.model.theta, plain, counted, options.robust)
+        for e in entries
     }
     limit = FOLLOWS * min(follows.values())
-    sound = [e for e in entries if e.model.stable and follows[id(e)] <= limit]
+    sound = [
+        e
+        for e in entries
+        if bounded_run(e.model.structure, e.model.theta) and follows[id(e)] <= limit
+    ]
     sound = sound or [e for e in entries if follows[id(e)] <= limit] or list(entries)
-    if any(e.error is None for e in entries):
-        key = {id(e): (e not in sound, e.model.criteria.aic) for e in entries}
-        return sorted(entries, key=lambda e: key[id(e)]), sound
-    errors = {id(e): float(e.error or 0.0) for e in entries}
-    close = (1.0 + margin) * min(errors[id(e)] for e in sound)
-    lead = min(
-        (e for e in sound if errors[id(e)] <= close),
-        key=lambda e: (_size(e), errors[id(e)]),
+    searched = all(e.error is not None for e in entries)
+    rule = criterion if criterion not in ERROR_CRITERIA else "bic" if searched else "aic"
+    values = _information(entries, plain, rule)
+    score = {id(e): (v, _size(e)) for e, v in zip(entries, values, strict=True)}
+    ahead: tuple[Entry, ...] = ()
+    if searched and criterion in ERROR_CRITERIA:
+        errors = {id(e): (float(e.error or 0.0), _size(e)) for e in entries}
+        close = (1.0 + margin) * min(errors[id(e)][0] for e in sound)
+        tied = [e for e in sound if errors[id(e)][0] <= close]
+        # outliers rule the likelihood: a robust fit goes by size alone
+        ahead = (min(tied, key=lambda e: _size(e) if options.robust else score[id(e)]),)
+        score = errors
+    rest = sorted(
+        (e for e in entries if e not in ahead), key=lambda e: (e not in sound, score[id(e)])
     )
-    rest = (e for e in entries if e is not lead)
-    return [lead, *sorted(rest, key=lambda e: (e not in sound, errors[id(e)]))], sound
+    decided = "size" if options.robust and ahead else rule
+    return _Order((*ahead, *rest), tuple(sound), margin, decided)
+
+
+def _information(entries: Sequence[Entry], plain: Sequence[Record], name: str) -> list[float]:
+    """A criterion of every entry from one-step errors on the samples that all of them predict."""
+    errors = []
+    for e in entries:
+        s, theta = e.model.structure, e.model.theta
+        errors.append([s.errors(theta, r.u, r.y, head_window(s, theta)) for r in plain])
+    found = []
+    for e, common in zip(entries, on_common_samples(errors), strict=True):
+        value = float(getattr(information_criteria(common, e.model.n_estimated), name))
+        found.append(value if np.isfinite(value) else np.inf)
+    return found
 
 
 def _size(entry: Entry) -> int:
@@ -305,28 +352,29 @@ def _size(entry: Entry) -> int:
     return sum(p.fixed is None for p in entry.model.parameters)
 
 
-def _reason(
-    order: Sequence[Entry], sound: Sequence[Entry], criterion: str, words: str, margin: float
-) -> str:
-    first = order[0]
+def _reason(order: _Order, criterion: str, words: str) -> str:
+    first = order.entries[0]
     text = f"{first.model.structure.name} {orders_text(first.model.structure.order_values())}"
     if first.error is None:
         return (
             f"{text}: fitted with the orders given."
-            if len(order) == 1
-            else f"{text} is ahead by AIC on the estimation data."
+            if len(order.entries) == 1
+            else f"{text} is ahead by {order.rule.upper()} on the estimation data."
         )
+    if criterion not in ERROR_CRITERIA:
+        return f"{text} is ahead by {criterion} over one-step errors on the estimation data."
     share = 100.0 * (1.0 - first.error)
-    if len(order) == 1:
+    if len(order.entries) == 1:
         return f"{text} was chosen by {criterion} on {words}: {share:.2f} % in free run."
-    second = order[1]
+    second = order.entries[1]
     said = (
         f"{text} is ahead: {share:.2f} % free-run fit on {words} with {_size(first)} parameters; "
         f"next {second.model.structure.name} with {100.0 * (1.0 - (second.error or 0.0)):.2f} % "
         f"and {_size(second)}"
     )
-    if second not in sound:
+    if second not in order.sound:
         return f"{said}, which does not hold in a free run over all estimation data."
-    if (second.error or 0.0) < first.error:
-        return f"{said} (errors within {100.0 * margin:.2g} % tie, and the smaller model leads)."
+    if (second.error or 0.0) <= (1.0 + order.margin) * first.error:
+        rule = "the smallest leads" if order.rule == "size" else "the lowest BIC leads"
+        return f"{said} (errors within {100.0 * order.margin:.2g} % tie; of those {rule})."
     return f"{said}."

@@ -7,12 +7,12 @@ import numpy as np
 
 from sysid.data.delay import Delay, estimate_delays
 from sysid.data.record import Record
-from sysid.errors import DataError
+from sysid.errors import DataError, ModelError
 from sysid.estimation.holdout import HoldOut
-from sysid.estimation.initial import arx_row
-from sysid.estimation.orders import free_run_error, tie_margin
-from sysid.estimation.output_error import sriv
-from sysid.structures.arx import ARX
+from sysid.estimation.orders import free_run_error, searching, tie_margin
+from sysid.estimation.pem import fit
+from sysid.estimation.search import FitOptions
+from sysid.structures.oe import OE
 
 LONGEST_DELAY = 30
 
@@ -88,20 +88,20 @@ def _neighbours(found: Sequence[Delay], estimate: Row) -> list[Row]:
 def _errors(data: HoldOut, row: Row) -> tuple[float, float]:
     """Free-run error with one coefficient an input and with two, the better of one and two poles.
 
-    Fitted by SRIV, whose estimates do not suffer from the noise as those of ARX do.
+    Fitted as output error, which does not suffer from the noise as ARX does.
     """
     one, two = (
-        min(_error(data, {"na": na, "nb": nb, "nk": [list(row)]}) for na in (1, 2)) for nb in (1, 2)
+        min(_error(data, {"nb": nb, "nf": nf, "nk": [list(row)]}) for nf in (1, 2)) for nb in (1, 2)
     )
     return one, two
 
 
 def _error(data: HoldOut, orders: dict[str, Any]) -> float:
-    structure = ARX.from_orders(orders, data.whole[0].nu, 1)
-    lay = structure.layout(0)
-    if min(len(r) for r in data.train) <= lay.start + lay.n:
+    structure = OE.from_orders(orders, data.whole[0].nu, 1)
+    try:
+        theta = fit(structure, data.train, searching(FitOptions())).theta
+    except (DataError, ModelError):
         return float("inf")
-    theta = sriv(data.train, lay, arx_row(data.train, lay))
     if not structure.stable(theta):
         return float("inf")
     return free_run_error(structure, theta, data.whole, data.counted)

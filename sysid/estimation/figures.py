@@ -10,6 +10,7 @@ import numpy as np
 from sysid.criteria.fit import fit_percent, rmse
 from sysid.criteria.residuals import ResidualReport, residual_report
 from sysid.data.record import Array, Record
+from sysid.errors import UsageError
 from sysid.estimation.pem import head_window
 from sysid.structures.model import Model
 
@@ -94,7 +95,11 @@ def figures(
         start: initial-state policy.
         skip: samples at the head of each record left out of the figures; they may set the
             initial state.
+
+    Raises:
+        UsageError: ``skip`` leaves nothing of any record.
     """
+    require_left(records, skip)
     with np.errstate(over="ignore", invalid="ignore"):
         runs = [outputs(model, r, horizon, start, skip) for r in records]
         ys = [r.y for r in records]
@@ -109,6 +114,20 @@ def figures(
         fit_percent=dict(zip(names, fits.tolist(), strict=True)),
         rmse=dict(zip(names, errors.tolist(), strict=True)),
     )
+
+
+def require_left(records: Sequence[Record], skip: int) -> None:
+    """Refuse to skip every sample there is.
+
+    Raises:
+        UsageError: ``skip`` leaves nothing of any record.
+    """
+    longest = max(records, key=len)
+    if skip >= len(longest):
+        raise UsageError(
+            f"--skip {skip} leaves nothing of {longest.name}, which has {len(longest)} samples "
+            "to judge on; skip fewer"
+        )
 
 
 def residual_tests(model: Model, records: Sequence[Record]) -> ResidualReport:

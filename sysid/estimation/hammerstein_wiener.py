@@ -17,16 +17,15 @@ from sysid.estimation.block_fit import (
     ChainData,
     Fitted,
     abscissae,
-    argument_scaled,
     descend,
-    finished,
     outer_abscissae,
 )
+from sysid.estimation.block_outcome import finished
 from sysid.estimation.holdout import hold_out, shortened
 from sysid.estimation.orders import orders_text, tie_margin
 from sysid.estimation.search import FitOptions
 from sysid.estimation.sign_recovery import signed_starts
-from sysid.estimation.static_starts import shaped
+from sysid.estimation.static_change import with_statics
 from sysid.estimation.strategies import Outcome, Warm
 from sysid.structures.base import Parameter
 from sysid.structures.hammerstein_wiener import HammersteinWiener
@@ -50,6 +49,9 @@ SIGNLESS_KINDS = ("abs", "abs,polynomial:3", "abs,piecewise:4", "abs,piecewise:6
 
 POOR = 0.5
 """Relative held-out error of the best signed model beyond which a sensor without sign is tried."""
+
+NESTED = 0.98
+"""A model whose cost exceeds this share of a smaller one's is searched from the smaller one too."""
 
 ROUGH, FULL = 25, 60
 """Evaluations of a descent while choosing, and before the last search."""
@@ -84,7 +86,7 @@ def fit(
         cut = hold_out(shortened(records, CHOICE_SAMPLES))
         data = ChainData.of(cut.whole, cut.counted)
         tried = list(Chooser(structure, cut.whole, data, tie_margin(cut.held)).candidates())
-        best = _best(tried, tie_margin(cut.held))
+        best = preferred(tried, data, tie_margin(cut.held))
     else:
         data = ChainData.of(records)
         tried = list(at_orders(plain, records, data, plain.inputs, plain.outputs))
@@ -98,11 +100,19 @@ def fit(
     return finished(chosen, records, options, parameters, starts, reports)
 
 
-def _best(tried: Sequence[Candidate], margin: float) -> Candidate:
-    """The smallest model within one standard error of the smallest held-out error."""
+def preferred(tried: Sequence[Candidate], data: ChainData, margin: float) -> Candidate:
+    """Of the models within one standard error of the smallest held-out error that of least BIC.
+
+    Held-out data cannot tell them apart, so the fitted data decide, where a parameter costs ln N.
+    """
     limit = (1.0 + margin) * min(c.found.held for c in tried)
     near = [c for c in tried if c.found.held <= limit] or list(tried)
-    return min(near, key=lambda c: (c.n, c.found.held))
+    size = data.samples * len(data.scales)
+
+    def bic(c: Candidate) -> float:
+        return float(size * np.log(max(c.found.cost, 1e-300)) + c.n * np.log(size))
+
+    return min(near, key=lambda c: (bic(c), c.found.held))
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,19 +128,23 @@ class Chooser:
         """Orders with piecewise-linear statics first, then other kinds at the best orders."""
         orders = [o for o in self._orders() if self._bears(o)] or [self.structure.orders]
         seen: list[Candidate] = []
-        linear = {}
+        linear: dict[Orders, Candidate] = {}
+        before: dict[int, Candidate] = {}
         for o in orders:
             base = self._linear(o)
             linear[o] = base
-            for pair in self._pairs(PROXY, PROXY):
-                seen.append(fitted_pair(base, *pair, self.data, ROUGH))
-                yield seen[-1]
-        best = _best(seen, self.margin)
-        o = best.structure.orders
+            for k, pair in enumerate(self._pairs(PROXY, PROXY)):
+                found = fitted_pair(base, *pair, self.data, ROUGH)
+                if k in before and found.found.cost > NESTED * before[k].found.cost:
+                    # a larger model that fits no better has missed its minimum
+                    again = grown(before[k], o, self.records, self.data)
+                    found = min(found, again, key=lambda c: c.found.cost)
+                before[k] = found
+                seen.append(found)
+                yield found
+        best = preferred(seen, self.data, self.margin)
         for pair in self._kinds(best):
-            found = fitted_pair(linear[o], *pair, self.data, ROUGH)
-            seen.append(found)
-            yield found
+            yield refined(reshaped(best, *pair, self.data), self.data, ROUGH)
         if min(c.found.held for c in linear.values()) > POOR and self._open(1):
             for o in orders:
                 yield from self._signless(o)
@@ -217,8 +231,12 @@ def at_orders(
     """Fits of one structure from all its starts."""
     if any(s.stages and s.stages[0].kind == "abs" for s in outputs):
         yield from signless(structure, records, data, inputs, outputs)
-    base = linear_fit(structure, records, data)
-    yield fitted_pair(base, inputs, outputs, data, FULL)
+    full = fitted_pair(linear_fit(structure, records, data), inputs, outputs, data, FULL)
+    yield full
+    low = replace(structure, orders=_first_order(structure.orders))
+    if low.orders != structure.orders:
+        small = fitted_pair(linear_fit(low, records, data), inputs, outputs, data, FULL)
+        yield grown(small, structure.orders, records, data)
 
 
 def linear_fit(
@@ -252,71 +270,68 @@ def fitted_pair(
     if not _uses(inputs) and not _uses(outputs):
         return base
     proxy = parse_static(PROXY)
-    now = base
-    for stand_in in (True, False):
-        ins = tuple(s if s.is_identity or not stand_in else proxy for s in inputs)
-        outs = tuple(s if s.is_identity or not stand_in else proxy for s in outputs)
-        same = (ins, outs) == (now.structure.inputs, now.structure.outputs)
-        if not same:
-            now = reshaped(now, ins, outs, data)
+    stand_ins = [
+        tuple(s if s.is_identity else proxy for s in side) for side in (inputs, outputs)
+    ]
+    now = reshaped(base, *(stand_ins[0], stand_ins[1]), data)
+    if (inputs, outputs) != (stand_ins[0], stand_ins[1]):
         fixed = abscissae(now.structure.chain)
         found = descend(
             now.structure.chain, now.found.p, data, evaluations=evaluations, held_entries=fixed
         )
-        now = replace(now, found=found)
-    if fixed:
-        inner = outer_abscissae(now.structure.chain)
-        moved = descend(
-            now.structure.chain, now.found.p, data, evaluations=evaluations, held_entries=inner
+        now = reshaped(replace(now, found=found), inputs, outputs, data)
+    return refined(now, data, evaluations)
+
+
+def _first_order(orders: Orders) -> Orders:
+    """At most one pole and one numerator coefficient for each pair."""
+    return replace(
+        orders,
+        nb=tuple(tuple(min(n, 1) for n in row) for row in orders.nb),
+        nf=tuple(tuple(min(n, 1) for n in row) for row in orders.nf),
+    )
+
+
+def grown(
+    small: Candidate, orders: Orders, records: Sequence[Record], data: ChainData
+) -> Candidate:
+    """The statics of a model of lower order, and its linear block with further coefficients."""
+    channels = records[0].inputs, records[0].outputs
+    structure = replace(small.structure, orders=orders)
+    known = dict(
+        zip(
+            [p.name for p in small.structure.parameters(*channels)],
+            small.found.theta.tolist(),
+            strict=True,
         )
+    )
+    theta = np.array([known.get(p.name, 0.0) for p in structure.parameters(*channels)])
+    p = data.with_states(structure.chain, theta)
+    start = replace(small.found, chain=structure.chain, p=p)
+    return refined(Candidate(structure, start, _label(structure)), data, FULL)
+
+
+def refined(start: Candidate, data: ChainData, evaluations: int) -> Candidate:
+    """All parameters together, points of piecewise-linear statics last."""
+    chain = start.structure.chain
+    fixed = abscissae(chain)
+    found = descend(chain, start.found.p, data, evaluations=evaluations, held_entries=fixed)
+    if fixed:
+        inner = outer_abscissae(chain)
+        moved = descend(chain, found.p, data, evaluations=evaluations, held_entries=inner)
         # points may wander after noise: keep them where that does not help on held-out samples
-        if not moved.held > now.found.held:
-            now = replace(now, found=moved)
-    return now
+        if not moved.held > found.held:
+            found = moved
+    return replace(start, found=found)
 
 
 def reshaped(
     base: Candidate, inputs: tuple[Static, ...], outputs: tuple[Static, ...], data: ChainData
 ) -> Candidate:
     """Other statics that follow those of ``base`` as well as they can, before any descent."""
-    s, theta = base.structure, base.found.theta.copy()
-    chain = s.chain
-    before, linear, after = chain.layers
-    passing = [chain.signals(theta, u) for u, _ in data.data]
-    B = theta[chain.place(1)].copy()
-    new_in, parts = [], []
-    for j, static in enumerate(inputs):
-        if static == s.inputs[j] or (static.text == s.inputs[j].text and not static.is_identity):
-            own = theta[chain.place(0)][before.edges[j] : before.edges[j + 1]]
-            new_in.append(s.inputs[j])
-            parts.append(own)
-            continue
-        x = np.concatenate([q[0][j] for q in passing])
-        shape = shaped(static, x, np.concatenate([q[1][j] for q in passing]))
-        new_in.append(shape.static)
-        parts.append(shape.p)
-        _scale(linear, B, shape.gain, column=j)
-    new_out, tails = [], []
-    for i, static in enumerate(outputs):
-        own = theta[chain.place(2)][after.edges[i] : after.edges[i + 1]]
-        if static == s.outputs[i] or (
-            static.text == s.outputs[i].text and not static.is_identity
-        ):
-            new_out.append(s.outputs[i])
-            tails.append(own)
-            continue
-        w = np.concatenate([q[2][i] for q in passing])
-        shape = shaped(static, w, np.concatenate([q[3][i] for q in passing]))
-        p = shape.p
-        if shape.gain != 1.0:
-            # gain · g(w) = g'(gain · w) for limits and kinks
-            _, p = argument_scaled(shape.static, p, shape.gain)
-            _scale(linear, B, shape.gain, row=i)
-        new_out.append(shape.static)
-        tails.append(p if shape.static.has_offset else np.append(p, shape.offset))
-    structure = replace(s, inputs=tuple(new_in), outputs=tuple(new_out))
-    start = np.concatenate([*parts, B, *tails])
-    found = replace(base.found, chain=structure.chain, p=start)
+    found = with_statics(base.found, 0, inputs, data)
+    found = with_statics(found, 2, outputs, data)
+    structure = base.structure.with_chain(found.chain)
     return Candidate(structure, found, _label(structure))
 
 
@@ -349,30 +364,7 @@ def signless(
     if (inputs, outputs) == (base.inputs, base.outputs):
         yield start
         return
-    now = reshaped(start, inputs, outputs, data)
-    fixed = abscissae(now.structure.chain)
-    for entries in (fixed, outer_abscissae(now.structure.chain)) if fixed else ((),):
-        now = replace(
-            now,
-            found=descend(
-                now.structure.chain,
-                now.found.p,
-                data,
-                evaluations=FULL,
-                held_entries=entries,
-            ),
-        )
-    yield now
-
-
-def _scale(layer: object, p: Array, gain: float, *, column: int = -1, row: int = -1) -> None:
-    """Multiply the B of one column or row of a linear layer's parameters."""
-    from sysid.structures.block_chain import LinearLayer
-
-    assert isinstance(layer, LinearLayer)
-    for i, j, _, s, _, _ in layer.entries(p):
-        if j == column or i == row:
-            p[s.start : s.start + layer.nb[i][j]] *= gain
+    yield refined(reshaped(start, inputs, outputs, data), data, FULL)
 
 
 def _label(s: HammersteinWiener) -> str:

@@ -12,6 +12,9 @@ BLOCKS = 10
 LONG_ENOUGH = 600
 """Records from this many samples on are cut into interleaved blocks, shorter ones at 70 %."""
 
+MANY = 4
+"""From this many records on each is cut once: every piece costs initial states to estimate."""
+
 
 @dataclass(frozen=True, eq=False)
 class HoldOut:
@@ -41,20 +44,21 @@ class HoldOut:
 def hold_out(records: Sequence[Record]) -> HoldOut:
     """Split estimation data into a part to fit on and a part to choose on.
 
-    Long records give three of ten interleaved blocks, so that the held-out part covers the
-    operating range even where a record is ordered by level or sign; short ones give their last
-    30 %.
+    A few long records give three of ten interleaved blocks, so that the held-out part covers the
+    operating range even where a record is ordered by level or sign; short ones, and each of
+    many, give their last 30 %.
     """
     train: list[Record] = []
     held: list[Record] = []
     counted = []
-    for r in records:
+    once = [len(r) < LONG_ENOUGH or len(records) >= MANY for r in records]
+    for r, cut_once in zip(records, once, strict=True):
         n = len(r)
         edges = [round(k * n / BLOCKS) for k in range(BLOCKS + 1)]
         # T T H  T T H  T T H  T: the blocks to fit on stay joined in pairs
         fitted = [(edges[k], edges[min(k + 2, BLOCKS)]) for k in (0, 3, 6, 9)]
         chosen = [(edges[k], edges[k + 1]) for k in (2, 5, 8)]
-        if n < LONG_ENOUGH:
+        if cut_once:
             fitted, chosen = [(0, edges[7])], [(edges[7], n)]
         train += [r.rows(a, b) for a, b in fitted]
         held += [r.rows(a, b) for a, b in chosen]
@@ -62,10 +66,11 @@ def hold_out(records: Sequence[Record]) -> HoldOut:
         for a, b in chosen:
             mask[a:b] = True
         counted.append(mask)
-    short = all(len(r) < LONG_ENOUGH for r in records)
     words = (
         "the last 30 % of the estimation data"
-        if short
+        if all(once) and len(records) == 1
+        else "the last 30 % of each piece of the estimation data"
+        if all(once)
         else "three of ten interleaved blocks of the estimation data"
     )
     return HoldOut(tuple(train), tuple(held), tuple(records), tuple(counted), words)

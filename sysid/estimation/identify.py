@@ -9,6 +9,7 @@ from sysid.data.record import Record
 from sysid.errors import DataError, UsageError
 from sysid.estimation.assessment import Assessment, Policy, assess
 from sysid.estimation.contest import LINEAR, Entry, run_contest
+from sysid.estimation.figures import require_left
 from sysid.estimation.grid import parse_grid
 from sysid.estimation.orders import check_criterion, orders_text
 from sysid.estimation.search import FitOptions
@@ -80,6 +81,9 @@ def identify(
     """
     require_same_channels(records, validation)
     inside, outside, labels = _parts(records, validation, request.split)
+    for part in (inside, outside):
+        if part:
+            require_left(part, request.policy.skip)
     detrend = choose_detrend(inside, request.detrend)
     names = request.structures or LINEAR
     for name in names:

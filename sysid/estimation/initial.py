@@ -2,7 +2,8 @@
 
 ARX        linear least squares
 ARMAX      Hannan & Rissanen (1982): a long ARX gives ê, then least squares on y, u, ê;
-           the starts of OE with a moving average fitted to what they leave
+           where that leaves something to predict, the starts of OE with a moving average
+           fitted to what they leave
 OE, BJ     SRIV, the simplified refined instrumental variable method (Young 1985), with poles
            reflected into the unit circle; from the ARX start and from the output of a long ARX;
            where much stays unexplained also the best poles of a grid
@@ -14,6 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.signal import lfilter
+from scipy.special import fdtri
 
 from sysid.data.record import Array, Record
 from sysid.estimation import normal_equations as ne
@@ -25,9 +27,10 @@ from sysid.estimation.output_error import (
     run_cost,
     sriv,
 )
+from sysid.estimation.uncertainty import portmanteau_white
 from sysid.structures.base import Focus, Structure
 from sysid.structures.polynomial import PolynomialStructure
-from sysid.structures.predictor import RowLayout
+from sysid.structures.predictor import RowErrors, RowLayout
 
 Starts = Sequence[tuple[str, Array]]
 Starter = Callable[[Structure, Sequence[Record], Focus], Starts]
@@ -44,6 +47,12 @@ signal-to-noise ratio of 0.3); with three it missed 20 % even at one per cent of
 
 FEW_POLES = 2
 """Number of poles up to which ``NOISY`` decides; with more the grid is always searched."""
+
+PLENTY = 5000
+"""Samples from which a start that leaves nothing to predict spares the search of the others."""
+
+SETTLED = 0.95
+"""Confidence up to which a long ARX may predict better by chance."""
 
 
 def starts(structure: Structure, records: Sequence[Record], focus: Focus) -> Starts:
@@ -89,7 +98,8 @@ def arx_row(records: Sequence[Record], lay: RowLayout) -> Array:
         for j, (nb, nk) in enumerate(zip(lay.nb, lay.nk, strict=True))
         for k in range(nk, nk + nb)
     ]
-    gram = ne.lag_gram(records, max(lay.start, 1), lay.start)
+    used = {lay.output, *(s for s, _ in terms)}
+    gram = ne.lag_gram(records, max(lay.start, 1), lay.start, used)
     solved = ne.solve(gram, gram.column(lay.output, 0), [gram.column(s, k) for s, k in terms])
     if solved is None:
         solved = ne.solve_by_blocks(records, max(lay.start, 1), lay.output, terms)
@@ -160,8 +170,13 @@ def _armax_starts(structure: Structure, records: Sequence[Record], focus: Focus)
     assert isinstance(structure, PolynomialStructure)
     layouts = [structure.layout(i) for i in range(structure.ny)]
     plain = [np.concatenate([arx_row(records, _plain(lay)), np.zeros(lay.nc)]) for lay in layouts]
-    rissanen = [_hannan_rissanen(records, lay) for lay in layouts]
-    found = [("Hannan-Rissanen", np.concatenate(rissanen)), ("ARX", np.concatenate(plain))]
+    long = [_long_arx_errors(records, _plain(lay)) for lay in layouts]
+    rows = [_hannan_rissanen(records, lay, e) for lay, e in zip(layouts, long, strict=True)]
+    found = [("Hannan-Rissanen", np.concatenate(rows)), ("ARX", np.concatenate(plain))]
+    if focus is Focus.PREDICTION and all(
+        _settled(records, lay, row, e) for lay, row, e in zip(layouts, rows, long, strict=True)
+    ):
+        return found
     if focus is Focus.SIMULATION or not structure.orders.coupled:
         # with a sensor's noise C is near A, and both regressions start far off
         ends = np.cumsum([lay.n - lay.nc for lay in layouts])[:-1]
@@ -172,6 +187,28 @@ def _armax_starts(structure: Structure, records: Sequence[Record], focus: Focus)
             ]
             found.append((kind, np.concatenate(rows)))
     return found
+
+
+def _settled(
+    records: Sequence[Record], lay: RowLayout, theta: Array, long_errors: Sequence[Array]
+) -> bool:
+    """Whether a start leaves nothing to predict, so that no other can lead to a better end.
+
+    Its errors are white, and a long ARX, which has many times the freedom, does not predict
+    significantly better (F-test). Short records decide nothing, and searching them costs nothing.
+    """
+    if sum(len(r) for r in records) < PLENTY:
+        return False
+    problem = RowErrors(lay, np.arange(lay.n), [(r.u, r.y) for r in records], False)
+    with_start = np.split(problem.residual(theta), np.cumsum(problem.lengths)[:-1])
+    long = _long_layout(records, _plain(lay))
+    errors = [e[long.start - problem.skipped :] for e in with_start]
+    more, left = long.n - lay.n, sum(len(e) for e in errors) - long.n
+    if more < 1 or left < 1 or not portmanteau_white(errors):
+        return False
+    floor = sum(float(e @ e) for e in long_errors)
+    excess = sum(float(e @ e) for e in errors) - floor
+    return bool(excess / more <= fdtri(more, left, SETTLED) * floor / left)
 
 
 def _output_error_starts(structure: Structure, records: Sequence[Record], focus: Focus) -> Starts:
@@ -231,12 +268,16 @@ def _split(common: RowLayout, lay: RowLayout, theta: Array) -> Array:
     return np.concatenate([theta[n:], *tails])
 
 
-def _hannan_rissanen(records: Sequence[Record], lay: RowLayout) -> Array:
-    """ARMAX row by two regressions: [a…, b…, c]."""
+def _hannan_rissanen(
+    records: Sequence[Record], lay: RowLayout, long_errors: Sequence[Array] | None = None
+) -> Array:
+    """ARMAX row by two regressions: [a…, b…, c]; the first one may be done already."""
     plain = _plain(lay)
+    if long_errors is None:
+        long_errors = _long_arx_errors(records, plain)
     errors = [
         passing(r.u, np.column_stack([r.y, e]), r.dt)
-        for r, e in zip(records, _long_arx_errors(records, plain), strict=True)
+        for r, e in zip(records, long_errors, strict=True)
     ]
     ny = records[0].ny
     wide = replace(plain, na=(*plain.na, lay.nc))

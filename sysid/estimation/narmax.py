@@ -1,6 +1,6 @@
 """Fitting polynomial NARMAX models: terms chosen on a hold-out, coefficients on all of the data."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,13 +8,14 @@ import numpy as np
 from sysid.data.record import Array, Record
 from sysid.errors import DataError, Termination, UsageError
 from sysid.estimation.frols import forward, term_gram
-from sysid.estimation.holdout import hold_out, shortened
+from sysid.estimation.holdout import shortened
 from sysid.estimation.noise_terms import with_noise_terms
 from sysid.estimation.orders import free_run_error
 from sysid.estimation.search import FitOptions
 from sysid.estimation.solvers import HUBER_WIDTH, Solution, levenberg_marquardt
 from sysid.estimation.strategies import Outcome
-from sysid.estimation.term_search import LADDER, Row, Trial, search_terms
+from sysid.estimation.term_search import search_terms
+from sysid.estimation.term_trials import LADDER, Row, Trial
 from sysid.estimation.uncertainty import uncertainty
 from sysid.structures.base import Parameter, Problem, Structure
 from sysid.structures.model import StartReport
@@ -72,16 +73,17 @@ def fit_narmax(
     simulate = options.focus.value == "simulation"
     refine = simulate or structure.selection != "err"
     starts: list[StartReport] = []
+    known: list[Mapping[Term, float]] = [{} for _ in range(structure.ny)]
     chunk = LADDER[-1] if refine else 0
     if not structure.terms:
-        structure, chunk, starts = _searched(structure, records, options, refine)
+        structure, chunk, starts, known = _searched(structure, records, options, refine)
     structure = _with_err(structure, records)
     structure, notes = with_noise_terms(structure, records)
     if structure.rows != structure.terms or len(parameters) != _count(structure):
         parameters = structure.parameters(records[0].inputs, records[0].outputs)
     estimates = [_one_step(structure, records, options, parameters)]
     if chunk:
-        estimates += _in_free_run(structure, records, estimates[0], chunk, parameters)
+        estimates += _in_free_run(structure, records, estimates[0], known, chunk, parameters)
     found, more = _chosen(structure, records, estimates, simulate)
     return _outcome(structure, records, parameters, found, (*starts, *more), notes)
 
@@ -102,33 +104,42 @@ def _with_ranges(s: NARMAX, records: Sequence[Record]) -> NARMAX:
         stacked = np.concatenate(signals)
         return tuple(zip(stacked.min(axis=0).tolist(), stacked.max(axis=0).tolist(), strict=True))
 
+    changes = np.concatenate([np.abs(np.diff(r.u, axis=0)) for r in records])
     return replace(
-        s, output_range=ranges([r.y for r in records]), input_range=ranges([r.u for r in records])
+        s,
+        output_range=ranges([r.y for r in records]),
+        input_range=ranges([r.u for r in records]),
+        input_step=tuple(np.max(changes, axis=0, initial=0.0).tolist()),
     )
 
 
 def _searched(
     s: NARMAX, records: Sequence[Record], options: FitOptions, refine: bool
-) -> tuple[NARMAX, int, list[StartReport]]:
-    """The structure with the terms that did best on held-out data, output by output."""
-    data = hold_out(shortened(records, SEARCH_SAMPLES))
-    needed = s.first_sample() + 20
-    if max(len(r) for r in data.train) <= needed:
+) -> tuple[NARMAX, int, list[StartReport], list[Mapping[Term, float]]]:
+    """The structure with the terms that did best on held-out data, output by output.
+
+    Also the chunk length their coefficients were refined with, every trial, and the coefficients.
+    """
+    small = shortened(records, SEARCH_SAMPLES)
+    if max(len(r) for r in small) < 3 * (s.first_sample() + 20):
         raise DataError(
             f"{records[0].name}: {sum(len(r) for r in records)} samples are too few to choose the "
             f"terms of a narmax model with these lags; record more or lower na and nb"
         )
     rows: list[tuple[Term, ...]] = []
     starts: list[StartReport] = []
+    known: list[Mapping[Term, float]] = []
     chunk = 0
     limit = min(options.max_evaluations, SEARCH_EVALUATIONS)
     for i, channel in enumerate(records[0].outputs):
-        row = Row(s, i, data)
+        row = Row(s, i, small)
         found, tried = search_terms(row, refine, limit)
         rows.append(tuple(row.outward(t) for t in found.terms))
+        theta = np.mean(found.theta, axis=0).tolist()
+        known.append(dict(zip(rows[-1], theta, strict=True)))
         chunk = max(chunk, found.chunk)
         starts += [_report(channel.name, t) for t in sorted(tried, key=lambda t: t.error)]
-    return replace(s, terms=tuple(rows)), chunk, starts
+    return replace(s, terms=tuple(rows)), chunk, starts, known
 
 
 def _report(output: str, t: Trial) -> StartReport:
@@ -206,44 +217,70 @@ def _in_free_run(
     s: NARMAX,
     records: Sequence[Record],
     start: Estimate,
+    known: Sequence[Mapping[Term, float]],
     chunk: int,
     parameters: Sequence[Parameter],
 ) -> list[Estimate]:
-    """Coefficients of the process refined over longer and longer chunks, noise terms after."""
+    """Coefficients of the process in free run, noise terms after.
+
+    From least squares over longer and longer chunks, and from the search's own coefficients at
+    once: they are already those of free runs.
+    """
     small = shortened(records, RUN_SAMPLES)
+    longest = max(len(r) for r in small)
+    rungs = list(dict.fromkeys(min(c, longest) for c in (*LADDER, chunk) if c <= chunk))
+    theta, found = start.theta, []
+    for rung in rungs:
+        theta, estimate = _over_chunks(s, records, small, theta, rung, parameters, "")
+        found.append(estimate)
+    warm = start.theta.copy()
+    for i, row in enumerate(s.rows):
+        for k, t in zip(s.row_index(i), row, strict=True):
+            if parameters[k].fixed is None:
+                warm[k] = known[i].get(t, warm[k])
+    if any(known):
+        words = " from the search's values"
+        found.append(_over_chunks(s, records, small, warm, rungs[-1], parameters, words)[1])
+    return found
+
+
+def _over_chunks(
+    s: NARMAX,
+    records: Sequence[Record],
+    small: Sequence[Record],
+    start: Array,
+    chunk: int,
+    parameters: Sequence[Parameter],
+    words: str,
+) -> tuple[Array, Estimate]:
+    """One refinement: θ and what determined it."""
     data = [(r.u, r.y) for r in small]
     scale = np.std(np.concatenate([r.y for r in small]), axis=0)
-    scale = np.where(scale > 0.0, scale, 1.0)
+    problem = ChunkedRuns(s.free_run(), data, chunk, np.where(scale > 0.0, scale, 1.0))
     _, free, lower, upper = _held(parameters)
-    run, theta, found = s.free_run(), start.theta, []
-    longest = max(len(r) for r in small)
-    rungs = [c for c in LADDER if c < chunk] + [chunk]
-    for rung in dict.fromkeys(min(c, longest) for c in rungs):
-        problem = ChunkedRuns(run, data, rung, scale)
-        index = problem.index
-        if sum(problem.lengths) <= len(index):
-            break
-        solution = levenberg_marquardt(
-            problem, theta[index], free=free[index], lower=lower[index], upper=upper[index],
-            max_evaluations=FINAL_EVALUATIONS, tolerance=1e-7,
-        )  # fmt: skip
-        theta = theta.copy()
-        theta[index] = solution.p
-        solved: list[tuple[Problem, Solution]] = [(problem, solution)]
-        full = [(r.u, r.y) for r in records]
-        for i, row in enumerate(s.rows):
-            noise = np.array([is_noise(t) for t in row])
-            if noise.any():
-                one = s.one_step(i, full)
-                where = one.index
-                after = levenberg_marquardt(
-                    one, theta[where], free=free[where] & noise, lower=lower[where],
-                    upper=upper[where],
-                )  # fmt: skip
-                theta[where] = after.p
-                solved.append((one, after))
-        found.append(Estimate(theta, tuple(solved), f"refined over {rung} samples"))
-    return found
+    index, theta = problem.index, start.copy()
+    solution = levenberg_marquardt(
+        problem,
+        theta[index],
+        free=free[index],
+        lower=lower[index],
+        upper=upper[index],
+        max_evaluations=FINAL_EVALUATIONS,
+        tolerance=1e-7,
+    )
+    theta[index] = solution.p
+    solved: list[tuple[Problem, Solution]] = [(problem, solution)]
+    for i, row in enumerate(s.rows):
+        noise = np.array([is_noise(t) for t in row])
+        if noise.any():
+            one = s.one_step(i, [(r.u, r.y) for r in records])
+            where = one.index
+            after = levenberg_marquardt(
+                one, theta[where], free=free[where] & noise, lower=lower[where], upper=upper[where]
+            )
+            theta[where] = after.p
+            solved.append((one, after))
+    return theta, Estimate(theta, tuple(solved), f"refined over {chunk} samples{words}")
 
 
 def _chosen(
@@ -279,7 +316,7 @@ def _outcome(
         mine = free[index].copy()
         if len(found.solved) > s.ny or isinstance(found.solved[0][0], ChunkedRuns):
             noise = np.array([is_noise(t) for row in s.rows for t in row])
-            mine &= ~noise[index] if isinstance(problem, ChunkedRuns) else noise[index]
+            mine = mine & (~noise[index] if isinstance(problem, ChunkedRuns) else noise[index])
         which = np.flatnonzero(mine)
         if not len(which):
             continue

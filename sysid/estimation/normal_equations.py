@@ -9,7 +9,7 @@ is nearly block Toeplitz: G[k+1, l+1] = G[k, l] + s_p(start−1−k) s_q(start�
 entries with k = 0 or l = 0 need a pass over the data, and every order up to L is a sub-matrix.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,51 +26,61 @@ BLOCK = 16384
 
 @dataclass(frozen=True, eq=False)
 class LagGram:
-    """Gram matrix of all signals (outputs first, then inputs) at lags 0 … ``lags``.
+    """Gram matrix of signals (outputs are numbered first, then inputs) at lags 0 … ``lags``.
 
     Attributes:
         matrix: shape (m·(lags+1), m·(lags+1)), signal-major.
         samples: number of summed instants.
         lags: largest lag L.
         start: first summed instant of every record.
+        signals: numbers of the m signals.
     """
 
     matrix: Array
     samples: int
     lags: int
     start: int
+    signals: tuple[int, ...]
 
     def column(self, signal: int, lag: int) -> int:
         """Row and column of signal ``signal`` delayed by ``lag``."""
-        return signal * (self.lags + 1) + lag
+        return self.signals.index(signal) * (self.lags + 1) + lag
 
     def columns(self, signal: int, first: int, count: int) -> list[int]:
         """Columns of ``count`` lags from ``first`` on."""
         return [self.column(signal, first + k) for k in range(count)]
 
 
-def lag_gram(records: Sequence[Record], lags: int, start: int | None = None) -> LagGram:
+def lag_gram(
+    records: Sequence[Record],
+    lags: int,
+    start: int | None = None,
+    signals: Iterable[int] | None = None,
+) -> LagGram:
     """Accumulate the Gram matrix of y_1 … y_ny, u_1 … u_nu over all records.
 
     Args:
         records: experiments with equal channels; nothing is correlated across their borders.
         lags: largest lag L.
         start: first instant that is summed (default L, the first one with a measured past).
+        signals: numbers of those that matter (default all).
     """
     start = lags if start is None else max(start, lags)
-    m = records[0].ny + records[0].nu
-    width = lags + 1
+    every = range(records[0].ny + records[0].nu)
+    kept = tuple(every if signals is None else sorted(set(signals)))
+    m, width = len(kept), lags + 1
     total = np.zeros((m, width, m, width))
     for r in records:
         if len(r) > start:
-            total += _one_gram(r, lags, start)
+            total += _one_gram(r, lags, start, kept)
     samples = sum(max(len(r) - start, 0) for r in records)
-    return LagGram(total.reshape(m * width, m * width), samples, lags, start)
+    return LagGram(total.reshape(m * width, m * width), samples, lags, start, kept)
 
 
-def _one_gram(record: Record, lags: int, start: int) -> Array:
+def _one_gram(record: Record, lags: int, start: int, kept: Sequence[int]) -> Array:
     n = len(record)
-    signals = [np.ascontiguousarray(c) for c in (*record.y.T, *record.u.T)]
+    columns = (*record.y.T, *record.u.T)
+    signals = [np.ascontiguousarray(columns[k]) for k in kept]
     m, width = len(signals), lags + 1
     g = np.zeros((m, width, m, width))
     # values just before the window and at its end, by lag: what the recursion exchanges
@@ -81,10 +91,9 @@ def _one_gram(record: Record, lags: int, start: int) -> Array:
     for p, sp in enumerate(signals):
         now = sp[start:]
         for q, sq in enumerate(signals):
-            for lag in range(width):
-                value = float(now @ sq[start - lag : n - lag])
-                g[p, 0, q, lag] = value
-                g[q, lag, p, 0] = value
+            values = np.correlate(sq[start - lags :], now, "valid")[::-1]
+            g[p, 0, q, :] = values
+            g[q, :, p, 0] = values
     for k in range(lags):
         gain = heads[:, k, None, None] * heads[None, :, :-1]
         loss = tails[:, k, None, None] * tails[None, :, :-1]

@@ -19,6 +19,12 @@ from sysid.structures.base import Focus, Structure, structure_class
 
 Progress = Callable[[int, int, str], None]
 
+ERROR_CRITERIA = ("fit", "rmse")
+"""Criteria of the free run; the others are of one-step errors."""
+
+INTEGRATING = 1.0005
+"""Poles up to this radius are an integrator's, seen through noise."""
+
 CLOSE = 0.01
 """Held-out errors that differ by less than this fraction are the same for all purposes."""
 
@@ -27,6 +33,12 @@ SEARCH_EVALUATIONS = 40
 
 SEARCH_TOLERANCE = 1e-4
 """Convergence during a search: errors closer than ``CLOSE`` tie anyway."""
+
+SEARCH_PATIENCE = 6
+"""Evaluations without gain after which a descent ends; a step is rarely rejected more often."""
+
+OUTLYING = 3.0
+"""Errors beyond this many (robust) standard deviations are outliers to a robust score."""
 
 SIMULATED = 16
 """ARX candidates, best one-step first, whose free run is looked at."""
@@ -139,12 +151,30 @@ def tie_margin(held: Sequence[Record]) -> float:
 def ranked(found: Sequence[Candidate], criterion: str, margin: float) -> tuple[Candidate, ...]:
     """Best first; on held-out error the smallest model within ``margin`` of the best leads."""
     ordered = sorted(found, key=lambda c: (not c.stable, c.score, c.n, orders_text(c.orders)))
-    if criterion in ("fit", "rmse"):
+    if criterion in ERROR_CRITERIA:
         limit = (1.0 + margin) * ordered[0].score
         close = [c for c in ordered if c.score <= limit and c.stable == ordered[0].stable]
         lead = min(close, key=lambda c: (c.n, c.score, orders_text(c.orders)))
         ordered = [lead, *(c for c in ordered if c is not lead)]
     return tuple(ordered)
+
+
+def searching(options: FitOptions) -> FitOptions:
+    """The options of a fit that only has to rank: coarse, and given up where nothing is gained."""
+    return replace(
+        options,
+        max_evaluations=min(options.max_evaluations, SEARCH_EVALUATIONS),
+        tolerance=max(options.tolerance, SEARCH_TOLERANCE),
+        patience=SEARCH_PATIENCE,
+    )
+
+
+def bounded_run(s: Structure, theta: Array) -> bool:
+    """Whether the free run is bounded, or grows no faster than an integrator's within a log."""
+    if s.stable(theta):
+        return True
+    poles = s.properties(theta, 1.0).get("poles", [])
+    return max((p["abs"] for p in poles), default=float("inf")) < INTEGRATING
 
 
 def _unconstrained(options: FitOptions) -> bool:
@@ -161,11 +191,7 @@ def _one_after_another(
     """Fit each candidate, warm-started from the best smaller neighbours already fitted."""
     found: list[Candidate] = []
     train = data.train
-    options = replace(
-        options,
-        max_evaluations=min(options.max_evaluations, SEARCH_EVALUATIONS),
-        tolerance=max(options.tolerance, SEARCH_TOLERANCE),
-    )
+    options = searching(options)
     fitted: dict[int, tuple[float, dict[str, float]]] = {}
     common = max(s.first_sample() for s in structures)
     for k, s in enumerate(structures):
@@ -180,13 +206,13 @@ def _one_after_another(
         except (DataError, ModelError):
             model = None
         if model is not None:
-            error = free_run_error(s, model.theta, data.whole, data.counted)
-            if criterion in ("fit", "rmse"):
+            error = free_run_error(s, model.theta, data.whole, data.counted, options.robust)
+            if criterion in ERROR_CRITERIA:
                 score = error
             else:
                 score = _information(s, model.theta, model.n_estimated, train, common, criterion)
             if np.isfinite(score):
-                stable = s.stable(model.theta)
+                stable = bounded_run(s, model.theta)
                 found.append(Candidate(s.order_values(), len(names), score, error, stable))
                 fitted[k] = (score, dict(zip(names, model.theta.tolist(), strict=True)))
         if progress:
@@ -203,18 +229,29 @@ def _information(
 
 
 def free_run_error(
-    s: Structure, theta: Array, records: Sequence[Record], counted: Sequence[NDArray[np.bool_]]
+    s: Structure,
+    theta: Array,
+    records: Sequence[Record],
+    counted: Sequence[NDArray[np.bool_]],
+    robust: bool = False,
 ) -> float:
     """Root mean square over the outputs of free-run error relative to the output's spread.
 
     The run goes through each whole record; only the samples ``counted``, (N,) by record, matter.
+    With ``robust`` errors beyond OUTLYING times the usual one count no more than that, because a
+    handful of outliers would drown every difference between models.
     """
     window = head_window(s, theta)
-    square = np.zeros(s.ny)
+    parts = []
     with np.errstate(over="ignore", invalid="ignore"):
         for r, held in zip(records, counted, strict=True):
             run = s.simulate(theta, r.u, s.fitted_state(theta, r.u, r.y, window))
-            square += np.sum((r.y - run)[held] ** 2, axis=0)
+            parts.append((r.y - run)[held])
+        errors = np.concatenate(parts)
+        if robust:
+            limit = OUTLYING * 1.4826 * np.median(np.abs(errors), axis=0)
+            errors = np.clip(errors, -limit, limit)
+        square = np.sum(errors**2, axis=0)
     spread = np.concatenate([r.y[held] for r, held in zip(records, counted, strict=True)])
     spread_square = np.sum((spread - spread.mean(axis=0)) ** 2, axis=0)
     moving = spread_square > 0
@@ -254,7 +291,7 @@ def _arx_in_one_pass(
         n = sum(len(t) for t in theta)
         value = _score(covariance, inside.samples, n, criterion)
         scored.append((value, _log_det(held_covariance), s, np.concatenate(theta), n))
-    if criterion in ("fit", "rmse"):
+    if criterion in ERROR_CRITERIA:
         scored.sort(key=lambda item: item[1])
         # the best one-step models, and the best of each size: a free run prefers other orders
         sizes = {item[4]: k for k, item in reversed(list(enumerate(scored)))}
@@ -263,11 +300,11 @@ def _arx_in_one_pass(
     found = []
     for value, _, s, theta_all, n in scored:
         error = np.nan
-        if criterion in ("fit", "rmse"):
+        if criterion in ERROR_CRITERIA:
             error = free_run_error(s, theta_all, data.whole, data.counted)
-        score = error if criterion in ("fit", "rmse") else value
+        score = error if criterion in ERROR_CRITERIA else value
         if np.isfinite(score):
-            stable = s.stable(theta_all)
+            stable = bounded_run(s, theta_all)
             found.append(Candidate(s.order_values(), n, float(score), float(error), stable))
     return found
 
@@ -288,7 +325,7 @@ def _log_det(covariance: Array) -> float:
 
 
 def _score(covariance: Array, samples: int, n: int, criterion: str) -> float:
-    if criterion in ("fit", "rmse"):
+    if criterion in ERROR_CRITERIA:
         return 0.0
     ny = len(covariance)
     loss = float(np.exp(_log_det(covariance)))

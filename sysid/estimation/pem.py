@@ -156,10 +156,11 @@ def _model(
     errors = [structure.errors(theta, r.u, r.y, len(r) if own_states else 0) for r in plain]
     criteria = information_criteria(errors, n_estimated)
     joint = np.concatenate(errors)
-    joint = joint[np.all(np.isfinite(joint), axis=1)]
+    joint = np.compress(np.all([np.isfinite(c) for c in joint.T], axis=0), joint, axis=0)
     first = records[0]
-    lows = np.min([[*r.u.min(axis=0), *r.y.min(axis=0)] for r in records], axis=0)
-    highs = np.max([[*r.u.max(axis=0), *r.y.max(axis=0)] for r in records], axis=0)
+    channels = [(*r.u.T, *r.y.T) for r in records]
+    lows = np.min([[c.min() for c in columns] for columns in channels], axis=0)
+    highs = np.max([[c.max() for c in columns] for columns in channels], axis=0)
     names = [p.name for p in parameters]
     window = head_window(structure, theta)
     return Model(

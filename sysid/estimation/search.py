@@ -45,6 +45,7 @@ class FitOptions:
         bounds: (lower, upper) by name.
         max_evaluations: limit of each search.
         tolerance: relative change of cost and step at which a search has converged.
+        patience: evaluations without such a change after which it is given up, None for never.
         structure_options: options of the structure itself, as text.
         extra: facts to keep in the model's provenance (how the files were read …).
     """
@@ -57,6 +58,7 @@ class FitOptions:
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     max_evaluations: int = 200
     tolerance: float = TOLERANCE
+    patience: int | None = None
     structure_options: Mapping[str, str] = field(default_factory=dict)
     extra: Mapping[str, object] = field(default_factory=dict)
 
@@ -229,6 +231,7 @@ class Search:
             huber=huber,
             max_evaluations=self.options.max_evaluations,
             tolerance=self.options.tolerance,
+            patience=self.options.patience,
         )
 
     @staticmethod

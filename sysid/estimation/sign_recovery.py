@@ -79,9 +79,7 @@ def _recovered(
     nu = records[0].nu
     n = max(orders.nf[i])
     terms = [
-        (j, k)
-        for j in range(nu)
-        for k in range(orders.nk[i][j], orders.nk[i][j] + orders.nb[i][j])
+        (j, k) for j in range(nu) for k in range(orders.nk[i][j], orders.nk[i][j] + orders.nb[i][j])
     ]
     first = max([n, *(k for _, k in terms)])
     drives = [

@@ -1,5 +1,6 @@
-"""Numerical solvers behind one door: the only importer of scipy.optimize."""
+"""Numerical solvers behind one door: the only importer of scipy.optimize and jaxopt."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array
 from sysid.errors import Termination
+from sysid.estimation.marquardt import marquardt
 from sysid.structures.base import Problem
 
 TOLERANCE = 1e-9
@@ -52,11 +54,12 @@ def levenberg_marquardt(
     huber: float | None = None,
     max_evaluations: int = 200,
     tolerance: float = TOLERANCE,
+    patience: int | None = None,
 ) -> Solution:
     """Minimise ½‖r(p)‖² over the free entries of p.
 
-    Levenberg-Marquardt (Moré 1978) from SciPy; with bounds or the Huber loss its bounded trust
-    region instead.
+    Levenberg-Marquardt (Moré 1978); with bounds or the Huber loss SciPy's bounded trust region
+    instead.
 
     Args:
         problem: residuals and Jacobian.
@@ -66,11 +69,12 @@ def levenberg_marquardt(
         huber: threshold of the Huber loss in units of r, or None for the quadratic loss.
         max_evaluations: limit on residual evaluations.
         tolerance: relative tolerance on cost and step.
+        patience: stop after so many evaluations in a row that lowered the cost by less than
+            ``tolerance``; None for the solver's own criteria alone. Along directions that the
+            data hardly show these go on for long without any gain.
     """
     if not free.any():
         return _ended(problem, p0, Termination.NO_FREE_PARAMETERS, 1, huber)
-    from scipy.optimize import least_squares
-
     p = p0.copy()
 
     def full(x: Array) -> Array:
@@ -79,47 +83,100 @@ def levenberg_marquardt(
 
     bounded = bool(np.any(np.isfinite(lower[free])) or np.any(np.isfinite(upper[free])))
     start = p0[free]
-    options: dict[str, Any] = {"method": "lm"}
-    if bounded or huber is not None:
-        options = {"method": "trf", "bounds": (lower[free], upper[free])}
+    plain = not bounded and huber is None
+    if not plain:
         start = _inside(start, lower[free], upper[free])
-        if huber is not None:
-            options |= {"loss": "huber", "f_scale": huber}
+
+    best = _Best()
 
     def residual(x: Array) -> Array:
-        return problem.residual(full(x))
+        r = problem.residual(full(x))
+        if patience is not None:
+            best.add(x, r, tolerance, patience)
+        return r
 
     known: dict[bytes, Array] = {}
 
     def jacobian(x: Array) -> Array:
-        # SciPy asks again at the solution, and so do we: one evaluation serves all
+        # SciPy may ask again at the solution, and so do we: one evaluation serves all
         key = x.tobytes()
         if key not in known:
             known.clear()
             known[key] = problem.jacobian(full(x))
         return known[key] if free.all() else known[key][:, free]
 
-    with np.errstate(over="ignore", invalid="ignore"):
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            search = marquardt if plain else _trust_region(lower[free], upper[free], huber)
+            x, evaluations, termination = search(
+                residual, start, jacobian, tolerance, max_evaluations
+            )
+    except _StalledError:
+        x, evaluations, termination = best.x, best.evaluations, Termination.CONVERGED_COST
+    end = p0.copy()
+    end[free] = x
+    where = np.flatnonzero(free)
+    stuck = tuple(int(k) for k in where[_touching(x, lower[free], upper[free])])
+    if stuck and termination.good:
+        termination = Termination.AT_BOUND
+    J = known.get(x.tobytes())
+    return _ended(problem, end, termination, evaluations, huber, stuck, J)
+
+
+class _StalledError(Exception):
+    """The cost no longer falls; the only way to stop MINPACK early."""
+
+
+class _Best:
+    """The best point a search has seen, and for how long nothing better came."""
+
+    def __init__(self) -> None:
+        self.x: Array = np.zeros(0)
+        self.evaluations = 0
+        self._cost, self._waited = np.inf, 0
+
+    def add(self, x: Array, r: Array, tolerance: float, patience: int) -> None:
+        """Note one evaluation; raise when patience is at an end."""
+        cost = float(r @ r)
+        self.evaluations += 1
+        self._waited = 0 if cost < (1.0 - tolerance) * self._cost else self._waited + 1
+        if cost < self._cost or not len(self.x):
+            self.x, self._cost = x.copy(), cost
+        if self._waited >= patience:
+            raise _StalledError
+
+
+Function = Callable[[Array], Array]
+Search = Callable[[Function, Array, Function, float, int], tuple[Array, int, Termination]]
+"""(residual, start, Jacobian, tolerance, limit) → where it ended, evaluations, why."""
+
+
+def _trust_region(lower: Array, upper: Array, huber: float | None) -> Search:
+    """SciPy's bounded trust region, with the Huber loss where a threshold is given."""
+
+    def search(
+        residual: Function, start: Array, jacobian: Function, tolerance: float, limit: int
+    ) -> tuple[Array, int, Termination]:
+        from scipy.optimize import least_squares
+
         found = least_squares(
             residual,
             start,
             jac=jacobian,
+            bounds=(lower, upper),
+            method="trf",
             x_scale="jac",
+            loss="linear" if huber is None else "huber",
+            f_scale=1.0 if huber is None else huber,
             ftol=tolerance,
             xtol=tolerance,
             gtol=1e-14,
-            max_nfev=max_evaluations,
-            **options,
+            max_nfev=limit,
         )
-    end = p0.copy()
-    end[free] = found.x
-    where = np.flatnonzero(free)
-    stuck = tuple(int(k) for k in where[_touching(found.x, lower[free], upper[free])])
-    termination = _ENDINGS.get(int(found.status), Termination.MAX_ITERATIONS)
-    if stuck and termination.good:
-        termination = Termination.AT_BOUND
-    J = known.get(found.x.tobytes())
-    return _ended(problem, end, termination, int(found.nfev), huber, stuck, J)
+        ended = _ENDINGS.get(int(found.status), Termination.MAX_ITERATIONS)
+        return found.x, int(found.nfev), ended
+
+    return search
 
 
 _ENDINGS = {
@@ -163,3 +220,82 @@ def _inside(x: Array, lower: Array, upper: Array) -> Array:
 def _touching(x: Array, lower: Array, upper: Array) -> NDArray[np.bool_]:
     width = np.where(np.isfinite(upper - lower), upper - lower, np.maximum(1.0, np.abs(x)))
     return np.asarray((x - lower <= 1e-6 * width) | (upper - x <= 1e-6 * width))
+
+
+@dataclass(frozen=True, eq=False)
+class Ending:
+    """Where one of many simultaneous starts ended.
+
+    Attributes:
+        z: parameters.
+        cost: ½‖r‖² there, None where it is not finite.
+        iterations: Levenberg-Marquardt iterations.
+        termination: why it stopped.
+    """
+
+    z: Array
+    cost: float | None
+    iterations: int
+    termination: Termination
+
+
+CLIPPED = 1e6
+"""Residuals are kept below this: jaxopt multiplies rejected steps by zero, and 0·∞ is no number."""
+
+
+def many_starts(
+    residual: Callable[[Any, Any, Any, Any, Any], Any],
+    starts: Array,
+    each: Any,
+    shared: Any,
+    iterations: int = 20,
+    tolerance: float = 1e-7,
+) -> tuple[Ending, ...]:
+    """Levenberg-Marquardt from many starts at once: jaxopt's, vmapped and compiled.
+
+    Args:
+        residual: (jax.numpy, jax.lax, z, each, shared) → r, of about unit norm at a poor start
+            (divide by √N: jaxopt's damping is absolute).
+        starts: z of every start, (S, n).
+        each: arrays whose first axis belongs to the starts.
+        shared: arrays all starts share; passed as arguments, so that a compilation serves any data.
+        iterations: limit for every start.
+        tolerance: on the gradient's norm.
+    """
+    from jaxopt import LevenbergMarquardt
+
+    from sysid.structures.compiled import jax_module
+
+    jax = jax_module()
+    jnp, lax = jax.numpy, jax.lax
+
+    def clipped(z: Any, own: Any, data: Any) -> Any:
+        r = jnp.nan_to_num(residual(jnp, lax, z, own, data), nan=CLIPPED)
+        return jnp.clip(r, -CLIPPED, CLIPPED)
+
+    solver = LevenbergMarquardt(
+        residual_fun=clipped,
+        materialize_jac=True,
+        solver="cholesky",
+        damping_parameter=1e-3,
+        maxiter=iterations,
+        tol=tolerance,
+        implicit_diff=False,
+        jit=True,
+    )
+
+    def run(z: Any, own: Any, data: Any) -> Any:
+        end, state = solver.run(z, own, data)
+        return end, state.value, state.iter_num, state.error
+
+    found = jax.jit(jax.vmap(run, in_axes=(0, 0, None)))(starts, each, shared)
+    ends, costs, counts, gradients = (np.asarray(part, dtype=np.float64) for part in found)
+    endings = []
+    for z, cost, count, gradient in zip(ends, costs, counts, gradients, strict=True):
+        finite = bool(np.isfinite(cost)) and bool(np.all(np.isfinite(z)))
+        termination = Termination.DIVERGED
+        if finite:
+            settled = gradient <= tolerance
+            termination = Termination.CONVERGED_GRADIENT if settled else Termination.MAX_ITERATIONS
+        endings.append(Ending(z, float(cost) if finite else None, int(count), termination))
+    return tuple(endings)

@@ -48,6 +48,8 @@ Warm = Sequence[tuple[str, Array]]
 Strategy = Callable[[Structure, Sequence[Record], FitOptions, tuple[Parameter, ...], Warm], Outcome]
 
 _OWN: dict[str, str] = {
+    "hammerstein-wiener": "sysid.estimation.hammerstein_wiener:fit",
+    "wiener-hammerstein": "sysid.estimation.wiener_hammerstein:fit",
     "narmax": "sysid.estimation.narmax:fit_narmax",
 }
 """Structure → ``module:function`` of its own strategy, imported when it is first needed."""

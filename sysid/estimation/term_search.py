@@ -1,23 +1,30 @@
 """Which terms the equation of one output gets: pools, paths, and an inner hold-out that decides."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from math import comb
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sysid.data.record import Array, Record
+from sysid.errors import UsageError
 from sysid.estimation.candidate_runs import CandidateRuns, select_by_simulation
 from sysid.estimation.frols import TermGram, bic_size, forward, term_gram
-from sysid.estimation.holdout import HoldOut
-from sysid.estimation.solvers import levenberg_marquardt
-from sysid.structures.monomials import Factor, Term, pool, term
-from sysid.structures.narmax import NARMAX
-from sysid.structures.narmax_problems import ChunkedRuns
-from sysid.structures.polynomial_runs import FreeRun
+from sysid.estimation.term_growth import grown, pruned
+from sysid.estimation.term_trials import Row, Trial, refined
+from sysid.structures.monomials import Term, factors_of, pool
+from sysid.structures.orders import MAX_ORDER, Orders
 
 DEGREES = (1, 2, 3)
 """Degrees tried when none is given."""
+
+HIGH = 5
+HIGH_LAGS = 2
+HIGH_POOL = 300
+CLEARLY = 0.9
+"""A high degree is taken when its held-out error is below this multiple of the low ones'."""
+
+ENOUGH = 0.01
+"""Held-out error below which no higher degree is looked at."""
 
 MOST_TERMS = 30
 """Terms an output gets at most unless the user asks for more."""
@@ -26,135 +33,61 @@ SIZES = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30)
 SHORTLIST = 60
 """Candidates that the simulation-error selection runs."""
 
-LADDER = (30, 150, 600)
-"""Chunk lengths of the refinement, each started from the last."""
-
-REFINED = 4
+REFINED = 6
 """Sets of terms that are refined in free run."""
 
-EVALUATIONS = 25
-TIE = 0.01
-"""Held-out errors closer than this are the same; the fewer terms win."""
+GROWN = 2
+"""Refined sets from which terms are added and left out."""
 
-KEEP = 0.002
-"""Relative loss on the held-out data up to which a refined term is left out."""
+SMALL = 6
+"""Terms of a small set."""
 
-
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """One set of terms of one output.
-
-    Attributes:
-        terms: in the row's own view (other outputs as inputs).
-        theta: coefficients, (n,).
-        error: free-run error on the held-out data relative to the output's spread.
-        how: where it came from, in words.
-        chunk: chunk length its coefficients were refined with; 0 for least squares.
-    """
-
-    terms: tuple[Term, ...]
-    theta: Array
-    error: float
-    how: str
-    chunk: int = 0
+MUCH_WORSE = 1.3
+"""Ratio of held-out errors up to which an equation that stays near its data is preferred."""
 
 
-class Row:
-    """One output on the estimation data, the other outputs measured: they count as inputs.
-
-    Args:
-        structure: with the ranges of the data.
-        output: which output.
-        data: what to fit on and what to choose on.
-    """
-
-    def __init__(self, structure: NARMAX, output: int, data: HoldOut) -> None:
-        self.structure, self.output = structure, output
-        self.others = [j for j in range(structure.ny) if j != output]
-        self.limits = structure.limits[output]
-        self.train = [self._view(r) for r in data.train]
-        self.whole = [self._view(r) for r in data.whole]
-        self.counted: Sequence[NDArray[np.bool_]] = data.counted
-        held = np.concatenate([y[m, 0] for (_, y), m in zip(self.whole, self.counted, strict=True)])
-        spread = float(np.sum((held - held.mean()) ** 2)) if len(held) else 0.0
-        self.spread = spread if spread > 0.0 else 1.0
-        self.scale = np.array([np.sqrt(np.mean(np.concatenate([y for _, y in self.train]) ** 2))])
-        if not self.scale[0] > 0.0:
-            self.scale = np.ones(1)
-
-    def _view(self, r: Record) -> tuple[Array, Array]:
-        return np.hstack([r.u, r.y[:, self.others]]), r.y[:, [self.output]]
-
-    def inward(self, t: Term) -> Term:
-        """A term of the structure in this row's view."""
-        nu = self.structure.nu
-        return term([
-            f if f.kind == "u"
-            else Factor("y", 0, f.lag) if f.channel == self.output
-            else Factor("u", nu + self.others.index(f.channel), f.lag)
-            for f in t
-        ])  # fmt: skip
-
-    def outward(self, t: Term) -> Term:
-        """Undo ``inward``."""
-        nu = self.structure.nu
-        return term([
-            Factor("y", self.output, f.lag) if f.kind == "y"
-            else f if f.channel < nu
-            else Factor("y", self.others[f.channel - nu], f.lag)
-            for f in t
-        ])  # fmt: skip
-
-    def free_run(self, terms: Sequence[Term]) -> FreeRun:
-        """This row's equation alone."""
-        return FreeRun((tuple(terms),), self.whole[0][0].shape[1], (self.limits,))
-
-    def held_out_error(self, terms: Sequence[Term], theta: Array) -> float:
-        """Free-run error on the held-out samples of runs through the whole records."""
-        run = self.free_run(terms)
-        first = max(run.depth if run.slots else 0, run.before)
-        total = 0.0
-        for (u, y), counted in zip(self.whole, self.counted, strict=True):
-            if len(y) > first:
-                x0 = run.state(y[:first], u[:first])
-                found = run.simulate(theta, u[first:], x0)
-                total += float(np.sum((found - y[first:])[counted[first:]] ** 2))
-        return float(np.sqrt(total / self.spread))
-
-
-def pools(row: Row) -> tuple[tuple[Term, ...], list[tuple[int, int, list[int]]]]:
+def pools(
+    row: Row, degrees: Sequence[int], lags: int
+) -> tuple[tuple[Term, ...], list[tuple[int, int, list[int]]]]:
     """The largest pool, and (degree, lags, members) of the smaller ones inside it."""
-    s = row.structure
-    degrees = (s.degree,) if s.degree else DEGREES
-    largest = pool_within(s, row.output, max(degrees))
-    terms = [row.inward(t) for t in largest]
-    most = max([f.lag for t in terms for f in t], default=0)
-    caps = sorted({c for c in (1, 2, 3, 5, 8, 12, 20) if c < most} | {most})
-    found = []
-    for degree in degrees:
-        for cap in caps:
-            inside = [k for k, t in enumerate(terms)
-                      if len(t) <= degree and all(f.lag <= cap for f in t)]  # fmt: skip
-            if inside and (not found or inside != found[-1][2]):
-                found.append((degree, cap, inside))
-    return tuple(terms), found
-
-
-def pool_within(s: NARMAX, output: int, degree: int) -> tuple[Term, ...]:
-    """The pool of the highest degree that does not explode."""
-    from sysid.errors import UsageError
-
+    s, degree = row.structure, max(degrees)
     while True:
         try:
-            return pool(s.orders, output, degree)
+            largest = pool(capped(s.orders, lags), row.output, degree)
+            break
         except UsageError:
             if s.degree or degree <= 1:
                 raise
             degree -= 1
+    largest = tuple(t for t in largest if row.told_apart(t))
+    terms = [row.inward(t) for t in largest]
+    most = max([f.lag for t in terms for f in t], default=0)
+    caps = sorted({c for c in (1, 2, 3, 5, 8, 12, 20) if c < most} | {most})
+    found: list[tuple[int, int, list[int]]] = []
+    for each in degrees:
+        for cap in caps:
+            inside = [
+                k for k, t in enumerate(terms) if len(t) <= each and all(f.lag <= cap for f in t)
+            ]
+            if inside and (not found or inside != found[-1][2]):
+                found.append((each, cap, inside))
+    return tuple(terms), found
+
+
+def capped(orders: Orders, lags: int) -> Orders:
+    """The same orders with at most so many lags of each signal."""
+    na, nb = (
+        tuple(tuple(min(n, lags) for n in row) for row in matrix)
+        for matrix in (orders.na, orders.nb)
+    )
+    return replace(orders, na=na, nb=nb)
 
 
 def search_terms(row: Row, refine: bool, evaluations: int) -> tuple[Trial, list[Trial]]:
     """The best equation of one output, and all that were tried.
+
+    Unless the degree is given, the fifth is tried too, over few lags: it must be clearly better on
+    the held-out data, because inside the data it wins easily and outside it runs away.
 
     Args:
         row: the output with its data.
@@ -162,36 +95,84 @@ def search_terms(row: Row, refine: bool, evaluations: int) -> tuple[Trial, list[
         evaluations: limit of each refinement.
     """
     s = row.structure
-    terms, inside = pools(row)
+    if s.degree:
+        return _search(row, (s.degree,), MAX_ORDER, refine, evaluations)
+    found, tried = _search(row, DEGREES, MAX_ORDER, refine, evaluations)
+    count = len(factors_of(capped(s.orders, HIGH_LAGS), row.output))
+    if comb(count + HIGH, HIGH) <= HIGH_POOL and found.error > ENOUGH:
+        other, more = _search(row, (HIGH,), HIGH_LAGS, refine, evaluations)
+        tried = tried + more
+        if other.error < CLEARLY * found.error:
+            found = other
+    return found, tried
+
+
+def _search(
+    row: Row, degrees: Sequence[int], lags: int, refine: bool, evaluations: int
+) -> tuple[Trial, list[Trial]]:
+    s = row.structure
+    terms, inside = pools(row, degrees, lags)
     first = max((f.lag for t in terms for f in t), default=0)
-    gram = term_gram(terms, row.train, 0, first)
-    tried = _err_trials(row, gram, inside)
+    gram = term_gram(terms, row.search, 0, first)
+    grams = [gram]
+    if row.folds[0].train is not row.search:
+        grams = [term_gram(terms, fold.train, 0, first) for fold in row.folds]
+    tried = _err_trials(row, gram, grams, inside)
     if s.selection != "err":
-        tried += _simulation_trials(row, gram, tried)
+        tried += _simulation_trials(row, gram, grams, tried)
     usable = tried
     if s.size:
         exact = [t for t in tried if len(t.terms) == s.size]
         usable = exact or tried
     if refine:
-        chosen = _distinct(sorted(usable, key=lambda t: t.error), REFINED)
-        for trial in chosen:
-            tried += (more := refined(row, trial, evaluations))
-            usable = [*usable, *more]
+        more = [t for trial in _to_refine(usable) for t in refined(row, trial, evaluations)]
+        tried, usable = tried + more, usable + more
         if not s.size:
-            more = pruned(row, best(usable), evaluations)
-            tried, usable = tried + more, usable + more
-    return best(usable), tried
+            most = min(MOST_TERMS, max(gram.samples // 8, 1))
+            for trial in _to_grow(more):
+                larger = grown(row, trial, terms, most, evaluations)
+                smaller = pruned(row, best(row, [trial, *larger]), evaluations)
+                tried, usable = tried + larger + smaller, usable + larger + smaller
+    return best(row, usable), tried
 
 
-def best(trials: Sequence[Trial]) -> Trial:
-    """The smallest of those that are as good as the best."""
-    limit = (1.0 + TIE) * min(t.error for t in trials)
-    close = [t for t in trials if t.error <= limit] or list(trials)
-    return min(close, key=lambda t: (len(t.terms), t.error))
+def best(row: Row, trials: Sequence[Trial]) -> Trial:
+    """The smallest of those that are as good as the best and stay near their data.
+
+    An equation that runs away under inputs like those of the data is passed over unless all that
+    do not are much worse: its free run is right only along the paths it has seen.
+    """
+    order = sorted(trials, key=lambda t: t.error)
+    worst = MUCH_WORSE * order[0].error
+    sound = next((t for t in order if t.error <= worst and row.stays_near(t)), None)
+    limit = (1.0 + row.tie) * (sound or order[0]).error
+    close = [t for t in order if t.error <= limit] or order
+    for t in sorted(close, key=lambda t: (len(t.terms), t.error)):
+        if sound is None or row.stays_near(t):
+            return t
+    return order[0]
+
+
+def _to_refine(trials: Sequence[Trial]) -> list[Trial]:
+    """The best, and the best small ones: free runs show uses of terms that one step does not."""
+    order = sorted(trials, key=lambda t: t.error)
+    small = [t for t in order if len(t.terms) <= SMALL]
+    linear = [t for t in order if all(len(x) <= 1 for x in t.terms)]
+    return _distinct([*order[: REFINED - 2], *small[:1], *linear[:1], *order], REFINED)
+
+
+def _to_grow(refined_ones: Sequence[Trial]) -> list[Trial]:
+    """The best refined set and the best one of a few terms."""
+    order = sorted(refined_ones, key=lambda t: t.error)
+    small = [t for t in order if len(t.terms) <= SMALL]
+    return _distinct([*order[:1], *small[:1], *order], GROWN)
 
 
 def _err_trials(
-    row: Row, gram: TermGram, inside: Sequence[tuple[int, int, list[int]]]
+    row: Row,
+    gram: TermGram,
+    grams: Sequence[TermGram],
+    inside: Sequence[tuple[int, int, list[int]]],
 ) -> list[Trial]:
     """Least squares at several sizes along the path of every pool."""
     s = row.structure
@@ -208,22 +189,24 @@ def _err_trials(
                 continue
             seen.add(frozenset(chosen))
             how = f"error reduction, degree {degree}, lags to {cap}, {len(chosen)} terms"
-            found.append(_least_squares(row, gram, chosen, how))
+            found.append(_least_squares(row, grams, chosen, how))
     return found
 
 
-def _least_squares(row: Row, gram: TermGram, chosen: Sequence[int], how: str) -> Trial:
-    terms = tuple(gram.terms[k] for k in chosen)
-    theta = gram.solve(chosen)
-    return Trial(terms, theta, row.held_out_error(terms, theta), how)
+def _least_squares(row: Row, grams: Sequence[TermGram], chosen: Sequence[int], how: str) -> Trial:
+    terms = tuple(grams[0].terms[k] for k in chosen)
+    thetas = tuple(g.solve(chosen) for g in grams)
+    return Trial(terms, thetas, row.held_out_error(terms, thetas), how)
 
 
-def _simulation_trials(row: Row, gram: TermGram, tried: Sequence[Trial]) -> list[Trial]:
+def _simulation_trials(
+    row: Row, gram: TermGram, grams: Sequence[TermGram], tried: Sequence[Trial]
+) -> list[Trial]:
     """Growing and pruning by the simulation error, from the best set and from its linear part."""
     s = row.structure
     place = {t: k for k, t in enumerate(gram.terms)}
     everything = range(len(gram.terms))
-    ahead = best(tried)
+    ahead = best(row, tried)
     known = [
         k for t in sorted(tried, key=lambda t: t.error)[:8] for k in (place[x] for x in t.terms)
     ]
@@ -232,7 +215,7 @@ def _simulation_trials(row: Row, gram: TermGram, tried: Sequence[Trial]) -> list
     short = list(dict.fromkeys([*(place[x] for x in ahead.terms), *known, *linear, *path]))
     short = short[: max(SHORTLIST, len(ahead.terms))]
     part = subset(gram, short)
-    runs = CandidateRuns(part.terms, row.train, row.limits)
+    runs = CandidateRuns(part.terms, row.search, row.limits)
     begin = [[short.index(place[x]) for x in ahead.terms]]
     begin.append([k for k in begin[0] if len(part.terms[k]) <= 1])
     most = s.size or min(MOST_TERMS, max(gram.samples // 8, 1))
@@ -245,7 +228,8 @@ def _simulation_trials(row: Row, gram: TermGram, tried: Sequence[Trial]) -> list
             if frozenset(chosen) not in seen:
                 seen.add(frozenset(chosen))
                 how = f"simulation error, {len(chosen)} terms"
-                found.append(_least_squares(row, part, chosen, how))
+                original = [short[k] for k in chosen]
+                found.append(_least_squares(row, grams, original, how))
     return found
 
 
@@ -268,68 +252,4 @@ def _distinct(trials: Sequence[Trial], count: int) -> list[Trial]:
             found.append(t)
         if len(found) == count:
             break
-    return found
-
-
-# ------------------------------------------------------------------------- in free run
-
-
-def refined(
-    row: Row, trial: Trial, evaluations: int, ladder: Sequence[int] = LADDER
-) -> list[Trial]:
-    """The same terms with coefficients fitted to free runs over longer and longer chunks."""
-    theta, found = trial.theta, []
-    longest = max(len(y) for _, y in row.train)
-    for chunk in ladder:
-        chunk = min(chunk, longest)
-        theta = fit_chunks(row, trial.terms, theta, chunk, evaluations)[0]
-        error = row.held_out_error(trial.terms, theta)
-        words = f"{trial.how}, refined over {chunk} samples"
-        found.append(Trial(trial.terms, theta, error, words, chunk))
-        if chunk == longest:
-            break
-    return found
-
-
-def fit_chunks(
-    row: Row, terms: Sequence[Term], theta: Array, chunk: int, evaluations: int
-) -> tuple[Array, Array]:
-    """Coefficients fitted to free runs of ``chunk`` samples, and the Jacobian there."""
-    problem = ChunkedRuns(row.free_run(terms), row.train, chunk, row.scale)
-    n = len(theta)
-    if sum(problem.lengths) <= n:
-        return theta, np.zeros((0, n))
-    free, bound = np.ones(n, dtype=bool), np.full(n, np.inf)
-    found = levenberg_marquardt(
-        problem, theta, free=free, lower=-bound, upper=bound, max_evaluations=evaluations,
-        tolerance=1e-5,
-    )  # fmt: skip
-    return found.p, found.jacobian
-
-
-def pruned(row: Row, trial: Trial, evaluations: int) -> list[Trial]:
-    """Terms left out one by one, the least certain first, while the held-out error allows it."""
-    if not trial.chunk:
-        return []
-    found: list[Trial] = []
-    while len(trial.terms) > 2:
-        _, J = fit_chunks(row, trial.terms, trial.theta, trial.chunk, 1)
-        if not len(J):
-            break
-        R = np.linalg.qr(J, mode="r")
-        spread = np.linalg.norm(np.linalg.pinv(R, rcond=1e-12), axis=1)
-        weight = np.abs(trial.theta) / np.maximum(spread, 1e-300)
-        accepted = None
-        for out in np.argsort(weight)[:2]:
-            keep = [k for k in range(len(trial.terms)) if k != out]
-            terms = tuple(trial.terms[k] for k in keep)
-            theta = fit_chunks(row, terms, trial.theta[keep], trial.chunk, evaluations)[0]
-            error = row.held_out_error(terms, theta)
-            if error <= (1.0 + KEEP) * trial.error:
-                accepted = Trial(terms, theta, error, f"{trial.how}, pruned", trial.chunk)
-                break
-        if accepted is None:
-            break
-        found.append(accepted)
-        trial = accepted
     return found

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.linalg import qr
 from scipy.special import chdtri
 
 from sysid.criteria.coloured import coloured_gram
@@ -64,7 +65,8 @@ def uncertainty(
     J = jacobian if np.all(weights == 1.0) else jacobian * root[:, None]
     scale = np.linalg.norm(J, axis=0)
     scale[scale == 0] = 1.0
-    _, s, Vt = np.linalg.svd(np.linalg.qr(J / scale, mode="r"), full_matrices=False)
+    R = qr(J / scale, mode="r", overwrite_a=True, check_finite=False)[0][:n]
+    _, s, Vt = np.linalg.svd(R, full_matrices=False)
     keep = s > s.max(initial=0.0) * RANK_TOLERANCE
     V = Vt[keep].T
     half = V / s[keep] / scale[:, None]

@@ -242,10 +242,14 @@ def structure_classes() -> dict[str, type[Structure]]:
     from sysid.structures.armax import ARMAX
     from sysid.structures.arx import ARX
     from sysid.structures.bj import BJ
+    from sysid.structures.hammerstein_wiener import HammersteinWiener
     from sysid.structures.narmax import NARMAX
     from sysid.structures.oe import OE
+    from sysid.structures.wiener_hammerstein import WienerHammerstein
 
-    classes: dict[str, type[Structure]] = {c.name: c for c in (ARX, ARMAX, OE, BJ, NARMAX)}
+    classes: dict[str, type[Structure]] = {
+        c.name: c for c in (ARX, ARMAX, OE, BJ, HammersteinWiener, WienerHammerstein, NARMAX)
+    }
     for point in entry_points(group="sysid.structures"):
         classes.setdefault(point.name, point.load())
     return classes

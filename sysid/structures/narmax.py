@@ -7,7 +7,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sysid.data.record import Array, Channel, Index, Record
-from sysid.errors import UsageError
 from sysid.structures.base import (
     Focus,
     Initial,
@@ -20,28 +19,26 @@ from sysid.structures.monomials import (
     MAX_DEGREE,
     Factor,
     Term,
-    factors_of,
     from_json,
-    is_noise,
-    parsed,
     pool,
     printed,
     to_json,
     typed_name,
 )
+from sysid.structures.narmax_options import (
+    MARGIN,
+    explicit_terms,
+    margin_of,
+    require_inside,
+    selection_of,
+    whole_number,
+)
 from sysid.structures.narmax_problems import ChunkedRuns, OneStep
 from sysid.structures.orders import MAX_ORDER, Orders, spread
 from sysid.structures.polynomial_runs import FreeRun, Limits
+from sysid.structures.probes import stays_near, widened
 from sysid.structures.state_fit import fitted_state
 
-SELECTIONS = ("auto", "err", "simulation")
-MARGIN = 0.15
-"""How far beyond its training range an output may go in free run, as a share of that range."""
-
-RUNAWAY = 3.0
-"""Range widths beyond the training range from which a probe counts as running away."""
-
-PROBE = 400
 WORK = 2_000_000
 """Numbers held at a time by k-step predictions."""
 
@@ -68,6 +65,7 @@ class NARMAX(Structure):
     err: tuple[tuple[float, ...], ...] = ()
     output_range: Limits = ()
     input_range: Limits = ()
+    input_step: tuple[float, ...] = ()
 
     name: ClassVar[str] = "narmax"
     title: ClassVar[str] = "NARMAX: polynomial with selected terms"
@@ -107,23 +105,19 @@ class NARMAX(Structure):
         refuse_options(cls.name, options, tuple(cls.options))
         orders = spread(raw, "ab", nu, ny, cls.name)
         given = dict(options or {})
-        degree = _whole(given, "degree", 1, MAX_DEGREE, 0)
-        noise = _whole(given, "noise_lags", 0, MAX_ORDER, 0)
-        selection = given.get("selection", "auto")
-        if selection not in SELECTIONS:
-            raise UsageError(
-                f"--option selection={selection}: choose one of {', '.join(SELECTIONS)}"
-            )
+        degree = whole_number(given, "degree", 1, MAX_DEGREE, 0)
+        noise = whole_number(given, "noise_lags", 0, MAX_ORDER, 0)
+        selection = selection_of(given)
         text = given.get("terms", "").replace(" ", "")
         explicit: tuple[tuple[Term, ...], ...] = ()
         size = 0
         if text and not text.isdigit():
-            explicit = _explicit(text, orders)
+            explicit = explicit_terms(text, orders)
         elif "terms" in given:
-            size = _whole(given, "terms", 1, 1000, 0)
+            size = whole_number(given, "terms", 1, 1000, 0)
         for i in range(ny):
             pool(orders, i, degree or 1)  # refuses pools beyond all bounds
-        return cls(orders, degree, size, noise, selection, _margin(given), explicit)
+        return cls(orders, degree, size, noise, selection, margin_of(given), explicit)
 
     @classmethod
     def candidate_orders(
@@ -156,6 +150,7 @@ class NARMAX(Structure):
             "err_percent": [list(row) for row in self.err],
             "output_range": [list(pair) for pair in self.output_range],
             "input_range": [list(pair) for pair in self.input_range],
+            "input_step": list(self.input_step),
         }
 
     @classmethod
@@ -174,8 +169,9 @@ class NARMAX(Structure):
             tuple(tuple(float(v) for v in row) for row in known["err_percent"]),
             _pairs(known["output_range"]),
             _pairs(known["input_range"]),
+            tuple(float(v) for v in known["input_step"]),
         )
-        _require_inside(found.terms, found.orders)
+        require_inside(found.terms, found.orders)
         return found
 
     # ----------------------------------------------------------------- what θ stands for
@@ -303,26 +299,16 @@ class NARMAX(Structure):
     def stable(self, theta: Array) -> bool:
         """Whether the equation itself stays near its data, without help from the limits.
 
-        Judged by free runs from rest under inputs that fill the training range: random two-level
-        inputs, fast and slow, and its two ends held. None may go further beyond the training range
-        of an output than three times its width. With the limits every free run is bounded.
+        Judged by free runs from rest under inputs that fill the training range but change no
+        faster than they did there: random two-level inputs, fast and slow, and its two ends held.
+        None may go further beyond the training range of an output than its width.
+        With the limits every free run is bounded.
         """
         if not np.all(np.isfinite(theta)):
             return False
         if not self.output_range:
             return True
-        run = FreeRun(self.rows, self.nu, widened(self.output_range, RUNAWAY))
-        rng = np.random.default_rng(0)
-        low, high = np.array(self.input_range).T
-        u = np.empty((run.before + PROBE, self.nu, 6))
-        for k, hold in enumerate((1, 3, 10, 40)):
-            levels = rng.integers(0, 2, (PROBE + run.before, self.nu))
-            u[:, :, k] = low + (high - low) * np.repeat(levels, hold, axis=0)[: len(u)]
-        u[:, :, 4], u[:, :, 5] = low, high
-        weights = run.weights(theta, run.input_products(u))
-        found = run.runs(weights, np.zeros((run.depth, self.ny, 6)))[run.depth :]
-        ends = np.array(run.limits)
-        return bool(np.all((found > ends[:, :1]) & (found < ends[:, 1:])))
+        return stays_near(self.rows, theta, self.output_range, self.input_range, self.input_step)
 
     def at_limits(self, run: Array) -> Array:
         """Share of the samples of a free run (N, ny) at which each output is held at a limit."""
@@ -388,73 +374,12 @@ class NARMAX(Structure):
         return found
 
 
-def widened(ranges: Limits, margin: float) -> Limits:
-    """Each range with ``margin`` times its width added on either side."""
-    return tuple(
-        (low - margin * (high - low), high + margin * (high - low)) for low, high in ranges
-    )
-
-
 def _pairs(raw: Sequence[Sequence[float]]) -> Limits:
     return tuple((float(low), float(high)) for low, high in raw)
 
 
 def _span(pair: tuple[float, float]) -> float:
     return pair[1] - pair[0] or 1.0
-
-
-def _whole(given: Mapping[str, str], name: str, low: int, high: int, default: int) -> int:
-    text = given.get(name)
-    if text is None or (text == "auto" and name == "degree"):
-        return default
-    if not text.strip().isdigit() or not low <= int(text) <= high:
-        raise UsageError(
-            f"--option {name}={text}: narmax needs a whole number from {low} to {high}"
-        )
-    return int(text)
-
-
-def _margin(given: Mapping[str, str]) -> float:
-    text = given.get("margin", str(MARGIN))
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0.0 <= value <= 10.0:
-        raise UsageError(f"--option margin={text}: give a share from 0 to 10, such as 0.15")
-    return value
-
-
-def _explicit(text: str, orders: Orders) -> tuple[tuple[Term, ...], ...]:
-    rows = text.split(";")
-    if len(rows) != orders.ny:
-        raise UsageError(
-            f"--option terms names terms of {len(rows)} outputs but there are {orders.ny}; divide "
-            "the outputs by ;"
-        )
-    found = []
-    for i, row in enumerate(rows):
-        terms = [parsed(part, orders.nu, orders.ny, i) for part in row.split(",") if part]
-        if len(set(terms)) != len(terms) or not any(not is_noise(t) for t in terms):
-            raise UsageError(
-                f"--option terms: {row!r} must name at least one term without e, each once"
-            )
-        # terms of the process first: they are what the noise terms are added to
-        found.append(tuple(sorted(terms, key=is_noise)))
-    _require_inside(found, orders)
-    return tuple(found)
-
-
-def _require_inside(rows: Sequence[Sequence[Term]], orders: Orders) -> None:
-    """Refuse terms with lags that the orders do not have."""
-    for i, row in enumerate(rows):
-        allowed = set(factors_of(orders, i))
-        for f in (f for t in row for f in t if f.kind != "e"):
-            if f not in allowed:
-                raise UsageError(
-                    f"--option terms: {f.kind}{f.channel + 1}(t-{f.lag}) in the equation of "
-                    f"output {i + 1} lies outside na, nb and nk; raise the orders"
-                )
 
 
 def _unit(top: str, t: Term, inputs: Sequence[Channel], outputs: Sequence[Channel]) -> str:

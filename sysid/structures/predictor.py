@@ -25,6 +25,7 @@ from scipy.signal import lfilter
 
 from sysid.data.record import Array, Index
 from sysid.structures.base import Problem
+from sysid.structures.lagged import impulse, lags, monic, shifted, through
 
 HUGE = 1e100
 """Residual reported where the filters overflow: the solver rejects the step."""
@@ -135,10 +136,10 @@ class RowErrors(Problem):
 
     def _prepare(self, u: Array, y: Array) -> _Experiment:
         lay, start = self.layout, self.layout.start
-        rows = [y[start - k : len(y) - k, j] for j, n in enumerate(lay.na) for k in _lags(1, n)]
+        rows = [y[start - k : len(y) - k, j] for j, n in enumerate(lay.na) for k in lags(1, n)]
         for j, (nb, nk) in enumerate(zip(lay.nb, lay.nk, strict=True)):
             if j not in lay.filtered:
-                rows += [-u[start - k : len(u) - k, j] for k in _lags(nk, nb)]
+                rows += [-u[start - k : len(u) - k, j] for k in lags(nk, nb)]
         m = max(len(y) - start, 0)
         linear = np.array(rows) if rows else np.zeros((0, m))
         return _Experiment(
@@ -214,7 +215,7 @@ class RowErrors(Problem):
         v = x.y + p[self._linear] @ x.linear
         ws, fs, at = [], [], 0
         for j, u in zip(lay.filtered, x.inputs, strict=True):
-            F = _monic(p[self._f[j]])
+            F = monic(p[self._f[j]])
             B = np.concatenate([np.zeros(lay.nk[j]), p[self._b[j]]])
             if self.states_each:
                 # F w = B u + ζ δ(t − start): one pass gives forced and free response together
@@ -230,7 +231,7 @@ class RowErrors(Problem):
             fs.append(F)
         if not (lay.nc or lay.nd):
             return _Signals(v, v, ws, fs)
-        C, D = _monic(p[self._c]), _monic(p[self._d])
+        C, D = monic(p[self._c]), monic(p[self._d])
         drive = lfilter(D, [1.0], v)
         if self.states_each:
             room = drive[: lay.n_noise_states]
@@ -243,19 +244,19 @@ class RowErrors(Problem):
         C, D, h = self._noise_filter(p, len(s.e))
         out = np.zeros((lay.n, len(s.e)))
         row = 0
-        for lags in self._lagged:
-            count = lags.stop - lags.start
-            out[lags] = _through(D, C, h, x.linear[row : row + count])
+        for place in self._lagged:
+            count = place.stop - place.start
+            out[place] = through(D, C, h, x.linear[row : row + count])
             row += count
         for j, u, w, F in zip(lay.filtered, x.inputs, s.ws, s.fs, strict=True):
-            gb = _shifted(lfilter([-1.0], F, u), _lags(lay.nk[j], lay.nb[j]), start)
-            gf = _shifted(lfilter([1.0], F, w), _lags(1, lay.nf[j]), start)
-            out[self._b[j]] = _through(D, C, h, gb)
-            out[self._f[j]] = _through(D, C, h, gf)
+            gb = shifted(lfilter([-1.0], F, u), lags(lay.nk[j], lay.nb[j]), start)
+            gf = shifted(lfilter([1.0], F, w), lags(1, lay.nf[j]), start)
+            out[self._b[j]] = through(D, C, h, gb)
+            out[self._f[j]] = through(D, C, h, gf)
         if lay.nc:
-            out[self._c] = _shifted(lfilter([-1.0], C, s.e), _lags(1, lay.nc), 0)
+            out[self._c] = shifted(lfilter([-1.0], C, s.e), lags(1, lay.nc), 0)
         if lay.nd:
-            out[self._d] = _shifted(lfilter([1.0], C, s.v), _lags(1, lay.nd), 0)
+            out[self._d] = shifted(lfilter([1.0], C, s.v), lags(1, lay.nd), 0)
         return out
 
     def _state_columns(self, p: Array, m: int) -> Array:
@@ -267,17 +268,17 @@ class RowErrors(Problem):
         C, D, h = self._noise_filter(p, m)
         at = 0
         for j in lay.filtered:
-            free = lfilter([1.0], _monic(p[self._f[j]]), -_impulse(m))
-            out[at : at + lay.nf[j]] = _through(D, C, h, _shifted(free, range(lay.nf[j]), 0))
+            free = lfilter([1.0], monic(p[self._f[j]]), -impulse(m))
+            out[at : at + lay.nf[j]] = through(D, C, h, shifted(free, range(lay.nf[j]), 0))
             at += lay.nf[j]
         if lay.n_noise_states:
-            out[at:] = _shifted(lfilter([1.0], C, _impulse(m)), range(lay.n_noise_states), 0)
+            out[at:] = shifted(lfilter([1.0], C, impulse(m)), range(lay.n_noise_states), 0)
         return out
 
     def _noise_filter(self, p: Array, m: int) -> tuple[Array, Array, Array | None]:
         """C, D and the impulse response of D/C, None where that is 1."""
-        C, D = _monic(p[self._c]), _monic(p[self._d])
-        return C, D, lfilter(D, C, _impulse(m)) if self.layout.nc or self.layout.nd else None
+        C, D = monic(p[self._c]), monic(p[self._d])
+        return C, D, lfilter(D, C, impulse(m)) if self.layout.nc or self.layout.nd else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,45 +305,3 @@ def roots_inside(tail: Array, radius: float = 1.0) -> bool:
             return False
         c = [(x - k * y) / (1.0 - k * k) for x, y in zip(c[:-1], c[:0:-1], strict=True)]
     return True
-
-
-def _through(D: Array, C: Array, h: Array | None, rows: Array) -> Array:
-    """(D/C) of rows that are consecutive lags of one signal; h is the impulse response of D/C.
-
-    Each row is the one before it a sample later, but for its first value: so is its response, but
-    for that value times h. One filter run serves all lags.
-    """
-    if h is None or not rows.size:
-        return rows
-    out = np.empty_like(rows)
-    out[0] = lfilter(D, C, rows[0])
-    for k in range(1, len(rows)):
-        np.multiply(h, rows[k, 0], out=out[k])
-        out[k, 1:] += out[k - 1, :-1]
-    return out
-
-
-def _lags(first: int, count: int) -> range:
-    return range(first, first + count)
-
-
-def _monic(tail: Array) -> Array:
-    return np.concatenate([[1.0], tail])
-
-
-def _impulse(n: int) -> Array:
-    out = np.zeros(n)
-    out[:1] = 1.0
-    return out
-
-
-def _shifted(x: Array, lags: range, start: int) -> Array:
-    """Rows x(t − k) for t ≥ ``start``, zero before the first sample, (len(lags), N − start)."""
-    m = len(x) - start
-    out = np.zeros((len(lags), max(m, 0)))
-    for row, k in enumerate(lags):
-        if k <= start:
-            out[row] = x[start - k : len(x) - k]
-        elif k - start < m:
-            out[row, k - start :] = x[: len(x) - k]
-    return out

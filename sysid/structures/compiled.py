@@ -1,0 +1,44 @@
+"""The one place that imports and configures JAX: double precision, compilations kept on disk."""
+
+import os
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+KEPT_FROM = 0.1
+"""Compilations that took longer than this are kept on disk [s]."""
+
+
+@cache
+def jax_module() -> Any:
+    """``jax``, computing in double precision and keeping its compilations between commands.
+
+    They are kept in ``$SYSID_CACHE``, else in the user's cache folder; where neither can be
+    written, nothing is kept and every command compiles anew.
+    """
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    folder = cache_folder()
+    if folder is not None:
+        jax.config.update("jax_compilation_cache_dir", str(folder))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", KEPT_FROM)
+        jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    return jax
+
+
+def jax_numpy() -> Any:
+    """``jax.numpy``, configured as ``jax_module`` says."""
+    return jax_module().numpy
+
+
+def cache_folder() -> Path | None:
+    """Where compilations are kept, made if need be; None where that is not possible."""
+    named, base = os.environ.get("SYSID_CACHE"), os.environ.get("XDG_CACHE_HOME")
+    try:
+        root = Path(named) if named else Path(base or Path.home() / ".cache") / "sysid"
+        folder = root / "compiled"
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, RuntimeError):
+        return None
+    return folder if os.access(folder, os.W_OK) else None

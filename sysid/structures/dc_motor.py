@@ -1,0 +1,465 @@
+"""The DC motor as a grey box: geared motors with dry friction, one or two on a common body."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from sysid.data.record import PWM_FULL_SCALE, Array, Channel, Record
+from sysid.errors import UsageError
+from sysid.structures.dc_motor_start import central_guesses
+from sysid.structures.dry_friction import decay, friction, sliding_rate, times
+from sysid.structures.grey_box import Constant, GreyBox, Rung, Signal
+
+NO_LIMIT = 1e9
+"""A command no log contains: the limit of a drive that has none."""
+
+SPLIT = 15.0
+"""Substeps in the shortest time constant: friction's errors are then below a hundredth per cent."""
+
+_CHOICES = MappingProxyType(
+    {
+        "input": ("auto", "pwm", "voltage"),
+        "output": ("speed", "position"),
+        "integrator": ("exact", "rk4"),
+        "friction": ("auto", "none", "coulomb", "stribeck", "full"),
+        "parameters": ("lumped", "bench"),
+    }
+)
+
+_SHARED = ("breakaway", "stribeck", "limit")
+
+_EACH = ("breakaway", "stribeck", "limit", "time_constant", "offset", "drag")
+
+
+@dataclass(frozen=True)
+class DCMotor(GreyBox):
+    """Geared DC motors with dry friction that really sticks (thesis 2.53–2.61).
+
+    In units of speed, for each track (one motor: no coupling; r: reverse over forward)
+
+        T ω̇ = K (sat(u) − o) − ω − f(ω)       y = ω, or its integral
+        |f| ≤ K c (1 + (k−1)/(1 + (ω/ω_s)²)) + q ω²      sliding: × r_c and + (r_v − 1)|ω| at ω < 0
+
+    T holds the time constants and, off its diagonal, what the body's mass and yaw inertia carry
+    from one track to the other. From commands and speeds alone, only these ratios can be told: R,
+    K_em, K_c and inertias cannot. With ``parameters=bench`` the constants of the thesis's bench
+    stand for them, those measured there held, the others estimated.
+
+    Attributes:
+        input: ``pwm`` [µs], ``voltage`` or ``auto``: by the input's name.
+        output: ``speed`` or ``position``.
+        integrator: ``exact`` (linear part by matrix exponential, friction implicit) or ``rk4``.
+        friction: ``auto`` adds mechanisms as held-out data pay for them; ``none``, ``coulomb``,
+            ``stribeck`` and ``full`` fix them.
+        parametrisation: ``lumped`` or ``bench``.
+        shared: constants with one value for both tracks.
+        torque_per_input: stall torque (or force) per unit of input, 0 when unknown.
+    """
+
+    input: str = "auto"
+    output: str = "speed"
+    integrator: str = "exact"
+    friction: str = "auto"
+    parametrisation: str = "lumped"
+    shared: tuple[str, ...] = _SHARED
+    torque_per_input: float = 0.0
+
+    name: ClassVar[str] = "dc-motor"
+    title: ClassVar[str] = "DC motor: a grey box with friction, one motor or two tracks on a body"
+    equation: ClassVar[str] = "T dω/dt = K (sat(u) - o) - ω - f(ω), f: Coulomb and Stribeck, sticks"
+    when: ClassVar[str] = (
+        "motors driven by PWM or voltage whose speed or position is read; numbers with a meaning"
+    )
+    options: ClassVar[Mapping[str, str]] = MappingProxyType(
+        {
+            "input": "pwm (µs, limited at full drive), voltage, or auto (default): pwm for columns "
+            "called pwm…",
+            "output": "what is read: speed (default) or position",
+            "friction": "none, coulomb, stribeck, full (with offset, asymmetry and drag), or auto "
+            "(default): each mechanism only where held-out data pay for it",
+            "parameters": "lumped (default: gain, time constant, Coulomb level …) or bench (R, Kem, "
+            "Kc, gear and inertia held at the bench's values; mass, yaw inertia, friction estimated)",
+            "shared": "constants with one value for both tracks, divided by commas; "
+            "breakaway,stribeck,limit unless given, or none",
+            "torque_constant": "stall torque or force per unit of input, if known: the equations "
+            "then name inertia and friction in physical units",
+            "integrator": "exact (default: matrix exponential, implicit friction) or rk4",
+            **GreyBox.options,
+        }
+    )
+
+    @classmethod
+    def read_options(cls, given: Mapping[str, str], nu: int, ny: int) -> dict[str, Any]:
+        """Fields from options; a motor for each input, one or two of them."""
+        if nu != ny or nu not in (1, 2):
+            raise UsageError(
+                f"dc-motor needs one motor (1 input, 1 output) or two tracks (2 and 2), got {nu} "
+                f"inputs and {ny} outputs; choose columns with --input and --output"
+            )
+        found: dict[str, Any] = {}
+        for option, choices in _CHOICES.items():
+            value = given.get(option, choices[0])
+            if value not in choices:
+                raise UsageError(
+                    f"--option {option}={value}: choose one of {', '.join(choices)}"
+                )
+            found["parametrisation" if option == "parameters" else option] = value
+        shared = given.get("shared")
+        if shared is not None:
+            names = () if shared == "none" else tuple(n.strip() for n in shared.split(","))
+            for n in names:
+                if n not in _EACH:
+                    raise UsageError(
+                        f"--option shared: {n!r} cannot be shared; choose of {', '.join(_EACH)}"
+                    )
+            found["shared"] = names
+        found["torque_per_input"] = _positive(given.get("torque_constant", "0"))
+        return found
+
+    @classmethod
+    def applies(cls, record: Record) -> bool:
+        """Where every input has an output of its own, one or two of them."""
+        return record.nu == record.ny and record.nu in (1, 2)
+
+    # ----------------------------------------------------------------- constants and states
+
+    @property
+    def constants(self) -> tuple[Constant, ...]:
+        """The lumped constants, or those of the bench, then the shape of friction."""
+        return (*(_bench(self) if self.parametrisation == "bench" else _lumped(self)),
+                *_shape(self))
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Speeds, then positions where these are read."""
+        tags = [""] if self.ny == 1 else ["_l", "_r"]
+        speeds = tuple(f"omega{t}" for t in tags)
+        return speeds + tuple(f"angle{t}" for t in tags if self.output == "position")
+
+    def ladder(self) -> tuple[Rung, ...]:
+        """Mechanisms that ``friction=auto`` tries."""
+        if self.friction != "auto":
+            return ()
+        return (
+            Rung("saturation of the drive", ("limit",)),
+            Rung("constant load", ("offset",)),
+            Rung("breakaway and Stribeck friction", ("breakaway", "stribeck")),
+            Rung("friction that depends on the direction", ("coulomb_back", "viscous_back")),
+            Rung("drag with the square of speed", ("drag",)),
+        )
+
+    def rung_starts(
+        self, theta: Array, rung: Rung, records: Sequence[Record]
+    ) -> tuple[Array, ...]:
+        """A limit inside the commands, a little more friction at standstill, a little drag."""
+        p = self.unpack(np, theta)
+        if "limit" in rung.names:
+            reach = max(float(np.max(np.abs(r.u))) for r in records)
+            return tuple(self.pack(p | {"limit": share * reach}) for share in (0.97, 0.85, 0.6))
+        if "breakaway" in rung.names:
+            usual = _stribeck_scale(records, self.output == "position")
+            return tuple(
+                self.pack(p | {"breakaway": 1.2, "stribeck": share * usual})
+                for share in (0.3, 1.0, 5.0)
+            )
+        if "drag" in rung.names:
+            usual = 10.0 * _stribeck_scale(records, self.output == "position")
+            return (self.pack(p | {"drag": 0.02 / usual}),)
+        return (theta,)
+
+    def held(self, names: Sequence[str]) -> bool:
+        """Whether constants of the shape of friction are held by default."""
+        level = ("none", "coulomb", "stribeck", "full").index(
+            "coulomb" if self.friction == "auto" else self.friction
+        )
+        rank = {"coulomb": 1, "breakaway": 2, "stribeck": 2}
+        return any(rank.get(n, 3) > level for n in names)
+
+    def reading(self, xp: Any, x: Signal, p: Mapping[str, Signal]) -> Signal:
+        """Speeds, or positions."""
+        return x[self.ny :] if self.output == "position" else x[: self.ny]
+
+    # ----------------------------------------------------------------- motion
+
+    def advance(self, xp: Any, x: Signal, u: Signal, p: Mapping[str, Signal], h: float) -> Signal:
+        """Speeds (and positions) after a step."""
+        w = x[: self.ny]
+        net = p["gain"] * (xp.minimum(xp.maximum(u, -p["limit"]), p["limit"]) - p["offset"])
+        move = _exact if self.integrator == "exact" else _runge_kutta
+        after = move(xp, p, w, net, h)
+        if self.output == "speed":
+            return after
+        return xp.concatenate([after, x[self.ny :] + 0.5 * h * (w + after)])
+
+    def prepared(self, xp: Any, p: dict[str, Signal]) -> Mapping[str, Signal]:
+        """The motion, and what its linear part does in a substep."""
+        q = self.motion(xp, p)
+        return q | {"decay": decay(xp, q["inertia"], self.h)}
+
+    def motion(self, xp: Any, p: Mapping[str, Signal]) -> dict[str, Signal]:
+        """Gain, time constants, their coupling and Coulomb level [speed], with friction's shape."""
+        q = dict(p)
+        if self.parametrisation == "bench":
+            q |= _from_bench(self, xp, p)
+        else:
+            tau = xp.zeros((self.ny, 1)) + p["time_constant"]
+            root = xp.sqrt(tau[0] * tau[-1])
+            q["inertia"] = (tau, p["coupling"] * root if self.ny == 2 else 0.0)
+            q["coulomb"] = q["gain"] * p["coulomb"]
+        return q
+
+    def time_scale(self, theta: Array) -> float:
+        """Fastest time constant of the coupled motion over what a step may be."""
+        own, cross = self.motion(np, self.unpack(np, theta))["inertia"]
+        matrix = np.diag(own[:, 0]) + (np.fliplr(np.eye(2)) * cross if self.ny == 2 else 0.0)
+        return float(np.min(np.linalg.eigvalsh(matrix)))
+
+    def memory(self, theta: Array) -> float:
+        """Two of the slowest time constants."""
+        own, _ = self.motion(np, self.unpack(np, theta))["inertia"]
+        return 2.0 * float(np.max(own))
+
+    def stable(self, theta: Array) -> bool:
+        """Whether speeds stay bounded: T positive definite; friction only dissipates.
+
+        A position follows as the integral of a bounded speed.
+        """
+        p = self.unpack(np, theta)
+        own, cross = self.motion(np, p)["inertia"]
+        definite = bool(np.all(own > 0.0)) and (
+            self.ny == 1 or float(np.prod(own) - np.sum(cross) ** 2) > 0.0
+        )
+        return definite and bool(np.all(p["viscous_back"] > 0.0)) and bool(np.all(p["drag"] >= 0.0))
+
+    # ----------------------------------------------------------------- starts
+
+    def for_record(self, record: Record) -> Self:
+        """With the kind of input settled."""
+        if self.input != "auto":
+            return self
+        pwm = all(n.startswith("pwm") or c.unit == "µs" for n, c in
+                  zip(record.input_names, record.inputs, strict=True))
+        return replace(self, input="pwm" if pwm else "voltage")
+
+    def first_guess(self, records: Sequence[Record]) -> tuple[tuple[str, Array], ...]:
+        """From differences of the outputs over several spans."""
+        found = []
+        for words, gain, tau, level in central_guesses(records, self.output == "position"):
+            if self.parametrisation == "bench":
+                p = _bench_guess(self, gain, level)
+            else:
+                p = {"gain": gain, "time_constant": tau, "coulomb": level}
+                if "time_constant" in self.shared:
+                    p["time_constant"] = np.array([np.exp(np.mean(np.log(tau)))])
+            p["stribeck"] = _stribeck_scale(records, self.output == "position")
+            found.append((words, self.pack(p)))
+        return tuple(found)
+
+    def state_guess(self, theta: Array, u: Array, y: Array) -> Array:
+        """First outputs; of positions also their slope over the head."""
+        if self.output == "speed":
+            return np.array(y[0], dtype=np.float64)
+        n = max(len(y) - 1, 1)
+        t = np.arange(len(y)) - n / 2.0
+        slope = t @ y / max(float(t @ t), 1.0) / max(self.dt, 1e-300)
+        return np.concatenate([slope, y[0]])
+
+    # ----------------------------------------------------------------- words
+
+    def equations(
+        self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[str, ...]:
+        """The motion of each track with its numbers, and what follows for physical constants."""
+        from sysid.structures.dc_motor_words import sentences
+
+        return sentences(self, np.asarray(theta), inputs, outputs)
+
+    def properties(self, theta: Array, dt: float) -> dict[str, Any]:
+        """Constants, lumped values, the command at which each track starts to move."""
+        q = self.motion(np, self.unpack(np, np.asarray(theta)))
+        own, cross = q["inertia"]
+        level = np.ravel(q["coulomb"] / q["gain"])
+        found = super().properties(theta, dt)
+        return found | {
+            "gain": np.ravel(q["gain"]).tolist(),
+            "time_constant": np.ravel(own).tolist(),
+            "coupling_time": float(np.sum(cross)),
+            "sliding_friction": level.tolist(),
+            "breakaway_command": np.ravel(level[:, None] * q["breakaway"]).tolist(),
+            "position": self.output == "position",
+        }
+
+
+def _exact(xp: Any, q: Mapping[str, Signal], w: Signal, net: Signal, h: float) -> Signal:
+    """One step with friction at its value for the mean speed of the step."""
+    g = q["decay"]
+    w_free = w + times(xp, g, net - w)
+    first = w_free - times(xp, g, friction(xp, g, w_free, *_levels(xp, q, w)))
+    taken = friction(xp, g, w_free, *_levels(xp, q, 0.5 * (w + first)))
+    after = w_free - times(xp, g, taken)
+    # a standing track stands exactly, whatever rounding says
+    return xp.where(_holds(xp, q, g, w_free, taken, 0.5 * (w + first)), 0.0, after)
+
+
+def _holds(
+    xp: Any, q: Mapping[str, Signal], g: Any, w_free: Signal, taken: Signal, w: Signal
+) -> Any:
+    low, high = _levels(xp, q, w)
+    return (taken > -low) & (taken < high)
+
+
+def _levels(xp: Any, q: Mapping[str, Signal], w: Signal) -> tuple[Signal, Signal]:
+    """Largest friction against backward and forward motion at the speed w [speed]."""
+    extra = 1.0 + (q["breakaway"] - 1.0) / (1.0 + (w / (q["stribeck"] + 1e-12)) ** 2)
+    dry = xp.abs(q["coulomb"]) * extra
+    drag = q["drag"] * w * w
+    back = (q["viscous_back"] - 1.0) * xp.maximum(-w, 0.0)
+    return xp.maximum(q["coulomb_back"] * dry + drag + back, 0.0), dry + drag
+
+
+def _runge_kutta(xp: Any, q: Mapping[str, Signal], w: Signal, net: Signal, h: float) -> Signal:
+    """Classical Runge-Kutta 4 in the sense in which each track slides; it ends where it stops."""
+    g = q["decay"]
+    w_free = w + times(xp, g, net - w)
+    going = w_free - times(xp, g, friction(xp, g, w_free, *_levels(xp, q, w)))
+    tiny = 1e-12 * (1.0 + xp.abs(net))
+    sense = xp.where(w != 0.0, xp.sign(w), xp.where(xp.abs(going) > tiny, xp.sign(going), 0.0))
+    moving = xp.abs(sense)
+
+    def rate(v: Signal) -> Signal:
+        low, high = _levels(xp, q, v)
+        taken = xp.where(sense >= 0.0, high, -low)
+        return sliding_rate(xp, q["inertia"], net - v - taken, moving)
+
+    a = rate(w)
+    b = rate(w + 0.5 * h * a)
+    c = rate(w + 0.5 * h * b)
+    d = rate(w + h * c)
+    after = w + h / 6.0 * (a + 2.0 * (b + c) + d)
+    return xp.where(after * sense < 0.0, 0.0, after)
+
+
+# --------------------------------------------------------------------- constants
+
+
+def _lumped(m: DCMotor) -> tuple[Constant, ...]:
+    two = m.ny == 2
+    return (
+        Constant("gain", "{y}/{u}" if m.output == "speed" else "({y}/s)/{u}", 1.0, each=True,
+                 spread=1.5, words="speed per unit of command, without friction"),
+        Constant("time_constant", "s", 0.2, 0.0, each="time_constant" not in m.shared,
+                 words="inertia over damping"),
+        *((Constant("coupling", "", 0.0, -0.95, 0.95, spread=0.3,
+                    words="inertia shared through the body over a track's own"),) if two else ()),
+        Constant("coulomb", "{u}", 0.0, 0.0, free=not m.held(["coulomb"]), each=True,
+                 words="sliding friction as the command it takes away"),
+    )
+
+
+def _shape(m: DCMotor) -> tuple[Constant, ...]:
+    pwm = m.input == "pwm"
+    each = {n: n not in m.shared for n in _EACH}
+    speed = "{y}" if m.output == "speed" else "{y}/s"
+    return (
+        Constant("breakaway", "", 1.0, 1.0, 10.0, not m.held(["breakaway"]), 1.5,
+                 each["breakaway"], "friction at standstill over sliding friction"),
+        Constant("stribeck", speed, 1.0, 0.0, np.inf, not m.held(["stribeck"]), 3.0,
+                 each["stribeck"], "speed at which half of the extra friction is gone"),
+        Constant("limit", "{u}", PWM_FULL_SCALE if pwm else NO_LIMIT, 0.0,
+                 PWM_FULL_SCALE if pwm else np.inf, m.friction == "full" and pwm, 1.3,
+                 each["limit"], "command beyond which the drive gives no more"),
+        Constant("offset", "{u}", 0.0, free=not m.held(["offset"]), each=each["offset"],
+                 words="constant load as the command it takes away"),
+        Constant("coulomb_back", "", 1.0, 0.0, 10.0, not m.held(["coulomb_back"]), 1.5, True,
+                 "dry friction backward over forward"),
+        Constant("viscous_back", "", 1.0, 0.1, 10.0, not m.held(["viscous_back"]), 1.5, True,
+                 "damping backward over forward"),
+        Constant("drag", "1/" + speed if m.output == "speed" else "s/{y}", 0.0, 0.0,
+                 free=not m.held(["drag"]), each=each["drag"],
+                 words="resistance that grows with the square of speed"),
+    )
+
+
+def _bench(m: DCMotor) -> tuple[Constant, ...]:
+    """Constants of the bench (thesis §5.2, systems of the Devastator), motor side where marked m."""
+    held: dict[str, Any] = {"free": False, "lower": 0.0}
+    body: tuple[Constant, ...] = (
+        (Constant("mass", "kg", 1.5, 0.0, words="body"),
+         Constant("yaw_inertia", "kg m²", 0.065, 0.0, words="body about the vertical"),
+         Constant("sprocket_radius", "m", 0.0215, **held, words="r"),
+         Constant("track_distance", "m", 0.186, **held, words="B"))
+        if m.ny == 2
+        else (Constant("load_inertia", "kg m²", 1e-3, 0.0, words="behind the gear"),)
+    )
+    return (
+        *((Constant("supply", "V", 7.5, **held, words="at the bridge"),) if m.input != "voltage"
+          else ()),
+        Constant("resistance", "Ω", 3.1, **held, words="R, armature"),
+        Constant("back_emf", "V/(rad/s)", 0.0023, **held, words="Kem, m"),
+        Constant("torque_constant", "Nm/A", 8.6626e-4, **held, words="Kc, m"),
+        Constant("motor_viscous", "Nm/(rad/s)", 1.0651e-7, **held, words="ftot, m"),
+        Constant("motor_inertia", "kg m²", 1e-7, **held, words="Jtot, m"),
+        Constant("gear", "", 120.0, **held, words="turns of the motor for one of the sprocket"),
+        *body,
+        Constant("bridge_gain", "", 1.0, 0.0, each=True, spread=1.3,
+                 words="share of the nominal voltage that reaches the motor"),
+        Constant("friction_torque", "Nm", 0.02, 0.0, free=not m.held(["coulomb"]), each=True,
+                 words="sliding friction at the sprocket, gear and track together"),
+    )
+
+
+def _from_bench(m: DCMotor, xp: Any, p: Mapping[str, Signal]) -> dict[str, Signal]:
+    """Lumped motion that follows from bench constants (2.53–2.61, L di/dt neglected)."""
+    n = p["gear"]
+    per_volt = n * p["torque_constant"] / p["resistance"]
+    damping = n * n * (p["torque_constant"] * p["back_emf"] / p["resistance"] + p["motor_viscous"])
+    volts = p["supply"] / PWM_FULL_SCALE if m.input != "voltage" else 1.0
+    rotor = n * n * p["motor_inertia"]
+    if m.ny == 2:
+        forward = p["mass"] * p["sprocket_radius"] ** 2 / 4.0
+        turning = p["yaw_inertia"] * (p["sprocket_radius"] / p["track_distance"]) ** 2
+        own, cross = rotor + forward + turning, (forward - turning) / damping
+    else:
+        own, cross = rotor + p["load_inertia"], 0.0
+    return {
+        "gain": per_volt * volts * p["bridge_gain"] / damping,
+        "inertia": (xp.zeros((m.ny, 1)) + own / damping, cross),
+        "coulomb": p["friction_torque"] / damping,
+    }
+
+
+def _bench_guess(m: DCMotor, gain: Array, level: Array) -> dict[str, Any]:
+    """Bridge gains and friction torques that give the lumped gain and Coulomb level."""
+    plain = m.unpack(np, m.pack({}))
+    q = _from_bench(m, np, plain)
+    share = np.abs(gain) / np.ravel(q["gain"])
+    damping = 1.0 / (q["coulomb"] / plain["friction_torque"])
+    return {
+        "bridge_gain": share,
+        "friction_torque": np.abs(gain) * level * np.ravel(damping),
+    }
+
+
+def _stribeck_scale(records: Sequence[Record], position: bool) -> float:
+    """A tenth of the usual speed."""
+    speeds = [np.diff(r.y, axis=0) / r.dt if position else r.y for r in records]
+    usual = float(np.sqrt(np.mean(np.concatenate(speeds) ** 2)))
+    return 0.1 * usual if usual > 0 else 1.0
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not (np.isfinite(value) and value >= 0.0):
+        raise UsageError(
+            f"--option torque_constant={text}: give the stall torque or force per unit of input, "
+            "a number above 0"
+        )
+    return value
+
+

@@ -1,0 +1,51 @@
+"""Consecutive lags of a signal as rows, and what a filter makes of them."""
+
+import numpy as np
+from scipy.signal import lfilter
+
+from sysid.data.record import Array
+
+
+def through(D: Array, C: Array, h: Array | None, rows: Array) -> Array:
+    """(D/C) of rows that are consecutive lags of one signal; h is the impulse response of D/C.
+
+    Each row is the one before it a sample later, but for its first value: so is its response, but
+    for that value times h. One filter run serves all lags.
+    """
+    if h is None or not rows.size:
+        return rows
+    out = np.empty_like(rows)
+    out[0] = lfilter(D, C, rows[0])
+    for k in range(1, len(rows)):
+        np.multiply(h, rows[k, 0], out=out[k])
+        out[k, 1:] += out[k - 1, :-1]
+    return out
+
+
+def lags(first: int, count: int) -> range:
+    """``count`` lags from ``first`` on."""
+    return range(first, first + count)
+
+
+def monic(tail: Array) -> Array:
+    """1 + Σ tail_k q⁻ᵏ as coefficients."""
+    return np.concatenate([[1.0], tail])
+
+
+def impulse(n: int) -> Array:
+    """A unit impulse at the first of ``n`` samples."""
+    out = np.zeros(n)
+    out[:1] = 1.0
+    return out
+
+
+def shifted(x: Array, lags: range, start: int) -> Array:
+    """Rows x(t − k) for t ≥ ``start``, zero before the first sample, (len(lags), N − start)."""
+    m = len(x) - start
+    out = np.zeros((len(lags), max(m, 0)))
+    for row, k in enumerate(lags):
+        if k <= start:
+            out[row] = x[start - k : len(x) - k]
+        elif k - start < m:
+            out[row, k - start :] = x[: len(x) - k]
+    return out

@@ -1,0 +1,308 @@
+"""The nonlinear map of a NARX model: linear part, low-degree products, and a network of units.
+
+With z = (x − x̄)/σ the scaled regressors, z̃ the same kept inside the training range, and v = z̃ Q
+their principal components,
+
+    ŷ = y₀ + (x − x̄) L + Σ_k p_k Π z̃ + Σ_s a_s f(b_s (v − c_s)) + Σ_w a_w g(b_w (v − c_w)),
+    f(v) = exp(−½ vvᵀ)          g(v) = (dim v − vvᵀ) exp(−½ vvᵀ)
+
+(Zhang 1997, "Using wavelet network in nonparametric estimation", IEEE TNN 8(2), eq. 7). Outside the
+data only the linear part goes on; everything else stays at its value on the edge. Other kinds of
+unit stand in the places of f and g: boxes (piecewise constant), cosines, hyperbolic tangents.
+Everything here is written over an array namespace, numpy or jax.numpy.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sysid.data.record import Array
+
+Values = Any
+"""An array of numpy or jax.numpy."""
+
+Slopes = tuple[Values, Values, Values, Values]
+
+DEGREE = 3
+"""Largest degree of a product: higher ones win inside the data and ruin outside."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of nonlinearity estimator.
+
+    Attributes:
+        unit: what one unit is called.
+        shape: what its shape parameter is called.
+        place: what the vector that places it is called.
+        smooth: whether shape and place can be refined by a gradient.
+        argument: (xp, v (…, q), s (K,), c (K, q)) → t, affine in v, (…, K, m).
+        value: (xp, t, flag (K,), dim) → unit values (…, K).
+        slopes: (xp, v, s, c, flag, dim) → values, ∂/∂s (…, K), ∂/∂c and ∂/∂v (…, K, q).
+        words: what it is.
+    """
+
+    unit: str
+    shape: str
+    place: str
+    smooth: bool
+    argument: Callable[..., Values]
+    value: Callable[..., Values]
+    slopes: Callable[..., Slopes]
+    words: str
+
+
+def _moved(xp: Any, v: Values, s: Values, c: Values) -> Values:
+    """b (v − c), (…, K, q)."""
+    return s[:, None] * (v[..., None, :] - c)
+
+
+def _projected(xp: Any, v: Values, s: Values, c: Values) -> Values:
+    """v cᵀ + s, (…, K, 1)."""
+    return (v @ c.T + s)[..., None]
+
+
+def _radial(xp: Any, t: Values, flag: Values, dim: Values) -> Values:
+    r = xp.sum(t * t, axis=-1)
+    return (1.0 + flag * (dim - 1.0 - r)) * xp.exp(-0.5 * r)
+
+
+def _radial_slopes(xp: Any, v: Values, s: Values, c: Values, flag: Values, dim: Values) -> Slopes:
+    away = v[..., None, :] - c
+    square = xp.sum(away**2, axis=-1)
+    r = s**2 * square
+    e = xp.exp(-0.5 * r)
+    h = (1.0 + flag * (dim - 1.0 - r)) * e
+    to_r = -0.5 * h - flag * e
+    to_v = (2.0 * s**2 * to_r)[..., None] * away
+    return h, 2.0 * s * square * to_r, -to_v, to_v
+
+
+def _ridge(function: Callable[..., Values]) -> Callable[..., Values]:
+    return lambda xp, t, flag, dim: function(xp, t[..., 0])
+
+
+def _ridge_slopes(
+    function: Callable[..., Values], slope: Callable[..., Values]
+) -> Callable[..., Slopes]:
+    def slopes(xp: Any, v: Values, s: Values, c: Values, flag: Values, dim: Values) -> Slopes:
+        q = v @ c.T + s
+        d = slope(xp, q)
+        return function(xp, q), d, d[..., None] * v[..., None, :], d[..., None] * c
+
+    return slopes
+
+
+def _box(xp: Any, t: Values, flag: Values, dim: Values) -> Values:
+    return xp.where(xp.max(xp.abs(t), axis=-1) <= 1.0, 1.0, 0.0)
+
+
+def _box_slopes(xp: Any, v: Values, s: Values, c: Values, flag: Values, dim: Values) -> Slopes:
+    h = _box(xp, _moved(xp, v, s, c), flag, dim)
+    flat = xp.zeros((*h.shape, v.shape[-1]))
+    return h, xp.zeros(h.shape), flat, flat
+
+
+def _cos(xp: Any, q: Values) -> Values:
+    return xp.cos(q)
+
+
+def _minus_sin(xp: Any, q: Values) -> Values:
+    return -xp.sin(q)
+
+
+def _tanh(xp: Any, q: Values) -> Values:
+    return xp.tanh(q)
+
+
+def _sech2(xp: Any, q: Values) -> Values:
+    return 1.0 - xp.tanh(q) ** 2
+
+
+KINDS: Mapping[str, Kind] = {
+    "wavelet": Kind(
+        "wavelet", "dilation", "centre", True, _moved, _radial, _radial_slopes,
+        "scaling functions and wavelets of a dyadic frame, then moved and stretched",
+    ),
+    "polynomial": Kind(
+        "unit", "dilation", "centre", True, _moved, _radial, _radial_slopes,
+        "products of regressors up to the degree, no units",
+    ),
+    "piecewise-constant": Kind(
+        "cell", "inverse_width", "centre", False, _moved, _box, _box_slopes,
+        "boxes of a dyadic grid, constant on each",
+    ),
+    "fourier": Kind(
+        "harmonic", "phase", "frequency", True, _projected, _ridge(_cos),
+        _ridge_slopes(_cos, _minus_sin), "cosines over the range of the data",
+    ),
+    "neural": Kind(
+        "neuron", "bias", "weight", True, _projected, _ridge(_tanh),
+        _ridge_slopes(_tanh, _sech2), "one hidden layer of hyperbolic tangents",
+    ),
+}  # fmt: skip
+"""The estimators, by the name users type."""
+
+
+class Frame(NamedTuple):
+    """What of a row's map is fixed: scaling, support, products and projection, as arrays.
+
+    Attributes:
+        mean, scale: of the regressors, (d,).
+        low, high: support of z, (d,).
+        factors: factors of the products as rows of an identity of size d + 1 (the last entry is
+            the constant 1), (3, T, d + 1).
+        Q: projection, (d, q).
+        flag: 1 for a wavelet, 0 for a scaling function, (K,).
+        dim: dimension of v that counts.
+    """
+
+    mean: Values
+    scale: Values
+    low: Values
+    high: Values
+    factors: Values
+    Q: Values
+    flag: Values
+    dim: Values
+
+
+class Weights(NamedTuple):
+    """A row's parameters: y₀, L (d,), p (T,), a (K,), s (K,), c (K, q)."""
+
+    constant: Values
+    linear: Values
+    products: Values
+    amplitude: Values
+    shape: Values
+    place: Values
+
+
+def split(theta: Values, d: int, T: int, K: int, q: int) -> Weights:
+    """Cut a row's parameter vector into its parts."""
+    at = 1 + d + T
+    return Weights(
+        theta[0],
+        theta[1 : 1 + d],
+        theta[1 + d : at],
+        theta[at : at + K],
+        theta[at + K : at + 2 * K],
+        theta[at + 2 * K : at + (2 + q) * K].reshape(K, q),
+    )
+
+
+def size(d: int, T: int, K: int, q: int) -> int:
+    """Length of a row's parameter vector."""
+    return 1 + d + T + K * (2 + q)
+
+
+def value(xp: Any, kind: Kind, f: Frame, w: Weights, x: Values) -> Values:
+    """ŷ for regressors x (…, d), shape (…)."""
+    out = w.constant + (x - f.mean) @ w.linear
+    T, K = f.factors.shape[1], f.flag.shape[0]
+    if not T and not K:
+        return out
+    z = xp.clip((x - f.mean) / f.scale, f.low, f.high)
+    if T:
+        zx = xp.concatenate([z, xp.ones_like(z[..., :1])], axis=-1)
+        out = out + ((zx @ f.factors[0].T) * (zx @ f.factors[1].T) * (zx @ f.factors[2].T)) @ (
+            w.products
+        )
+    if K:
+        t = kind.argument(xp, z @ f.Q, w.shape, w.place)
+        out = out + kind.value(xp, t, f.flag, f.dim) @ w.amplitude
+    return out
+
+
+def gradients(xp: Any, kind: Kind, f: Frame, w: Weights, x: Values) -> tuple[Values, Values]:
+    """∂ŷ/∂θ (…, n) in the order of ``split``, and ∂ŷ/∂x (…, d)."""
+    away = x - f.mean
+    T, K, q = f.factors.shape[1], f.flag.shape[0], f.Q.shape[1]
+    head = x.shape[:-1]
+    parts = [xp.ones((*head, 1)), away]
+    to_z = xp.zeros_like(x)
+    free = away / f.scale
+    z = xp.clip(free, f.low, f.high)
+    if T:
+        zx = xp.concatenate([z, xp.ones_like(z[..., :1])], axis=-1)
+        a, b, c = (zx @ f.factors[k].T for k in range(3))
+        parts.append(a * b * c)
+        pulls = (w.products * b * c) @ f.factors[0]
+        pulls = pulls + (w.products * a * c) @ f.factors[1] + (w.products * a * b) @ f.factors[2]
+        to_z = to_z + pulls[..., :-1]
+    if K:
+        h, to_s, to_c, to_v = kind.slopes(xp, z @ f.Q, w.shape, w.place, f.flag, f.dim)
+        parts += [h, to_s * w.amplitude, (to_c * w.amplitude[:, None]).reshape(*head, K * q)]
+        to_z = to_z + xp.sum(to_v * w.amplitude[:, None], axis=-2) @ f.Q.T
+    inside = (free > f.low) & (free < f.high)
+    return xp.concatenate(parts, axis=-1), w.linear + xp.where(inside, to_z, 0.0) / f.scale
+
+
+@dataclass(frozen=True)
+class RowDesign:
+    """What of one output's map was read off the data, as plain numbers.
+
+    Attributes:
+        mean, scale, low, high: of the regressors, see ``Frame``.
+        terms: products as indices of their regressors, ascending, two or three each.
+        projection: Q row by row; empty rows where there are no units.
+        flags: 1 for a wavelet, 0 for a scaling function, one a unit.
+    """
+
+    mean: tuple[float, ...]
+    scale: tuple[float, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    terms: tuple[tuple[int, ...], ...] = ()
+    projection: tuple[tuple[float, ...], ...] = ()
+    flags: tuple[int, ...] = ()
+
+    @staticmethod
+    def plain(d: int) -> "RowDesign":
+        """Linear in d regressors, not scaled."""
+        return RowDesign((0.0,) * d, (1.0,) * d, (-np.inf,) * d, (np.inf,) * d)
+
+    @property
+    def sizes(self) -> tuple[int, int, int, int]:
+        """Regressors d, products T, units K, dimension q of v."""
+        q = len(self.projection[0]) if self.flags else 0
+        return len(self.mean), len(self.terms), len(self.flags), q
+
+    @property
+    def n(self) -> int:
+        """Number of parameters."""
+        return size(*self.sizes)
+
+    def frame(self) -> Frame:
+        """The same as arrays."""
+        d, _, _, q = self.sizes
+        return Frame(
+            np.array(self.mean),
+            np.array(self.scale),
+            np.array(self.low),
+            np.array(self.high),
+            one_hot(self.terms, d),
+            np.array(self.projection).reshape(d, q) if q else np.zeros((d, 0)),
+            np.array(self.flags, dtype=np.float64),
+            float(used_dimensions(self.projection)) if q else 0.0,
+        )
+
+    def weights(self, theta: Array) -> Weights:
+        """A row's parameter vector in parts."""
+        return split(theta, *self.sizes)
+
+
+def used_dimensions(projection: Sequence[Sequence[float]]) -> int:
+    """Columns of Q that are not zero throughout."""
+    return int(np.sum(np.any(np.array(projection) != 0.0, axis=0)))
+
+
+def one_hot(terms: Sequence[Sequence[int]], d: int) -> Array:
+    """Factors of the products as rows of an identity, (DEGREE, T, d + 1)."""
+    out = np.zeros((DEGREE, len(terms), d + 1))
+    for k, t in enumerate(terms):
+        for j in range(DEGREE):
+            out[j, k, t[j] if j < len(t) else d] = 1.0
+    return out

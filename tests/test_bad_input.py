@@ -1,0 +1,533 @@
+"""Whatever is wrong with the input: one sentence, the right exit code, and nothing harmed."""
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from command_line import contents, robot_log, robot_signals, run, write_log
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from sysid_cli.app import main
+
+ROWS = "\n".join(f"{k * 0.1:.1f},{(k * 7) % 5},{(k * 3) % 11}" for k in range(40)) + "\n"
+"""A log's body: t, u, y."""
+
+ORDERS = ("--structure", "arx", "--orders", "na=1 nb=1")
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A folder with good logs and a workspace that no failing command may touch."""
+
+    root: Path
+
+    @property
+    def workspace(self) -> Path:
+        """Holds an arx and an oe model and an exported plant."""
+        return self.root / "good"
+
+    def path(self, name: str) -> Path:
+        """A file or folder of the bench."""
+        return self.root / name
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    root = tmp_path_factory.mktemp("bench")
+    robot_log(root / "robot.csv")
+    robot_log(root / "other.csv", seed=2)
+    signals = robot_signals()
+    write_log(root / "slow.csv", list(signals), list(signals.values()), step=0.2)
+    write_log(root / "one.csv", ["pwm_l", "omega_l"], [signals["pwm_l"], signals["omega_l"]])
+    write_log(root / "volt.csv", ["u_V", "y"], [signals["pwm_l"], signals["omega_l"]])
+    (root / "folder").mkdir()
+    (root / "plain_file").write_text("not a folder")
+    for name, text in FILES.items():
+        (root / name).write_bytes(text if isinstance(text, bytes) else text.encode())
+    pd.DataFrame({"u": ["a", "b"] * 20, "y": np.arange(40.0)}).to_parquet(root / "text.parquet")
+    good = root / "good"
+    fit = ["fit", str(root / "robot.csv"), "--workspace", str(good), "--structure"]
+    assert main([*fit, "arx", "--orders", "na=1 nb=1"]) == 0
+    assert main([*fit, "oe", "--orders", "nb=1 nf=1"]) == 0
+    assert main([*fit, "arx", "--orders", "na=2 nb=1"]) == 0
+    assert main(["export", "--workspace", str(good)]) == 0
+    for name, damage in DAMAGE.items():
+        shutil.copytree(good, root / name)
+        damage(root / name)
+    return Bench(root)
+
+
+def _first_model(workspace: Path) -> Path:
+    return sorted((workspace / "models").glob("arx-*.json"))[0]
+
+
+def _edit_plant(key: str, value: object) -> Callable[[Path], None]:
+    def edit(workspace: Path) -> None:
+        file = workspace / "plant" / "plant.json"
+        content = json.loads(file.read_text())
+        content[key] = value
+        file.write_text(json.dumps(content))
+
+    return edit
+
+
+def _edit_model(workspace: Path) -> None:
+    file = _first_model(workspace)
+    content = json.loads(file.read_text())
+    del content["model"]["sample_time"]
+    file.write_text(json.dumps(content))
+
+
+DAMAGE: dict[str, Callable[[Path], None]] = {
+    "model_no_json": lambda w: _first_model(w).write_text("{"),
+    "model_no_model": lambda w: _first_model(w).write_text("[]"),
+    "model_no_time": _edit_model,
+    "index_damaged": lambda w: (w / "index.json").write_text('{"a": 1}'),
+    "state_damaged": lambda w: (w / "state.json").write_text("[1, 2]"),
+    "plant_no_json": lambda w: (w / "plant" / "plant.json").write_text("no json"),
+    "plant_gone": lambda w: (w / "plant" / "plant.json").unlink(),
+    "plant_schema": _edit_plant("schema", "other/9"),
+    "plant_time": _edit_plant("sample_time", "soon"),
+    "plant_list": lambda w: (w / "plant" / "plant.json").write_text("[]"),
+}
+"""Workspace → what was done to it."""
+
+HEAD = "t,u,y\n"
+
+FILES: dict[str, str | bytes] = {
+    "empty.csv": "",
+    "blank.csv": "\n \n\n",
+    "header.csv": HEAD,
+    "numbers.csv": ROWS,
+    "one_column.csv": "y\n1\n2\n3\n",
+    "only_time.csv": "t,index\n0,1\n1,2\n2,3\n",
+    "ragged.csv": HEAD + ROWS.replace("0.7,4,10\n", "0.7,4,10,9\n"),
+    "text.csv": HEAD + ROWS.replace("0.5,0,4\n", "0.5,oops,4\n"),
+    "text_robot.csv": "t,pwm_l,pwm_r,omega_l,omega_r\n"
+    + "\n".join(f"{r},{r[4:]}" for r in ROWS.replace("0.5,0,4", "0.5,oops,4").split()),
+    "comma.csv": "t;u;y\n" + ROWS.replace(",", ";").replace("0.5;0;4\n", "0.5;0,7;4\n"),
+    "thousands.csv": "t;u;y\n" + ROWS.replace(",", ";").replace("0.5;0;4\n", "0.5;1 000;4\n"),
+    "infinite.csv": HEAD + ROWS.replace("0.5,0,4\n", "0.5,inf,4\n"),
+    "huge.csv": HEAD + ROWS.replace("0.5,0,4\n", "0.5,1e200,4\n"),
+    "hole.csv": HEAD + ROWS.replace("0.5,0,4\n", "0.5,,4\n"),
+    "mostly_holes.csv": HEAD + "".join(f"{k},,{k % 3}\n" for k in range(40)),
+    "no_time.csv": HEAD + ROWS.replace("0.5,0,4\n", ",0,4\n"),
+    "backward.csv": HEAD + ROWS.replace("0.5,0,4\n", "0.3,0,4\n"),
+    "reversed.csv": HEAD + "\n".join(reversed(ROWS.split())) + "\n",
+    "twice.csv": HEAD + ROWS.replace("0.5,0,4\n", "0.4,0,4\n"),
+    "still.csv": HEAD + "".join(f"{k // 4},{k % 5},{k % 7}\n" for k in range(40)),
+    "gap.csv": HEAD + "".join(r + "\n" for r in ROWS.split() if not 1.0 < float(r[:3]) < 2.5),
+    "irregular.csv": HEAD + "".join(f"{k**2},{k % 5},{k % 7}\n" for k in range(40)),
+    "epoch.csv": HEAD + "".join(f"{1.7e12 + 100 * k:.0f},{k % 5},{k % 7}\n" for k in range(40)),
+    "same_name.csv": "t,u,u\n" + ROWS,
+    "no_name.csv": "t,u,\n" + ROWS,
+    "unclear.csv": "t,left,right\n" + ROWS,
+    "no_output.csv": "t,u,left\n" + ROWS,
+    "constant_input.csv": HEAD + "".join(f"{k},5,{k % 7}\n" for k in range(40)),
+    "constant_output.csv": HEAD + "".join(f"{k},{k % 5},3\n" for k in range(40)),
+    "short.csv": HEAD + ROWS[:40].rsplit("\n", 1)[0] + "\n",
+    "quote.csv": HEAD + ROWS.replace("0.5,0,4\n", '0.5,"0,4\n'),
+    "zeros.csv": b"t,u,y\n0,1\x00,2\n",
+    "binary.csv": bytes(range(256)) * 8,
+    "wide.csv": (HEAD + ROWS).encode("utf-16-le"),
+    "sheet.xlsx": b"PK\x03\x04" + bytes(60),
+    "packed.csv": b"\x1f\x8b\x08" + bytes(60),
+    "old.xls": b"\xd0\xcf\x11\xe0" + bytes(60),
+    "log.json": '{"t": [0, 1]}',
+    "page.csv": "<!DOCTYPE html><html></html>",
+    "damaged.parquet": b"PAR1" + bytes(40),
+    "dates.csv": HEAD + "2024-05-01T12:00:00,1,2\nsoon,2,3\n2024-05-01T12:00:02,3,1\n",
+    "goal_missing.yaml": "start: [0, 0, 0]\n",
+    "goal_text.yaml": "goal: home\n",
+    "goal_three.yaml": "goal: [1, 2, 3]\n",
+    "goal_nan.yaml": "goal: [.nan, 0]\n",
+    "goal_far.yaml": "goal: [1e9, 0]\n",
+    "unknown_key.yaml": "goal: [1, 0]\nspeed: 3\n",
+    "unknown_gain.yaml": "goal: [1, 0]\ncontrol: {kd_speed: 3}\n",
+    "tolerance.yaml": "goal: [1, 0]\ntolerance: -1\n",
+    "timeout.yaml": "goal: [1, 0]\ntimeout: soon\n",
+    "obstacle.yaml": "goal: [1, 0]\nobstacles: [[1]]\n",
+    "obstacle_text.yaml": "goal: [1, 0]\nobstacles: near\n",
+    "radius.yaml": "goal: [1, 0]\nobstacles: [{at: [0.5, 0], radius: 0}]\n",
+    "list.yaml": "- goal\n- 1\n",
+    "scalar.yaml": "42\n",
+    "empty.yaml": "",
+    "syntax.yaml": "goal: [1, 0\nstart: {\n",
+    "tab.yaml": "goal:\n\t- 1\n",
+    "object.yaml": "goal: !!python/object:os.system [1, 0]\n",
+    "same_key.yaml": "goal: [1, 0]\ngoal: [2, 0]\n",
+    "binary.yaml": bytes(range(256)),
+    "broken.zip": b"PK\x03\x04" + bytes(60),
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One wrong thing.
+
+    Attributes:
+        line: the command line; ``{x}`` stands for the path of x on the bench.
+        code: exit code it deserves.
+        named: what the sentence must name.
+    """
+
+    line: str
+    code: int
+    named: str
+
+
+def _log(name: str, named: str, *more: str) -> Case:
+    return Case(" ".join(["fit {" + name + "}", *more]), 1, named)
+
+
+def _fit(options: str, named: str, code: int = 2) -> Case:
+    return Case("fit {robot.csv} " + options, code, named)
+
+
+def _mission(name: str, named: str) -> Case:
+    return Case("simulate {" + name + "}", 1, named)
+
+
+def _broken(workspace: str, command: str, named: str) -> Case:
+    return Case(command + " --workspace {" + workspace + "}", 1, named)
+
+
+ARX = "--structure arx --orders 'na=1 nb=1'"
+
+CASES = (
+    # logs
+    _log("empty.csv", "empty.csv is empty"),
+    _log("blank.csv", "blank.csv is empty"),
+    _log("header.csv", "header.csv"),
+    _log("numbers.csv", "line 1"),
+    _log("one_column.csv", "column y"),
+    _log("only_time.csv", "only_time.csv"),
+    _log("ragged.csv", "line 9 has 4 cells"),
+    _log("text.csv", "line 7, column u: 'oops'"),
+    _log("comma.csv", "line 7, column u: '0,7'"),
+    _log("thousands.csv", "line 7, column u: '1 000'"),
+    _log("infinite.csv", "line 7, column u"),
+    _log("huge.csv", "line 7, column u"),
+    _log("hole.csv", "line 7, column u"),
+    _log("mostly_holes.csv", "column u"),
+    _log("no_time.csv", "line 7, column t"),
+    _log("backward.csv", "line 7: time does not increase"),
+    _log("reversed.csv", "time runs backward"),
+    _log("twice.csv", "line 7: time 0.4 is there twice"),
+    _log("still.csv", "time stands still"),
+    _log("gap.csv", "line 13"),
+    _log("irregular.csv", "irregular"),
+    _log("epoch.csv", "column t"),
+    _log("same_name.csv", "two columns named u"),
+    _log("no_name.csv", "column 3"),
+    _log("unclear.csv", "left, right"),
+    _log("no_output.csv", "output"),
+    _log("constant_input.csv", "input u never changes"),
+    _log("constant_output.csv", "output y never changes"),
+    _log("short.csv", "samples"),
+    _log("quote.csv", "quote.csv"),
+    _log("zeros.csv", "zeros.csv"),
+    _log("binary.csv", "binary.csv"),
+    _log("wide.csv", "UTF-16"),
+    _log("sheet.xlsx", "spreadsheet"),
+    _log("packed.csv", "gzip"),
+    _log("old.xls", "Excel"),
+    _log("log.json", "JSON"),
+    _log("page.csv", "web page"),
+    _log("damaged.parquet", "damaged.parquet"),
+    _log("text.parquet", "column u: 'a'"),
+    _log("dates.csv", "'soon'"),
+    Case("fit {missing.csv}", 2, "missing.csv"),
+    Case("fit {robt.csv}", 2, "did you mean"),
+    Case("fit {folder}", 2, "folder"),
+    Case("fit", 2, "LOG"),
+    Case("fit {robot.csv} {one.csv}", 1, "one.csv"),
+    Case("fit {robot.csv} {slow.csv}", 1, "slow.csv"),
+    Case("inspect {text.csv}", 1, "line 7, column u: 'oops'"),
+    # options of fit
+    _fit("--structure arxx", "'arxx'"),
+    _fit("--structure arx --orders na", "'na'"),
+    _fit("--structure arx --orders na=x", "'na=x'"),
+    _fit("--structure arx --orders 'na=-1 nb=1'", "na=-1"),
+    _fit("--structure arx --orders 'na=1 na=2 nb=1'", "na is given twice"),
+    _fit("--structure arx --orders 'na=1 na=1:2 nb=1'", "na is given twice"),
+    _fit("--structure arx --orders ''", "--orders is empty"),
+    _fit("--structure arx --orders 'na=1 nz=1'", "'nz'"),
+    _fit("--structure arx --orders na=1", "needs nb"),
+    _fit("--structure arx --orders 'na=1 nb=0'", "nb"),
+    _fit("--structure arx --orders 'na=1,2;3 nb=1'", "na=1,2;3"),
+    _fit("--structure arx --orders 'na=1,0,0 nb=1'", "na must be"),
+    _fit("--structure arx --orders 'na=1 nb=1 nk=1,2,3'", "nk must be"),
+    _fit("--structure arx --orders 'na=999 nb=1'", "na=999"),
+    _fit("--structure arx --orders 'na=4:1 nb=1'", "na=4:1"),
+    _fit("--structure arx --orders 'na=1:90 nb=1:90'", "8100"),
+    _fit("--structure oe --orders 'na=1 nb=1'", "'na'"),
+    _fit("--structure arx,oe --orders 'nb=1 nk=1'", "--orders"),
+    _fit("--orders 'na=1 nb=1'", "--structure"),
+    _fit("--structure arx --orders 'na=150 nb=150'", "record", 1),
+    _fit(f"{ARX} --split 1.5", "--split"),
+    _fit(f"{ARX} --split 0", "--split"),
+    _fit(f"{ARX} --split nan", "--split"),
+    _fit(f"{ARX} --split half", "--split"),
+    _fit(f"{ARX} --split 0.7 --val {{other.csv}}", "--val"),
+    _fit(f"{ARX} --val {{slow.csv}}", "slow.csv", 1),
+    _fit(f"{ARX} --val {{one.csv}}", "one.csv", 1),
+    _fit(f"{ARX} --val {{missing.csv}}", "missing.csv"),
+    _fit(f"{ARX} --focus both", "'both'"),
+    _fit(f"{ARX} --criteria best", "'best'"),
+    _fit(f"{ARX} --detrend some", "'some'"),
+    _fit(f"{ARX} --initial odd", "'odd'"),
+    _fit(f"{ARX} --initial-state odd", "'odd'"),
+    _fit(f"{ARX} --fix a1", "'a1'"),
+    _fit(f"{ARX} --fix a1=x", "'a1=x'"),
+    _fit(f"{ARX} --fix a1[omega_l,omega_l]=inf", "'inf'"),
+    _fit(f"{ARX} --fix zz=1", "'zz'"),
+    _fit(f"{ARX} --bound b1=0", "'b1=0'"),
+    _fit(f"{ARX} --bound a1[omega_l,omega_l]=1:0", "a1[omega_l,omega_l]"),
+    _fit(
+        f"{ARX} --bound a1[omega_l,omega_l]=0:1 --fix a1[omega_l,omega_l]=5", "a1[omega_l,omega_l]"
+    ),
+    _fit(f"{ARX} --skip -1", "--skip"),
+    _fit(f"{ARX} --skip few", "--skip"),
+    _fit(f"{ARX} --skip 4000", "--skip"),
+    _fit(f"{ARX} --horizon 1", "--horizon"),
+    _fit(f"{ARX} --plot picture.pdf", "picture.pdf"),
+    _fit(f"{ARX} --jobs 0", "--jobs"),
+    _fit(f"{ARX} --ts -1", "--ts"),
+    _fit(f"{ARX} --ts nan", "--ts"),
+    _fit(f"{ARX} --unit omega_l", "'omega_l'"),
+    _fit(f"{ARX} --unit omega_l=parsec", "'parsec'"),
+    _fit(f"{ARX} --unit speed=rpm", "'speed'"),
+    _fit(f"{ARX} --unit omega_l=rpm,omega_l=rad/s", "omega_l twice"),
+    _fit(f"{ARX} --unit omega_l=ticks/0", "ticks/0"),
+    _fit(f"{ARX} --pwm-max 0", "--pwm-max"),
+    Case("fit {volt.csv} --pwm-max 255", 2, "--pwm-max"),
+    _fit(f"{ARX} --delimiter ab", "'ab'"),
+    _fit(f"{ARX} --decimal x", "'x'"),
+    _fit(f"{ARX} --resample guess", "'guess'"),
+    _fit(f"{ARX} --input speed", "'speed'"),
+    _fit(f"{ARX} --input pwm_l --output pwm_l", "pwm_l"),
+    _fit(f"{ARX} --input pwm_l,pwm_l", "pwm_l"),
+    _fit(f"{ARX} --time clock", "'clock'"),
+    _fit(f"{ARX} --workspace {{plain_file}}", "plain_file"),
+    _fit(f"{ARX} --fast", "--fast"),
+    Case("fti {robot.csv}", 2, "fti"),
+    # compare, export, models, structures, excite
+    Case("compare nothing", 2, "'nothing'"),
+    Case("compare arx", 2, "arx-"),
+    Case("compare --criteria nice", 2, "'nice'"),
+    Case("compare --val {missing.csv}", 2, "missing.csv"),
+    Case("compare --val {one.csv}", 1, "one.csv"),
+    Case("compare --val {slow.csv}", 1, "slow.csv"),
+    Case("compare --plot ranking.gif", 2, "ranking.gif"),
+    Case("compare --workspace {nowhere}", 1, "sysid fit"),
+    Case("export --model nothing", 2, "'nothing'"),
+    Case("export --out {plain_file}", 2, "plain_file"),
+    Case("export --workspace {nowhere}", 1, "sysid fit"),
+    Case("models show nothing", 2, "'nothing'"),
+    Case("models show", 2, "ID"),
+    Case("models forget arx", 2, "forget"),
+    Case("structures nothing", 2, "'nothing'"),
+    Case("excite noise", 2, "noise"),
+    Case("excite prbs --dt -1", 2, "-1"),
+    Case("excite prbs --amplitude 90000", 2, "90000"),
+    _broken("model_no_json", "compare", "arx-"),
+    _broken("model_no_model", "compare", "arx-"),
+    _broken("model_no_time", "compare", "arx-"),
+    _broken("index_damaged", "compare", "index.json"),
+    _broken("state_damaged", "export", "state.json"),
+    # missions and plants
+    Case("simulate {missing.yaml}", 1, "missing.yaml"),
+    _mission("goal_missing.yaml", "goal"),
+    _mission("goal_text.yaml", "goal"),
+    _mission("goal_three.yaml", "goal"),
+    _mission("goal_nan.yaml", "goal"),
+    _mission("goal_far.yaml", "goal"),
+    _mission("unknown_key.yaml", "speed"),
+    _mission("unknown_gain.yaml", "kd_speed"),
+    _mission("tolerance.yaml", "tolerance"),
+    _mission("timeout.yaml", "timeout"),
+    _mission("obstacle.yaml", "obstacle"),
+    _mission("obstacle_text.yaml", "obstacles"),
+    _mission("radius.yaml", "radius"),
+    _mission("list.yaml", "list.yaml"),
+    _mission("scalar.yaml", "scalar.yaml"),
+    _mission("empty.yaml", "empty.yaml"),
+    _mission("syntax.yaml", "syntax.yaml"),
+    _mission("tab.yaml", "tab.yaml"),
+    _mission("object.yaml", "object.yaml"),
+    _mission("same_key.yaml", "goal"),
+    _mission("binary.yaml", "binary.yaml"),
+    _mission("text_robot.csv", "line 7"),
+    Case("simulate {good.yaml} --workspace {nowhere}", 1, "sysid export"),
+    Case("simulate {good.yaml} --plant {broken.zip}", 1, "broken.zip"),
+    Case("simulate {good.yaml} --plant {missing}", 1, "missing"),
+    Case("simulate {good.yaml} --plot path.bmp", 2, "path.bmp"),
+    _broken("plant_no_json", "simulate {good.yaml}", "plant.json"),
+    _broken("plant_gone", "simulate {good.yaml}", "plant"),
+    _broken("plant_schema", "simulate {good.yaml}", "other/9"),
+    _broken("plant_time", "simulate {good.yaml}", "plant"),
+    _broken("plant_list", "simulate {good.yaml}", "plant"),
+)
+
+FILES["good.yaml"] = "goal: [1, 0]\n"
+
+
+def _arguments(line: str, bench: Bench) -> list[str]:
+    parts = re.findall(r"'([^']*)'|(\S+)", line)
+    words = [quoted if quoted or not plain else plain for quoted, plain in parts]
+    words = [re.sub(r"\{(.*?)\}", lambda m: str(bench.path(m[1])), w) for w in words]
+    if "--workspace" not in words and words[0] in (
+        "fit",
+        "compare",
+        "export",
+        "models",
+        "simulate",
+    ):
+        words += ["--workspace", str(bench.workspace)]
+    return words
+
+
+def assert_one_sentence(text: str, line: str) -> None:
+    """One line that a person can read: no traceback, nothing unforeseen, no loose end."""
+    assert text.endswith("\n"), line
+    assert text.count("\n") == 1, f"{line}: {text}"
+    assert "Traceback" not in text
+    assert "unexpected" not in text, text
+    sentence = text.strip()
+    assert re.search(r"[\w).`'’\]%…}\"+?]$", sentence), f"{line}: {sentence}"
+    assert len(sentence) > 20, sentence
+    assert "  " not in sentence, sentence
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda c: re.sub(r"[^\w.=-]+", " ", c.line).strip())
+def test_bad_input_is_one_sentence_and_leaves_everything_as_it_was(
+    case: Case,
+    bench: Bench,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    before = contents(bench.root)
+    result = run(capsys, *_arguments(case.line, bench))
+    assert result.code == case.code, result.err
+    assert_one_sentence(result.err, case.line)
+    assert case.named in result.err, f"{case.named} is not named in: {result.err}"
+    assert result.out == "", "a command that fails prints no result"
+    assert contents(bench.root) == before
+    assert contents(tmp_path) == {}
+
+
+def test_the_table_is_as_long_as_promised() -> None:
+    assert len(CASES) >= 60
+    assert len({c.line for c in CASES}) == len(CASES)
+
+
+CELL = st.one_of(
+    st.integers(-9, 9).map(str),
+    st.floats(-1e3, 1e3).map(lambda v: f"{v:.3g}"),
+    st.sampled_from(
+        ["", "nan", "inf", "-", "x", "1,5", '"', "1e400", "0x1", "é", "2024-01-01", " "]
+    ),
+)
+NAME = st.sampled_from(["t", "time", "u", "y", "pwm_l", "omega_l", "x", "", "u [V]", "y_ref", "k"])
+OPTION = st.sampled_from(
+    [
+        ("--ts", "0.1"),
+        ("--ts", "-"),
+        ("--resample", "fill"),
+        ("--resample", "split"),
+        ("--decimal", ","),
+        ("--delimiter", ";"),
+        ("--delimiter", "space"),
+        ("--input", "u"),
+        ("--output", "y,x"),
+        ("--time", "k"),
+        ("--unit", "y=rpm"),
+        ("--pwm-max", "255"),
+        ("--pwm-max", "1e-400"),
+    ]
+)
+FIT_OPTION = st.sampled_from(
+    [
+        ("--split", "0.7"),
+        ("--split", "0.001"),
+        ("--skip", "3"),
+        ("--skip", "99999"),
+        ("--horizon", "2"),
+        ("--detrend", "linear"),
+        ("--stable",),
+        ("--robust",),
+        ("--fix", "a1=0"),
+        ("--bound", "b1=-1:1"),
+        ("--initial-state", "zero"),
+        ("--orders", "na=1:2 nb=0:1"),
+        ("--orders", "na=1 nb=1 nk=0"),
+    ]
+)
+
+
+@st.composite
+def csv_texts(draw: st.DrawFn) -> str:
+    """Small tables that are almost logs: mostly numbers, some surprises."""
+    sep = draw(st.sampled_from([",", ",", ";", "\t", " "]))
+    names = draw(st.lists(NAME, min_size=1, max_size=4))
+    seed, count = draw(st.integers(0, 9)), draw(st.integers(0, 40))
+    body = np.random.default_rng(seed).integers(-9, 9, size=(count, len(names))).astype(str)
+    if count and names[0] in ("t", "time", "k"):
+        body[:, 0] = np.arange(count)
+    rows = [list(row) for row in body]
+    for _ in range(draw(st.integers(0, 2)) if rows else 0):
+        row = rows[draw(st.integers(0, count - 1))]
+        row[draw(st.integers(0, len(row) - 1))] = draw(CELL)
+    return "\n".join(sep.join(r) for r in [names, *rows]) + draw(st.sampled_from(["", "\n"]))
+
+
+def _survives(capsys: pytest.CaptureFixture[str], *words: object) -> None:
+    result = run(capsys, *words)
+    assert result.code in (0, 1, 2)
+    assert "Traceback" not in result.err
+    assert "unexpected" not in result.err, (words, result.err)
+    if result.code and words[0] == "fit":
+        assert_one_sentence(result.err, str(words))
+        assert result.out == ""
+
+
+FUZZ = settings(
+    max_examples=60,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+
+
+@FUZZ
+@given(text=csv_texts(), options=st.lists(OPTION, max_size=2))
+def test_no_text_breaks_inspect(
+    text: str, options: list[tuple[str, ...]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = tmp_path / "any.csv"
+    log.write_text(text, encoding="utf-8")
+    _survives(capsys, "inspect", log, *(w for o in options for w in o))
+
+
+@FUZZ
+@given(text=csv_texts(), options=st.lists(st.one_of(OPTION, FIT_OPTION), max_size=3))
+def test_no_text_and_no_option_breaks_fit(
+    text: str, options: list[tuple[str, ...]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = tmp_path / "any.csv"
+    log.write_text(text, encoding="utf-8")
+    words = [w for o in options for w in o]
+    given_orders = () if "--orders" in words else ("--orders", "na=1 nb=1")
+    _survives(
+        capsys, "fit", log, "--structure", "arx", *given_orders, *words,
+        "--workspace", tmp_path / "w", "--jobs", 1,
+    )  # fmt: skip
