@@ -46,7 +46,7 @@ test: $(VENV)/.installed-test  ## Lint, types, layers and tests
 BENCH := .venv-bench
 $(BENCH)/.installed: pyproject.toml constraints.txt constraints-bench.txt
 	$(PYTHON) -m venv $(BENCH)
-	$(BENCH)/bin/pip install --quiet --disable-pip-version-check -c constraints.txt -c constraints-bench.txt -e '.[bench]'
+	$(BENCH)/bin/pip install --quiet --disable-pip-version-check -c constraints-bench.txt -e '.[bench]'
 	@touch $@
 
 bench: $(BENCH)/.installed  ## Time and memory against the plainest reference and against peers

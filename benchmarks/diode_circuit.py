@@ -46,7 +46,7 @@ def simulated(samples: int = 100_000, seed: int = 1, noise: float = NOISE) -> Ci
     u *= 0.64 / u.std()
     v = sosfilt(cheby1(3, 0.5, 4_400.0, fs=fast, output="sos"), u)
     y = sosfilt(cheby2(3, 40.0, 5_000.0, fs=fast, output="sos"), diode(v))
-    u, y = u[:: OVERSAMPLING][settle:], y[:: OVERSAMPLING][settle:]
+    u, y = u[::OVERSAMPLING][settle:], y[::OVERSAMPLING][settle:]
     measured = y + noise * rng.normal(size=len(y))
     record = Record(
         u,

@@ -20,11 +20,11 @@ HEAVY = ("jax", "jaxlib", "jaxopt", "matplotlib", "sklearn", "pysindy")
 LOG = Path(__file__).resolve().parent.parent / "datasets" / "devastator" / "prbs.csv"
 COMMAND = (sys.executable, "-m", "sysid_cli.app")
 LINEAR_FIT = ("fit", str(LOG), "--structure", "arx", "--orders", "na=2 nb=2 nk=1")
-MEBI = 2.0**20
+MEGA = 1e6
 
 
 def memory_of_fit(samples: int) -> dict[str, float]:
-    """Peak memory of ARX(4,4,1) above its data in MiB: by the system and by tracemalloc."""
+    """Peak memory of ARX(4,4,1) above its data in MB: by the system and by tracemalloc."""
     return {
         "resident": _answer("fit-memory", str(samples))["above"],
         "traced": _answer("traced-memory", str(samples))["above"],
@@ -77,11 +77,11 @@ def _measure_memory(samples: int, traced: bool) -> dict[str, float]:
     if traced:
         tracemalloc.start()
         fit(structure, [record])
-        return {"above": tracemalloc.get_traced_memory()[1] / MEBI}
+        return {"above": tracemalloc.get_traced_memory()[1] / MEGA}
     before = _resident("VmRSS")
     Path("/proc/self/clear_refs").write_text("5")  # forget the peak of making the data
     fit(structure, [record])
-    return {"above": (_resident("VmHWM") - before) / MEBI}
+    return {"above": (_resident("VmHWM") - before) / MEGA}
 
 
 def _resident(name: str) -> float:

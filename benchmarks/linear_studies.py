@@ -169,7 +169,7 @@ def long_arx(ledger: Ledger) -> list[list[str]]:
     ledger.add("ARX(4,4,1), 10⁶ samples: time over normal equations", ours / plain, "≤", 5.0)
     memory = footprint.memory_of_fit(1_000_000)
     for kind, above in memory.items():
-        ledger.add(f"the same: {kind} memory above the data", above, "≤", 150e6 / 2**20, " MiB")
+        ledger.add(f"the same: {kind} memory above the data", above, "≤", 150.0, " MB")
     return [
         [name, _ms(seconds), f"{seconds / plain:.2f}", *_errors(case, answer)]
         for (name, (seconds, _)), answer in zip(found.items(), (rows, reference), strict=True)
@@ -228,7 +228,7 @@ def commands(ledger: Ledger) -> list[list[str]]:
     linear = footprint.imports_of(*footprint.LINEAR_FIT)
     ledger.add("numeric libraries that `sysid --help` imports", len(usage["numeric"]), "≤", 0)
     ledger.add("heavy libraries that a linear fit imports", len(linear["heavy"]), "≤", 0)
-    ledger.add("BLAS threads of a linear fit", float(linear["cap"] or 99), "≤", 1)
+    ledger.add("BLAS threads that a linear fit allows itself", float(linear["cap"] or 99), "≤", 1)
     rows = [
         ["`sysid --help`", f"{footprint.seconds_of_command(('--help',), 5):.2f}"],
         [

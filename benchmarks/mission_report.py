@@ -8,6 +8,7 @@ import numpy as np
 import sysid_datasets
 
 from sysid.data.io import read_logs
+from sysid.errors import ModelError
 from sysid.estimation.comparison import Contender, compare
 from sysid.estimation.identify import Identification, Request, identify
 from sysid.estimation.orders import orders_text
@@ -218,7 +219,11 @@ def _log_table(models: Mapping[str, Model]) -> str:
         cells = []
         for band in BANDS:
             mission = _mission(band)
-            result = run(model, mission)
+            try:
+                result = run(model, mission)
+            except ModelError:  # e.g. a log whose best model integrates: its plant is refused
+                cells.append("refused")
+                continue
             nearest = result.min_clearance_m
             what = result.final[1] if nearest is None else nearest
             inside = "" if band.holds(mission, result) else " (outside the band)"

@@ -28,12 +28,17 @@ LEAD_IN = 1.0
 
 
 def prbs(rng: np.random.Generator, samples: int, sample_time: float) -> Pwm:
-    """Random telegraph signals: ±level, or level and zero, for 6 to 12 s, then another level."""
+    """Random telegraph signals: ±level, or level and zero, for 6 to 12 s, then another level.
+
+    Six levels from 4500 to 19500 come in random order before any comes again.
+    """
 
     def track() -> list[float]:
         values: list[float] = []
+        deck: list[float] = []
         while len(values) < samples:
-            level, low = rng.uniform(4000.0, 19500.0), (-1.0, -1.0, 0.0)[int(rng.integers(3))]
+            deck = deck or rng.permutation(np.linspace(4500.0, 19500.0, 6)).tolist()
+            level, low = deck.pop(), (-1.0, -1.0, 0.0)[int(rng.integers(3))]
             sense = 1.0 if rng.random() < 0.5 else -1.0
             clock = max(1, round(rng.uniform(0.3, 0.9) / sample_time))
             for _ in range(max(1, round(rng.uniform(6.0, 12.0) / sample_time / clock))):

@@ -111,7 +111,7 @@ def simulate(robot: Robot, driver: Driver, sample_time: float, chance: Chance) -
         for n in range(steps):
             t = k * sample_time + n * moving[0].h
             _together(robot, moving, t)
-            pose = _moved(robot, pose, (moving[0].wheel, moving[1].wheel), moving[0].h)
+            pose = _moved(robot, pose, (moving[0].mean, moving[1].mean), moving[0].h)
     columns = np.array(rows, dtype=np.float64).reshape(-1, 11)
     t_axis = sample_time * np.arange(len(columns), dtype=np.float64)
     return Run(
@@ -152,6 +152,7 @@ class _Moving:
     h: float
     sample_time: float
     wheel: float = 0.0
+    mean: float = 0.0
     motor: float = 0.0
     angle: float = 0.0
     lagged: float = 0.0
@@ -182,7 +183,7 @@ class _Moving:
 
     def _held(self, t: float) -> tuple[float, float]:
         """The command that has arrived at time t and the one before it."""
-        late = t - self.track.delay - self.track.outside.extra_delay(t)
+        late = t + 0.5 * self.h - self.track.delay - self.track.outside.extra_delay(t)
         k = math.floor(late / self.sample_time + 1e-9)
         k = min(k, len(self._commands) - 1)
         return (self._commands[k] if k >= 0 else 0.0), (self._commands[k - 1] if k > 0 else 0.0)
@@ -194,8 +195,9 @@ class _Moving:
         self._lets_go = d == 0.0 or (d * before > 0.0 and abs(d) < abs(before))
         if track.rate_limit < math.inf:
             most = track.rate_limit * self.h
-            self._limited += min(max(d - self._limited, -most), most)
-            d = self._limited
+            change = min(max(d - self._limited, -most), most)
+            d = self._limited + 0.5 * change
+            self._limited += change
         edge = track.dead_forward if d > 0.0 else track.dead_backward
         if edge > 0.0:
             over = abs(d) - edge
@@ -211,13 +213,18 @@ class _Moving:
         if track.fade > 0.0:
             self._heat += (d * d - self._heat) * self.h / track.fade_time
             d *= max(0.0, 1.0 - track.fade * self._heat / WARM)
-        self._drive += (d - self._drive) * self._drive_share
-        return self._gain * self._drive
+        if track.actuator_lag <= 0.0:
+            self._drive = d
+            return self._gain * d
+        change = (d - self._drive) * self._drive_share
+        self._drive += change
+        return self._gain * (self._drive - 0.5 * change)
 
     def step(self, torque: float, t: float) -> None:
         """Move motor and wheel by one fine step under ``torque``."""
         track, h = self.track, self.h
         torque -= track.load + self._load
+        before = self.wheel
         torque -= track.outside.torque(self.wheel, self.angle, t, self._memory, h)
         if self._released > 0.0:
             self._released -= h
@@ -227,8 +234,12 @@ class _Moving:
             self._with_gap(torque)
         else:
             self.wheel = self._turned(self.wheel, torque)
-        self.angle += self.wheel * h
-        self.lagged += (self.wheel - self.lagged) * self._read_share
+        self.mean = 0.5 * (before + self.wheel)
+        self.angle += self.mean * h
+        if track.sensor_lag > 0.0:
+            self.lagged += (self.mean - self.lagged) * self._read_share
+        else:
+            self.lagged = self.wheel
 
     def _with_gap(self, torque: float) -> None:
         """Motor and wheel turn as one while the motor pushes, apart while the gap is crossed."""

@@ -119,11 +119,11 @@ RANGES: dict[str, HiddenEffect] = {
             Range("ripple_from_reading", kind="either"),
         ),
     ),
-    "track-slip": HiddenEffect("vehicle", (Range("slip", 0.15, 0.40),), where="robot"),
+    "track-slip": HiddenEffect("vehicle", (Range("slip", 0.05, 0.35),), where="robot"),
     "radius-mismatch": HiddenEffect(
-        "vehicle", (Range("radius_ratio", 0.88, 0.95, mirror="inverse"),), where="one"
+        "vehicle", (Range("radius_ratio", 0.90, 0.97, mirror="inverse"),), where="one"
     ),
-    "track-width": HiddenEffect("vehicle", (Range("width_ratio", 1.10, 1.35),), where="robot"),
+    "track-width": HiddenEffect("vehicle", (Range("width_ratio", 1.06, 1.30),), where="robot"),
     "sensor-lag": HiddenEffect("sensor", (Range("sensor_lag", *LAG),)),
     "sensor-saturation": HiddenEffect(
         "sensor",

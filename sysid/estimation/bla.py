@@ -17,7 +17,8 @@ from sysid.estimation import initial
 from sysid.estimation.block_fit import ChainData, descend
 from sysid.estimation.output_error import reflected
 from sysid.structures.base import Focus
-from sysid.structures.block_chain import BlockChain, LinearLayer, StaticLayer
+from sysid.structures.block_chain import BlockChain
+from sysid.structures.block_layers import LinearLayer, StaticLayer
 from sysid.structures.oe import OE
 from sysid.structures.orders import Orders
 from sysid.structures.static import IDENTITY
@@ -46,11 +47,10 @@ def linear_starts(records: Sequence[Record], orders: Orders) -> list[tuple[str, 
     middle = centred(records)
     structure = OE(orders)
     names = [p.name for p in structure.parameters(records[0].inputs, records[0].outputs)]
-    found = [
+    return [
         (kind, dict(zip(names, theta.tolist(), strict=True)))
         for kind, theta in initial.starts(structure, middle, Focus.SIMULATION)
     ]
-    return found
 
 
 def impulse_response(records: Sequence[Record], output: int, lags: int) -> tuple[Array, float]:
@@ -111,12 +111,12 @@ def realised_denominator(responses: Array, order: int) -> Array:
     Ho & Kalman (1966) with the singular value decomposition of Kung (1978): the shift of the
     observability range of the Hankel matrix; poles outside the unit circle are reflected.
     """
-    m, lags = responses.shape
+    lags = responses.shape[1]
     rows = lags // 2
     blocks = [hankel(h[1 : rows + 1], h[rows:lags]) for h in responses]
     U, s, _ = np.linalg.svd(np.concatenate(blocks, axis=1), full_matrices=False)
-    O = U[:, :order] * np.sqrt(s[:order])
-    A = np.linalg.lstsq(O[:-1], O[1:], rcond=None)[0]
+    seen = U[:, :order] * np.sqrt(s[:order])
+    A = np.linalg.lstsq(seen[:-1], seen[1:], rcond=None)[0]
     return reflected(np.real(np.poly(np.linalg.eigvals(A))))
 
 

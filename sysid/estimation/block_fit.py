@@ -1,17 +1,16 @@
 """Fitting chains of blocks: descents on the part of the data that is not held out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from sysid.data.record import Array, Record
-from sysid.structures.base import Initial, Parameter
-from sysid.structures.block_chain import BlockChain, LinearLayer, StaticLayer
-from sysid.structures.block_structure import ChainErrors, output_scales
-from sysid.structures.static import Stage, Static, spline_knots
+from sysid.structures.block_chain import BlockChain
+from sysid.structures.block_errors import ChainErrors, output_scales
+from sysid.structures.block_layers import StaticLayer
 
 Mask = NDArray[np.bool_]
 

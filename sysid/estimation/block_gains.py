@@ -10,41 +10,10 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.structures.block_chain import BlockChain, LinearLayer, StaticLayer
-from sysid.structures.static import KINDS, Stage, Static, spline_knots
-
-
-def argument_scaled(static: Static, p: Array, factor: float) -> tuple[Static, Array]:
-    """The static g' with g'(factor·w) = g(w), where it has a gain to take the factor up."""
-    stages, parts, alive = [], [], True
-    for stage, place in zip(static.stages, static.slices(), strict=True):
-        part = p[place].copy()
-        if alive and stage.kind == "polynomial":
-            part /= factor ** np.arange(1.0, stage.size + 1)
-            alive = False
-        elif alive and stage.kind == "piecewise":
-            part[: stage.size] *= factor
-            alive = False
-        elif alive and stage.kind == "spline":
-            stage = replace(stage, knots=tuple((spline_knots(stage) * factor).tolist()))
-            alive = False
-        elif alive:
-            part *= factor
-        stages.append(stage)
-        parts.append(part)
-    return Static(tuple(stages)), np.concatenate([*parts, np.zeros(0)])
-
-
-def value_scaled(static: Static, p: Array, factor: float) -> Array:
-    """Parameters with which the static is ``factor`` times what it was, where it has a gain."""
-    out = p.copy()
-    places = static.slices()
-    last = max(k for k, s in enumerate(static.stages) if KINDS[s.kind].has_gain)
-    stage, part = static.stages[last], places[last]
-    out[part.stop - stage.size : part.stop] *= factor
-    for place in places[last + 1 :]:
-        out[place] *= factor
-    return out
+from sysid.structures.block_chain import BlockChain
+from sysid.structures.block_layers import LinearLayer, StaticLayer
+from sysid.structures.static import Static
+from sysid.structures.static_kinds import KINDS, spline_knots
 
 
 def normalised(
@@ -52,10 +21,15 @@ def normalised(
 ) -> tuple[BlockChain, Array, list[int]]:
     """The same input-output map with every gain in one place, and the entries that pin it.
 
-    Signals behind a first linear block and before a static with a gain get the spread of what
-    they come from or go to; a static with a gain before a linear block takes the spread of its
-    argument: its highest and lowest point lie on a line of slope one (of a polynomial the
-    largest term is the identity at the end of the range). What was divided out goes to B.
+    - A signal between two blocks gets the spread of the input it comes from, or before the last
+      static that of the output it goes to; the largest coefficient of that row's B pins it.
+    - A static with a gain of its own before a linear block runs from its lowest to its highest
+      point along a line of slope one, and these two points pin it (of a polynomial the largest
+      term is the identity at the end of the range). What was divided out goes to B.
+
+    Args:
+        chain, theta: the chain and its parameters.
+        data: (u, y) of each experiment: what spreads are taken from.
 
     Returns:
         (chain, θ, entries of θ to hold).
@@ -63,76 +37,94 @@ def normalised(
     theta = theta.copy()
     layers = list(chain.layers)
     held: list[int] = []
-    signals = [chain.signals(theta, u) for u, _ in data]
-    joined = [np.concatenate([s[k] for s in signals], axis=1) for k in range(len(layers))]
-    for k, layer in enumerate(layers):
+    runs = [chain.signals(theta, u) for u, _ in data]
+    joined = [np.concatenate([run[k] for run in runs], axis=1) for k in range(len(layers))]
+    targets = np.concatenate([y for _, y in data]).T
+    for k, layer in enumerate(chain.layers):
         if not isinstance(layer, StaticLayer):
             continue
-        base = chain.edges[k]
-        for c, static in enumerate(layer.statics):
-            place = slice(base + layer.edges[c], base + layer.edges[c] + static.n)
-            before = layers[k - 1] if k else None
-            if isinstance(before, LinearLayer) and not static.is_identity:
-                movable = static.has_gain or not layer.last
-                if movable:
-                    towards = (
-                        np.concatenate([y[:, c] for _, y in data]) if layer.last else joined[0][c]
-                    )
-                    spread = float(joined[k][c].std())
-                    factor = float(towards.std()) / spread if spread > 0 else 1.0
-                    held += _row_scaled(chain, k - 1, c, theta, factor)
-                    if static.has_gain:
-                        static, theta[place] = argument_scaled(static, theta[place], factor)
-                    else:
-                        theta[place] *= factor
-                        if k + 1 < len(layers) and not layer.last:
-                            _column_scaled(chain, k + 1, c, theta, 1.0 / factor)
-                    layers[k] = replace(
-                        layers[k],
-                        statics=(
-                            *layers[k].statics[:c],  # type: ignore[union-attr]
-                            static,
-                            *layers[k].statics[c + 1 :],  # type: ignore[union-attr]
-                        ),
-                    )
-                    joined[k][c] = joined[k][c] * factor
+        statics = list(layer.statics)
+        for c, static in enumerate(statics):
+            first = chain.edges[k] + layer.edges[c]
+            place = slice(first, first + static.n)
+            x = joined[k][c]
+            if k and (static.has_gain or not layer.last):
+                wanted = float((targets if layer.last else joined[0])[c].std())
+                spread = float(x.std())
+                factor = wanted / spread if spread > 0.0 and wanted > 0.0 else 1.0
+                held += scale_gain(chain, k - 1, theta, factor, row=c)
+                statics[c], theta[place] = argument_scaled(static, theta[place], factor)
+                x = x * factor
+                if not static.has_gain:
+                    scale_gain(chain, k + 1, theta, 1.0 / factor, column=c)
             if static.has_gain and not layer.last:
-                factor, pins = _unit_gain(static, theta[place], joined[k][c])
-                theta[place] = value_scaled(static, theta[place], factor)
-                _column_scaled(chain, k + 1, c, theta, 1.0 / factor)
-                held += [place.start + q for q in pins]
+                factor, pins = _unit_gain(statics[c], theta[place], x)
+                theta[place] = value_scaled(statics[c], theta[place], factor)
+                scale_gain(chain, k + 1, theta, 1.0 / factor, column=c)
+                held += [first + q for q in pins]
+        layers[k] = replace(layer, statics=tuple(statics))
     return BlockChain(tuple(layers), chain.nu), theta, sorted(held)
 
 
-def _row_scaled(chain: BlockChain, k: int, i: int, theta: Array, factor: float) -> list[int]:
-    """Multiply the B of row i of layer k; returns the largest coefficient's place."""
+def scale_gain(
+    chain: BlockChain, k: int, theta: Array, gain: float, *, column: int = -1, row: int = -1
+) -> list[int]:
+    """Multiply the B of one column or row of linear layer k, in place.
+
+    Returns:
+        The place in θ of the largest coefficient concerned, none where there is no entry.
+    """
     layer = chain.layers[k]
     assert isinstance(layer, LinearLayer)
     entries: list[int] = []
-    for out, j, _, s, _, _ in layer.entries(theta[chain.place(k)]):
-        if out == i:
+    for i, j, _, s, _, _ in layer.entries(theta[chain.place(k)]):
+        if j == column or i == row:
             first = chain.edges[k] + s.start
-            entries += list(range(first, first + layer.nb[out][j]))
-    theta[entries] *= factor
+            entries += list(range(first, first + layer.nb[i][j]))
+    theta[entries] *= gain
     return [max(entries, key=lambda q: abs(theta[q]))] if entries else []
 
 
-def _column_scaled(chain: BlockChain, k: int, j: int, theta: Array, factor: float) -> None:
-    """Multiply the B of column j of layer k."""
-    layer = chain.layers[k]
-    assert isinstance(layer, LinearLayer)
-    for i, column, _, s, _, _ in layer.entries(theta[chain.place(k)]):
-        if column == j:
-            first = chain.edges[k] + s.start
-            theta[first : first + layer.nb[i][j]] *= factor
+def argument_scaled(static: Static, p: Array, factor: float) -> tuple[Static, Array]:
+    """g' with g'(factor·w) = g(w), or factor·g(w) where the static has no gain of its own."""
+    stages, parts, alive = [], [], True
+    for stage, place in zip(static.stages, static.slices(), strict=True):
+        part = p[place].copy()
+        if alive and stage.kind == "polynomial":
+            part /= factor ** np.arange(1.0, stage.size + 1)
+        elif alive and stage.kind == "piecewise":
+            part[: stage.size] *= factor
+        elif alive and stage.kind == "spline":
+            stage = replace(stage, knots=tuple((spline_knots(stage) * factor).tolist()))
+        elif alive:
+            part *= factor
+        alive = alive and not KINDS[stage.kind].has_gain
+        stages.append(stage)
+        parts.append(part)
+    return Static(tuple(stages)), np.concatenate([*parts, np.zeros(0)])
+
+
+def value_scaled(static: Static, p: Array, factor: float) -> Array:
+    """Parameters with which a static with a gain is ``factor`` times what it was."""
+    out = p.copy()
+    last, places = _last_gain(static), static.slices()
+    part = places[last]
+    out[part.stop - static.stages[last].size : part.stop] *= factor
+    for place in places[last + 1 :]:
+        out[place] *= factor
+    return out
+
+
+def _last_gain(static: Static) -> int:
+    """The last stage that has a gain of its own."""
+    return max(k for k, s in enumerate(static.stages) if KINDS[s.kind].has_gain)
 
 
 def _unit_gain(static: Static, p: Array, x: Array) -> tuple[float, list[int]]:
-    """Factor that gives a static the spread of its argument, and the entries that pin it."""
-    last = max(k for k, s in enumerate(static.stages) if KINDS[s.kind].has_gain)
-    stage: Stage = static.stages[last]
-    place = static.slices()[last]
-    for inner, part in zip(static.stages[:last], static.slices()[:last], strict=True):
+    """Factor that gives a static the slope of the identity, and the entries that pin it."""
+    last, places = _last_gain(static), static.slices()
+    stage, place = static.stages[last], places[last]
+    for inner, part in zip(static.stages[:last], places[:last], strict=True):
         x = inner.value(x, p[part])
     if stage.kind == "polynomial":
         reach = max(float(np.max(np.abs(x))), 1e-300)
@@ -143,8 +135,8 @@ def _unit_gain(static: Static, p: Array, x: Array) -> tuple[float, list[int]]:
     values = p[place][-stage.size :]
     points = p[place][: stage.size] if stage.kind == "piecewise" else spline_knots(stage)
     low, high = sorted((int(np.argmin(values)), int(np.argmax(values))))
-    rise = values[high] - values[low]
     first = place.stop - stage.size
+    rise = float(values[high] - values[low])
     if high == low or rise == 0.0:
         return 1.0, [first]
-    return float((points[high] - points[low]) / rise), [first + low, first + high]
+    return float(points[high] - points[low]) / rise, [first + low, first + high]

@@ -14,7 +14,8 @@ from sysid.estimation.solvers import HUBER_WIDTH, Solution, levenberg_marquardt
 from sysid.estimation.strategies import Outcome
 from sysid.estimation.uncertainty import uncertainty
 from sysid.structures.base import Initial, Parameter
-from sysid.structures.block_structure import BlockStructure, ChainErrors
+from sysid.structures.block_errors import ChainErrors
+from sysid.structures.block_structure import BlockStructure
 from sysid.structures.model import StartReport
 
 EVALUATIONS = 100
@@ -52,7 +53,7 @@ def finished(
     last = _Last(structure, data, options, table)
     _check_equations(records, last)
     runs = [(name, *last.from_start(theta)) for name, theta in starts]
-    name, before, best = min(runs, key=lambda run: run[2].cost)
+    best = min((run[2] for run in runs), key=lambda solution: solution.cost)
     if best.termination is Termination.DIVERGED or not np.isfinite(best.cost):
         raise ModelError(f"{structure.name}: {Termination.DIVERGED.value}")
     if not last.constrained:
@@ -65,9 +66,7 @@ def finished(
         )
         last = _Last(structure, data, options, table)
         _, best = last.from_start(theta)
-    said = [
-        StartReport("all", run[0], run[1], run[2].cost, run[2].evaluations) for run in runs
-    ]
+    said = [StartReport("all", run[0], run[1], run[2].cost, run[2].evaluations) for run in runs]
     return last.outcome(best, (*reports, *said), warnings)
 
 
@@ -93,9 +92,8 @@ class _Last:
     ) -> None:
         self.structure, self.data, self.options, self.table = structure, data, options, table
         chain = structure.chain
-        stable = options.stable
-        self.moving = ChainErrors(chain, data.data, True, scales=data.scales, stable=stable)
-        self.rest = ChainErrors(chain, data.data, False, scales=data.scales, stable=stable)
+        self.moving = ChainErrors(chain, data.data, True, scales=data.scales)
+        self.rest = ChainErrors(chain, data.data, False, scales=data.scales)
         self.lower = np.array([p.lower for p in table])
         self.upper = np.array([p.upper for p in table])
         self.free = np.array([p.fixed is None for p in table], dtype=bool)

@@ -107,6 +107,13 @@ def compare(
         usable = _same_data(usable, excluded)
     if not usable:
         raise ModelError("no model can be compared: " + "; ".join(excluded.values()))
+    if validation is None and len({figures[c.id]["data"] for c in usable}) > 1:
+        notes.append(
+            "Not all of these models were judged on the same held-out data, so the figures are "
+            "those on the data they were fitted to: give --val LOG."
+        )
+        for c in usable:
+            figures[c.id] = {**c.report["estimation"], "held_out": False}
     criteria = _criteria(usable, notes)
     lines = []
     for c in usable:

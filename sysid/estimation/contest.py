@@ -171,6 +171,8 @@ def _grid(
     name: str, nu: int, ny: int, samples: int, nk: int | list[list[int]]
 ) -> list[dict[str, Any]]:
     found = default_grid(name, nu, ny, samples, nk)
+    if not found and name not in LINEAR:
+        raise DataError(f"{samples} samples are too few for {name}; record more or give --orders")
     # a record that bears no order at all still gets the lowest one: the fit itself will refuse
     lowest = {"arx": {"na": 1}, "armax": {"na": 1, "nc": 1}, "oe": {"nf": 1}}
     return found or [{**lowest.get(name, {"nc": 1, "nd": 1, "nf": 1}), "nb": 1, "nk": 1}]

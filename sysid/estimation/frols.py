@@ -25,6 +25,10 @@ DEPENDENT = 1e-10
 """A candidate with less than this share of its power left is a combination of the chosen ones."""
 
 
+EXTRA = 8
+"""Terms beyond the wanted number from which terms are then left out."""
+
+
 @dataclass(frozen=True, eq=False)
 class TermGram:
     """Products of candidate terms with each other and with one output, summed over the data.
@@ -128,8 +132,41 @@ def forward(g: TermGram, allowed: Sequence[int], most: int, given: Sequence[int]
     return Path(where[np.array(order, dtype=int)], np.array(err))
 
 
-def bic_size(path: Path, samples: int, floor: int = 1) -> int:
-    """Number of terms of lowest BIC = N ln V + n ln N along a path."""
-    n = np.arange(1, len(path.order) + 1)
-    score = samples * np.log(path.unexplained()) + n * np.log(max(samples, 2))
-    return max(int(np.argmin(score)) + 1, floor) if len(n) else 0
+def eliminated(g: TermGram, chosen: Sequence[int]) -> list[tuple[list[int], float]]:
+    """The chosen terms with one after another left out, the one that explains least first.
+
+    Forward selection cannot take back a term that later ones replace (u where u³ is the truth);
+    leaving out from a larger set can. Each set comes with the share of the output's power it
+    leaves, the smallest set last.
+    """
+    kept = list(chosen)
+    found = []
+    while kept:
+        where = np.array(kept)
+        inverse = np.linalg.pinv(g.gram[np.ix_(where, where)], rcond=1e-13, hermitian=True)
+        theta = inverse @ g.right[where]
+        explained = float(theta @ g.right[where]) / g.power if g.power > 0 else 0.0
+        found.append((kept, max(1.0 - explained, 1e-15)))
+        loss = theta**2 / np.maximum(np.diag(inverse), 1e-300)
+        out = int(np.argmin(loss))
+        kept = [k for i, k in enumerate(kept) if i != out]
+    return found
+
+
+def best_sizes(g: TermGram, allowed: Sequence[int], most: int) -> list[tuple[list[int], float]]:
+    """For 1, 2, … terms the better of forward selection and of leaving out from more."""
+    path = forward(g, allowed, most + EXTRA)
+    left = path.unexplained()
+    sets = [(path.order[: n + 1].tolist(), float(left[n])) for n in range(min(most, len(left)))]
+    for kept, share in eliminated(g, path.order.tolist()):
+        n = len(kept) - 1
+        if n < len(sets) and share < sets[n][1] * (1.0 - 1e-9):
+            sets[n] = (kept, share)
+    return sets
+
+
+def bic_size(left: Sequence[float], samples: int) -> int:
+    """Number of terms of lowest BIC = N ln V + n ln N; ``left`` are V/‖y‖² of 1, 2, … terms."""
+    n = np.arange(1, len(left) + 1)
+    score = samples * np.log(np.asarray(left)) + n * np.log(max(samples, 2))
+    return int(np.argmin(score)) + 1 if len(n) else 0

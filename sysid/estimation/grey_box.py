@@ -25,7 +25,7 @@ STARTS = 12
 POLISHED = 3
 """Starts that are polished, unless the best ones all ended at the same cost."""
 
-START_SAMPLES = 3000
+START_SAMPLES = 1500
 """Samples, all records together, that the many starts see; the polish sees all."""
 
 START_ROUNDS = 15
@@ -37,8 +37,19 @@ STEPS_IN_TIME_CONSTANT = 15.0
 noise of any encoder."""
 
 MOST_SUBSTEPS = 20
+
+SAMPLES_IN_TIME_CONSTANT = 5.0
+"""Samples of a time constant that are left where starts are compared on thinned data."""
+
 EVALUATIONS = 40
-"""Limit of a descent on part of the data; the last one takes the user's limit."""
+RUNG_EVALUATIONS = 25
+"""Limits of descents on part of the data; the last one takes the user's limit."""
+
+COARSER = 3
+"""So many times fewer substeps serve while starts and mechanisms are compared."""
+
+RUNG_STARTS = 2
+"""Starts of a rung that are followed, those of lowest cost."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +94,7 @@ class _Setting:
             upper=np.concatenate([self.upper, none]),
             huber=huber,
             max_evaluations=evaluations,
-            tolerance=1e-7 if kept is not None else 1e-9,
+            tolerance=1e-5 if kept is not None else 1e-9,
         )
 
 
@@ -114,8 +125,9 @@ def by_multi_start(
     # the user's word counts; elsewhere constants are held where the structure holds them
     asked = [given[n].fixed is not None or n in options.bounds for n in names]
     table = tuple(
-        replace(given[n], fixed=given[n].fixed if a else b.fixed,
-                upper=given[n].upper if a else b.upper)
+        replace(
+            given[n], fixed=given[n].fixed if a else b.fixed, upper=given[n].upper if a else b.upper
+        )
         for n, a, b in zip(names, asked, bare, strict=True)
     )
     free = np.array([p.fixed is None for p in table])
@@ -123,13 +135,15 @@ def by_multi_start(
     guesses += [(n, _admissible(t, table, free)) for n, t in warm if len(t) == len(table)]
     if structure.substeps == 0:
         structure = replace(structure, substeps=_substeps(structure, [t for _, t in guesses]))
-    setting = _Setting(structure, tuple(records), table, options, tuple(asked))
+    coarse = replace(structure, substeps=-(-structure.substeps // COARSER))
+    setting = _Setting(coarse, tuple(records), table, options, tuple(asked))
     held = hold_out(records) if structure.ladder() else None
     kept = None if held is None else [~m for m in held.counted]
     p, reports = _started(setting, guesses, free, kept)
     notes: list[StartReport] = []
     if held is not None:
         p, free, notes = _climbed(setting, p, free, held.counted, tie_margin(held.held))
+    setting = replace(setting, structure=structure)
     huber = None
     if options.robust:
         r = setting.problem(None).residual(p)
@@ -172,7 +186,9 @@ class Coordinates:
         wide = (upper - finite) > 1e3 * np.maximum(np.abs(typical - finite), 1e-12)
         upper = np.where(wide & np.isfinite(lower), np.inf, upper)
         size = np.where(np.isfinite(lower), np.maximum(typical - finite, 1e-12), np.abs(typical))
-        return Coordinates(lower, upper, np.where(size > 0, size, spread))
+        return Coordinates(
+            lower, upper, np.where(size > 0, size, np.where(spread > 0, spread, 1.0))
+        )
 
     def theta(self, xp: Any, z: Any) -> Any:
         """z → θ."""
@@ -256,7 +272,7 @@ def _varied(
         draw = rng.uniform(-1.0, 1.0, len(center))
         low = np.where(np.isfinite(s.lower), s.lower, 0.0)
         one = np.isfinite(s.lower)
-        factor = spread ** draw
+        factor = np.maximum(spread, 1.0) ** draw
         varied = np.where(
             one, low + (center - low) * factor, center + spread * draw * np.abs(center)
         )
@@ -270,8 +286,10 @@ def _at_once(
     s: _Setting, thetas: Sequence[Array], free: Array
 ) -> tuple[list[Array], list[tuple[float | None, int]]]:
     """Every start through the vmapped solver, on part of the data, initial states as guessed."""
-    pieces = shortened(s.records, START_SAMPLES)
-    problem = replace(s, records=pieces).problem(None)
+    every = _decimation(s, thetas[0])
+    pieces = shortened([_thinned(r, every) for r in s.records], START_SAMPLES)
+    structure = s.structure.sampled(pieces[0].dt)
+    problem = replace(s, records=pieces, structure=structure).problem(None)
     longest = max(len(r) for r in pieces)
     u = np.zeros((longest, s.structure.nu, len(pieces)))
     y = np.zeros((longest, s.structure.ny, len(pieces)))
@@ -285,7 +303,6 @@ def _at_once(
     typical = np.asarray(thetas[0])
     spread = s.structure.spreads()
     c = Coordinates.of(s.lower[where], s.upper[where], typical[where], spread[where])
-    structure = s.structure
 
     def residual(xp: Any, lax: Any, z: Any, start: Any, shared: Any) -> Any:
         base, x = start
@@ -310,6 +327,22 @@ def _at_once(
     return ends, [(e.cost, e.iterations) for e in endings]
 
 
+def _decimation(s: _Setting, theta: Array) -> int:
+    """How many samples may be taken as one while starts are compared."""
+    total = sum(len(r) for r in s.records)
+    room = s.structure.time_scale(theta) / (SAMPLES_IN_TIME_CONSTANT * s.structure.dt)
+    return int(max(min(total // START_SAMPLES, room), 1))
+
+
+def _thinned(r: Record, every: int) -> Record:
+    """Every so many samples, the input held at the mean of those it replaces."""
+    if every == 1:
+        return r
+    n = len(r) // every
+    u = np.asarray(r.u)[: n * every].reshape(n, every, r.nu).mean(axis=1)
+    return replace(r, u=u, y=r.y[: n * every : every], dt=r.dt * every, pose=None)
+
+
 def _half_square(r: Array) -> float:
     with np.errstate(over="ignore"):
         value = 0.5 * float(r @ r)
@@ -326,44 +359,53 @@ def _climbed(
     counted: Masks,
     margin: float,
 ) -> tuple[Array, Array, list[StartReport]]:
-    """Free the constants of each rung in turn; keep them where held-out data pay for them."""
+    """Free the constants of each rung in turn; keep them where held-out data pay for them.
+
+    A rung may have been kept only because another one was still missing, so at the end each is
+    taken away again and stays away where nothing is lost.
+    """
     kept = [~m for m in counted]
     output = ",".join(s.records[0].output_names)
     held = _held_error(s, p, counted)
     reports = [StartReport(output, f"base: held-out error {held:.4g}", None, None, 0)]
+    climbed: list[tuple[Rung, list[int]]] = []
+
+    def told(rung: Rung, verdict: str, error: float, found: Solution) -> None:
+        words = f"{rung.words}: {verdict}, held-out error {error:.4g}"
+        reports.append(StartReport(output, words, None, found.cost, found.evaluations))
+
     for rung in s.structure.ladder():
-        entries = _entries(s, rung)
-        if len(entries) == 0:
+        entries = [k for k in _entries(s, rung) if not free[k]]
+        if not entries:
             continue
         wider = free.copy()
         wider[entries] = True
-        best: Solution | None = None
-        for theta in s.structure.rung_starts(p[: len(free)], rung, s.records):
-            start = np.concatenate([theta, p[len(free) :]])
-            found = s.descend(start, wider, kept, EVALUATIONS)
-            if best is None or found.cost < best.cost:
-                best = found
-        if best is None:
-            continue
+        problem = s.problem(kept)
+        starts = [
+            np.concatenate([theta, p[len(free) :]])
+            for theta in s.structure.rung_starts(p[: len(free)], rung, s.records)
+        ]
+        starts.sort(key=lambda q: _half_square(problem.residual(q)))
+        runs = [s.descend(q, wider, kept, RUNG_EVALUATIONS) for q in starts[:RUNG_STARTS]]
+        best = min(runs, key=lambda run: run.cost)
         error = _held_error(s, best.p, counted)
-        pays = error < (1.0 - GAIN * margin) * held
-        reports.append(
-            StartReport(
-                output,
-                f"{rung.words}: {'kept' if pays else 'not kept'}, held-out error {error:.4g}",
-                None,
-                best.cost,
-                best.evaluations,
-            )
-        )
+        seen = np.linalg.norm(best.jacobian[:, entries], axis=0) > 0.0
+        pays = error < (1.0 - margin) * held and bool(np.all(seen))
+        told(rung, "kept" if pays else "not kept", error, best)
         if pays:
             p, free, held = best.p, wider, error
+            climbed.append((rung, entries))
+    null = s.structure.pack({})
+    for rung, entries in climbed[:-1]:
+        narrower, without = free.copy(), p.copy()
+        narrower[entries] = False
+        without[entries] = null[entries]
+        found = s.descend(without, narrower, kept, RUNG_EVALUATIONS)
+        error = _held_error(s, found.p, counted)
+        if error < (1.0 + margin) * held:
+            told(rung, "taken away again", error, found)
+            p, free, held = found.p, narrower, error
     return p, free, reports
-
-
-GAIN = 0.25
-"""A rung is kept when it lowers the held-out error by this share of its standard error: rungs are
-physical mechanisms, not lags, and what little one adds where it is absent shows in its error bar."""
 
 
 def _entries(s: _Setting, rung: Rung) -> list[int]:

@@ -62,6 +62,8 @@ def default_grid(name: str, nu: int, ny: int, samples: int, nk: Any) -> list[Raw
         grid = [{"nb": nb, "nf": n} for n in orders for nb in _numerators(n)]
     elif name == "bj":
         grid = [{"nb": n, "nc": noise, "nd": noise, "nf": n} for n in orders for noise in (1, 2)]
+    else:
+        return [dict(o) for o in structure_class(name).candidate_orders(nu, ny, samples, nk)]
     delayed = [{**o, "nk": nk} for o in grid]
     return [o for o in delayed if _affordable(name, o, nu, ny, samples)]
 

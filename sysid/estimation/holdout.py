@@ -8,12 +8,17 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Record
 
-BLOCKS = 10
-LONG_ENOUGH = 600
-"""Records from this many samples on are cut into interleaved blocks, shorter ones at 70 %."""
-
 MANY = 4
 """From this many records on each is cut once: every piece costs initial states to estimate."""
+
+ONCE = ((0.7, 1.0),)
+TWICE = ((0.35, 0.5), (0.85, 1.0))
+THRICE = ((0.2, 0.3), (0.5, 0.6), (0.8, 0.9))
+"""Parts of a record that are held out, 30 % in all."""
+
+CUTS = ((600, THRICE), (200, TWICE), (0, ONCE))
+"""Shortest record [samples] for each way to cut: the more blocks, the better they cover a record
+that is ordered by level or sign; the shorter the pieces, the more their initial states cost."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,36 +49,36 @@ class HoldOut:
 def hold_out(records: Sequence[Record]) -> HoldOut:
     """Split estimation data into a part to fit on and a part to choose on.
 
-    A few long records give three of ten interleaved blocks, so that the held-out part covers the
-    operating range even where a record is ordered by level or sign; short ones, and each of
-    many, give their last 30 %.
+    30 % of every record are held out: in interleaved blocks, so that they cover the operating
+    range even where a record is ordered by level or sign; at its end where it is short or one
+    of many.
     """
     train: list[Record] = []
     held: list[Record] = []
-    counted = []
-    once = [len(r) < LONG_ENOUGH or len(records) >= MANY for r in records]
-    for r, cut_once in zip(records, once, strict=True):
+    counted, cuts = [], []
+    for r in records:
         n = len(r)
-        edges = [round(k * n / BLOCKS) for k in range(BLOCKS + 1)]
-        # T T H  T T H  T T H  T: the blocks to fit on stay joined in pairs
-        fitted = [(edges[k], edges[min(k + 2, BLOCKS)]) for k in (0, 3, 6, 9)]
-        chosen = [(edges[k], edges[k + 1]) for k in (2, 5, 8)]
-        if cut_once:
-            fitted, chosen = [(0, edges[7])], [(edges[7], n)]
-        train += [r.rows(a, b) for a, b in fitted]
-        held += [r.rows(a, b) for a, b in chosen]
+        cut = ONCE if len(records) >= MANY else next(c for least, c in CUTS if n >= least)
+        edges = [round(share * n) for block in cut for share in block]
+        held += [r.rows(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+        bounds = [0, *edges, n]
+        fitted = zip(bounds[::2], bounds[1::2], strict=True)
+        train += [r.rows(a, b) for a, b in fitted if b > a]
         mask = np.zeros(n, dtype=bool)
-        for a, b in chosen:
+        for a, b in zip(edges[::2], edges[1::2], strict=True):
             mask[a:b] = True
         counted.append(mask)
-    words = (
-        "the last 30 % of the estimation data"
-        if all(once) and len(records) == 1
-        else "the last 30 % of each piece of the estimation data"
-        if all(once)
-        else "three of ten interleaved blocks of the estimation data"
-    )
-    return HoldOut(tuple(train), tuple(held), tuple(records), tuple(counted), words)
+        cuts.append(cut)
+    return HoldOut(tuple(train), tuple(held), tuple(records), tuple(counted), _words(cuts))
+
+
+def _words(cuts: Sequence[object]) -> str:
+    if all(c is ONCE for c in cuts):
+        each = "" if len(cuts) == 1 else "each piece of "
+        return f"the last 30 % of {each}the estimation data"
+    if all(c is THRICE for c in cuts):
+        return "three of ten interleaved blocks of the estimation data"
+    return "blocks of 30 % in all of the estimation data"
 
 
 def shortened(records: Sequence[Record], samples: int) -> tuple[Record, ...]:

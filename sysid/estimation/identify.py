@@ -14,6 +14,7 @@ from sysid.estimation.grid import parse_grid
 from sysid.estimation.orders import check_criterion, orders_text
 from sysid.estimation.search import FitOptions
 from sysid.structures.base import structure_class
+from sysid.structures.model import SAME_CLOCK
 
 SHOWN_CANDIDATES = 10
 
@@ -184,7 +185,7 @@ def require_same_channels(records: Sequence[Record], validation: Sequence[Record
                 f"{', '.join(r.output_names)} but {first.name} has "
                 f"{', '.join(first.input_names)} -> {', '.join(first.output_names)}"
             )
-        if abs(r.dt - first.dt) > 1e-3 * first.dt:
+        if abs(r.dt - first.dt) > SAME_CLOCK * first.dt:
             raise DataError(
                 f"the validation log {r.name} is sampled every {r.dt:g} s but {first.name} "
                 f"every {first.dt:g} s"

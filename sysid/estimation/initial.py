@@ -15,10 +15,19 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.signal import lfilter
-from scipy.special import fdtri
 
 from sysid.data.record import Array, Record
 from sysid.estimation import normal_equations as ne
+from sysid.estimation.long_arx import (
+    arx_row,
+    hannan_rissanen,
+    long_arx_errors,
+    long_arx_output,
+    plain_row,
+    settled,
+    shared_poles,
+    terms_of,
+)
 from sysid.estimation.output_error import (
     own_poles,
     passing,
@@ -27,10 +36,9 @@ from sysid.estimation.output_error import (
     run_cost,
     sriv,
 )
-from sysid.estimation.uncertainty import portmanteau_white
 from sysid.structures.base import Focus, Structure
 from sysid.structures.polynomial import PolynomialStructure
-from sysid.structures.predictor import RowErrors, RowLayout
+from sysid.structures.predictor import RowLayout
 
 Starts = Sequence[tuple[str, Array]]
 Starter = Callable[[Structure, Sequence[Record], Focus], Starts]
@@ -47,12 +55,6 @@ signal-to-noise ratio of 0.3); with three it missed 20 % even at one per cent of
 
 FEW_POLES = 2
 """Number of poles up to which ``NOISY`` decides; with more the grid is always searched."""
-
-PLENTY = 5000
-"""Samples from which a start that leaves nothing to predict spares the search of the others."""
-
-SETTLED = 0.95
-"""Confidence up to which a long ARX may predict better by chance."""
 
 
 def starts(structure: Structure, records: Sequence[Record], focus: Focus) -> Starts:
@@ -89,28 +91,9 @@ def stabilised(structure: PolynomialStructure, theta: Array) -> Array:
     return out
 
 
-def arx_row(records: Sequence[Record], lay: RowLayout) -> Array:
-    """Least squares of one ARX row: [a…, b…] in the row's order."""
-    ny = records[0].ny
-    terms = [(j, k) for j, n in enumerate(lay.na) for k in range(1, n + 1)]
-    terms += [
-        (ny + j, k)
-        for j, (nb, nk) in enumerate(zip(lay.nb, lay.nk, strict=True))
-        for k in range(nk, nk + nb)
-    ]
-    used = {lay.output, *(s for s, _ in terms)}
-    gram = ne.lag_gram(records, max(lay.start, 1), lay.start, used)
-    solved = ne.solve(gram, gram.column(lay.output, 0), [gram.column(s, k) for s, k in terms])
-    if solved is None:
-        solved = ne.solve_by_blocks(records, max(lay.start, 1), lay.output, terms)
-    theta = solved.theta.copy()
-    theta[: sum(lay.na)] *= -1.0
-    return theta
-
-
 def _arx_starts(structure: Structure, records: Sequence[Record], focus: Focus) -> Starts:
     assert isinstance(structure, PolynomialStructure)
-    rows = [_plain(structure.layout(i)) for i in range(structure.ny)]
+    rows = [plain_row(structure.layout(i)) for i in range(structure.ny)]
     found = [("least squares", np.concatenate([arx_row(records, lay) for lay in rows]))]
     if focus is Focus.SIMULATION:
         found += _common_pole_starts(records, rows)
@@ -119,12 +102,12 @@ def _arx_starts(structure: Structure, records: Sequence[Record], focus: Focus) -
 
 def _with_moving_average(records: Sequence[Record], lay: RowLayout, theta: Array) -> Array:
     """[a…, b…, c] from [a…, b…]: C is the moving average that A y − B u is."""
-    plain = _plain(lay)
+    plain = plain_row(lay)
     noise = []
     for r in records:
-        v = ne.residual_row(r, plain.start, lay.output, _terms(plain, theta, r.ny))
+        v = ne.residual_row(r, plain.start, lay.output, terms_of(plain, theta, r.ny))
         noise.append(passing(np.zeros((len(v), 0)), v, r.dt))
-    return np.concatenate([theta, _hannan_rissanen(noise, _noise_row(lay))])
+    return np.concatenate([theta, hannan_rissanen(noise, _noise_row(lay))])
 
 
 def _noise_row(lay: RowLayout) -> RowLayout:
@@ -169,18 +152,20 @@ def _doubtful(records: Sequence[Record], lay: RowLayout, theta: Array) -> bool:
 def _armax_starts(structure: Structure, records: Sequence[Record], focus: Focus) -> Starts:
     assert isinstance(structure, PolynomialStructure)
     layouts = [structure.layout(i) for i in range(structure.ny)]
-    plain = [np.concatenate([arx_row(records, _plain(lay)), np.zeros(lay.nc)]) for lay in layouts]
-    long = [_long_arx_errors(records, _plain(lay)) for lay in layouts]
-    rows = [_hannan_rissanen(records, lay, e) for lay, e in zip(layouts, long, strict=True)]
+    plain = [
+        np.concatenate([arx_row(records, plain_row(lay)), np.zeros(lay.nc)]) for lay in layouts
+    ]
+    long = [long_arx_errors(records, plain_row(lay)) for lay in layouts]
+    rows = [hannan_rissanen(records, lay, e) for lay, e in zip(layouts, long, strict=True)]
     found = [("Hannan-Rissanen", np.concatenate(rows)), ("ARX", np.concatenate(plain))]
     if focus is Focus.PREDICTION and all(
-        _settled(records, lay, row, e) for lay, row, e in zip(layouts, rows, long, strict=True)
+        settled(records, lay, row, e) for lay, row, e in zip(layouts, rows, long, strict=True)
     ):
         return found
     if focus is Focus.SIMULATION or not structure.orders.coupled:
         # with a sensor's noise C is near A, and both regressions start far off
         ends = np.cumsum([lay.n - lay.nc for lay in layouts])[:-1]
-        for kind, theta in _common_pole_starts(records, [_plain(lay) for lay in layouts]):
+        for kind, theta in _common_pole_starts(records, [plain_row(lay) for lay in layouts]):
             rows = [
                 _with_moving_average(records, lay, row)
                 for row, lay in zip(np.split(theta, ends), layouts, strict=True)
@@ -189,36 +174,14 @@ def _armax_starts(structure: Structure, records: Sequence[Record], focus: Focus)
     return found
 
 
-def _settled(
-    records: Sequence[Record], lay: RowLayout, theta: Array, long_errors: Sequence[Array]
-) -> bool:
-    """Whether a start leaves nothing to predict, so that no other can lead to a better end.
-
-    Its errors are white, and a long ARX, which has many times the freedom, does not predict
-    significantly better (F-test). Short records decide nothing, and searching them costs nothing.
-    """
-    if sum(len(r) for r in records) < PLENTY:
-        return False
-    problem = RowErrors(lay, np.arange(lay.n), [(r.u, r.y) for r in records], False)
-    with_start = np.split(problem.residual(theta), np.cumsum(problem.lengths)[:-1])
-    long = _long_layout(records, _plain(lay))
-    errors = [e[long.start - problem.skipped :] for e in with_start]
-    more, left = long.n - lay.n, sum(len(e) for e in errors) - long.n
-    if more < 1 or left < 1 or not portmanteau_white(errors):
-        return False
-    floor = sum(float(e @ e) for e in long_errors)
-    excess = sum(float(e @ e) for e in errors) - floor
-    return bool(excess / more <= fdtri(more, left, SETTLED) * floor / left)
-
-
 def _output_error_starts(structure: Structure, records: Sequence[Record], focus: Focus) -> Starts:
     assert isinstance(structure, PolynomialStructure)
     layouts = [structure.layout(i) for i in range(structure.ny)]
     rows: list[dict[str, Array]] = []
     for lay in layouts:
-        common = _shared_poles(lay)
+        common = shared_poles(lay)
         arx = arx_row(records, common)
-        clean = _long_arx_output(records, lay)
+        clean = long_arx_output(records, lay)
         refined = sriv(records, common, arx)
         smooth = sriv(clean, common, arx_row(clean, common))
         kinds = {
@@ -244,17 +207,6 @@ _STARTERS: dict[str, Starter] = {
 }
 
 
-def _plain(lay: RowLayout) -> RowLayout:
-    """The ARX part of a row."""
-    return replace(lay, nc=0, nd=0, nf=(0,) * len(lay.nf))
-
-
-def _shared_poles(lay: RowLayout) -> RowLayout:
-    """The ARX row whose A stands for the largest F of an output-error row."""
-    na = tuple(max(lay.nf) if j == lay.output else 0 for j in range(len(lay.na)))
-    return replace(lay, na=na, nc=0, nd=0, nf=(0,) * len(lay.nf))
-
-
 def _split(common: RowLayout, lay: RowLayout, theta: Array) -> Array:
     """[b…, f…] of an output-error row from [a, b…]: every input starts with the same poles."""
     n = common.na[common.output]
@@ -266,81 +218,6 @@ def _split(common: RowLayout, lay: RowLayout, theta: Array) -> Array:
         tail = np.real(np.poly(kept))[1:] if len(kept) else np.zeros(0)
         tails.append(np.concatenate([tail, np.zeros(nf - len(tail))]))
     return np.concatenate([theta[n:], *tails])
-
-
-def _hannan_rissanen(
-    records: Sequence[Record], lay: RowLayout, long_errors: Sequence[Array] | None = None
-) -> Array:
-    """ARMAX row by two regressions: [a…, b…, c]; the first one may be done already."""
-    plain = _plain(lay)
-    if long_errors is None:
-        long_errors = _long_arx_errors(records, plain)
-    errors = [
-        passing(r.u, np.column_stack([r.y, e]), r.dt)
-        for r, e in zip(records, long_errors, strict=True)
-    ]
-    ny = records[0].ny
-    wide = replace(plain, na=(*plain.na, lay.nc))
-    theta = arx_row([r.rows(_long_order(records, plain), len(r)) for r in errors], wide)
-    n_a = sum(plain.na)
-    c = reflected(np.concatenate([[1.0], -theta[n_a : n_a + lay.nc]]))[1:]
-    assert wide.na[ny] == lay.nc
-    return np.concatenate([theta[:n_a], theta[n_a + lay.nc :], c])
-
-
-def _long_order(records: Sequence[Record], lay: RowLayout) -> int:
-    """Order of the long ARX: grows with the record, leaves twenty samples a coefficient."""
-    n = sum(len(r) for r in records)
-    signals = 1 + sum(1 for nb in lay.nb if nb) + sum(1 for na in lay.na if na)
-    return int(np.clip(n // (20 * signals), max(lay.start, 2), 3 * max(lay.start, 8)))
-
-
-def _long_layout(records: Sequence[Record], lay: RowLayout) -> RowLayout:
-    order = _long_order(records, lay)
-    na = tuple(order if n or j == lay.output else 0 for j, n in enumerate(lay.na))
-    nb = tuple(max(order + 1 - nk, nb) if nb else 0 for nb, nk in zip(lay.nb, lay.nk, strict=True))
-    return replace(_plain(lay), na=na, nb=nb)
-
-
-def _long_arx_errors(records: Sequence[Record], lay: RowLayout) -> list[Array]:
-    """Errors of a long ARX, zero where its regressors reach before the record."""
-    long = _long_layout(records, lay)
-    theta = arx_row(records, long)
-    out = []
-    for r in records:
-        e = np.zeros(len(r))
-        e[long.start :] = ne.residual_row(r, long.start, lay.output, _terms(long, theta, r.ny))
-        out.append(e)
-    return out
-
-
-def _terms(lay: RowLayout, theta: Array, ny: int) -> list[tuple[int, int, float]]:
-    """(signal, lag, coefficient) of ŷ = Σ coefficient · signal(t − lag)."""
-    a, b, *_ = lay.slices()
-    terms = [(j, k, -float(v)) for j, s in enumerate(a) for k, v in enumerate(theta[s], 1)]
-    return terms + [
-        (ny + j, k, float(v)) for j, s in enumerate(b) for k, v in enumerate(theta[s], lay.nk[j])
-    ]
-
-
-def _long_arx_output(records: Sequence[Record], lay: RowLayout) -> list[Record]:
-    """The records with the row's output replaced by the free run of a long ARX (noise gone)."""
-    common = _shared_poles(lay)
-    long = _long_layout(records, common)
-    theta = arx_row(records, long)
-    a, b, *_ = long.slices()
-    A = reflected(np.concatenate([[1.0], theta[a[lay.output]]]))
-    out = []
-    for r in records:
-        drive = np.zeros(len(r))
-        for j, s in enumerate(b):
-            if s.stop > s.start:
-                drive += lfilter(np.concatenate([np.zeros(lay.nk[j]), theta[s]]), [1.0], r.u[:, j])
-        y = np.array(r.y)
-        y[:, lay.output] = lfilter([1.0], A, drive)
-        usable = np.all(np.isfinite(y)) and np.max(np.abs(y)) < 1e6 * np.max(np.abs(r.y))
-        out.append(replace(r, y=y) if usable else r)
-    return out
 
 
 def _with_noise(records: Sequence[Record], lay: RowLayout, theta: Array) -> Array:
@@ -358,6 +235,6 @@ def _with_noise(records: Sequence[Record], lay: RowLayout, theta: Array) -> Arra
                 v -= lfilter(top, np.concatenate([[1.0], theta[f[j]]]), r.u[:, j])
         noise.append(passing(np.zeros((len(v), 0)), v, r.dt))
     row = _noise_row(lay)
-    dc = _hannan_rissanen(noise, row) if lay.nc else arx_row(noise, row)
+    dc = hannan_rissanen(noise, row) if lay.nc else arx_row(noise, row)
     D = reflected(np.concatenate([[1.0], dc[: lay.nd]]))[1:]
     return np.concatenate([theta[:n_b], dc[lay.nd :], D, theta[n_b:]])

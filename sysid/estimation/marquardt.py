@@ -11,10 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dgeqrf
 
 from sysid.data.record import Array
 from sysid.errors import Termination
+from sysid.estimation.normal_equations import triangle
 
 FIRST_RADIUS = 100.0
 """First trust radius in units of ‖D x‖; the first step cuts it to its own length."""
@@ -115,10 +115,10 @@ class _LinearModel:
         n = J.shape[1]
         stacked = np.empty((n + 1, len(r)))
         stacked[:n], stacked[n] = J.T, r
-        triangle = np.triu(dgeqrf(stacked.T, overwrite_a=True)[0][: n + 1])
-        if not np.all(np.isfinite(triangle)):
+        both = triangle(stacked.T)
+        if not np.all(np.isfinite(both)):
             return _LinearModel(scale, np.ones(1), np.zeros((1, n)), np.full(1, np.nan), np.inf)
-        R, z = triangle[:n, :n], triangle[:n, n]
+        R, z = both[:n, :n], both[:n, n]
         size = np.linalg.norm(R, axis=0)
         along = np.abs(R.T @ z) / np.where(size > 0.0, size, 1.0)
         scale = np.maximum(scale, size)

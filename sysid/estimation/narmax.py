@@ -77,10 +77,9 @@ def fit_narmax(
     chunk = LADDER[-1] if refine else 0
     if not structure.terms:
         structure, chunk, starts, known = _searched(structure, records, options, refine)
-    structure = _with_err(structure, records)
     structure, notes = with_noise_terms(structure, records)
-    if structure.rows != structure.terms or len(parameters) != _count(structure):
-        parameters = structure.parameters(records[0].inputs, records[0].outputs)
+    structure = _with_err(structure, records)
+    parameters = _kept(structure, records[0], parameters)
     estimates = [_one_step(structure, records, options, parameters)]
     if chunk:
         estimates += _in_free_run(structure, records, estimates[0], known, chunk, parameters)
@@ -163,8 +162,10 @@ def _with_err(s: NARMAX, records: Sequence[Record]) -> NARMAX:
     return replace(s, terms=tuple(rows), err=tuple(ratios))
 
 
-def _count(s: NARMAX) -> int:
-    return sum(len(row) for row in s.rows)
+def _kept(s: NARMAX, record: Record, constrained: Sequence[Parameter]) -> tuple[Parameter, ...]:
+    """The chosen structure's parameters with the user's bounds and fixed values."""
+    known = {p.name: p for p in constrained}
+    return tuple(known.get(p.name, p) for p in s.parameters(record.inputs, record.outputs))
 
 
 # ------------------------------------------------------------------------- coefficients

@@ -206,6 +206,8 @@ def _one_after_another(
         except (DataError, ModelError):
             model = None
         if model is not None:
+            # a structure that reads terms or scalings off the data comes back adapted
+            s, names = model.structure, [q.name for q in model.parameters]
             error = free_run_error(s, model.theta, data.whole, data.counted, options.robust)
             if criterion in ERROR_CRITERIA:
                 score = error

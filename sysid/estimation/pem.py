@@ -212,7 +212,7 @@ def head_window(structure: Structure, theta: Array, skip: int = 0) -> int:
     states = structure.n_states(theta)
     if skip == states > 0:
         return skip
-    slowest = 0.0
+    slowest = min(structure.forgets_after(theta), LONGEST_HEAD)
     if isinstance(structure, PolynomialStructure):
         radii = np.abs(structure.transfer(theta).poles())
         decay = np.abs(np.log(radii[radii > 0.0]))

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -250,8 +251,11 @@ def many_starts(
     shared: Any,
     iterations: int = 20,
     tolerance: float = 1e-7,
+    jacobian: Callable[[Any, Any, Any, Any, Any], Any] | None = None,
 ) -> tuple[Ending, ...]:
     """Levenberg-Marquardt from many starts at once: jaxopt's, vmapped and compiled.
+
+    The same functions with the same limits are compiled once for every shape of their arguments.
 
     Args:
         residual: (jax.numpy, jax.lax, z, each, shared) → r, of about unit norm at a poor start
@@ -261,7 +265,29 @@ def many_starts(
         shared: arrays all starts share; passed as arguments, so that a compilation serves any data.
         iterations: limit for every start.
         tolerance: on the gradient's norm.
+        jacobian: of ``residual``, with the same arguments; forward-mode unless given.
     """
+    found = _batch_solver(residual, jacobian, iterations, tolerance)(starts, each, shared)
+    ends, costs, counts, gradients = (np.asarray(part, dtype=np.float64) for part in found)
+    endings = []
+    for z, cost, count, gradient in zip(ends, costs, counts, gradients, strict=True):
+        finite = bool(np.isfinite(cost)) and bool(np.all(np.isfinite(z)))
+        termination = Termination.DIVERGED
+        if finite:
+            settled = gradient <= tolerance
+            termination = Termination.CONVERGED_GRADIENT if settled else Termination.MAX_ITERATIONS
+        endings.append(Ending(z, float(cost) if finite else None, int(count), termination))
+    return tuple(endings)
+
+
+@lru_cache(maxsize=16)
+def _batch_solver(
+    residual: Callable[[Any, Any, Any, Any, Any], Any],
+    jacobian: Callable[[Any, Any, Any, Any, Any], Any] | None,
+    iterations: int,
+    tolerance: float,
+) -> Callable[..., Any]:
+    """(starts, each, shared) → ends, costs, iterations and gradient norms, compiled."""
     from jaxopt import LevenbergMarquardt
 
     from sysid.structures.compiled import jax_module
@@ -273,8 +299,23 @@ def many_starts(
         r = jnp.nan_to_num(residual(jnp, lax, z, own, data), nan=CLIPPED)
         return jnp.clip(r, -CLIPPED, CLIPPED)
 
+    # compiled on its own, it is traced once although jaxopt calls it in many places
+    clipped = jax.jit(clipped)
+    fun = clipped
+    if jacobian is not None:
+        slopes = jax.jit(lambda z, own, data: jacobian(jnp, lax, z, own, data))
+        # jaxopt differentiates forward-mode: told how, it takes our Jacobian (its own option for
+        # that does not work where it also keeps the Jacobian)
+        fun = jax.custom_jvp(clipped)
+
+        def rule(primals: Any, tangents: Any) -> Any:
+            z, own, data = primals
+            return clipped(z, own, data), slopes(z, own, data) @ tangents[0]
+
+        fun.defjvp(rule)
+
     solver = LevenbergMarquardt(
-        residual_fun=clipped,
+        residual_fun=fun,
         materialize_jac=True,
         solver="cholesky",
         damping_parameter=1e-3,
@@ -288,14 +329,5 @@ def many_starts(
         end, state = solver.run(z, own, data)
         return end, state.value, state.iter_num, state.error
 
-    found = jax.jit(jax.vmap(run, in_axes=(0, 0, None)))(starts, each, shared)
-    ends, costs, counts, gradients = (np.asarray(part, dtype=np.float64) for part in found)
-    endings = []
-    for z, cost, count, gradient in zip(ends, costs, counts, gradients, strict=True):
-        finite = bool(np.isfinite(cost)) and bool(np.all(np.isfinite(z)))
-        termination = Termination.DIVERGED
-        if finite:
-            settled = gradient <= tolerance
-            termination = Termination.CONVERGED_GRADIENT if settled else Termination.MAX_ITERATIONS
-        endings.append(Ending(z, float(cost) if finite else None, int(count), termination))
-    return tuple(endings)
+    compiled: Callable[..., Any] = jax.jit(jax.vmap(run, in_axes=(0, 0, None)))
+    return compiled

@@ -7,15 +7,14 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.estimation.block_fit import ChainData, Fitted
-from sysid.estimation.block_gains import argument_scaled
+from sysid.estimation.block_gains import argument_scaled, scale_gain
 from sysid.estimation.static_starts import shaped
-from sysid.structures.block_chain import BlockChain, LinearLayer, StaticLayer
+from sysid.structures.block_chain import BlockChain
+from sysid.structures.block_layers import LinearLayer, StaticLayer
 from sysid.structures.static import Static
 
 
-def with_statics(
-    fitted: Fitted, layer: int, statics: Sequence[Static], data: ChainData
-) -> Fitted:
+def with_statics(fitted: Fitted, layer: int, statics: Sequence[Static], data: ChainData) -> Fitted:
     """The chain with other statics in one layer, each following the one it replaces.
 
     A gain that the new static does not have goes to the linear block beside it. Statics of the
@@ -54,22 +53,8 @@ def with_statics(
     layers = list(chain.layers)
     layers[layer] = replace(old, statics=tuple(new))
     changed = BlockChain(tuple(layers), chain.nu)
-    start = np.concatenate(
-        [theta[: place.start], *parts, theta[place.stop :], states.ravel()]
-    )
+    start = np.concatenate([theta[: place.start], *parts, theta[place.stop :], states.ravel()])
     return replace(fitted, chain=changed, p=start)
-
-
-def scale_gain(
-    chain: BlockChain, k: int, theta: Array, gain: float, *, column: int = -1, row: int = -1
-) -> None:
-    """Multiply the B of one column or row of linear layer k, in place."""
-    layer = chain.layers[k]
-    assert isinstance(layer, LinearLayer)
-    for i, j, _, s, _, _ in layer.entries(theta[chain.place(k)]):
-        if j == column or i == row:
-            first = chain.edges[k] + s.start
-            theta[first : first + layer.nb[i][j]] *= gain
 
 
 def _scale_states(chain: BlockChain, k: int, states: Array, gain: float, row: int) -> None:

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.structures.static import KINDS, Stage, Static
+from sysid.structures.static import Static
+from sysid.structures.static_kinds import KINDS, Stage
 
 PLACES = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0)
 """Places of limits tried, as fractions of the range of a signal."""

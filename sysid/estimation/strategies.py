@@ -12,6 +12,7 @@ from sysid.estimation import closed_form
 from sysid.estimation.search import FitOptions, Search, assembled
 from sysid.estimation.uncertainty import with_confounded
 from sysid.structures.base import Parameter, Structure
+from sysid.structures.grey_box import GreyBox
 from sysid.structures.model import StartReport
 
 
@@ -51,13 +52,17 @@ _OWN: dict[str, str] = {
     "hammerstein-wiener": "sysid.estimation.hammerstein_wiener:fit",
     "wiener-hammerstein": "sysid.estimation.wiener_hammerstein:fit",
     "narmax": "sysid.estimation.narmax:fit_narmax",
+    "narx-wavelet": "sysid.estimation.narx:fit_narx",
 }
 """Structure → ``module:function`` of its own strategy, imported when it is first needed."""
+
+GREY = "sysid.estimation.grey_box:by_multi_start"
+"""How every grey box is fitted, those of other packages too."""
 
 
 def strategy(structure: Structure) -> Strategy:
     """The way to fit this structure."""
-    own = _OWN.get(structure.name)
+    own = _OWN.get(structure.name, GREY if isinstance(structure, GreyBox) else None)
     if own is None:
         return by_search
     module, _, name = own.partition(":")

@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid.errors import UsageError
 from sysid.estimation.candidate_runs import CandidateRuns, select_by_simulation
-from sysid.estimation.frols import TermGram, bic_size, forward, term_gram
+from sysid.estimation.frols import TermGram, best_sizes, bic_size, forward, term_gram
 from sysid.estimation.term_growth import grown, pruned
 from sysid.estimation.term_trials import Row, Trial, refined
 from sysid.structures.monomials import Term, factors_of, pool
@@ -180,11 +180,11 @@ def _err_trials(
     seen: set[frozenset[int]] = set()
     found = []
     for degree, cap, members in inside:
-        path = forward(gram, members, most)
-        enough = bic_size(path, gram.samples)
+        sets = best_sizes(gram, members, most)
+        enough = bic_size([left for _, left in sets], gram.samples)
         sizes = [s.size] if s.size else [n for n in SIZES if n < enough] + [enough]
         for n in sizes:
-            chosen = path.order[:n].tolist()
+            chosen = sets[min(n, len(sets)) - 1][0] if sets else []
             if not chosen or frozenset(chosen) in seen:
                 continue
             seen.add(frozenset(chosen))

@@ -24,6 +24,9 @@ FOLDS = 5
 TIE = 0.01
 """Held-out errors closer than this are the same; the fewer terms win."""
 
+USUAL = 0.97
+"""Share of the samples that an input's levels account for."""
+
 LADDER = (30, 150, 600)
 """Chunk lengths of the refinement, each started from the last."""
 
@@ -176,9 +179,16 @@ class Row:
 
 
 def _levels(u: Array) -> int:
-    """Number of different values of an input, to a thousandth of its range."""
+    """Number of values that make up an input but for a few samples, to a thousandth of its range.
+
+    A two-level sequence that begins at rest still has two.
+    """
     span = float(np.ptp(u))
-    return len(np.unique(np.round((u - u.min()) / span, 3))) if span > 0.0 else 1
+    if span <= 0.0:
+        return 1
+    _, counts = np.unique(np.round((u - u.min()) / span, 3), return_counts=True)
+    reached = np.cumsum(np.sort(counts)[::-1])
+    return int(np.searchsorted(reached, USUAL * len(u))) + 1
 
 
 def refined(

@@ -5,12 +5,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import qr
 from scipy.special import chdtri
 
 from sysid.criteria.coloured import coloured_gram
 from sysid.data.record import Array, Record
-from sysid.estimation.normal_equations import RANK_TOLERANCE
+from sysid.estimation.normal_equations import RANK_TOLERANCE, triangle
 from sysid.structures.base import Structure
 from sysid.structures.polynomial import PolynomialStructure
 
@@ -65,8 +64,7 @@ def uncertainty(
     J = jacobian if np.all(weights == 1.0) else jacobian * root[:, None]
     scale = np.linalg.norm(J, axis=0)
     scale[scale == 0] = 1.0
-    R = qr(J / scale, mode="r", overwrite_a=True, check_finite=False)[0][:n]
-    _, s, Vt = np.linalg.svd(R, full_matrices=False)
+    _, s, Vt = np.linalg.svd(triangle(J / scale), full_matrices=False)
     keep = s > s.max(initial=0.0) * RANK_TOLERANCE
     V = Vt[keep].T
     half = V / s[keep] / scale[:, None]

@@ -160,6 +160,10 @@ class Structure(ABC):
     def n_states(self, theta: Array) -> int:
         """Number of states of the free run."""
 
+    def forgets_after(self, theta: Array) -> float:
+        """Samples after which the free run has forgotten its initial state, 0 when unknown."""
+        return 0.0
+
     @abstractmethod
     def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
         """State x0 (n_states,) that meets the first ``samples`` of y best in free run."""
@@ -243,12 +247,11 @@ def structure_classes() -> dict[str, type[Structure]]:
     from sysid.structures.arx import ARX
     from sysid.structures.bj import BJ
     from sysid.structures.hammerstein_wiener import HammersteinWiener
-    from sysid.structures.narmax import NARMAX
     from sysid.structures.oe import OE
     from sysid.structures.wiener_hammerstein import WienerHammerstein
 
     classes: dict[str, type[Structure]] = {
-        c.name: c for c in (ARX, ARMAX, OE, BJ, HammersteinWiener, WienerHammerstein, NARMAX)
+        c.name: c for c in (ARX, ARMAX, OE, BJ, HammersteinWiener, WienerHammerstein)
     }
     for point in entry_points(group="sysid.structures"):
         classes.setdefault(point.name, point.load())

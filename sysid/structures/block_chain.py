@@ -13,7 +13,7 @@ nonlinearity, so derivatives are filtered signals (Wills, Schön, Ljung & Ninnes
     ∂w/∂b_k = s(t−k)/F     ∂w/∂f_k = −w(t−k)/F     ∂w/∂x_k = δ(t−k)/F     ∂w/∂p = (B/F) ∂s/∂p
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -22,120 +22,11 @@ import numpy as np
 from scipy.signal import lfilter, lfilter_zi
 
 from sysid.data.record import Array
-from sysid.structures.orders import Matrix
+from sysid.structures.block_layers import Layer, LinearLayer, StaticLayer
 from sysid.structures.predictor import roots_inside
-from sysid.structures.static import Static
 
 STATE_STEPS = 8
 """Gauss-Newton steps for an initial state: a start from the steady state needs three or four."""
-
-
-@dataclass(frozen=True)
-class StaticLayer:
-    """A static for each channel.
-
-    Attributes:
-        statics: one a channel.
-        last: whether y0 is added; otherwise the value at 0 is taken off.
-    """
-
-    statics: tuple[Static, ...]
-    last: bool = False
-
-    def has_y0(self, k: int) -> bool:
-        """Whether channel k has an offset of its own besides what its static can add."""
-        return self.last and not self.statics[k].has_offset
-
-    @cached_property
-    def edges(self) -> tuple[int, ...]:
-        """Where the parameters of each channel begin and end."""
-        sizes = [s.n + self.has_y0(k) for k, s in enumerate(self.statics)]
-        return tuple(np.cumsum([0, *sizes]).tolist())
-
-    @property
-    def n(self) -> int:
-        """Number of parameters."""
-        return self.edges[-1]
-
-    n_states = 0
-
-    def value(self, k: int, x: Any, p: Any, xp: Any = np) -> Any:
-        """The output of channel k for its input x; p are the channel's parameters."""
-        static = self.statics[k]
-        if static.is_identity:
-            return x + p[0] if self.last else x
-        own = p[: static.n]
-        if not self.last:
-            return static.value(x, own, xp) - static.value(xp.zeros(1), own, xp)[0]
-        value = static.value(x, own, xp)
-        return value + p[static.n] if self.has_y0(k) else value
-
-    def evaluated(self, k: int, x: Array, p: Array) -> tuple[Array, Array | None, Array]:
-        """(value, slope or None where it is 1, partial derivatives) of channel k."""
-        static = self.statics[k]
-        if static.is_identity:
-            return self.value(k, x, p), None, np.ones((int(self.last), len(x)))
-        value, slope, partials = static.evaluated(x, p[: static.n])
-        if not self.last:
-            zero, _, at_zero = static.evaluated(np.zeros(1), p[: static.n])
-            return value - zero, slope, partials - at_zero
-        if self.has_y0(k):
-            return value + p[static.n], slope, np.concatenate([partials, np.ones((1, len(x)))])
-        return value, slope, partials
-
-
-@dataclass(frozen=True)
-class LinearLayer:
-    """A matrix of transfer functions; entry (i, j) exists where nb[i][j] > 0.
-
-    Each entry has its own state, that of the transposed direct form II.
-    """
-
-    nb: Matrix
-    nf: Matrix
-    nk: Matrix
-
-    @cached_property
-    def pairs(self) -> tuple[tuple[int, int], ...]:
-        """(output, input) of every entry."""
-        return tuple((i, j) for i, row in enumerate(self.nb) for j, n in enumerate(row) if n)
-
-    @cached_property
-    def edges(self) -> tuple[int, ...]:
-        """Where the coefficients [b…, f…] of each entry begin and end."""
-        sizes = [self.nb[i][j] + self.nf[i][j] for i, j in self.pairs]
-        return tuple(np.cumsum([0, *sizes]).tolist())
-
-    @property
-    def n(self) -> int:
-        """Number of parameters."""
-        return self.edges[-1]
-
-    @cached_property
-    def orders(self) -> tuple[int, ...]:
-        """Number of states of each entry."""
-        return tuple(max(self.nf[i][j], self.nk[i][j] + self.nb[i][j] - 1) for i, j in self.pairs)
-
-    @property
-    def n_states(self) -> int:
-        """Number of states."""
-        return sum(self.orders)
-
-    def entries(self, p: Array) -> Iterator[tuple[int, int, int, slice, Array, Array]]:
-        """(output, input, number of states, place in p, B, F) of every entry."""
-        for q, (i, j) in enumerate(self.pairs):
-            s = slice(self.edges[q], self.edges[q + 1])
-            nb, part = self.nb[i][j], p[s]
-            B = np.concatenate([np.zeros(self.nk[i][j]), part[:nb]])
-            yield i, j, self.orders[q], s, B, np.concatenate([[1.0], part[nb:]])
-
-    @property
-    def n_outputs(self) -> int:
-        """Number of outputs."""
-        return len(self.nb)
-
-
-Layer = StaticLayer | LinearLayer
 
 
 @dataclass(frozen=True)
@@ -204,17 +95,18 @@ class BlockChain:
     def tangents(
         self, theta: Array, u: Array, x0: Array | None, states: bool, parameters: bool = True
     ) -> tuple[Array, Array]:
-        """Free run (ny, N) and its derivative (ny, n + n_states or n, N).
+        """Free run (ny, N) and its derivative (ny, n + n_states, N).
 
         Args:
             theta: parameters.
             u: inputs (N, nu).
             x0: initial state, None for rest.
-            states: whether columns for the initial state follow those of θ.
-            parameters: whether θ's columns are computed; zero otherwise.
+            states: whether rows for the initial state follow them.
+            parameters: whether there are rows for θ.
         """
         n_samples = len(u)
-        total = self.n + (self.n_states if states else 0)
+        behind = self.n if parameters else 0
+        total = behind + (self.n_states if states else 0)
         signal = np.ascontiguousarray(u.T)
         D = np.zeros((self.nu, total, n_samples))
         active = [np.zeros(0, dtype=np.intp) for _ in range(self.nu)]
@@ -252,23 +144,31 @@ class BlockChain:
                 if states and order:
                     impulse = np.zeros(n_samples)
                     impulse[:1] = 1.0
-                    _delayed(E[i], self.n + at, lfilter([1.0], F, impulse), 0, order)
-                    grown[i].update(range(self.n + at, self.n + at + order))
+                    _delayed(E[i], behind + at, lfilter([1.0], F, impulse), 0, order)
+                    grown[i].update(range(behind + at, behind + at + order))
                 at += order
             signal, D = out, E
             active = [np.array(sorted(g), dtype=np.intp) for g in grown]
         return signal, D
 
-    def admissible(self, theta: Array, radius: float) -> bool:
-        """Whether all poles lie within ``radius`` and limits and points of statics rise."""
+    def denominators(self, theta: Array) -> list[Array]:
+        """F of every entry of every linear layer."""
+        return [
+            F
+            for k, layer in enumerate(self.layers)
+            if isinstance(layer, LinearLayer)
+            for *_, F in layer.entries(theta[self.place(k)])
+        ]
+
+    def admissible(self, theta: Array) -> bool:
+        """Whether all poles lie inside the unit circle and limits and points of statics rise."""
         if not np.all(np.isfinite(theta)):
+            return False
+        if not all(roots_inside(F[1:]) for F in self.denominators(theta)):
             return False
         for k, layer in enumerate(self.layers):
             p = theta[self.place(k)]
-            if isinstance(layer, LinearLayer):
-                if not all(roots_inside(F[1:], radius) for *_, F in layer.entries(p)):
-                    return False
-            elif not all(
+            if isinstance(layer, StaticLayer) and not all(
                 static.admissible(p[a : a + static.n])
                 for static, a in zip(layer.statics, layer.edges[:-1], strict=True)
             ):
@@ -306,8 +206,8 @@ class BlockChain:
     def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
         """State with which the first ``samples`` of y are met best in free run.
 
-        Gauss-Newton with halved steps from the steady state of the first input, from rest, and
-        from the mirror image of what these give (a sensor without sign has two answers).
+        Gauss-Newton with halved steps from the steady state of the first input and from rest;
+        for a sensor without sign also from the mirror image of what these give.
         """
         samples = min(samples, len(y))
         if samples == 0 or self.n_states == 0:
@@ -317,8 +217,15 @@ class BlockChain:
         with np.errstate(all="ignore"):
             found = [self._descended(theta, u, y, x) for x in starts]
             best = min(found, key=lambda item: item[0])
-            mirrored = self._descended(theta, u, y, -best[1])
-        return min(best, mirrored, key=lambda item: item[0])[1]
+            if self.signless:
+                found = [best, self._descended(theta, u, y, -best[1])]
+        return min(found, key=lambda item: item[0])[1]
+
+    @cached_property
+    def signless(self) -> bool:
+        """Whether some static takes an absolute value."""
+        statics = [s for x in self.layers if isinstance(x, StaticLayer) for s in x.statics]
+        return any(stage.kind == "abs" for s in statics for stage in s.stages)
 
     def _descended(self, theta: Array, u: Array, y: Array, x: Array) -> tuple[float, Array]:
         """(sum of squares, state) after Gauss-Newton; NaN in y is left out."""
@@ -335,7 +242,7 @@ class BlockChain:
             if not np.isfinite(best) or not known.any():
                 break
             run, D = self.tangents(theta, u, x, states=True, parameters=False)
-            J = np.concatenate([d[self.n :, k] for d, k in zip(D, known, strict=True)], axis=1).T
+            J = np.concatenate([d[:, k] for d, k in zip(D, known, strict=True)], axis=1).T
             if not np.all(np.isfinite(J)):
                 break
             scale = np.linalg.norm(J, axis=0)

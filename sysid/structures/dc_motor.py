@@ -80,8 +80,8 @@ class DCMotor(GreyBox):
             "output": "what is read: speed (default) or position",
             "friction": "none, coulomb, stribeck, full (with offset, asymmetry and drag), or auto "
             "(default): each mechanism only where held-out data pay for it",
-            "parameters": "lumped (default: gain, time constant, Coulomb level …) or bench (R, Kem, "
-            "Kc, gear and inertia held at the bench's values; mass, yaw inertia, friction estimated)",
+            "parameters": "lumped (default: gain, time constant, Coulomb …) or bench (R, Kem, Kc, "
+            "gear, inertia held at bench values; mass, yaw inertia, friction estimated)",
             "shared": "constants with one value for both tracks, divided by commas; "
             "breakaway,stribeck,limit unless given, or none",
             "torque_constant": "stall torque or force per unit of input, if known: the equations "
@@ -103,9 +103,7 @@ class DCMotor(GreyBox):
         for option, choices in _CHOICES.items():
             value = given.get(option, choices[0])
             if value not in choices:
-                raise UsageError(
-                    f"--option {option}={value}: choose one of {', '.join(choices)}"
-                )
+                raise UsageError(f"--option {option}={value}: choose one of {', '.join(choices)}")
             found["parametrisation" if option == "parameters" else option] = value
         shared = given.get("shared")
         if shared is not None:
@@ -129,8 +127,10 @@ class DCMotor(GreyBox):
     @property
     def constants(self) -> tuple[Constant, ...]:
         """The lumped constants, or those of the bench, then the shape of friction."""
-        return (*(_bench(self) if self.parametrisation == "bench" else _lumped(self)),
-                *_shape(self))
+        return (
+            *(_bench(self) if self.parametrisation == "bench" else _lumped(self)),
+            *_shape(self),
+        )
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -144,16 +144,14 @@ class DCMotor(GreyBox):
         if self.friction != "auto":
             return ()
         return (
-            Rung("saturation of the drive", ("limit",)),
             Rung("constant load", ("offset",)),
+            Rung("saturation of the drive", ("limit",)),
             Rung("breakaway and Stribeck friction", ("breakaway", "stribeck")),
-            Rung("friction that depends on the direction", ("coulomb_back", "viscous_back")),
+            Rung("damping that depends on the direction", ("viscous_back",)),
             Rung("drag with the square of speed", ("drag",)),
         )
 
-    def rung_starts(
-        self, theta: Array, rung: Rung, records: Sequence[Record]
-    ) -> tuple[Array, ...]:
+    def rung_starts(self, theta: Array, rung: Rung, records: Sequence[Record]) -> tuple[Array, ...]:
         """A limit inside the commands, a little more friction at standstill, a little drag."""
         p = self.unpack(np, theta)
         if "limit" in rung.names:
@@ -240,20 +238,24 @@ class DCMotor(GreyBox):
         """With the kind of input settled."""
         if self.input != "auto":
             return self
-        pwm = all(n.startswith("pwm") or c.unit == "µs" for n, c in
-                  zip(record.input_names, record.inputs, strict=True))
+        pwm = all(
+            n.startswith("pwm") or c.unit == "µs"
+            for n, c in zip(record.input_names, record.inputs, strict=True)
+        )
         return replace(self, input="pwm" if pwm else "voltage")
 
     def first_guess(self, records: Sequence[Record]) -> tuple[tuple[str, Array], ...]:
         """From differences of the outputs over several spans."""
         found = []
-        for words, gain, tau, level in central_guesses(records, self.output == "position"):
+        for words, gain, tau, level, load in central_guesses(records, self.output == "position"):
+            p: dict[str, Any]
             if self.parametrisation == "bench":
                 p = _bench_guess(self, gain, level)
             else:
                 p = {"gain": gain, "time_constant": tau, "coulomb": level}
                 if "time_constant" in self.shared:
                     p["time_constant"] = np.array([np.exp(np.mean(np.log(tau)))])
+            p["offset"] = np.mean(load) if "offset" in self.shared else load
             p["stribeck"] = _stribeck_scale(records, self.output == "position")
             found.append((words, self.pack(p)))
         return tuple(found)
@@ -294,21 +296,35 @@ class DCMotor(GreyBox):
 
 
 def _exact(xp: Any, q: Mapping[str, Signal], w: Signal, net: Signal, h: float) -> Signal:
-    """One step with friction at its value for the mean speed of the step."""
+    """One step: friction as of sliding at the step's mean speed, then what follows a stop.
+
+    Where a track stops inside the step, the step is cut there (by linear interpolation) and the
+    rest of it starts from standstill, where friction may hold the track or let it go either way.
+    """
     g = q["decay"]
     w_free = w + times(xp, g, net - w)
-    first = w_free - times(xp, g, friction(xp, g, w_free, *_levels(xp, q, w)))
-    taken = friction(xp, g, w_free, *_levels(xp, q, 0.5 * (w + first)))
-    after = w_free - times(xp, g, taken)
-    # a standing track stands exactly, whatever rounding says
-    return xp.where(_holds(xp, q, g, w_free, taken, 0.5 * (w + first)), 0.0, after)
 
+    def slid(at: Signal) -> Signal:
+        """Speeds after the step if no sliding track stopped, friction as at the speeds ``at``."""
+        low, high = _levels(xp, q, at)
+        taken, stands = friction(
+            xp, g, w_free, xp.where(w > 0.0, -high, low), xp.where(w < 0.0, -low, high)
+        )
+        return xp.where(stands, 0.0, w_free - times(xp, g, taken))
 
-def _holds(
-    xp: Any, q: Mapping[str, Signal], g: Any, w_free: Signal, taken: Signal, w: Signal
-) -> Any:
-    low, high = _levels(xp, q, w)
-    return (taken > -low) & (taken < high)
+    first = slid(w)
+    first = slid(0.5 * (w + xp.where(first * w < 0.0, 0.0, first)))
+    crosses = first * w < 0.0
+    share = xp.min(xp.where(crosses, w / xp.where(crosses, w - first, 1.0), 1.0), axis=0)
+    cut = xp.max(xp.where(crosses, 1.0, 0.0), axis=0) > 0.0
+    stop = w + share * (first - w)
+    stop = xp.where(crosses & (stop * w <= 1e-12 * w * w), 0.0, stop)
+    left = xp.where(cut, xp.maximum(1.0 - share, 1e-9), 1.0)
+    rest = (left * g[0], left * g[1])
+    free = stop + times(xp, rest, net - stop)
+    taken, stands = friction(xp, rest, free, *_levels(xp, q, stop))
+    resumed = xp.where(stands, 0.0, free - times(xp, rest, taken))
+    return xp.where(cut, resumed, first)
 
 
 def _levels(xp: Any, q: Mapping[str, Signal], w: Signal) -> tuple[Signal, Signal]:
@@ -324,9 +340,9 @@ def _runge_kutta(xp: Any, q: Mapping[str, Signal], w: Signal, net: Signal, h: fl
     """Classical Runge-Kutta 4 in the sense in which each track slides; it ends where it stops."""
     g = q["decay"]
     w_free = w + times(xp, g, net - w)
-    going = w_free - times(xp, g, friction(xp, g, w_free, *_levels(xp, q, w)))
-    tiny = 1e-12 * (1.0 + xp.abs(net))
-    sense = xp.where(w != 0.0, xp.sign(w), xp.where(xp.abs(going) > tiny, xp.sign(going), 0.0))
+    taken, stands = friction(xp, g, w_free, *_levels(xp, q, w))
+    leaving = xp.where(stands, 0.0, xp.sign(w_free - times(xp, g, taken)))
+    sense = xp.where(w != 0.0, xp.sign(w), leaving)
     moving = xp.abs(sense)
 
     def rate(v: Signal) -> Signal:
@@ -348,14 +364,46 @@ def _runge_kutta(xp: Any, q: Mapping[str, Signal], w: Signal, net: Signal, h: fl
 def _lumped(m: DCMotor) -> tuple[Constant, ...]:
     two = m.ny == 2
     return (
-        Constant("gain", "{y}/{u}" if m.output == "speed" else "({y}/s)/{u}", 1.0, each=True,
-                 spread=1.5, words="speed per unit of command, without friction"),
-        Constant("time_constant", "s", 0.2, 0.0, each="time_constant" not in m.shared,
-                 words="inertia over damping"),
-        *((Constant("coupling", "", 0.0, -0.95, 0.95, spread=0.3,
-                    words="inertia shared through the body over a track's own"),) if two else ()),
-        Constant("coulomb", "{u}", 0.0, 0.0, free=not m.held(["coulomb"]), each=True,
-                 words="sliding friction as the command it takes away"),
+        Constant(
+            "gain",
+            "{y}/{u}" if m.output == "speed" else "({y}/s)/{u}",
+            1.0,
+            each=True,
+            spread=1.5,
+            words="speed per unit of command, without friction",
+        ),
+        Constant(
+            "time_constant",
+            "s",
+            0.2,
+            0.0,
+            each="time_constant" not in m.shared,
+            words="inertia over damping",
+        ),
+        *(
+            (
+                Constant(
+                    "coupling",
+                    "",
+                    0.0,
+                    -0.95,
+                    0.95,
+                    spread=0.3,
+                    words="inertia shared through the body over a track's own",
+                ),
+            )
+            if two
+            else ()
+        ),
+        Constant(
+            "coulomb",
+            "{u}",
+            0.0,
+            0.0,
+            free=not m.held(["coulomb"]),
+            each=True,
+            words="sliding friction as the command it takes away",
+        ),
     )
 
 
@@ -364,39 +412,101 @@ def _shape(m: DCMotor) -> tuple[Constant, ...]:
     each = {n: n not in m.shared for n in _EACH}
     speed = "{y}" if m.output == "speed" else "{y}/s"
     return (
-        Constant("breakaway", "", 1.0, 1.0, 10.0, not m.held(["breakaway"]), 1.5,
-                 each["breakaway"], "friction at standstill over sliding friction"),
-        Constant("stribeck", speed, 1.0, 0.0, np.inf, not m.held(["stribeck"]), 3.0,
-                 each["stribeck"], "speed at which half of the extra friction is gone"),
-        Constant("limit", "{u}", PWM_FULL_SCALE if pwm else NO_LIMIT, 0.0,
-                 PWM_FULL_SCALE if pwm else np.inf, m.friction == "full" and pwm, 1.3,
-                 each["limit"], "command beyond which the drive gives no more"),
-        Constant("offset", "{u}", 0.0, free=not m.held(["offset"]), each=each["offset"],
-                 words="constant load as the command it takes away"),
-        Constant("coulomb_back", "", 1.0, 0.0, 10.0, not m.held(["coulomb_back"]), 1.5, True,
-                 "dry friction backward over forward"),
-        Constant("viscous_back", "", 1.0, 0.1, 10.0, not m.held(["viscous_back"]), 1.5, True,
-                 "damping backward over forward"),
-        Constant("drag", "1/" + speed if m.output == "speed" else "s/{y}", 0.0, 0.0,
-                 free=not m.held(["drag"]), each=each["drag"],
-                 words="resistance that grows with the square of speed"),
+        Constant(
+            "breakaway",
+            "",
+            1.0,
+            1.0,
+            10.0,
+            not m.held(["breakaway"]),
+            1.5,
+            each["breakaway"],
+            "friction at standstill over sliding friction",
+        ),
+        Constant(
+            "stribeck",
+            speed,
+            1.0,
+            0.0,
+            np.inf,
+            not m.held(["stribeck"]),
+            3.0,
+            each["stribeck"],
+            "speed at which half of the extra friction is gone",
+        ),
+        Constant(
+            "limit",
+            "{u}",
+            PWM_FULL_SCALE if pwm else NO_LIMIT,
+            0.0,
+            PWM_FULL_SCALE if pwm else np.inf,
+            m.friction == "full" and pwm,
+            1.3,
+            each["limit"],
+            "command beyond which the drive gives no more",
+        ),
+        Constant(
+            "offset",
+            "{u}",
+            0.0,
+            free=m.output == "position" or not m.held(["offset"]),
+            spread=0.5,
+            each=each["offset"],
+            words="constant load as the command it takes away",
+        ),
+        Constant(
+            "coulomb_back",
+            "",
+            1.0,
+            0.0,
+            10.0,
+            not m.held(["coulomb_back"]),
+            1.5,
+            True,
+            "dry friction backward over forward",
+        ),
+        Constant(
+            "viscous_back",
+            "",
+            1.0,
+            0.1,
+            10.0,
+            not m.held(["viscous_back"]),
+            1.5,
+            True,
+            "damping backward over forward",
+        ),
+        Constant(
+            "drag",
+            "1/" + speed if m.output == "speed" else "s/{y}",
+            0.0,
+            0.0,
+            free=not m.held(["drag"]),
+            each=each["drag"],
+            words="resistance that grows with the square of speed",
+        ),
     )
 
 
 def _bench(m: DCMotor) -> tuple[Constant, ...]:
-    """Constants of the bench (thesis §5.2, systems of the Devastator), motor side where marked m."""
+    """Constants of the bench (thesis §5.2, the Devastator), motor side where marked m."""
     held: dict[str, Any] = {"free": False, "lower": 0.0}
     body: tuple[Constant, ...] = (
-        (Constant("mass", "kg", 1.5, 0.0, words="body"),
-         Constant("yaw_inertia", "kg m²", 0.065, 0.0, words="body about the vertical"),
-         Constant("sprocket_radius", "m", 0.0215, **held, words="r"),
-         Constant("track_distance", "m", 0.186, **held, words="B"))
+        (
+            Constant("mass", "kg", 1.5, 0.0, words="body"),
+            Constant("yaw_inertia", "kg m²", 0.065, 0.0, words="body about the vertical"),
+            Constant("sprocket_radius", "m", 0.0215, **held, words="r"),
+            Constant("track_distance", "m", 0.186, **held, words="B"),
+        )
         if m.ny == 2
         else (Constant("load_inertia", "kg m²", 1e-3, 0.0, words="behind the gear"),)
     )
     return (
-        *((Constant("supply", "V", 7.5, **held, words="at the bridge"),) if m.input != "voltage"
-          else ()),
+        *(
+            (Constant("supply", "V", 7.5, **held, words="at the bridge"),)
+            if m.input != "voltage"
+            else ()
+        ),
         Constant("resistance", "Ω", 3.1, **held, words="R, armature"),
         Constant("back_emf", "V/(rad/s)", 0.0023, **held, words="Kem, m"),
         Constant("torque_constant", "Nm/A", 8.6626e-4, **held, words="Kc, m"),
@@ -404,10 +514,24 @@ def _bench(m: DCMotor) -> tuple[Constant, ...]:
         Constant("motor_inertia", "kg m²", 1e-7, **held, words="Jtot, m"),
         Constant("gear", "", 120.0, **held, words="turns of the motor for one of the sprocket"),
         *body,
-        Constant("bridge_gain", "", 1.0, 0.0, each=True, spread=1.3,
-                 words="share of the nominal voltage that reaches the motor"),
-        Constant("friction_torque", "Nm", 0.02, 0.0, free=not m.held(["coulomb"]), each=True,
-                 words="sliding friction at the sprocket, gear and track together"),
+        Constant(
+            "bridge_gain",
+            "",
+            1.0,
+            0.0,
+            each=True,
+            spread=1.3,
+            words="share of the nominal voltage that reaches the motor",
+        ),
+        Constant(
+            "friction_torque",
+            "Nm",
+            0.02,
+            0.0,
+            free=not m.held(["coulomb"]),
+            each=True,
+            words="sliding friction at the sprocket, gear and track together",
+        ),
     )
 
 
@@ -461,5 +585,3 @@ def _positive(text: str) -> float:
             "a number above 0"
         )
     return value
-
-

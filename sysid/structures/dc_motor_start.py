@@ -14,11 +14,12 @@ LEAST_ROWS = 30
 
 def central_guesses(
     records: Sequence[Record], position: bool
-) -> tuple[tuple[str, Array, Array, Array], ...]:
-    """(words, gain, time constant, Coulomb level in units of the command) by track, per span.
+) -> tuple[tuple[str, Array, Array, Array, Array], ...]:
+    """(words, gain, time constant, Coulomb level, constant load) by track, for several spans.
 
     ω(t + m) = a ω(t) + b ū − c sign(ω) + d over spans of m samples with ū the mean command; then
-    τ = −m dt / ln a, K = b/(1 − a), level = c/b.
+    τ = −m dt / ln a, K = b/(1 − a), level = c/b, load = −d/b, both in
+    units of the command.
     """
     found = []
     for span in SPANS:
@@ -47,7 +48,7 @@ def _speeds(r: Record, position: bool, span: int, i: int) -> tuple[Array, Array]
 
 def _track(
     records: Sequence[Record], position: bool, span: int, i: int
-) -> tuple[float, float, float] | None:
+) -> tuple[float, float, float, float] | None:
     left, right = [], []
     for r in records:
         w, u = _speeds(r, position, span, i)
@@ -63,16 +64,21 @@ def _track(
     A, b = np.concatenate(left), np.concatenate(right)
     size = np.linalg.norm(A, axis=0)
     size[size == 0.0] = 1.0
-    a, gain, level, _ = np.linalg.lstsq(A / size, b, rcond=1e-9)[0] / size
+    a, gain, level, load = np.linalg.lstsq(A / size, b, rcond=1e-9)[0] / size
     if gain == 0.0 or not 1e-3 < a < 1.0 - 1e-6:
         return None
     dt = records[0].dt
     K = gain / (1.0 - a)
     reach = max(float(np.max(np.abs(r.u[:, i]))) for r in records)
-    return K, float(-span * dt / np.log(a)), float(np.clip(level / gain, 0.0, 0.5 * reach))
+    return (
+        K,
+        float(-span * dt / np.log(a)),
+        float(np.clip(level / gain, 0.0, 0.5 * reach)),
+        float(-load / gain),
+    )
 
 
-def _steady(records: Sequence[Record], position: bool) -> tuple[str, Array, Array, Array]:
+def _steady(records: Sequence[Record], position: bool) -> tuple[str, Array, Array, Array, Array]:
     """Where differences say nothing: outputs over commands, and two samples."""
     ny, dt = records[0].ny, records[0].dt
     gains = []
@@ -80,4 +86,10 @@ def _steady(records: Sequence[Record], position: bool) -> tuple[str, Array, Arra
         y = np.concatenate([np.diff(r.y[:, i]) / dt if position else r.y[1:, i] for r in records])
         u = np.concatenate([r.u[:-1, i] for r in records])
         gains.append(float(y @ u / max(float(u @ u), 1e-300)) or 1.0)
-    return "outputs over commands", np.array(gains), np.full(ny, 2.0 * dt), np.zeros(ny)
+    return (
+        "outputs over commands",
+        np.array(gains),
+        np.full(ny, 2.0 * dt),
+        np.zeros(ny),
+        np.zeros(ny),
+    )

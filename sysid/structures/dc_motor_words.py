@@ -71,8 +71,17 @@ def _physical(
         names = [
             f"{c.name} = {float(np.ravel(p[c.name])[0]):.5g} {c.unit}".rstrip()
             for c in m.constants
-            if not c.free and c.name in ("resistance", "back_emf", "torque_constant", "gear",
-                                         "motor_inertia", "motor_viscous", "supply")
+            if not c.free
+            and c.name
+            in (
+                "resistance",
+                "back_emf",
+                "torque_constant",
+                "gear",
+                "motor_inertia",
+                "motor_viscous",
+                "supply",
+            )
         ]
         return ["held at the bench's values: " + ", ".join(names)]
     u = inputs[0].unit or inputs[0].name

@@ -14,7 +14,7 @@ exactly. The friction that this step needs is the solution of
     min ½ (f − f*)ᵀ (I − Φ)(f − f*)    −low ≤ f ≤ high    f* = (I − Φ)⁻¹ Φ w + e
 
 whose optimality conditions are Coulomb's law: w⁺_i > 0 → f_i = high_i, w⁺_i < 0 → f_i = −low_i, and
-a track stands (w⁺_i = 0) whenever an admissible f_i can hold it (Moreau 1988, implicit time stepping;
+a track stands (w⁺_i = 0) whenever an admissible f_i can hold it (Moreau 1988, implicit steps;
 Acary & Brogliato 2008, ch. 10). Nothing chatters and nothing needs a threshold speed. w⁺ is a
 continuous and piecewise smooth function of every parameter, so Gauss-Newton needs no smoothed
 substitute: the derivative of a standing track is zero, as it is in truth.
@@ -70,29 +70,39 @@ def solved(xp: Any, m: Pair, v: Signal) -> Signal:
     return (own[::-1] * v - cross * v[::-1]) / (own[0] * own[1] - cross * cross)
 
 
-def friction(xp: Any, gain: Pair, w_free: Signal, low: Signal, high: Signal) -> Signal:
-    """f of one step: what friction takes, given the speed w_free reached without it.
+def friction(
+    xp: Any, gain: Pair, w_free: Signal, low: Signal, high: Signal
+) -> tuple[Signal, Signal]:
+    """(f, stands): what friction takes in one step, and which motors stand at its end.
 
     Args:
         xp: numpy or jax.numpy.
         gain: I − Φ.
-        w_free: Φ w + (I − Φ) e, (motors, runs).
+        w_free: Φ w + (I − Φ) e, the speed reached without friction, (motors, runs).
         low, high: largest friction against backward and against forward motion, both ≥ 0.
     """
     wanted = solved(xp, gain, w_free)
+    # a motor stands where friction could take more: told from the unclipped value, because a
+    # compiler may compute a limit twice with different rounding
+    inside = (wanted > -low) & (wanted < high)
+    held = xp.minimum(xp.maximum(wanted, -low), high)
     if wanted.shape[0] == 1:
-        return xp.minimum(xp.maximum(wanted, -low), high)
-    # at least one violated limit is active at the solution: hold either track's friction at its
+        return held, inside
+    # at least one violated limit is active at the solution: hold either motor's friction at its
     # limit, let the other one follow, take the better of the two
     own, cross = gain
-    held = xp.minimum(xp.maximum(wanted, -low), high)
-    miss = wanted - held
-    follow = wanted + (cross / own) * miss[::-1]
+    follow = wanted + (cross / own) * (wanted - held)[::-1]
+    follow_inside = (follow > -low) & (follow < high)
     follow = xp.minimum(xp.maximum(follow, -low), high)
     first = xp.stack([held[0], follow[1]])
     second = xp.stack([follow[0], held[1]])
     better = _distance(xp, gain, first - wanted) <= _distance(xp, gain, second - wanted)
-    return xp.where(better, first, second)
+    stands = xp.where(
+        better,
+        xp.stack([inside[0], follow_inside[1]]),
+        xp.stack([follow_inside[0], inside[1]]),
+    )
+    return xp.where(better, first, second), stands
 
 
 def _distance(xp: Any, m: Pair, v: Signal) -> Signal:

@@ -120,7 +120,7 @@ class GreyBox(Structure):
         return x + h / 6.0 * (a + 2.0 * (b + c) + d)
 
     def prepared(self, xp: Any, p: dict[str, Signal]) -> Mapping[str, Signal]:
-        """What ``advance`` and ``reading`` get: p, with anything that need be computed once a run."""
+        """What ``advance`` and ``reading`` get: p, with what need be computed once a run."""
         return p
 
     def state_guess(self, theta: Array, u: Array, y: Array) -> Array:
@@ -135,9 +135,7 @@ class GreyBox(Structure):
         """What held-out data decide on, in the order in which it is tried."""
         return ()
 
-    def rung_starts(
-        self, theta: Array, rung: Rung, records: Sequence[Record]
-    ) -> tuple[Array, ...]:
+    def rung_starts(self, theta: Array, rung: Rung, records: Sequence[Record]) -> tuple[Array, ...]:
         """Where to begin when the constants of a rung become free: where they are, by default."""
         return (theta,)
 
@@ -243,14 +241,13 @@ class GreyBox(Structure):
         for name in opened:
             if name not in known:
                 raise UsageError(
-                    f"--option free: {cls.name} has no constant {name!r}; it has "
-                    f"{', '.join(known)}"
+                    f"--option free: {cls.name} has no constant {name!r}; it has {', '.join(known)}"
                 )
         return made
 
     @classmethod
     def read_options(cls, given: Mapping[str, str], nu: int, ny: int) -> dict[str, Any]:
-        """Fields of the subclass from its options; UsageError for numbers of channels it has not."""
+        """Fields of the subclass from its options; UsageError for channels it has not."""
         return {}
 
     @classmethod
@@ -277,7 +274,7 @@ class GreyBox(Structure):
     def from_json(cls, raw: Mapping[str, Any]) -> Self:
         """Undo ``to_json``."""
         known = {f.name for f in fields(cls)}
-        given = {
+        given: dict[str, Any] = {
             k: tuple(v) if isinstance(v, list) else v
             for k, v in raw["settings"].items()
             if k in known

@@ -66,7 +66,7 @@ def compiled_runs(structure: "GreyBox") -> tuple[Compiled, Compiled]:
 
 
 def _chunks(inputs: Sequence[Array]) -> Array:
-    """Inputs of several records under one time axis: (chunks, CHUNK, nu, runs), zeros at the end."""
+    """Inputs of several records on one time axis: (chunks, CHUNK, nu, runs), zeros at the end."""
     longest = max((len(u) for u in inputs), default=0)
     count = max(-(-longest // CHUNK), 1)
     out = np.zeros((count * CHUNK, inputs[0].shape[1], len(inputs)))
@@ -75,9 +75,7 @@ def _chunks(inputs: Sequence[Array]) -> Array:
     return out.reshape(count, CHUNK, inputs[0].shape[1], len(inputs))
 
 
-def free_run(
-    structure: "GreyBox", theta: Array, inputs: Sequence[Array], x0: Array
-) -> list[Array]:
+def free_run(structure: "GreyBox", theta: Array, inputs: Sequence[Array], x0: Array) -> list[Array]:
     """ŷ (N, ny) of each record.
 
     Args:
@@ -96,9 +94,7 @@ def free_run(
     return [joined[: len(u), :, k] for k, u in enumerate(inputs)]
 
 
-def tangents(
-    structure: "GreyBox", theta: Array, inputs: Sequence[Array], x0: Array
-) -> list[Array]:
+def tangents(structure: "GreyBox", theta: Array, inputs: Sequence[Array], x0: Array) -> list[Array]:
     """∂ŷ/∂(θ, own initial state) of each record, (n_θ + n, ny, N)."""
     _, tangent = compiled_runs(structure)
     n_theta, (n, records) = len(theta), x0.shape
@@ -196,9 +192,7 @@ def output_scales(outputs: Sequence[Array]) -> Array:
     return np.where(spread > 0.0, spread, 1.0)
 
 
-def fitted_state(
-    structure: "GreyBox", theta: Array, u: Array, y: Array, samples: int
-) -> Array:
+def fitted_state(structure: "GreyBox", theta: Array, u: Array, y: Array, samples: int) -> Array:
     """State whose free run meets the first samples of y best.
 
     Levenberg-Marquardt over the state alone, drawn weakly towards ``state_guess``.

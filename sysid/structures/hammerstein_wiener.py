@@ -9,7 +9,8 @@ from typing import Any, ClassVar
 from sysid.data.record import Channel
 from sysid.errors import UsageError
 from sysid.structures.base import Parameter, refuse_options
-from sysid.structures.block_chain import BlockChain, LinearLayer, StaticLayer
+from sysid.structures.block_chain import BlockChain
+from sysid.structures.block_layers import LinearLayer, StaticLayer
 from sysid.structures.block_structure import (
     BlockStructure,
     statics_from_json,

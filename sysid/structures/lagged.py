@@ -6,20 +6,19 @@ from scipy.signal import lfilter
 from sysid.data.record import Array
 
 
-def through(D: Array, C: Array, h: Array | None, rows: Array) -> Array:
+def through(D: Array, C: Array, h: Array | None, rows: Array, out: Array) -> None:
     """(D/C) of rows that are consecutive lags of one signal; h is the impulse response of D/C.
 
     Each row is the one before it a sample later, but for its first value: so is its response, but
-    for that value times h. One filter run serves all lags.
+    for that value times h. One filter run serves all lags. Without h the rows are copied.
     """
     if h is None or not rows.size:
-        return rows
-    out = np.empty_like(rows)
+        out[:] = rows
+        return
     out[0] = lfilter(D, C, rows[0])
     for k in range(1, len(rows)):
         np.multiply(h, rows[k, 0], out=out[k])
         out[k, 1:] += out[k - 1, :-1]
-    return out
 
 
 def lags(first: int, count: int) -> range:
@@ -39,10 +38,14 @@ def impulse(n: int) -> Array:
     return out
 
 
-def shifted(x: Array, lags: range, start: int) -> Array:
-    """Rows x(t − k) for t ≥ ``start``, zero before the first sample, (len(lags), N − start)."""
+def shifted(x: Array, lags: range, start: int, out: Array | None = None) -> Array:
+    """Rows x(t − k) for t ≥ ``start``, zero before the first sample, (len(lags), N − start).
+
+    ``out``, if given, holds zeros and is filled.
+    """
     m = len(x) - start
-    out = np.zeros((len(lags), max(m, 0)))
+    if out is None:
+        out = np.zeros((len(lags), max(m, 0)))
     for row, k in enumerate(lags):
         if k <= start:
             out[row] = x[start - k : len(x) - k]

@@ -18,6 +18,9 @@ from sysid.structures.plant import Plant
 
 SCHEMA = "sysid-model/1"
 
+SAME_CLOCK = 0.01
+"""Sample times within this fraction of each other are the same clock, as when logs are read."""
+
 
 @dataclass(frozen=True)
 class ParameterEstimate:
@@ -149,7 +152,7 @@ class Model:
                 f"{record.name} has {_arrow(got)} but the model was fitted to {_arrow(wanted)}; "
                 "choose the columns with --input and --output"
             )
-        if abs(record.dt - self.dt) > 1e-3 * self.dt:
+        if abs(record.dt - self.dt) > SAME_CLOCK * self.dt:
             raise ModelError(
                 f"{record.name} is sampled every {record.dt:g} s but the model every "
                 f"{self.dt:g} s; resample the log or fit a model to it"

@@ -162,8 +162,14 @@ def design_to_json(d: RowDesign) -> dict[str, Any]:
 
 def design_from_json(raw: Mapping[str, Any]) -> RowDesign:
     """Undo ``design_to_json``."""
+    mean, scale, low, high = (
+        tuple(float(v) for v in raw[name]) for name in ("mean", "scale", "low", "high")
+    )
     return RowDesign(
-        *(tuple(float(v) for v in raw[name]) for name in ("mean", "scale", "low", "high")),
+        mean,
+        scale,
+        low,
+        high,
         tuple(tuple(int(k) for k in t) for t in raw["terms"]),
         tuple(tuple(float(v) for v in row) for row in raw["projection"]),
         tuple(int(f) for f in raw["flags"]),

@@ -41,7 +41,8 @@ class OneStepRow(Problem):
     def residual(self, p: Array) -> Array:
         """ε, record after record."""
         d = self._design
-        return self._y - np.asarray(value(np, self._kind, d.frame(), d.weights(p), self._x))
+        found: Array = value(np, self._kind, d.frame(), d.weights(p), self._x)
+        return self._y - found
 
     def jacobian(self, p: Array) -> Array:
         """∂ε/∂θ."""
@@ -49,17 +50,10 @@ class OneStepRow(Problem):
         return -np.asarray(gradients(np, self._kind, d.frame(), d.weights(p), self._x)[0])
 
 
-def compiled_shape(run: NarxRun, kind: str) -> Shape:
+def compiled_shape(run: NarxRun) -> Shape:
     """The shape of these maps."""
     sizes = tuple(d.sizes for d in run.designs)
-    return Shape(run.rows, sizes, kind, run.depth, run.before)
-
-
-def kind_name(run: NarxRun) -> str:
-    """Name of the estimator."""
-    from sysid.structures.wavelet_network import KINDS
-
-    return next(name for name, kind in KINDS.items() if kind == run.kind)
+    return Shape(run.rows, sizes, run.estimator, run.depth, run.before)
 
 
 class FreeRuns(Problem):
@@ -89,7 +83,7 @@ class FreeRuns(Problem):
         self._pieces = pieces(run, data, length)
         self._scale = spreads([y for _, y in data])
         self._chunks, self._valid = chunked(run, data, self._pieces, self._scale)
-        self._functions = chunk_functions(compiled_shape(run, kind_name(run)))
+        self._functions = chunk_functions(compiled_shape(run))
         self._frames = [d.frame() for d in run.designs]
         drawn = np.zeros(0, dtype=int) if pull is None else np.flatnonzero(pull)
         self._drawn, self._pull = drawn, np.zeros(0) if pull is None else pull[drawn]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data.record import Array, Index
-from sysid.structures.expressions import Signal, evaluate
+from sysid.structures.expressions import FLOATS, Signal, evaluate
 from sysid.structures.regressors import (
     Row,
     Window,
@@ -21,7 +21,7 @@ from sysid.structures.regressors import (
     lag_of,
     scalar,
 )
-from sysid.structures.wavelet_network import Kind, RowDesign, value
+from sysid.structures.wavelet_network import KINDS, Kind, RowDesign, value
 
 LONG = 20_000
 """Samples from which a run is compiled: importing and compiling then cost less than they save."""
@@ -36,7 +36,7 @@ class NarxRun:
     Args:
         rows: regressors of each output.
         designs: what else makes each row.
-        kind: of its units.
+        estimator: kind of its units, a name of KINDS.
         nu: number of inputs.
         limits: bounds of each output.
     """
@@ -45,11 +45,12 @@ class NarxRun:
         self,
         rows: Sequence[Row],
         designs: Sequence[RowDesign],
-        kind: Kind,
+        estimator: str,
         nu: int,
         limits: Limits,
     ) -> None:
-        self.rows, self.designs, self.kind, self.limits = tuple(rows), designs, kind, limits
+        self.rows, self.designs, self.limits = tuple(rows), tuple(designs), limits
+        self.estimator, self.kind = estimator, KINDS[estimator]
         self.window = Window(rows, nu)
         w = self.window
         self.nu, self.ny, self.n_states = nu, w.ny, w.n_states
@@ -95,7 +96,7 @@ class NarxRun:
                 for k, place in plain:
                     row[k] = flat[place]
                 for k, e in mixed:
-                    row[k] = evaluate(e, _looked_up(flat, driven, start + t, ny), np)
+                    row[k] = evaluate(e, _looked_up(flat, driven, start + t, ny), FLOATS)
                 for v, (low, high) in zip(point(row), limits, strict=True):
                     flat.append(high if v > high else v if v >= low else low)
         return np.array(flat[self.depth * ny :]).reshape(len(u), ny)
@@ -303,7 +304,8 @@ class Point:
         if self._units or self._products.size:
             z = np.minimum(np.maximum(away / self._scale, self._low), self._high)
             if self._products.size:
-                zx = np.append(z, 1.0)
+                zx = np.empty(len(z) + 1)
+                zx[:-1], zx[-1] = z, 1.0
                 a, b, c = self._factors
                 out += self._products @ (zx[a] * zx[b] * zx[c])
             if self._units:

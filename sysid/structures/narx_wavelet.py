@@ -1,7 +1,7 @@
 """NARX with a nonlinearity estimator: the thesis's accepted structure, and its relatives."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,10 +10,11 @@ from sysid.data.record import Array, Channel, Index, Record
 from sysid.structures import narx_options, narx_words
 from sysid.structures.base import Focus, Initial, Parameter, Problem, Structure, refuse_options
 from sysid.structures.expressions import parse, written
+from sysid.structures.narx_options import NarxOptions
 from sysid.structures.narx_problems import FreeRuns, OneStepRow, windows
 from sysid.structures.narx_run import Limits, NarxRun
 from sysid.structures.orders import Orders, spread
-from sysid.structures.regressors import Row, Window, columns, custom, named, standard
+from sysid.structures.regressors import Row, Window, columns, custom, standard
 from sysid.structures.state_fit import fitted_state
 from sysid.structures.wavelet_network import KINDS, Kind, RowDesign, gradients
 
@@ -36,7 +37,7 @@ class NarxWavelet(Structure):
     """
 
     orders: Orders
-    options_given: narx_options.NarxOptions = narx_options.NarxOptions()
+    options_given: NarxOptions = field(default_factory=NarxOptions)
     customs: tuple[Row, ...] = ()
     designs: tuple[RowDesign, ...] = ()
     output_range: Limits = ()
@@ -117,7 +118,7 @@ class NarxWavelet(Structure):
         customs = tuple(tuple(parse(e, nu, ny) for e in row) for row in known["regressors"])
         found = cls(
             spread(raw["orders"], "ab", nu, ny, cls.name),
-            narx_options.NarxOptions.from_json(known["options"]),
+            NarxOptions.from_json(known["options"]),
             customs,
             tuple(narx_options.design_from_json(d) for d in known["designs"]),
             _pairs(known["output_range"]),
@@ -152,7 +153,7 @@ class NarxWavelet(Structure):
 
     def free_run(self) -> NarxRun:
         """The maps prepared for runs."""
-        return NarxRun(self.rows, self.maps, self.kind, self.nu, self.limits)
+        return NarxRun(self.rows, self.maps, self.options_given.estimator, self.nu, self.limits)
 
     def parameters(
         self, inputs: Sequence[Channel], outputs: Sequence[Channel]
@@ -233,7 +234,7 @@ class NarxWavelet(Structure):
         if not self.output_range:
             return True
         wide = narx_options.widened(self.output_range, RUNAWAY)
-        run = NarxRun(self.rows, self.maps, self.kind, self.nu, wide)
+        run = NarxRun(self.rows, self.maps, self.options_given.estimator, self.nu, wide)
         u = probes(self.input_range, run.before + PROBE)
         found = run.runs((theta, u), np.zeros((run.depth, self.ny, u.shape[2])))[run.depth :]
         ends = np.array(wide)

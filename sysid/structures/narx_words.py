@@ -49,8 +49,10 @@ def parameters(
         if isinstance(e, Signal):
             below = (inputs if e.kind == "u" else outputs)[e.channel].unit
         names.append((named(e, inputs, outputs), _over(top, below)))
-    for t in d.terms:
-        names.append(("product[" + "·".join(named(row[k], inputs, outputs) for k in t) + "]", top))
+    names += [
+        ("product[" + "·".join(named(row[k], inputs, outputs) for k in t) + "]", top)
+        for t in d.terms
+    ]
     names += [(f"{kind.unit}{k + 1}.amplitude", top) for k in range(K)]
     names += [(f"{kind.unit}{k + 1}.{kind.shape}", "") for k in range(K)]
     names += [(f"{kind.unit}{k + 1}.{kind.place}{j + 1}", "") for k in range(K) for j in range(q)]

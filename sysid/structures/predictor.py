@@ -171,31 +171,29 @@ class RowErrors(Problem):
 
     def jacobian(self, p: Array) -> Array:
         """∂ε/∂p, exact for the stated treatment of the start."""
-        with np.errstate(all="ignore"):
-            blocks = [
-                np.vstack([self._columns(p, s, x), self._state_columns(p, len(s.e))])
-                for s, x in zip(self._signals(p), self._experiments, strict=True)
-            ]
-        return self._stacked(blocks, self.layout.n)
+        return self._gradients(p, self.layout.n)
 
     def initial_columns(self, p: Array) -> Array:
         """The columns of the Jacobian that belong to the initial states."""
-        with np.errstate(all="ignore"):
-            blocks = [self._state_columns(p, len(x.y)) for x in self._experiments]
-        return self._stacked(blocks, 0)
+        return self._gradients(p, 0)
 
-    def _stacked(self, blocks: Sequence[Array], shared: int) -> Array:
-        """Columns of all experiments: the first ``shared`` rows in common, states on their own."""
-        nd = self.layout.nd
-        blocks = [block[:, nd:] for block in blocks]
-        out = np.zeros((shared + self.n_initial, sum(block.shape[1] for block in blocks)))
-        at = 0
-        for k, block in enumerate(blocks):
-            stop = at + block.shape[1]
-            out[:shared, at:stop] = block[:shared]
-            first = shared + k * self.states_each
-            out[first : first + self.states_each, at:stop] = block[shared:]
-            at = stop
+    def _gradients(self, p: Array, shared: int) -> Array:
+        """∂ε/∂(θ, initial states), or with ``shared`` = 0 of the states alone.
+
+        Written row by row into one array: a copy of it costs as much as a filter run.
+        """
+        each, nd = self.states_each, self.layout.nd
+        edges = np.cumsum([0, *(len(x.y) for x in self._experiments)]).tolist()
+        out = np.zeros((shared + self.n_initial, edges[-1]))
+        with np.errstate(all="ignore"):
+            for k, (x, (a, b)) in enumerate(zip(self._experiments, pairwise(edges), strict=True)):
+                first = shared + k * each
+                if shared:
+                    self._columns(p, self._signals(p)[k], x, out[:shared, a:b])
+                self._state_columns(p, out[first : first + each, a:b])
+        if nd:
+            kept = [out[:, a + nd : b] for a, b in pairwise(edges)]
+            out = kept[0] if len(kept) == 1 else np.concatenate(kept, axis=1)
         if not np.isfinite(out).all():
             out = np.nan_to_num(out, nan=0.0, posinf=HUGE, neginf=-HUGE)
         return out.T
@@ -238,42 +236,39 @@ class RowErrors(Problem):
             room += states[at : at + len(room)]
         return _Signals(lfilter([1.0], C, drive), v, ws, fs)
 
-    def _columns(self, p: Array, s: "_Signals", x: _Experiment) -> Array:
+    def _columns(self, p: Array, s: "_Signals", x: _Experiment, out: Array) -> None:
         """Gradients with respect to θ, one row a coefficient, (n, M)."""
         lay, start = self.layout, self.layout.start
         C, D, h = self._noise_filter(p, len(s.e))
-        out = np.zeros((lay.n, len(s.e)))
         row = 0
         for place in self._lagged:
             count = place.stop - place.start
-            out[place] = through(D, C, h, x.linear[row : row + count])
+            through(D, C, h, x.linear[row : row + count], out[place])
             row += count
         for j, u, w, F in zip(lay.filtered, x.inputs, s.ws, s.fs, strict=True):
             gb = shifted(lfilter([-1.0], F, u), lags(lay.nk[j], lay.nb[j]), start)
             gf = shifted(lfilter([1.0], F, w), lags(1, lay.nf[j]), start)
-            out[self._b[j]] = through(D, C, h, gb)
-            out[self._f[j]] = through(D, C, h, gf)
+            through(D, C, h, gb, out[self._b[j]])
+            through(D, C, h, gf, out[self._f[j]])
         if lay.nc:
-            out[self._c] = shifted(lfilter([-1.0], C, s.e), lags(1, lay.nc), 0)
+            shifted(lfilter([-1.0], C, s.e), lags(1, lay.nc), 0, out[self._c])
         if lay.nd:
-            out[self._d] = shifted(lfilter([1.0], C, s.v), lags(1, lay.nd), 0)
-        return out
+            shifted(lfilter([1.0], C, s.v), lags(1, lay.nd), 0, out[self._d])
 
-    def _state_columns(self, p: Array, m: int) -> Array:
+    def _state_columns(self, p: Array, out: Array) -> None:
         """Gradients with respect to one experiment's initial states, (states, M)."""
-        lay = self.layout
-        out = np.zeros((self.states_each, m))
-        if not self.states_each:
-            return out
+        lay, m = self.layout, out.shape[1]
+        if not len(out):
+            return
         C, D, h = self._noise_filter(p, m)
         at = 0
         for j in lay.filtered:
             free = lfilter([1.0], monic(p[self._f[j]]), -impulse(m))
-            out[at : at + lay.nf[j]] = through(D, C, h, shifted(free, range(lay.nf[j]), 0))
+            rows = shifted(free, range(lay.nf[j]), 0)
+            through(D, C, h, rows, out[at : at + lay.nf[j]])
             at += lay.nf[j]
         if lay.n_noise_states:
-            out[at:] = shifted(lfilter([1.0], C, impulse(m)), range(lay.n_noise_states), 0)
-        return out
+            shifted(lfilter([1.0], C, impulse(m)), range(lay.n_noise_states), 0, out[at:])
 
     def _noise_filter(self, p: Array, m: int) -> tuple[Array, Array, Array | None]:
         """C, D and the impulse response of D/C, None where that is 1."""

@@ -13,6 +13,7 @@ import numpy as np
 from sysid.data.record import Array, Channel, Index
 from sysid.errors import UsageError
 from sysid.structures.expressions import (
+    FLOATS,
     Expression,
     Signal,
     evaluate,
@@ -216,7 +217,9 @@ def scalar(e: Expression, place: Callable[[Signal], int]) -> Callable[[list[floa
         at = place(e)
         return lambda known: known[at]
 
+    places = {s: place(s) for s in signals(e)}
+
     def value(known: list[float]) -> float:
-        return float(evaluate(e, lambda s: known[place(s)], np))
+        return float(evaluate(e, lambda s: known[places[s]], FLOATS))
 
     return value

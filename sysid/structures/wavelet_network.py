@@ -65,7 +65,7 @@ def _projected(xp: Any, v: Values, s: Values, c: Values) -> Values:
 
 
 def _radial(xp: Any, t: Values, flag: Values, dim: Values) -> Values:
-    r = xp.sum(t * t, axis=-1)
+    r = (t * t).sum(-1)
     return (1.0 + flag * (dim - 1.0 - r)) * xp.exp(-0.5 * r)
 
 

@@ -9,7 +9,8 @@ from typing import Any, ClassVar
 from sysid.data.record import Channel
 from sysid.errors import UsageError
 from sysid.structures.base import Parameter, refuse_options
-from sysid.structures.block_chain import BlockChain, LinearLayer, StaticLayer
+from sysid.structures.block_chain import BlockChain
+from sysid.structures.block_layers import LinearLayer, StaticLayer
 from sysid.structures.block_structure import (
     BlockStructure,
     statics_from_json,
@@ -87,7 +88,7 @@ class WienerHammerstein(BlockStructure):
                     f"--orders: {cls.name} needs {name}; give all of nb1 nf1 nb nf (nk is 1 "
                     "unless given)"
                 )
-        second = {k: full[k] for k in ("nb", "nf", "nk") if k in full}
+        second: dict[str, Any] = {k: full[k] for k in ("nb", "nf", "nk") if k in full}
         rows = [_per_input(full[k], k, nu) for k in ("nb1", "nf1")]
         if not all(rows[0]):
             raise UsageError(f"--orders: {cls.name} needs nb1 of at least 1 for every input")

@@ -1,0 +1,184 @@
+"""Effects between the command and the motor: they change the drive d = u / full scale."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, State
+
+P = Mapping[str, Signal]
+
+
+def _dead_zone(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    width = xp.where(d >= 0.0, p["plus"], p["minus"])
+    beyond = xp.maximum(xp.abs(d) - width, 0.0)
+    jump = xp.where(beyond > 0.0, p["jump"], 0.0)
+    return xp.sign(d) * (beyond + jump), s
+
+
+def _saturation(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    return xp.minimum(xp.maximum(d, -p["minus"]), p["plus"]), s
+
+
+def _concave(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    return d * (1.0 - p["kappa"] * xp.abs(d)), s
+
+
+def _direction(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    return xp.where(d < 0.0, p["rho"] * d, d), s
+
+
+def _rate_limit(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    most = p["rate"] * c.dt
+    limited = s[0] + xp.minimum(xp.maximum(d - s[0], -most), most)
+    return limited, (limited,)
+
+
+def _lag(xp: Any, x: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    # exact for a held input; at lag 0 the state is passed over
+    share = 1.0 - xp.exp(-c.dt / xp.maximum(p["lag"], 1e-9))
+    reached = s[0] + share * (x - s[0])
+    # within the sample the lagged drive averages less than what it reaches at its end
+    mean = x - (x - s[0]) * share * p["lag"] / c.dt
+    return mean, (reached,)
+
+
+def _sag(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    load = xp.mean(xp.abs(c.drive), axis=-1, keepdims=True)
+    return d * (1.0 - p["sag"] * load), s
+
+
+def _battery(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    return d * (1.0 - p["loss"] * c.t), s
+
+
+def _delay(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    # s holds the last drives, newest first; a real delay mixes two neighbours of a held input
+    line = (d, *s)
+    samples = xp.minimum(p["delay"] / c.dt, float(len(s)))
+    out = 0.0 * d
+    for k, value in enumerate(line):
+        out = out + value * xp.maximum(1.0 - xp.abs(samples - k), 0.0)
+    return out, line[:-1]
+
+
+DELAY_LINE = 8
+"""Longest extra delay [samples]."""
+
+EFFECTS = (
+    Effect(
+        "input-delay",
+        "actuator",
+        Place.COMMAND,
+        "d(t − θ)",
+        "The command takes effect later than the model thinks.",
+        "Every response starts late by the same time, at all levels.",
+        "Steps at irregular instants.",
+        (EffectParameter("delay", "s", 0.0, 0.0, float(DELAY_LINE), (1.0, 2.5), "dt"),),
+        _delay,
+        states=DELAY_LINE,
+    ),
+    Effect(
+        "input-saturation",
+        "actuator",
+        Place.COMMAND,
+        "d → clip(d, −s−, s+)",
+        "Beyond some command the drive grows no further.",
+        "Large commands of different size reach one and the same speed.",
+        "Steps at 60, 80, 90 and 100 % of full drive in both directions.",
+        (
+            EffectParameter("plus", "drive", 1e3, 0.1, 0.999, (0.6, 0.8), "drive"),
+            EffectParameter("minus", "drive", 1e3, 0.1, 0.999, (0.6, 0.8), "drive"),
+        ),
+        _saturation,
+        ties=("sensor-saturation",),
+    ),
+    Effect(
+        "dead-zone",
+        "actuator",
+        Place.COMMAND,
+        "d → sign(d)(max(|d| − δ±, 0) + j·[|d| > δ±])",
+        "Small commands do nothing, larger ones are short by that much.",
+        "The track stands while the command is small; steady speed is a line that misses zero.",
+        "A slow staircase through zero in both directions.",
+        (
+            EffectParameter("plus", "drive", 0.0, 0.0, 0.8, (0.08, 0.2, 0.4), "drive"),
+            EffectParameter("minus", "drive", 0.0, 0.0, 0.8, (0.08, 0.2, 0.4), "drive"),
+            EffectParameter("jump", "drive", 0.0, 0.0, 0.8, (0.0, 0.0, 0.0), "drive"),
+        ),
+        _dead_zone,
+        ties=("coulomb-friction", "stiction"),
+    ),
+    Effect(
+        "concave-gain",
+        "actuator",
+        Place.COMMAND,
+        "d → d(1 − κ|d|)",
+        "The harder it is driven, the less it answers, on a soft static curve.",
+        "Steady speed against command bends towards the command axis.",
+        "Steps at many levels in both directions.",
+        (EffectParameter("kappa", "1/drive", 0.0, -0.9, 0.95, (0.3, -0.2), "one"),),
+        _concave,
+        ties=("supply-sag",),
+    ),
+    Effect(
+        "direction-asymmetry",
+        "actuator",
+        Place.COMMAND,
+        "d → ρ d for d < 0",
+        "The drive is stronger in one direction than in the other.",
+        "Equal commands of either sign reach different speeds.",
+        "Steps of equal size in both directions.",
+        (EffectParameter("rho", "", 1.0, 0.3, 3.0, (0.85, 1.15), "one"),),
+        _direction,
+    ),
+    Effect(
+        "supply-sag",
+        "actuator",
+        Place.COMMAND,
+        "d → d(1 − s(|d_L| + |d_R|)/2)",
+        "The supply gives way under load, so one track slows when the other is driven.",
+        "A track is slower when the other one is driven too, whatever its direction.",
+        "One track at a constant command while the other steps.",
+        (EffectParameter("sag", "", 0.0, 0.0, 0.9, (0.15, 0.35), "one"),),
+        _sag,
+        shared=True,
+        ties=("concave-gain",),
+    ),
+    Effect(
+        "battery-discharge",
+        "actuator",
+        Place.COMMAND,
+        "d → d(1 − b t)",
+        "The battery empties: everything slows with time.",
+        "The same command reaches less speed late in the log.",
+        "The same sequence at the beginning and the end of a long run.",
+        (EffectParameter("loss", "1/s", 0.0, 0.0, 0.02, (0.0005, 0.002), "one"),),
+        _battery,
+        shared=True,
+    ),
+    Effect(
+        "rate-limit",
+        "actuator",
+        Place.COMMAND,
+        "|ḋ| ≤ r",
+        "The drive cannot change faster than some rate.",
+        "Large steps are ramps; small steps are not affected.",
+        "Steps of very different size.",
+        (EffectParameter("rate", "drive/s", 1e6, 0.05, 100.0, (1.0, 3.0, 8.0), "one"),),
+        _rate_limit,
+        states=1,
+    ),
+    Effect(
+        "actuator-lag",
+        "actuator",
+        Place.COMMAND,
+        "λ ḋ′ = d − d′",
+        "The drive follows the command with a lag of its own.",
+        "Responses start smoothly instead of with a kink.",
+        "Fast reversals sampled fast.",
+        (EffectParameter("lag", "s", 0.0, 0.0, 20.0, (0.5, 1.5), "dt"),),
+        _lag,
+        states=1,
+        ties=("sensor-lag",),
+    ),
+)

@@ -1,0 +1,106 @@
+"""Effect: one physical phenomenon as one pure step that does nothing at its null value."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+Signal = Any
+"""An array of the namespace ``xp`` in use (numpy or jax.numpy), one entry a track."""
+
+State = tuple[Signal, ...]
+
+
+class Place(Enum):
+    """Where in the chain command → torque → speed → reading an effect acts."""
+
+    COMMAND = "command"
+    TORQUE = "torque"
+    SPEED = "speed"
+    READING = "reading"
+    POSE = "pose"
+    SAMPLES = "samples"
+
+
+@dataclass(frozen=True, eq=False)
+class Context:
+    """What an effect may look at besides the signal it changes; arrays have one entry a track.
+
+    Attributes:
+        dt: sample time [s].
+        t: time since the start of the record [s].
+        w: speed before the step.
+        w_free: speed that the step would reach without torque.
+        b: speed reached per unit of torque within the step.
+        torque: torque of the step, in units of steady speed (T = K d).
+        drive: command as it was given, before any effect.
+        angle: angle integrated from the measured speed [rad].
+    """
+
+    dt: float
+    t: Signal
+    w: Signal
+    w_free: Signal
+    b: Signal
+    torque: Signal
+    drive: Signal
+    angle: Signal
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """One number of an effect.
+
+    Attributes:
+        name: as shown.
+        unit: unit; ``speed`` stands for the unit of the output, ``drive`` for full drive.
+        null: value at which the effect does nothing.
+        lower, upper: physical bounds, in the units of the signal it is scaled by.
+        scaled_by: ``drive``, ``speed``, ``dt`` or ``one``: what bounds and starts are multiples of.
+        starts: values a search starts from, tried together with those of the other parameters.
+    """
+
+    name: str
+    unit: str
+    null: float
+    lower: float
+    upper: float
+    starts: tuple[float, ...]
+    scaled_by: str = "one"
+
+
+Step = Callable[[Any, Signal, State, Mapping[str, Signal], Context], tuple[Signal, State]]
+"""(xp, signal, state, parameters, context) → (signal, state)."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One phenomenon of the catalogue.
+
+    Attributes:
+        id: its name, as in the catalogue.
+        stage: ``actuator``, ``motor``, ``vehicle`` or ``sensor``.
+        place: where in the chain its step acts.
+        equation: what it does, as a formula.
+        sentence: what it is, in plain words.
+        looks_like: what it looks like in data.
+        experiment: what a robot should do to show it.
+        parameters: its numbers.
+        step: the one implementation, over numpy and jax.numpy alike.
+        states: how many states it carries.
+        shared: whether all tracks share its parameters.
+        ties: effects that many logs cannot tell from it.
+    """
+
+    id: str
+    stage: str
+    place: Place
+    equation: str
+    sentence: str
+    looks_like: str
+    experiment: str
+    parameters: tuple[EffectParameter, ...]
+    step: Step
+    states: int = 0
+    shared: bool = False
+    ties: tuple[str, ...] = ()

@@ -1,0 +1,78 @@
+"""Effects of the sensor: they change what is read, not what happens."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, State
+
+P = Mapping[str, Signal]
+
+
+def _lag(xp: Any, y: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    share = 1.0 - xp.exp(-c.dt / xp.maximum(p["lag"], 1e-9))
+    read = s[0] + share * (y - s[0])
+    return read, (read,)
+
+
+def _unsigned(xp: Any, y: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    return y + p["on"] * (xp.abs(y) - y), s
+
+
+def _saturation(xp: Any, y: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    return xp.minimum(xp.maximum(y, -p["limit"]), p["limit"]), s
+
+
+def _bias(xp: Any, y: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    return y + p["bias"], s
+
+
+EFFECTS = (
+    Effect(
+        "sensor-lag",
+        "sensor",
+        Place.READING,
+        "λ ẏ = ω − y",
+        "The reading follows the speed with a lag: a filter in the sensor.",
+        "Everything is smoothed and late.",
+        "Fast reversals sampled fast.",
+        (EffectParameter("lag", "s", 0.0, 0.0, 20.0, (0.5, 1.5), "dt"),),
+        _lag,
+        states=1,
+        ties=("actuator-lag",),
+    ),
+    Effect(
+        "unsigned-speed",
+        "sensor",
+        Place.READING,
+        "y → |y|",
+        "The sensor does not see the direction.",
+        "No reading is negative although the command reverses.",
+        "Reversals.",
+        (EffectParameter("on", "", 0.0, 0.0, 1.0, (1.0,), "one"),),
+        _unsigned,
+    ),
+    Effect(
+        "sensor-saturation",
+        "sensor",
+        Place.READING,
+        "y → clip(y, ±s)",
+        "The sensor reads no more than its limit.",
+        "Readings pile up at one largest value.",
+        "Full drive, compared with an independent measurement of speed.",
+        (EffectParameter("limit", "speed", 1e6, 0.1, 0.999, (0.7, 0.9), "speed"),),
+        _saturation,
+        ties=("input-saturation",),
+    ),
+    Effect(
+        "sensor-bias",
+        "sensor",
+        Place.READING,
+        "y + b",
+        "The sensor reads something at standstill.",
+        "The readings do not return to zero.",
+        "A rest of ten seconds.",
+        (EffectParameter("bias", "speed", 0.0, -0.5, 0.5, (0.03, -0.03), "speed"),),
+        _bias,
+        ties=("load-bias",),
+    ),
+)

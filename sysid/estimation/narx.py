@@ -1,0 +1,346 @@
+"""Fitting NARX networks: each output's map is chosen on a hold-out, then all is refined."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sysid.data.record import Array, Record
+from sysid.errors import DataError, ModelError, Termination, UsageError
+from sysid.estimation.holdout import HoldOut, hold_out, shortened
+from sysid.estimation.narx_search import RUNGS, search_row
+from sysid.estimation.orders import free_run_error
+from sysid.estimation.search import FitOptions
+from sysid.estimation.simulation_error import FIRM, PULL, RowRuns, Trial
+from sysid.estimation.solvers import Solution, levenberg_marquardt
+from sysid.estimation.strategies import Outcome
+from sysid.estimation.uncertainty import uncertainty
+from sysid.estimation.wavelet_frame import least_squares
+from sysid.structures.base import Parameter, Problem, Structure
+from sysid.structures.expressions import signals
+from sysid.structures.model import StartReport
+from sysid.structures.narx_problems import FreeRuns, OneStepRow
+from sysid.structures.narx_wavelet import NarxWavelet
+
+SEARCH_SAMPLES = 8_000
+"""Samples that choose products and units; what they amount to comes from all of them."""
+
+RUN_SAMPLES = 40_000
+"""Samples over which free runs are refined at last, at most."""
+
+FINAL_EVALUATIONS = 40
+TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """θ of the whole structure, and the problems that determined its rows."""
+
+    theta: Array
+    solved: tuple[tuple[Problem, Solution, int], ...]
+    how: str
+    evaluations: int
+
+
+def fit_narx(
+    structure: Structure,
+    records: Sequence[Record],
+    options: FitOptions,
+    parameters: tuple[Parameter, ...],
+    warm: Sequence[tuple[str, Array]],
+) -> Outcome:
+    """Choose products and units, estimate everything, and say what it is worth.
+
+    1. For each output, products of several degrees and units over several sets of regressors are
+       added to the linear part by orthogonal least squares, in several numbers up to what
+       generalised cross-validation allows. Each map runs freely over the estimation data, of which
+       a held-out part counts.
+    2. The best few of different kinds are refined side by side on free runs over chunks of growing
+       length (jaxopt's Levenberg-Marquardt, vmapped).
+    3. The winner on the held-out part, a least-squares map or a refined one, is estimated again on
+       all data: by least squares and, where refinement won, by a last search within bounds.
+    4. Where outputs depend on each other all are refined together at last.
+
+    Raises:
+        UsageError: parameters are held or bounded, or an option cannot be served.
+        DataError: too few samples.
+        ModelError: no map has a finite free run.
+    """
+    if not isinstance(structure, NarxWavelet):
+        raise UsageError(f"{structure.name} is not a NARX structure")
+    _check(structure, records, options)
+    s = with_ranges(structure, records)
+    data = hold_out(shortened(records, SEARCH_SAMPLES))
+    refine = _rungs(s, options)
+    winners: list[Trial] = []
+    starts: list[StartReport] = []
+    for i, channel in enumerate(records[0].outputs):
+        row = RowRuns(s, i, data)
+        if len(row.y) < 2 * len(row.row) + 10:
+            raise DataError(
+                f"{records[0].name}: {len(row.y)} equations are too few to choose a network over "
+                f"{len(row.row)} regressors; record more or lower na and nb"
+            )
+        best, tried = search_row(row, refine, options.focus.value == "simulation")
+        if not np.isfinite(best.error):
+            raise ModelError(
+                f"{channel.name}: no narx-wavelet model has a finite free run on these data; "
+                "lower the orders or check the data"
+            )
+        winners.append(best)
+        starts += [_report(channel.name, t) for t in sorted(tried, key=lambda t: t.error)]
+    s = replace(s, designs=tuple(t.design for t in winners))
+    estimates = _on_all_data(s, records, winners)
+    return _outcome(s, records, estimates, starts)
+
+
+def _check(s: NarxWavelet, records: Sequence[Record], options: FitOptions) -> None:
+    if options.fixed or options.bounds:
+        raise UsageError(
+            "narx-wavelet places its units by the data; no parameter of it can be held or bounded"
+        )
+    if options.robust:
+        raise UsageError(
+            "narx-wavelet has no robust loss; repair the outliers (sysid inspect) or use narmax"
+        )
+    needed = s.first_sample() + 20
+    if max(len(r) for r in records) <= needed:
+        raise DataError(
+            f"{records[0].name}: {sum(len(r) for r in records)} samples are too few for a "
+            "narx-wavelet model with these lags; record more or lower na and nb"
+        )
+
+
+def with_ranges(s: NarxWavelet, records: Sequence[Record]) -> NarxWavelet:
+    """The structure with the lowest and highest value of each channel."""
+
+    def ranges(signals: Sequence[Array]) -> tuple[tuple[float, float], ...]:
+        stacked = np.concatenate(signals)
+        return tuple(zip(stacked.min(axis=0).tolist(), stacked.max(axis=0).tolist(), strict=True))
+
+    return replace(
+        s, output_range=ranges([r.y for r in records]), input_range=ranges([r.u for r in records])
+    )
+
+
+def _rungs(s: NarxWavelet, options: FitOptions) -> tuple[int, ...]:
+    """Chunk lengths of the refinement, none where least squares is asked for."""
+    asked = s.options_given.refine
+    if asked == 0:
+        if options.focus.value == "simulation":
+            raise UsageError(
+                "--option refine=none fits one step ahead; leave out --focus simulation"
+            )
+        return ()
+    if asked is None:
+        return RUNGS
+    return (*(r for r in RUNGS if r < asked), asked)
+
+
+def _report(output: str, t: Trial) -> StartReport:
+    error = t.error if np.isfinite(t.error) else None
+    return StartReport(output, t.how, error, error, t.evaluations)
+
+
+# ------------------------------------------------------------------------------ all data
+
+
+def _on_all_data(
+    s: NarxWavelet, records: Sequence[Record], winners: Sequence[Trial]
+) -> list[Estimate]:
+    """Least squares, and what refinement makes of the winners."""
+    whole = everything(records)
+    rows = [RowRuns(s, i, whole) for i in range(s.ny)]
+    plain = [_least_squares(row, t) for row, t in zip(rows, winners, strict=True)]
+    run = s.free_run()
+    solved: list[tuple[Problem, Solution, int]] = []
+    for i, theta in enumerate(plain):
+        ahead = OneStepRow(run, i, [(r.u, r.y) for r in records])
+        solved.append((ahead, _evaluated(ahead, theta), sum(ahead.lengths)))
+    found = [Estimate(np.concatenate(plain), tuple(solved), "least squares", 1)]
+    if not any(t.chunk for t in winners):
+        return found
+    thetas, ends = [], []
+    for i, (row, t, linear) in enumerate(zip(rows, winners, plain, strict=True)):
+        if not t.chunk:
+            thetas.append(linear)
+            ends.append(solved[i])
+            continue
+        problem, solution = _polished(row, t)
+        thetas.append(solution.p)
+        ends.append((problem, solution, problem.samples))
+    count = sum(e[1].evaluations for e in ends)
+    longest = max(t.chunk for t in winners)
+    how = f"refined over {longest} samples"
+    found.append(Estimate(np.concatenate(thetas), tuple(ends), how, count))
+    if coupled(s):
+        found.append(_together(s, records, found[-1].theta, longest))
+    return found
+
+
+def everything(records: Sequence[Record]) -> HoldOut:
+    """All data to fit on, all of them to judge on."""
+    small = shortened(records, RUN_SAMPLES)
+    counted = tuple(np.ones(len(r), dtype=bool) for r in small)
+    return HoldOut(small, small, small, counted, "the estimation data")
+
+
+def coupled(s: NarxWavelet) -> bool:
+    """Whether an output depends on past values of another."""
+    return any(
+        x.kind == "y" and x.channel != i for i, row in enumerate(s.rows) for e in row
+        for x in signals(e)
+    )  # fmt: skip
+
+
+def _least_squares(row: RowRuns, t: Trial) -> Array:
+    """The trial's map with amplitudes from all data, its units where they are."""
+    w = t.design.weights(t.theta)
+    units = (w.shape, w.place, np.array(t.design.flags, dtype=np.float64))
+    return least_squares(t.design, row.estimator, row.x, row.y, units)
+
+
+def _polished(row: RowRuns, t: Trial) -> tuple[FreeRuns, Solution]:
+    """The refined map on all data, dilations and centres within their bounds."""
+    sizes, bounds = row.sizes(t.design), row.bounds(t.design)
+    problem = FreeRuns(row.run(t.design), row.train, t.chunk)
+    start = np.clip(t.theta, bounds.lower, bounds.upper)
+    e = problem.residual(start)
+    cost = float(e @ e)
+    share = np.where(bounds.moving, PULL, FIRM)
+    pull = np.sqrt(share * cost) / sizes
+    problem = FreeRuns(row.run(t.design), row.train, t.chunk, pull, start)
+    unlimited = np.full(len(start), np.inf)
+    found = levenberg_marquardt(
+        problem, start, free=bounds.free, lower=-unlimited, upper=unlimited,
+        max_evaluations=FINAL_EVALUATIONS, tolerance=TOLERANCE,
+    )  # fmt: skip
+    if np.any(found.p < bounds.lower) or np.any(found.p > bounds.upper):
+        found = levenberg_marquardt(
+            problem, np.clip(found.p, bounds.lower, bounds.upper), free=bounds.free,
+            lower=bounds.lower, upper=bounds.upper,
+            max_evaluations=FINAL_EVALUATIONS, tolerance=TOLERANCE,
+        )  # fmt: skip
+    return problem, found
+
+
+def _together(s: NarxWavelet, records: Sequence[Record], theta: Array, chunk: int) -> Estimate:
+    """All rows refined at once: free runs in which the outputs see each other's simulated past."""
+    data = [(r.u, r.y) for r in shortened(records, RUN_SAMPLES)]
+    run = s.free_run()
+    plain = FreeRuns(run, data, chunk)
+    e = plain.residual(theta)
+    rows = [RowRuns(s, i, everything(records)) for i in range(s.ny)]
+    sizes = np.concatenate([r.sizes(d) for r, d in zip(rows, s.designs, strict=True)])
+    bounds = [r.bounds(d) for r, d in zip(rows, s.designs, strict=True)]
+    moving = np.concatenate([b.moving for b in bounds])
+    pull = np.sqrt(np.where(moving, PULL, FIRM) * float(e @ e)) / sizes
+    problem = FreeRuns(run, data, chunk, pull, theta)
+    unlimited = np.full(len(theta), np.inf)
+    found = levenberg_marquardt(
+        problem, theta, free=np.concatenate([b.free for b in bounds]), lower=-unlimited,
+        upper=unlimited, max_evaluations=FINAL_EVALUATIONS, tolerance=TOLERANCE,
+    )  # fmt: skip
+    return Estimate(
+        found.p, ((problem, found, problem.samples),), f"all outputs refined over {chunk} samples",
+        found.evaluations,
+    )  # fmt: skip
+
+
+def _evaluated(problem: Problem, theta: Array) -> Solution:
+    e = problem.residual(theta)
+    J = problem.jacobian(theta)
+    return Solution(theta, 0.5 * float(e @ e), e, J, np.ones(len(e)), Termination.CLOSED_FORM, 1)
+
+
+# ------------------------------------------------------------------------------ outcome
+
+
+def _outcome(
+    s: NarxWavelet,
+    records: Sequence[Record],
+    estimates: Sequence[Estimate],
+    starts: Sequence[StartReport],
+) -> Outcome:
+    counted = [np.ones(len(r), dtype=bool) for r in records]
+    errors = [free_run_error(s, e.theta, records, counted) for e in estimates]
+    # least squares stays a candidate to the end; a refined model wins by its free run
+    chosen = estimates[int(np.argmin(errors))]
+    reports = [
+        StartReport("all", f"all data, {e.how}", None, error if np.isfinite(error) else None,
+                    e.evaluations)
+        for e, error in zip(estimates, errors, strict=True)
+    ]  # fmt: skip
+    parameters = _held(s, records, chosen.theta)
+    free = np.array([p.fixed is None for p in parameters])
+    covariance, null = _worth(s, chosen, free)
+    low, high = (np.array([getattr(p, k) for p in parameters]) for k in ("lower", "upper"))
+    width = np.where(np.isfinite(high - low), high - low, 1.0)
+    near = free & ((chosen.theta <= low + 1e-6 * width) | (chosen.theta >= high - 1e-6 * width))
+    endings = [solution.termination for _, solution, _ in chosen.solved]
+    order = list(Termination)
+    return Outcome(
+        s,
+        parameters,
+        chosen.theta,
+        covariance,
+        null,
+        termination=max(endings, key=order.index),
+        at_bound=tuple(p.name for p, hit in zip(parameters, near, strict=True) if hit),
+        starts=(*starts, *reports),
+        warnings=_warnings(s, records, chosen.theta),
+    )
+
+
+def _held(s: NarxWavelet, records: Sequence[Record], theta: Array) -> tuple[Parameter, ...]:
+    """Parameters with the values of what cannot be estimated: places of boxes."""
+    named = s.parameters(records[0].inputs, records[0].outputs)
+    if s.kind.smooth:
+        return named
+    words = (f".{s.kind.shape}", f".{s.kind.place}")
+    return tuple(
+        replace(p, fixed=float(v)) if any(w in p.name for w in words) else p
+        for p, v in zip(named, theta, strict=True)
+    )
+
+
+def _worth(s: NarxWavelet, chosen: Estimate, free: Array) -> tuple[Array, Array]:
+    """Covariance of θ and directions without information."""
+    n = len(free)
+    covariance, null, at = np.zeros((n, n)), [], 0
+    for problem, solution, samples in chosen.solved:
+        # rows are solved one by one, each numbered from 0, or all together
+        index = at + np.arange(len(solution.p))
+        at += len(solution.p)
+        which = np.flatnonzero(free[index])
+        stretches = tuple(zip(problem.channels, problem.lengths, strict=True))
+        value = uncertainty(
+            solution.jacobian[:samples, which],
+            solution.residual[:samples],
+            stretches,
+            solution.weights[:samples],
+        )
+        covariance[np.ix_(index[which], index[which])] = value.covariance
+        for direction in value.null.T:
+            spread = np.zeros(n)
+            spread[index[which]] = direction
+            null.append(spread)
+    return covariance, np.array(null).T if null else np.zeros((n, 0))
+
+
+def _warnings(s: NarxWavelet, records: Sequence[Record], theta: Array) -> tuple[str, ...]:
+    run, found = s.free_run(), []
+    first = run.window.first
+    shares = np.zeros(s.ny)
+    for r in records:
+        if len(r) > first:
+            x0 = run.state(r.y[:first], r.u[:first])
+            shares = np.maximum(shares, s.at_limits(run.simulate(theta, r.u[first:], x0)))
+    for channel, share in zip(records[0].outputs, shares, strict=True):
+        if share > 0.0:
+            found.append(
+                f"In free run {channel.name} is held at the limit of its range at "
+                f"{100.0 * share:.2g} % of the samples of one record: lower the orders or the "
+                "number of units."
+            )
+    return tuple(found)

@@ -1,0 +1,147 @@
+"""Which products and units the map of one output gets: a grid of starts, judged and refined."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.estimation.simulation_error import RowRuns, Trial
+from sysid.estimation.wavelet_frame import (
+    Units,
+    least_squares,
+    projected,
+    scaled_design,
+    select_products,
+    select_units,
+)
+from sysid.structures.expressions import Signal
+from sysid.structures.wavelet_network import DEGREE, RowDesign
+
+RUNGS = (40, 200, 1000)
+"""Chunk lengths of the refinement, each started from the last."""
+
+ITERATIONS = 15
+PRODUCTS = (3, 8, 20)
+"""Numbers of products tried, up to what generalised cross-validation allows."""
+
+BELOW = 8
+"""Products under a network at most."""
+
+UNITS = (3, 6, 12, 20)
+DIMENSIONS = {"outputs": 3, "all": 4}
+"""Principal components that the units see."""
+
+TIE = 0.01
+"""Held-out errors closer than this are the same; the fewer parameters win."""
+
+
+def search_row(row: RowRuns, rungs: Sequence[int], simulate: bool) -> tuple[Trial, list[Trial]]:
+    """The best map of one output, and all that were tried.
+
+    Args:
+        row: the output with its data.
+        rungs: chunk lengths of the refinement; none for least squares only.
+        simulate: whether only refined maps may win.
+    """
+    tried = row.judged(one_step_trials(row))
+    if not rungs:
+        return best(tried), tried
+    current = chosen(tried, row.structure.options_given.starts)
+    refined: list[Trial] = []
+    longest = max(len(y) for _, y in row.train)
+    for rung in dict.fromkeys(min(r, longest) for r in rungs):
+        current = row.refined(current, rung, ITERATIONS)
+        refined += current
+    return best(refined if simulate else [*tried, *refined]), [*tried, *refined]
+
+
+def best(trials: Sequence[Trial]) -> Trial:
+    """The smallest of those that are as good as the best."""
+    limit = (1.0 + TIE) * min(t.error for t in trials)
+    close = [t for t in trials if t.error <= limit] or list(trials)
+    return min(close, key=lambda t: (t.n, t.error))
+
+
+def chosen(trials: Sequence[Trial], count: int) -> list[Trial]:
+    """What is refined: the best of each kind of map first, then the next best of all."""
+    ordered = sorted((t for t in trials if np.isfinite(t.error)), key=lambda t: t.error)
+    ordered = ordered or list(trials)
+    kinds: dict[tuple[bool, bool], Trial] = {}
+    for t in ordered:
+        kinds.setdefault((bool(t.design.terms), bool(t.design.flags)), t)
+    leaders = sorted(kinds.values(), key=lambda t: t.error)
+    rest = [t for t in ordered if all(t is not k for k in leaders)]
+    return [*leaders, *rest][:count]
+
+
+def one_step_trials(row: RowRuns) -> list[Trial]:
+    """Maps of several degrees, sets of regressors and sizes, each by least squares."""
+    given = row.structure.options_given
+    plain = scaled_design(row.x, given.margin)
+    degrees = (given.degree,) if given.degree else range(1, DEGREE + 1)
+    found: list[Trial] = []
+    for degree in degrees:
+        terms: tuple[tuple[int, ...], ...] = ()
+        if degree == 1:
+            if not given.units:
+                found.append(_trial(row, plain, None, "linear", 1))
+        else:
+            pool = select_products(plain, row.x, row.y, degree, max(PRODUCTS))
+            sizes = sorted({n for n in PRODUCTS if n < pool.most} | {min(pool.most, max(PRODUCTS))})
+            for n in sizes if not given.units else ():
+                if n:
+                    design = replace(plain, terms=pool.terms[:n])
+                    found.append(
+                        _trial(row, design, None, f"degree {degree}, {n} products", degree)
+                    )
+            terms = pool.terms[: min(pool.most, BELOW)]
+            if not terms:
+                continue
+        if given.units != 0:
+            found += _networks(row, replace(plain, terms=terms), degree)
+    if not found:
+        found.append(_trial(row, plain, None, "linear", 1))
+    return found
+
+
+def _networks(row: RowRuns, below: RowDesign, degree: int) -> list[Trial]:
+    given = row.structure.options_given
+    found = []
+    names = ("outputs", "all") if given.network == "auto" else (given.network,)
+    sets = {name: seen(row, name) for name in names}
+    if len(sets) == 2 and sets["outputs"] == sets["all"]:
+        del sets["outputs"]
+    for name, regressors in sets.items():
+        design = projected(below, row.x, regressors, DIMENSIONS[name])
+        most = given.units or max(UNITS)
+        s = select_units(design, row.x, row.y, row.estimator, most, given.seed)
+        if given.units:
+            sizes = [min(given.units, len(s.shape))]
+        else:
+            sizes = sorted({n for n in UNITS if n < s.most} | {min(s.most, most)})
+        for n in sizes:
+            if n:
+                full = replace(design, flags=tuple(int(f) for f in s.flags[:n]))
+                units = (s.shape[:n], s.place[:n], s.flags[:n])
+                words = f"degree {degree}, {n} units over {name}"
+                found.append(_trial(row, full, units, words, degree))
+    return found
+
+
+def seen(row: RowRuns, name: str) -> list[int]:
+    """Regressors the units see: the output's own lags and the newest of every input, or all."""
+    if name == "all":
+        return list(range(len(row.row)))
+    own = [k for k, e in enumerate(row.row) if isinstance(e, Signal) and e.kind == "y"]
+    newest: dict[int, int] = {}
+    for k, e in enumerate(row.row):
+        if isinstance(e, Signal) and e.kind == "u" and e.channel < row.structure.nu:
+            newest.setdefault(e.channel, k)
+    return sorted([*own, *newest.values()])
+
+
+def _trial(row: RowRuns, design: RowDesign, units: Units | None, how: str, degree: int) -> Trial:
+    nothing: tuple[Array, Array, Array] = (np.zeros(0), np.zeros((0, 0)), np.zeros(0))
+    theta = least_squares(design, row.estimator, row.x, row.y, units or nothing)
+    return Trial(design, theta, np.inf, how, degree)

@@ -1,0 +1,274 @@
+"""Starts of a NARX network: scaled regressors, a dictionary of units, forward selection.
+
+The regressors of one output are scaled, those the network is to see are turned to their principal
+components and stretched over [−1, 1]. A dictionary of units covers the data there; products and
+units are then added to the linear part one by one, the one that explains most first (orthogonal
+least squares: Zhang 1997; Chen, Billings & Luo 1989). The number of them is bounded by generalised
+cross-validation, N V/(N − p)² with p parameters (Craven & Wahba 1979).
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement, product
+
+import numpy as np
+
+from sysid.data.record import Array, Index
+from sysid.estimation.frols import Path, TermGram, forward
+from sysid.structures.wavelet_network import KINDS, RowDesign
+
+POOL = 400
+"""Candidate products at most."""
+
+CELLS = 120
+"""Cells of one level of the frame at most; a draw decides between more."""
+
+LEVELS = 4
+SAMPLES = 2500
+"""Rows that choose the units; amplitudes come from all of them."""
+
+DRAWN = 300
+"""Random neurons to choose from."""
+
+SMALL = 0.02
+"""Principal components below this share of the largest carry nothing but noise."""
+
+RIDGE = 1e-7
+"""Ridge on columns of unit norm: amplitudes of neighbouring units must not cancel each other."""
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """Products and units in the order in which they were added.
+
+    Attributes:
+        terms: products.
+        shape, place, flags: of the units, (K,), (K, q), (K,).
+        most: number of both together that generalised cross-validation allows.
+    """
+
+    terms: tuple[tuple[int, ...], ...]
+    shape: Array
+    place: Array
+    flags: Array
+    most: int
+
+
+def scaled_design(x: Array, margin: float) -> RowDesign:
+    """A linear row with the scaling and the support of regressors x (N, d)."""
+    mean, scale = x.mean(axis=0), x.std(axis=0)
+    scale = np.where(scale > 1e-12 * np.maximum(np.abs(mean), 1e-300), scale, 1.0)
+    low, high = x.min(axis=0), x.max(axis=0)
+    slack = margin * (high - low)
+    return RowDesign(
+        tuple(mean.tolist()),
+        tuple(scale.tolist()),
+        tuple(((low - slack - mean) / scale).tolist()),
+        tuple(((high + slack - mean) / scale).tolist()),
+    )
+
+
+def scaled(design: RowDesign, x: Array) -> Array:
+    """z = (x − x̄)/σ inside the support."""
+    z = (x - np.array(design.mean)) / np.array(design.scale)
+    return np.asarray(np.clip(z, design.low, design.high))
+
+
+def projected(design: RowDesign, x: Array, seen: Sequence[int], most: int) -> RowDesign:
+    """The design with Q: the first principal components of some regressors, scaled to [−1, 1]."""
+    z = scaled(design, x)
+    where = np.asarray(seen, dtype=int)
+    _, s, Vt = np.linalg.svd(np.linalg.qr(z[:, where], mode="r"))
+    keep = int(np.sum(s > SMALL * s.max(initial=0.0)))
+    Q = np.zeros((z.shape[1], max(min(keep, most), 1)))
+    # the sign of a principal component is arbitrary: fixed, so that it does not depend on LAPACK
+    V = Vt[: Q.shape[1]].T
+    V = V * np.where(V[np.argmax(np.abs(V), axis=0), np.arange(V.shape[1])] < 0, -1.0, 1.0)
+    Q[where] = V
+    reach = np.abs(z @ Q).max(axis=0)
+    Q /= np.where(reach > 0.0, reach, 1.0)
+    return replace(design, projection=tuple(tuple(row) for row in Q.tolist()))
+
+
+# ----------------------------------------------------------------------------- dictionaries
+
+Units = tuple[Array, Array, Array]
+"""Shape (M,), place (M, q) and flag (M,) of candidate units."""
+
+
+def _cells(v: Array, width: float, rng: np.random.Generator) -> Array:
+    """Centres of the grid cells of this width that hold data, (M, q)."""
+    found, count = np.unique(np.round(v / width).astype(int), axis=0, return_counts=True)
+    enough = found[count >= max(3, len(v) // 1000)]
+    if len(enough) > CELLS:
+        enough = enough[np.sort(rng.choice(len(enough), CELLS, replace=False))]
+    return np.asarray(enough * width)
+
+
+def _dyadic(v: Array, rng: np.random.Generator) -> Units:
+    """Scaling functions and wavelets at dilations 1, 2, 4 … on grids as wide as they are."""
+    shape, place, flag = [], [], []
+    for level in range(LEVELS):
+        dilation = 2.0**level
+        centres = _cells(v, 1.0 / dilation, rng)
+        for kind in (0.0, 1.0):
+            shape.append(np.full(len(centres), dilation))
+            place.append(centres)
+            flag.append(np.full(len(centres), kind))
+    return np.concatenate(shape), np.concatenate(place), np.concatenate(flag)
+
+
+def _boxes(v: Array, rng: np.random.Generator) -> Units:
+    """Cells of dyadic grids."""
+    shape, place = [], []
+    for level in range(LEVELS + 1):
+        width = 2.0**-level
+        centres = _cells(v, width, rng)
+        shape.append(np.full(len(centres), 2.0 / width))
+        place.append(centres)
+    s = np.concatenate(shape)
+    return s, np.concatenate(place), np.zeros_like(s)
+
+
+def _harmonics(v: Array, rng: np.random.Generator) -> Units:
+    """cos and sin of (π/2) k·v for small whole k, one of k and −k."""
+    q = v.shape[1]
+    waves = [k for k in product(range(-3, 4), repeat=q) if 0 < sum(map(abs, k)) <= 4]
+    waves = [k for k in waves if next(n for n in k if n) > 0]
+    place = np.pi / 2.0 * np.array(waves, dtype=np.float64)
+    if len(place) > DRAWN:
+        place = place[np.sort(rng.choice(len(place), DRAWN, replace=False))]
+    shape = np.repeat([0.0, -np.pi / 2.0], len(place))
+    return shape, np.concatenate([place, place]), np.zeros(len(shape))
+
+
+def _neurons(v: Array, rng: np.random.Generator) -> Units:
+    """Tangents of random direction and steepness whose middle lies at a random sample."""
+    direction = rng.normal(size=(DRAWN, v.shape[1]))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    place = direction * 2.0 ** rng.integers(0, 4, DRAWN)[:, None]
+    middle = v[rng.integers(0, len(v), DRAWN)]
+    return -np.sum(place * middle, axis=1), place, np.zeros(DRAWN)
+
+
+DICTIONARIES: Mapping[str, Callable[[Array, np.random.Generator], Units]] = {
+    "wavelet": _dyadic,
+    "piecewise-constant": _boxes,
+    "fourier": _harmonics,
+    "neural": _neurons,
+}
+"""Candidate units of each estimator for data v (N, q)."""
+
+
+# ----------------------------------------------------------------------------- selection
+
+
+def product_pool(d: int, degree: int) -> list[tuple[int, ...]]:
+    """Products of degree 2 … ``degree`` of the first regressors, as many as the pool can hold."""
+    most = d
+    while True:
+        found = [
+            t for k in range(2, degree + 1) for t in combinations_with_replacement(range(most), k)
+        ]
+        if len(found) <= POOL or most <= 2:
+            return found
+        most -= 1
+
+
+def product_columns(z: Array, terms: Sequence[tuple[int, ...]]) -> Array:
+    """Values of products for z (N, d), (N, T)."""
+    out = np.ones((len(z), len(terms)))
+    for k, t in enumerate(terms):
+        for j in t:
+            out[:, k] *= z[:, j]
+    return out
+
+
+def select_products(design: RowDesign, x: Array, y: Array, degree: int, most: int) -> Selection:
+    """Products added to the linear part in the order of what they explain."""
+    nothing = np.zeros(0), np.zeros((0, 0)), np.zeros(0)
+    pool = product_pool(x.shape[1], degree)
+    if degree < 2 or not pool:
+        return Selection((), *nothing, 0)
+    rows = _rows(len(y))
+    z = scaled(design, x[rows])
+    order, allowed = _ordered(z, product_columns(z, pool), y[rows], (), most)
+    return Selection(tuple(pool[k] for k in order), *nothing, allowed)
+
+
+def select_units(
+    design: RowDesign, x: Array, y: Array, estimator: str, most: int, seed: int
+) -> Selection:
+    """Units added to the linear part and the design's products."""
+    rows = _rows(len(y))
+    z = scaled(design, x[rows])
+    v = z @ np.array(design.projection)
+    shape, place, flag = DICTIONARIES[estimator](v, np.random.default_rng(seed))
+    kind = KINDS[estimator]
+    values = kind.value(np, kind.argument(np, v, shape, place), flag, design_dimension(design))
+    given = product_columns(z, design.terms)
+    order, allowed = _ordered(z, values, y[rows], given, most)
+    return Selection(design.terms, shape[order], place[order], flag[order], allowed)
+
+
+def design_dimension(design: RowDesign) -> float:
+    """Columns of Q."""
+    return float(len(design.projection[0]))
+
+
+def _rows(count: int) -> Index:
+    if count <= SAMPLES:
+        return np.arange(count)
+    return np.unique(np.linspace(0, count - 1, SAMPLES).astype(int))
+
+
+def _ordered(
+    z: Array, candidates: Array, y: Array, given: Array | tuple[()], most: int
+) -> tuple[list[int], int]:
+    """Candidates in the order chosen, and how many generalised cross-validation allows."""
+    fixed = [np.ones((len(z), 1)), z]
+    if len(given):
+        fixed.append(np.asarray(given))
+    base = np.concatenate(fixed, axis=1)
+    Q, R = np.linalg.qr(base)
+    Q = Q[:, np.abs(np.diag(R)) > 1e-10 * np.abs(R).max(initial=1e-300)]
+    # what the linear part explains is taken out first: it is always there
+    rest = candidates - Q @ (Q.T @ candidates)
+    target = y - Q @ (Q.T @ y)
+    norms = np.linalg.norm(rest, axis=0)
+    usable = norms > 1e-6 * np.linalg.norm(candidates, axis=0)
+    rest = rest / np.where(usable, norms, 1.0)
+    power = float(target @ target)
+    gram = TermGram((), norms, rest.T @ rest, rest.T @ target, power, len(y))
+    path = forward(gram, np.flatnonzero(usable).tolist(), min(most, len(y) // 4))
+    return path.order.tolist(), cross_validated_size(path, Q.shape[1], len(y))
+
+
+def cross_validated_size(path: Path, given: int, samples: int) -> int:
+    """Number of added columns at which N V/(N − p)² is smallest."""
+    count = np.arange(len(path.order) + 1)
+    left = np.concatenate([[1.0], path.unexplained()])
+    return int(np.argmin(left / np.maximum(1.0 - (given + count) / samples, 1e-3) ** 2))
+
+
+def least_squares(design: RowDesign, estimator: str, x: Array, y: Array, units: Units) -> Array:
+    """θ of a row with these units: amplitudes by least squares, lightly ridged."""
+    shape, place, flag = units
+    z = scaled(design, x)
+    columns = [np.ones((len(x), 1)), x - np.array(design.mean), product_columns(z, design.terms)]
+    if len(shape):
+        kind = KINDS[estimator]
+        t = kind.argument(np, z @ np.array(design.projection), shape, place)
+        columns.append(kind.value(np, t, flag, design_dimension(design)))
+    A = np.concatenate(columns, axis=1)
+    norms = np.linalg.norm(A, axis=0)
+    norms = np.where(norms > 0.0, norms, 1.0)
+    A = A / norms
+    n, linear = A.shape[1], 1 + x.shape[1]
+    ridge = np.full(n, RIDGE)
+    ridge[:linear] = 1e-14
+    G = A.T @ A + np.diag(ridge)
+    # one step of refinement: the normal equations alone lose half the digits
+    c = np.linalg.solve(G, A.T @ y)
+    c = c + np.linalg.solve(G, A.T @ (y - A @ c) - ridge * c)
+    return np.concatenate([c / norms, shape, place.ravel()])

@@ -1,0 +1,285 @@
+"""Augmented: a linear core per track with named physical effects around it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sysid.data.record import Array, Channel, Record
+from sysid.effects.base import Effect
+from sysid.effects.catalogue import chain_effects, effect
+from sysid.errors import UsageError
+from sysid.structures.base import Focus, Initial, Parameter, Problem, Structure, refuse_options
+from sysid.structures.chain import ChainState, Core, chain_step, rest_state
+
+
+@dataclass(frozen=True)
+class Augmented(Structure):
+    """ω = core(T), T = K d around which the effects act; one command a track.
+
+    θ stacks, track after track, K, f_1 … f_n, b_2 … b_n, then effect after effect its parameters
+    (those shared by all tracks once).
+
+    Attributes:
+        order: order n of the core.
+        delay: input delay of the core [samples], at least 1.
+        scales: full drive of each track's command.
+        dt: sample time [s].
+        effects: ids in order of acceptance.
+    """
+
+    name: ClassVar[str] = "augmented"
+    title: ClassVar[str] = "Augmented: a linear core with named physical effects"
+    equation: ClassVar[str] = "τ ω̇ = T − ω, T = K d, with the effects in their places"
+    when: ClassVar[str] = "what sysid diagnose makes of a model that lacks an effect"
+    order_names: ClassVar[tuple[str, ...]] = ("n", "nk")
+    has_noise_model: ClassVar[bool] = False
+
+    order: int
+    delay: int
+    scales: tuple[float, ...]
+    dt: float
+    effects: tuple[str, ...] = field(default=())
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs, one a track."""
+        return len(self.scales)
+
+    @property
+    def ny(self) -> int:
+        """Number of outputs, one a track."""
+        return len(self.scales)
+
+    @classmethod
+    def from_orders(
+        cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
+    ) -> "Augmented":
+        """Refused: such a structure is made by a diagnosis, not by orders."""
+        refuse_options(cls.name, options, ())
+        raise UsageError("augmented models are made by sysid diagnose, not by sysid fit")
+
+    @classmethod
+    def applies(cls, record: Record) -> bool:
+        """Never fitted without being asked for."""
+        return False
+
+    def order_values(self) -> dict[str, Any]:
+        """{n, nk}."""
+        return {"n": self.order, "nk": self.delay}
+
+    def settings(self) -> dict[str, Any]:
+        """Effects, full drives and sample time."""
+        return {"effects": list(self.effects), "scales": list(self.scales), "dt": self.dt}
+
+    @classmethod
+    def from_json(cls, raw: Mapping[str, Any]) -> "Augmented":
+        """Undo ``to_json``."""
+        s = raw["settings"]
+        for id in s["effects"]:
+            effect(id)
+        return cls(
+            int(raw["orders"]["n"]),
+            int(raw["orders"]["nk"]),
+            tuple(float(v) for v in s["scales"]),
+            float(s["dt"]),
+            tuple(s["effects"]),
+        )
+
+    @cached_property
+    def active(self) -> tuple[Effect, ...]:
+        """The effects in the chain's order."""
+        return tuple(e for e in chain_effects() if e.id in self.effects)
+
+    def parameters(
+        self, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[Parameter, ...]:
+        """Names such as ``gain[omega_l]`` and ``dead-zone.plus[omega_l]``."""
+        found = []
+        for out in outputs:
+            found.append(Parameter(f"gain[{out.name}]", out.unit))
+            found += [Parameter(f"f{k + 1}[{out.name}]") for k in range(self.order)]
+            found += [Parameter(f"b{k + 1}[{out.name}]") for k in range(1, self.order)]
+        for id in self.effects:
+            e = effect(id)
+            for tag in ("",) if e.shared else tuple(f"[{out.name}]" for out in outputs):
+                found += [
+                    Parameter(f"{id}.{p.name}{tag}", p.unit.replace("speed", outputs[0].unit))
+                    for p in e.parameters
+                ]
+        return tuple(found)
+
+    def unpack(self, theta: Array) -> tuple[Core, dict[str, dict[str, Array]]]:
+        """θ as a core and as each effect's parameters, one value a track."""
+        tracks, n, at = self.ny, self.order, 0
+        gain, f, b = np.zeros(tracks), np.zeros((n, tracks)), np.zeros((n, tracks))
+        for i in range(tracks):
+            gain[i] = theta[at]
+            f[:, i] = theta[at + 1 : at + 1 + n]
+            b[1:, i] = theta[at + 1 + n : at + 2 * n]
+            b[0, i] = 1.0 + f[:, i].sum() - b[1:, i].sum()
+            at += 2 * n
+        found: dict[str, dict[str, Array]] = {}
+        for id in self.effects:
+            e = effect(id)
+            width = len(e.parameters)
+            values = np.zeros((width, tracks))
+            for i in range(1 if e.shared else tracks):
+                block = theta[at : at + width]
+                values[:, :] = block[:, None] if e.shared else values
+                if not e.shared:
+                    values[:, i] = block
+                at += width
+            found[id] = {p.name: values[k] for k, p in enumerate(e.parameters)}
+        return Core(gain, f, b), found
+
+    def problems(
+        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
+    ) -> tuple[Problem, ...]:
+        """None: the diagnosis searches these structures in its super-model."""
+        return ()
+
+    def first_sample(self) -> int:
+        """Free-run structures predict from the first sample."""
+        return 0
+
+    def _shape(self, theta: Array) -> tuple[ChainState, int]:
+        core, _ = self.unpack(theta)
+        state = rest_state(np, self.active, core, np.zeros(self.ny))
+        return state, _flat(state, self.delay - 1, self.ny).size
+
+    def n_states(self, theta: Array) -> int:
+        """Core, effects and dead time."""
+        return self._shape(theta)[1]
+
+    def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
+        """Steady motion at the first measured speed; a longer head is not used."""
+        core, _ = self.unpack(theta)
+        w = y[0] if len(y) else np.zeros(self.ny)
+        state = rest_state(np, self.active, core, w)
+        line = np.repeat((u[:1] / np.array(self.scales)), self.delay - 1, axis=0)
+        return _flat(state, self.delay - 1, self.ny, line)
+
+    def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
+        """Free run from x0."""
+        step = self.step(theta)
+        x = np.zeros(self.n_states(theta)) if x0 is None else x0
+        out = np.zeros((len(u), self.ny))
+        for k in range(len(u)):
+            x, out[k] = step(x, u[k])
+        return out
+
+    def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """One sample of the chain with the accepted effects only."""
+        core, parameters = self.unpack(theta)
+        template, size = self._shape(theta)
+        active, lag, tracks = self.active, self.delay - 1, self.ny
+        scales, dt = np.array(self.scales), self.dt
+
+        def advance(x: Array, u: Array) -> tuple[Array, Array]:
+            state, line, clock, angle = _unflat(x, template, lag, tracks)
+            line = np.vstack([line, u / scales])
+            state, y = chain_step(np, active, core, parameters, state, line[0], clock, angle, dt)
+            following = _flat(state, lag, tracks, line[1:], float(clock) + dt, angle + dt * y)
+            return following, np.asarray(y)
+
+        assert size >= 0
+        return advance
+
+    def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
+        """Free-run errors: there is no noise model."""
+        x0 = self.fitted_state(theta, u, y, window) if window else None
+        return y - self.simulate(theta, u, x0)
+
+    def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
+        """The free run, whatever the horizon."""
+        return y - self.errors(theta, u, y, window)
+
+    def stable(self, theta: Array) -> bool:
+        """Whether the core's poles lie inside the unit circle; effects only dissipate or bound."""
+        core, _ = self.unpack(theta)
+        return all(
+            bool(np.all(np.abs(np.roots([1.0, *core.f[:, i]])) < 1.0)) for i in range(self.ny)
+        )
+
+    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
+        """∂ŷ/∂θ by central differences."""
+        x0 = self.fitted_state(theta, u, y, 1)
+        columns = np.zeros((len(u), len(theta)))
+        for k in range(len(theta)):
+            h = 1e-5 * max(abs(theta[k]), 1e-3)
+            up, down = theta.copy(), theta.copy()
+            up[k] += h
+            down[k] -= h
+            run = self.simulate(up, u, x0) - self.simulate(down, u, x0)
+            columns[:, k] = run[:, output] / (2.0 * h)
+        return columns
+
+    def equations(
+        self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[str, ...]:
+        """The core of each track, then each effect with its numbers."""
+        core, parameters = self.unpack(theta)
+        lines = []
+        for i, (u, y) in enumerate(zip(inputs, outputs, strict=True)):
+            if self.order == 1:
+                tau = -self.dt / np.log(max(-core.f[0, i], 1e-12))
+                lines.append(
+                    f"{tau:.4g} s·d{y.name}/dt = T - {y.name}, T = {core.gain[i]:.5g}·"
+                    f"{u.name}/{self.scales[i]:g}"
+                )
+            else:
+                lines.append(f"{y.name} = core of order {self.order}, gain {core.gain[i]:.5g}")
+        for id in self.effects:
+            numbers = ", ".join(
+                f"{k} = {' / '.join(f'{v:.4g}' for v in np.unique(values))}"
+                for k, values in parameters[id].items()
+            )
+            lines.append(f"{id}: {effect(id).equation} with {numbers}")
+        return tuple(lines)
+
+    def properties(self, theta: Array, dt: float) -> dict[str, Any]:
+        """Gain, time constant and effects."""
+        core, parameters = self.unpack(theta)
+        return {
+            "stable": self.stable(theta),
+            "gain": core.gain.tolist(),
+            "effects": {
+                id: {k: v.tolist() for k, v in values.items()} for id, values in parameters.items()
+            },
+        }
+
+
+def _flat(
+    state: ChainState,
+    lag: int,
+    tracks: int,
+    line: Array | None = None,
+    clock: float = 0.0,
+    angle: Array | None = None,
+) -> Array:
+    """State as one vector: core, effects, delayed commands, clock, angle."""
+    parts = [np.ravel(state[0]), *(np.ravel(s) for held in state[1] for s in held)]
+    parts.append(np.ravel(np.zeros((lag, tracks)) if line is None else line))
+    parts.append(np.array([clock]))
+    parts.append(np.zeros(tracks) if angle is None else angle)
+    return np.concatenate(parts)
+
+
+def _unflat(
+    x: Array, template: ChainState, lag: int, tracks: int
+) -> tuple[ChainState, Array, Array, Array]:
+    n = template[0].size
+    core, at = x[:n].reshape(template[0].shape), n
+    held = []
+    for states in template[1]:
+        block = []
+        for _ in states:
+            block.append(x[at : at + tracks])
+            at += tracks
+        held.append(tuple(block))
+    line = x[at : at + lag * tracks].reshape(lag, tracks)
+    at += lag * tracks
+    return (core, tuple(held)), line, x[at], x[at + 1 :]

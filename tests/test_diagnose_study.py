@@ -1,0 +1,171 @@
+"""The harness of the blind study: who may see what, and that right and wrong are told apart."""
+
+import importlib
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from sysid_datasets.hidden_effects import RANGES
+from sysid_datasets.hidden_logs import hide
+from sysid_datasets.outside_effects import OUTSIDE
+
+STUB = """
+from pathlib import Path
+
+def nothing(est, val, *, clean, base, mission):
+    return {"verdict": "no-missing-effect", "effects": [], "gap": None}
+
+def tie(est, val, *, clean, base, mission):
+    there = sorted(p.name for p in est.parent.iterdir())
+    assert not any("truth" in name for name in there), there
+    wanted = ["est.csv", "val.csv"] + (["clean.csv"] if base else [])
+    wanted += ["mission_est.yaml", "mission_val.yaml"] if mission else []
+    assert there == sorted(wanted), (there, wanted)
+    effect = {"id": "stiction", "indistinguishable": ["coulomb-friction"]}
+    channels = {c: {"rmse_before": 1.1, "rmse_after": 0.1} for c in ("omega_l", "omega_r")}
+    gap = {"closed_percent": 97.0, "channels": channels}
+    return {"verdict": "effects-found", "effects": [effect], "gap": gap}
+
+def broken(est, val, *, clean, base, mission):
+    raise RuntimeError("exit 1: no\\nsuch thing")
+"""
+
+
+@pytest.fixture
+def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """The modules of the harness, and stubs that may be named as adapters."""
+    monkeypatch.syspath_prepend(Path(__file__).resolve().parents[1] / "benchmarks")
+    folder = tmp_path / "stubs"
+    folder.mkdir()
+    (folder / "stub_diagnosis.py").write_text(STUB, encoding="utf-8")
+    monkeypatch.syspath_prepend(folder)
+    names = ("diagnose_cases", "diagnose_scores", "study_diagnose")
+    found = SimpleNamespace(**{n: importlib.import_module(n) for n in names})
+    # Short logs: the stubs do not read them.
+    monkeypatch.setattr(found.study_diagnose, "hide", lambda r: hide(replace(r, duration=15.0)))
+    return found
+
+
+def test_the_cases_are_as_many_as_the_study_promises(study: SimpleNamespace) -> None:
+    cases = study.diagnose_cases.all_cases()
+    assert len({case.key for case in cases}) == len(cases)
+    groups: dict[str, list[Any]] = {}
+    for case in cases:
+        groups.setdefault(case.group, []).append(case)
+    for effect in RANGES:
+        for noise in ("low", "high"):
+            runs = [c for c in groups["single"] if c.request.effects == (effect,)]
+            assert sum(c.request.noise == noise for c in runs) >= 5
+            assert len({c.request.style for c in runs}) == 2
+    assert len(groups["pair"]) >= 20
+    for kind in ("white", "ar", "walk", "closed"):
+        assert len(groups[f"nothing {kind}"]) >= 20
+    assert len({c.request.effects for c in groups["outside"]}) == len(OUTSIDE) >= 5
+    assert {c.base for c in cases} == {"", "oe", "hw", "narx"}
+    assert all(
+        c.request.clean or c.request.effects == ("changed-parameter",) for c in cases if c.base
+    )
+    quick = study.diagnose_cases.all_cases(quick=True)
+    assert {c.group for c in quick} == set(groups)
+    assert len(quick) < len(cases) / 5
+
+
+def test_only_picks_effects_and_groups(study: SimpleNamespace) -> None:
+    cases = study.diagnose_cases.all_cases()
+    some = study.diagnose_cases.chosen(cases, "dead-zone,mission")
+    assert {c.group for c in some} >= {"single", "pair", "mission"}
+    assert all(c.group == "mission" or "dead-zone" in c.request.effects for c in some)
+    with pytest.raises(ValueError, match="no case 'dead-zne'"):
+        study.diagnose_cases.chosen(cases, "dead-zne")
+
+
+@pytest.mark.parametrize(
+    ("truth", "entries", "right", "every", "false"),
+    [
+        (("a",), [("a",)], True, True, 0),
+        (("a",), [("b", "a")], True, True, 0),
+        (("a",), [("b",), ("a",)], False, True, 1),
+        (("a",), [("a",), ("b",)], True, True, 1),
+        (("a",), [], False, False, 0),
+        (("a", "b"), [("b",), ("a",)], True, True, 0),
+        # One entry that ties both names is one effect, not two.
+        (("a", "b"), [("a", "b")], True, False, 0),
+        (("a", "b"), [("a", "b"), ("a",)], True, True, 0),
+        (("a", "b"), [("b",), ("c",)], True, False, 1),
+        ((), [("c",)], False, True, 1),
+        # What is found by looking at the samples has no order.
+        (("dropouts",), [("c",), ("dropouts",)], True, True, 1),
+    ],
+)
+def test_marks(
+    study: SimpleNamespace,
+    truth: tuple[str, ...],
+    entries: list[tuple[str, ...]],
+    right: bool,
+    every: bool,
+    false: int,
+) -> None:
+    o = study.diagnose_scores.Outcome("k", "single", "low", truth, entries=tuple(entries))
+    assert (o.right, o.all_right, o.false_names) == (right, every, false)
+
+
+def test_a_study_with_a_stub_writes_its_report(study: SimpleNamespace, tmp_path: Path) -> None:
+    out, kept = tmp_path / "report.md", tmp_path / "runs.jsonl"
+    arguments = ["--quick", "--jobs", "1", "-o", str(out), "--results", str(kept)]
+    arguments += ["--adapter", "stub_diagnosis:tie"]
+    only = ["--only", "coulomb-friction,changed-parameter,mission,other-1,nothing walk"]
+    assert study.study_diagnose.main([*arguments, *only]) == 0
+    text = out.read_text(encoding="utf-8")
+    rows = [[c.strip() for c in line.strip("|").split("|")] for line in text.splitlines()]
+    cells = {row[0]: row[1:] for row in rows if len(row) > 2}
+    # Of the singles coulomb-friction is in the tie; changed-parameter and three of pose are not.
+    assert cells["single: right name first"] == ["2", "50.0 %", "≥ 95 %", "no"]
+    assert cells["mission: right name first"][1] == "0.0 %"
+    assert cells["outside: no name"][1] == "0.0 %"
+    assert cells["nothing walk: a false name"] == ["2", "100.0 %", "≤ 5 %", "no"]
+    assert cells["gap closed, by its own account: worst"][1] == "97.0 %"
+    # All of 1.1² − 0.1² of the true gap 1.1² − floor², the floor being 0.1.
+    measured = float(cells["gap closed, by the true floor: worst"][1].removesuffix(" %"))
+    assert measured == pytest.approx(100.0, abs=0.5)
+    assert cells["`coulomb-friction`"][0] == "2/2"
+    assert cells["`coulomb-friction`"][3] == "2.0"
+    assert "Confusion matrix" in text
+    assert "stiction=coulomb-friction" in text
+    # Finished runs are kept: the broken adapter is not even asked.
+    arguments[arguments.index("stub_diagnosis:tie")] = "stub_diagnosis:broken"
+    assert study.study_diagnose.main([*arguments, *only]) == 0
+    assert out.read_text(encoding="utf-8") == text
+
+
+def test_a_run_without_an_answer_is_wrong_everywhere(
+    study: SimpleNamespace, tmp_path: Path
+) -> None:
+    case = study.diagnose_cases.all_cases(quick=True)[0]
+    o = study.study_diagnose.run(case, "stub_diagnosis:broken")
+    assert o.error == "RuntimeError: exit 1: no"
+    assert not o.right
+    nothing = study.study_diagnose.run(case, "stub_diagnosis:nothing")
+    assert (nothing.error, nothing.verdict, nothing.right) == ("", "no-missing-effect", False)
+    text = study.diagnose_scores.summary([o, nothing])
+    rows = [[c.strip() for c in line.strip("|").split("|")] for line in text.splitlines()]
+    assert ["single: right name first", "2", "0.0 %", "≥ 95 %", "no"] in rows
+    assert ["runs without an answer", "2", "1", "0", "no"] in rows
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        {},
+        {"verdict": "perhaps", "effects": []},
+        {"verdict": "effects-found", "effects": []},
+        {"verdict": "no-missing-effect", "effects": [{"id": "a", "indistinguishable": []}]},
+    ],
+)
+def test_an_answer_against_the_contract_is_refused(
+    study: SimpleNamespace, answer: dict[str, Any]
+) -> None:
+    case = study.diagnose_cases.all_cases(quick=True)[0]
+    with pytest.raises((KeyError, ValueError)):
+        study.diagnose_scores.outcome(case, answer, {"floor": {"val": {}}})

@@ -1,0 +1,178 @@
+"""The catalogue of effects and the chain they act on."""
+
+import numpy as np
+import pytest
+
+from sysid.data.record import Array
+from sysid.effects.base import Context, Effect, Place
+from sysid.effects.catalogue import catalogue, chain_effects, effect
+from sysid.errors import UsageError
+from sysid.structures.augmented import Augmented
+from sysid.structures.chain import Core, chain_step, rest_state
+
+DT, TAU, GAIN = 0.05, 0.25, 20.0
+POLE = float(np.exp(-DT / TAU))
+IDS = (
+    "dead-zone",
+    "input-saturation",
+    "concave-gain",
+    "direction-asymmetry",
+    "input-delay",
+    "rate-limit",
+    "actuator-lag",
+    "supply-sag",
+    "battery-discharge",
+    "backlash",
+    "coulomb-friction",
+    "stiction",
+    "quadratic-drag",
+    "load-bias",
+    "coast-asymmetry",
+    "freewheel",
+    "viscous-asymmetry",
+    "cross-coupling",
+    "thermal-fade",
+    "speed-ripple",
+    "track-slip",
+    "radius-mismatch",
+    "track-width",
+    "sensor-lag",
+    "sensor-saturation",
+    "sensor-bias",
+    "unsigned-speed",
+)
+
+
+def core(tracks: int = 2) -> Core:
+    return Core(
+        np.full(tracks, GAIN), np.full((1, tracks), -POLE), np.full((1, tracks), 1.0 - POLE)
+    )
+
+
+def nulls(e: Effect, tracks: int = 2) -> dict[str, Array]:
+    return {p.name: np.full(tracks, p.null) for p in e.parameters}
+
+
+def run(effects: dict[str, dict[str, Array]], drive: Array) -> Array:
+    """Readings of the chain with these effects, (N, tracks)."""
+    active = tuple(e for e in chain_effects() if e.id in effects)
+    state = rest_state(np, active, core(), np.zeros(2))
+    out = []
+    for k, d in enumerate(drive):
+        state, y = chain_step(
+            np, active, core(), effects, state, d, np.array(k * DT), np.zeros(2), DT
+        )
+        out.append(y)
+    return np.array(out)
+
+
+def commands(seed: int = 1, samples: int = 400) -> Array:
+    rng = np.random.default_rng(seed)
+    levels = rng.uniform(-1.0, 1.0, size=(samples // 20, 2))
+    levels[0] = 0.0
+    return np.repeat(levels, 20, axis=0)
+
+
+def held(level: float, samples: int = 200) -> Array:
+    return np.full((samples, 2), level)
+
+
+def test_every_effect_of_the_catalogue_is_there() -> None:
+    assert set(IDS) == set(catalogue())
+    assert effect("dead-zone").stage == "actuator"
+    with pytest.raises(UsageError, match="dead-zone"):
+        effect("deadzone")
+
+
+@pytest.mark.parametrize("e", chain_effects(), ids=lambda e: e.id)
+def test_at_its_null_value_an_effect_does_nothing(e: Effect) -> None:
+    drive = commands()
+    # a rate limit of 1e6 a second, a lag of 0 and the like leave rounding behind, no more
+    np.testing.assert_allclose(run({e.id: nulls(e)}, drive), run({}, drive), atol=1e-9 * GAIN)
+
+
+@pytest.mark.parametrize("e", chain_effects(), ids=lambda e: e.id)
+def test_its_starts_lie_within_its_bounds(e: Effect) -> None:
+    for p in e.parameters:
+        assert p.lower < p.upper
+        assert all(p.lower <= s <= p.upper for s in p.starts)
+
+
+def both(value: float) -> Array:
+    return np.full(2, value)
+
+
+STEADY = {
+    "dead-zone": ({"plus": 0.2, "minus": 0.1, "jump": 0.05}, 0.5, GAIN * 0.35),
+    "input-saturation": ({"plus": 0.4, "minus": 0.4}, 0.9, GAIN * 0.4),
+    "concave-gain": ({"kappa": 0.3}, 0.5, GAIN * 0.5 * 0.85),
+    "direction-asymmetry": ({"rho": 0.8}, -0.5, -GAIN * 0.4),
+    "supply-sag": ({"sag": 0.2}, 0.5, GAIN * 0.5 * 0.9),
+    "coulomb-friction": ({"level": 3.0}, 0.5, GAIN * 0.5 - 3.0),
+    "quadratic-drag": ({"drag": 0.1}, 0.5, (np.sqrt(1.0 + 4 * 0.1 * 10.0) - 1.0) / 0.2),
+    "load-bias": ({"load": 1.0}, 0.5, GAIN * 0.5 - 1.0),
+    "viscous-asymmetry": ({"ratio": 1.25}, -0.5, -GAIN * 0.4),
+    "cross-coupling": ({"share": 0.1}, 0.5, GAIN * 0.5 * 0.9),
+    "sensor-bias": ({"bias": 0.7}, 0.5, GAIN * 0.5 + 0.7),
+    "sensor-saturation": ({"limit": 6.0}, 0.5, 6.0),
+    "unsigned-speed": ({"on": 1.0}, -0.5, GAIN * 0.5),
+}
+
+
+@pytest.mark.parametrize("id", STEADY)
+def test_steady_speed_is_that_of_the_equation(id: str) -> None:
+    numbers, level, expected = STEADY[id]
+    found = run({id: {k: both(v) for k, v in numbers.items()}}, held(level))[-1]
+    # 200 samples are 40 time constants
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def test_dry_friction_holds_the_track_still_and_lets_it_go() -> None:
+    friction = {"coulomb-friction": {"level": both(3.0)}}
+    assert np.all(run(friction, held(0.149)) == 0.0)
+    assert np.all(run(friction, held(0.16))[-1] > 0.0)
+    braked = run(friction, np.vstack([held(0.5, 60), held(0.0, 60)]))
+    assert np.all(braked[-1] == 0.0)
+    assert np.all(braked[60:] >= 0.0)
+
+
+def test_a_delay_shifts_and_backlash_pauses_after_a_reversal() -> None:
+    drive = commands(3)
+    late = run({"input-delay": {"delay": both(3 * DT)}}, drive)
+    np.testing.assert_allclose(late[3:], run({}, drive)[:-3], atol=1e-9)
+    swing = np.vstack([held(0.4, 60), held(-0.4, 60)])
+    gap = run({"backlash": {"gap": both(0.5)}}, swing)
+    plain = run({}, swing)
+    assert gap[62, 0] > plain[62, 0] + 0.1
+    np.testing.assert_allclose(gap[-1], plain[-1], rtol=1e-3)
+
+
+def test_freewheel_decays_in_a_straight_line() -> None:
+    drive = np.vstack([held(0.8, 80), held(0.0, 60)])
+    y = run({"freewheel": {"rate": both(5.0)}}, drive)[:, 0]
+    falling = y[(y < 12.0) & (np.arange(len(y)) > 82)]
+    np.testing.assert_allclose(np.diff(falling[:20]), -5.0 * DT, rtol=1e-9)
+
+
+def test_slip_shortens_turns_only() -> None:
+    slip = effect("track-slip")
+    context = Context(DT, *(np.zeros(2),) * 7)
+    turned, _ = slip.step(np, np.array([-5.0, 5.0]), (), {"share": np.array(0.2)}, context)
+    straight, _ = slip.step(np, np.array([5.0, 5.0]), (), {"share": np.array(0.2)}, context)
+    np.testing.assert_allclose(turned, [-4.0, 4.0])
+    np.testing.assert_allclose(straight, [5.0, 5.0])
+    assert slip.place is Place.POSE
+
+
+def test_an_augmented_structure_steps_as_it_simulates_and_survives_json() -> None:
+    s = Augmented(1, 2, (20000.0, 20000.0), DT, ("dead-zone", "supply-sag"))
+    theta = np.array([GAIN, -POLE, 21.0, -POLE, 0.1, 0.12, 0.0, 0.15, 0.1, 0.02, 0.2])
+    u = 20000.0 * commands(5)
+    run_all = s.simulate(theta, u)
+    again = Augmented.from_json(s.to_json())
+    assert again == s
+    assert again.simulate(theta, u).tobytes() == run_all.tobytes()
+    x, step = np.zeros(s.n_states(theta)), s.step(theta)
+    for k in range(len(u)):
+        x, y = step(x, u[k])
+        np.testing.assert_array_equal(y, run_all[k])

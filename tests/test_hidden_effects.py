@@ -1,0 +1,570 @@
+"""Logs with a hidden effect: each is the equation it claims, shows, and the truth tells it."""
+
+import ast
+import json
+import math
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from sysid_datasets import generate
+from sysid_datasets.driving import STYLES
+from sysid_datasets.effect_robot import DISTANCE, PWM_FULL, RADIUS, Robot, Track
+from sysid_datasets.effect_twin import Chance, Run, simulate, table
+from sysid_datasets.hidden_effects import (
+    KNOWN,
+    RANGES,
+    SIDES,
+    needs_pose,
+    plain_robot,
+    with_effect,
+)
+from sysid_datasets.hidden_logs import AR_POLE, NOISE, TYPICAL_SPEED, Request, hide, plain_fit
+from sysid_datasets.outside_effects import OUTSIDE
+
+Array = NDArray[np.float64]
+DT, K, TAU = 0.05, 20.0, 0.25
+DAY = 8.0
+"""A time by which everything has settled: 32 time constants [s]."""
+
+
+def held(*parts: tuple[float, float]) -> NDArray[np.int64]:
+    """Equal drives on both tracks: (drive, seconds) one after the other."""
+    runs = [np.full((round(s / DT), 2), round(PWM_FULL * d), dtype=np.int64) for d, s in parts]
+    return np.concatenate(runs)
+
+
+def driven(pwm: NDArray[np.int64], *tracks: Track, **shared: float) -> Run:
+    """A noise-free run of tracks with K 20 rad/s and τ 0.25 s; one track stands for both."""
+    pair = (tracks[0], tracks[-1])
+    return simulate(Robot(pair, **shared), table(pwm), DT, Chance.none(len(pwm)))
+
+
+def with_(**values: float) -> Track:
+    return Track(gain=K, time_constant=TAU, **values)
+
+
+def settled(drive: float, track: Track) -> float:
+    """Speed long after a step from rest, at full resolution."""
+    return float(driven(held((drive, DAY)), track).omega[-1, 0])
+
+
+def columns(text: str) -> dict[str, Array]:
+    header, *rows = text.strip().split("\n")
+    values = np.array([[float(v) for v in row.split(",")] for row in rows])
+    return dict(zip(header.split(","), values.T, strict=True))
+
+
+# --- each effect is its equation ------------------------------------------------------------------
+
+
+def test_without_effects_a_track_is_first_order_and_linear_to_rounding() -> None:
+    pwm = STYLES["steps"](np.random.default_rng(1), 400, DT)
+    omega = driven(pwm, with_()).omega
+    a = math.exp(-DT / TAU)
+    expected = a * omega[:-1] + (1.0 - a) * K * pwm[:-1] / PWM_FULL
+    np.testing.assert_allclose(omega[1:], expected, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("values", "drive", "speed"),
+    [
+        ({"dead_forward": 0.2, "dead_backward": 0.1}, 0.19, 0.0),
+        ({"dead_forward": 0.2, "dead_backward": 0.1}, 0.5, K * 0.3),
+        ({"dead_forward": 0.2, "dead_backward": 0.1}, -0.5, -K * 0.4),
+        ({"dead_forward": 0.2, "dead_jump": 0.1}, 0.5, K * 0.4),
+        ({"saturation": 0.6}, 0.5, K * 0.5),
+        ({"saturation": 0.6}, 0.9, K * 0.6),
+        ({"saturation": 0.6}, -0.9, -K * 0.6),
+        ({"concavity": 0.4}, 0.5, K * 0.5 * 0.8),
+        ({"backward_gain": 0.7}, -0.5, -K * 0.35),
+        ({"backward_gain": 0.7}, 0.5, K * 0.5),
+        ({"coulomb": 3.0}, 0.14, 0.0),
+        ({"coulomb": 3.0}, 0.5, 7.0),
+        ({"coulomb": 3.0}, -0.5, -7.0),
+        ({"coulomb": 2.0, "breakaway": 3.0}, 0.24, 0.0),
+        # Far above the Stribeck speed sliding friction alone is left.
+        ({"coulomb": 2.0, "breakaway": 3.0}, 0.5, 8.0),
+        # ω + q ω² = 10 with q = 0.05.
+        ({"drag": 0.05}, 0.5, (math.sqrt(3.0) - 1.0) / 0.1),
+        ({"load": 2.0}, 0.5, 8.0),
+        ({"load": 2.0}, 0.0, -2.0),
+        ({"backward_viscous": 1.5}, -0.6, -8.0),
+        ({"backward_viscous": 1.5}, 0.6, 12.0),
+        ({"coupling": 0.2}, 0.5, 8.0),
+        ({"gain_factor": 0.8}, 0.5, 8.0),
+        ({"delay": 0.15}, 0.5, 10.0),
+        ({"backlash": 1.0}, 0.5, 10.0),
+    ],
+)
+def test_steady_speeds(values: dict[str, float], drive: float, speed: float) -> None:
+    # 1e-3: eight seconds are 32 time constants (e^-32); the steps of 2 ms leave no steady error.
+    assert settled(drive, with_(**values)) == pytest.approx(speed, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("values", "drive", "shown"),
+    [
+        ({"sensor_bias": 1.5}, 0.5, 11.5),
+        ({"sensor_limit": 8.0}, -0.5, -8.0),
+        ({"unsigned": 1.0}, -0.5, 10.0),
+        ({"quantum": 1.5}, 0.5, 10.5),
+        ({"ripple": 0.0}, 0.5, 10.0),
+    ],
+)
+def test_the_sensor_changes_the_reading_and_not_the_wheel(
+    values: dict[str, float], drive: float, shown: float
+) -> None:
+    run = driven(held((drive, DAY)), with_(**values))
+    assert run.reading[-1, 0] == pytest.approx(shown, abs=1e-3)
+    assert run.omega[-1, 0] == pytest.approx(K * drive, abs=1e-3)
+
+
+def test_a_delay_shifts_the_answer_by_fractions_of_a_sample() -> None:
+    pwm = held((0.0, 0.5), (0.5, 2.0))
+    late, prompt = driven(pwm, with_(delay=0.13)).omega[:, 0], driven(pwm, with_()).omega[:, 0]
+    t = DT * np.arange(len(pwm)) - 0.5 - 0.13
+    expected = np.where(t > 0.0, 10.0 * (1.0 - np.exp(-t / TAU)), 0.0)
+    # Half a step of 2 ms at the steepest slope, 10/0.25 rad/s².
+    np.testing.assert_allclose(late, expected, atol=0.001 * 40.0 + 1e-9)
+    whole = driven(pwm, with_(delay=3 * DT)).omega[:, 0]
+    np.testing.assert_allclose(whole[3:], prompt[:-3], atol=1e-9)
+
+
+def test_a_rate_limit_makes_a_ramp() -> None:
+    # Behind a ramp of slope r a first-order lag trails by K r τ once e^(-t/τ) is gone.
+    omega = driven(held((1.0, 2.0)), with_(rate_limit=0.5)).omega[:, 0]
+    t = DT * np.arange(len(omega))
+    expected = K * 0.5 * (t - TAU * (1.0 - np.exp(-t / TAU)))
+    # 1e-3: steps of 2 ms with the middle of each ramp leave (h/τ)² = 6e-5 of the speed.
+    np.testing.assert_allclose(omega, expected, atol=1e-3)
+
+
+@pytest.mark.parametrize("where", ["actuator_lag", "sensor_lag"])
+def test_a_lag_makes_the_second_order_answer(where: str) -> None:
+    run = driven(held((0.5, 2.0)), with_(**{where: 0.1}))
+    t = DT * np.arange(len(run.t))
+    expected = 10.0 * (1.0 - (TAU * np.exp(-t / TAU) - 0.1 * np.exp(-t / 0.1)) / (TAU - 0.1))
+    # 1e-3: steps of 2 ms with the middle of each leave (h/λ)² = 4e-4 of the slope times λ.
+    np.testing.assert_allclose(run.reading[:, 0], expected, atol=1e-3)
+
+
+def test_supply_sag_takes_from_both_what_either_draws() -> None:
+    pwm = held((0.8, DAY))
+    pwm[:, 1] = round(0.4 * PWM_FULL)
+    run = driven(pwm, with_(), sag=0.5)
+    np.testing.assert_allclose(run.omega[-1], K * np.array([0.8, 0.4]) * 0.7, atol=1e-3)
+
+
+def test_a_battery_loses_its_share_each_second() -> None:
+    run = driven(held((0.5, 40.0)), with_(), discharge=0.01)
+    # A ramp down of K d b is followed τ late.
+    assert run.omega[-1, 0] == pytest.approx(10.0 * (1.0 - 0.01 * (run.t[-1] - TAU)), abs=1e-3)
+
+
+def test_backlash_pauses_a_reversal_by_about_the_gap_over_the_speed() -> None:
+    # After a rest the motor runs up alone: ∫ 10(1 − e^(−t/τ)) dt = g, here 1 rad after 0.27 s.
+    pwm = held((0.5, 2.0), (0.0, 3.0), (-0.5, 2.0))
+    omega = driven(pwm, with_(backlash=1.0)).omega[:, 0]
+    first = int(np.argmax(omega < -0.05)) * DT - 5.0
+    assert first == pytest.approx(0.27, abs=DT)
+    # Neither the rest nor the same direction again costs anything.
+    again = held((0.5, 2.0), (0.0, 3.0), (0.5, 2.0))
+    np.testing.assert_array_equal(
+        driven(again, with_(backlash=1.0)).omega, driven(again, with_()).omega
+    )
+
+
+def test_friction_stops_a_track_for_good_and_in_finite_time() -> None:
+    pwm = held((0.5, 3.0), (0.0, 2.0))
+    omega = driven(pwm, with_(coulomb=3.0)).omega[:, 0]
+    stop = 3.0 + TAU * math.log(1.0 + 7.0 / 3.0)
+    still = DT * np.arange(len(omega)) > stop + DT
+    assert not omega[still].any()
+    assert omega[math.floor(stop / DT) - 1] > 0.0
+    # Torque within the breakaway level, either way, never moves it.
+    assert not driven(held((0.14, 2.0), (-0.14, 2.0)), with_(coulomb=3.0)).omega.any()
+
+
+def test_a_stuck_track_needs_more_to_start_than_to_keep_going() -> None:
+    sticky = with_(coulomb=2.0, breakaway=2.0, stribeck_speed=1.0)
+    pushed = driven(held((0.19, 3.0), (0.4, 2.0), (0.19, 3.0)), sticky).omega[:, 0]
+    assert not pushed[: round(3.0 / DT)].any()
+    # Sliding on: ω = 3.8 − 2 − 2 e^(−ω²) has its fast root at 1.68 rad/s.
+    assert pushed[-1] == pytest.approx(1.68, abs=0.01)
+
+
+@pytest.mark.parametrize(("ratio", "tau"), [(2.0, 0.5), (0.5, 0.125)])
+def test_coasting_has_its_own_time_constant(ratio: float, tau: float) -> None:
+    omega = driven(held((0.5, DAY), (0.0, 1.0)), with_(coast_ratio=ratio)).omega[:, 0]
+    down = omega[round(DAY / DT) :]
+    np.testing.assert_allclose(down, 10.0 * np.exp(-DT * np.arange(len(down)) / tau), atol=1e-6)
+    np.testing.assert_array_equal(
+        omega[: round(DAY / DT)], driven(held((0.5, DAY)), with_()).omega[:, 0]
+    )
+
+
+@pytest.mark.parametrize(("overrun", "after"), [(0.0, 2.3), (1.0, 7.0)])
+def test_a_driver_that_lets_go_leaves_a_straight_decay(overrun: float, after: float) -> None:
+    track = with_(freewheel=1.0, freewheel_decay=6.0, freewheel_overrun=overrun)
+    rolling = driven(held((0.5, DAY), (0.0, 3.0)), track).omega[round(DAY / DT) :, 0]
+    t = DT * np.arange(len(rolling))
+    np.testing.assert_allclose(rolling, np.maximum(10.0 - 6.0 * t, 0.0), atol=0.02)
+    # A step down to 0.1: let go for one sample (9.7), then braked; or until it is overtaken.
+    lower = driven(held((0.5, DAY), (0.1, 3.0)), track).omega[round((DAY + 0.5) / DT), 0]
+    braked = 2.0 + 7.7 * math.exp(-0.45 / TAU)
+    assert lower == pytest.approx(braked if overrun == 0.0 else after, abs=0.1)
+    # Reversing is driving, not letting go.
+    turned = driven(held((0.5, DAY), (-0.5, 1.0)), track).omega[round(DAY / DT) :, 0]
+    t = DT * np.arange(len(turned))
+    np.testing.assert_allclose(turned, -10.0 + 20.0 * np.exp(-t / TAU), atol=1e-6)
+
+
+def test_heat_fades_the_gain() -> None:
+    omega = driven(held((0.6, 60.0)), with_(fade=0.3, fade_time=10.0)).omega[:, 0]
+    # h → d² = 0.36 with h₀ = 0.3, and e^-6 of it is missing after a minute.
+    assert omega[-1] == pytest.approx(12.0 * (1.0 - 0.3 * 0.36 / 0.3), abs=0.02)
+    assert omega[round(10.0 / DT)] == pytest.approx(12.0 * (1.0 - 0.36 * (1 - math.exp(-1))), 0.01)
+
+
+@pytest.mark.parametrize("from_reading", [0.0, 1.0])
+def test_ripple_is_bound_to_the_angle(from_reading: float) -> None:
+    track = with_(ripple=1.0, ripple_lines=2.0, ripple_from_reading=from_reading)
+    run = driven(held((0.5, 20.0)), track)
+    off = run.reading[:, 0] - run.omega[:, 0]
+    # At 10 rad/s two periods a turn are 20 rad/s: peaks of the spectrum within one bin of it.
+    spectrum = np.abs(np.fft.rfft(off[-256:]))
+    bins = 2.0 * math.pi * np.fft.rfftfreq(256, DT)
+    assert bins[np.argmax(spectrum)] == pytest.approx(20.0, abs=bins[1])
+    assert np.abs(off).max() == pytest.approx(1.0, abs=0.01)
+
+
+def test_dropouts_come_in_short_bursts_with_their_share() -> None:
+    pwm = held((0.5, 200.0))
+    rng = np.random.default_rng(5)
+    chance = replace(Chance.none(len(pwm)), events=rng.random((len(pwm), 2)))
+    robot = Robot((with_(dropout_share=0.05), with_(dropout_share=0.05, dropout_holds=1.0)))
+    run = simulate(robot, table(pwm), DT, chance)
+    lost = run.reading[100:, 0] == 0.0
+    # 3900 samples in bursts of 2.5: three standard errors, each 0.05·sqrt(2.5·2/(0.05·3900)).
+    assert lost.mean() == pytest.approx(0.05, abs=0.024)
+    lengths = np.diff(np.flatnonzero(np.diff(np.r_[0, lost.astype(int), 0])))[::2]
+    assert set(lengths.tolist()) <= set(range(1, 9))
+    assert run.reading[100:, 1].min() > 9.0
+
+
+# --- the pose -------------------------------------------------------------------------------------
+
+
+def turned(left: float, right: float, **changes: float) -> Array:
+    """The last pose of two seconds at steady tracks, from rest."""
+    pwm = np.tile([round(left * PWM_FULL), round(right * PWM_FULL)], (round(2.0 / DT), 1))
+    side = {k: v for k, v in changes.items() if k == "radius_ratio"}
+    shared = {k: v for k, v in changes.items() if k != "radius_ratio"}
+    return driven(pwm, with_(), with_(**side), **shared).pose[-1]
+
+
+def test_slip_shortens_turns_and_leaves_straight_ways_alone() -> None:
+    np.testing.assert_array_equal(turned(0.5, 0.5, slip=0.3), turned(0.5, 0.5))
+    assert turned(-0.5, 0.5, slip=0.3)[2] == pytest.approx(0.7 * turned(-0.5, 0.5)[2], rel=1e-9)
+    # |ω_R − ω_L|/(|ω_R| + |ω_L|) = 1/3 in an arc of 1 : 2.
+    assert turned(0.3, 0.6, slip=0.3)[2] == pytest.approx(0.9 * turned(0.3, 0.6)[2], rel=1e-9)
+
+
+def test_a_wider_track_turns_less_and_goes_as_far() -> None:
+    assert turned(-0.5, 0.5, width_ratio=1.25)[2] == pytest.approx(turned(-0.5, 0.5)[2] / 1.25)
+    np.testing.assert_array_equal(turned(0.5, 0.5, width_ratio=1.25), turned(0.5, 0.5))
+
+
+def test_a_smaller_sprocket_pulls_to_its_side() -> None:
+    way = float(turned(0.5, 0.5)[0])
+    assert turned(0.5, 0.5, radius_ratio=0.9)[2] == pytest.approx(-0.1 * way / DISTANCE, rel=1e-9)
+
+
+def test_the_pose_of_equal_tracks_is_their_way() -> None:
+    run = driven(held((0.5, 4.0)), with_())
+    expected = RADIUS * 10.0 * (run.t[-1] - TAU * (1.0 - math.exp(-run.t[-1] / TAU)))
+    # Trapezoids of 2 ms: h²/12 of the change of the slope, 40 rad/s², is 1e-5 rad.
+    assert run.pose[-1, 0] == pytest.approx(expected, abs=RADIUS * 2e-5)
+    assert not run.pose[:, 1:].any()
+
+
+# --- the catalogue --------------------------------------------------------------------------------
+
+SHORT = Request(duration=20.0, seed=4)
+
+
+def asked(effect: str, **changes: object) -> Request:
+    return replace(SHORT, effects=() if effect == "none" else (effect,), **changes)  # type: ignore[arg-type]
+
+
+@cache
+def nothing_hidden() -> dict[str, str]:
+    return hide(SHORT).files
+
+
+@pytest.mark.parametrize("effect", KNOWN[1:])
+def test_an_effect_shows_at_its_strength_and_is_gone_at_none(effect: str) -> None:
+    hidden = hide(asked(effect))
+    (told,) = hidden.truth["effects"]  # type: ignore[misc]
+    excess = hidden.truth["excess"]["est"]  # type: ignore[index]
+    low = NOISE["low"] * TYPICAL_SPEED
+    if told["stage"] == "vehicle":
+        assert max(excess["turn"], excess["way"]) > 0.01
+    else:
+        assert max(excess[c] for c in told["channels"]) > 1.5 * low
+    gone = hide(asked(effect, strength=0.0)).files
+    nothing = nothing_hidden()
+    for name in ("est.csv", "val.csv"):
+        null, plain = columns(gone[name]), columns(nothing[name])
+        assert hidden.files[name] != gone[name]
+        for column in plain:
+            np.testing.assert_array_equal(null[column], plain[column], err_msg=column)
+
+
+@pytest.mark.parametrize("effect", sorted(RANGES))
+def test_strengths_lie_in_the_documented_table(effect: str) -> None:
+    seen = set()
+    for seed in range(12):
+        _, told = with_effect(plain_robot(seed), effect, seed, 1.0, DT, 100.0)
+        for values in told["parameters"].values():  # type: ignore[attr-defined]
+            for r in RANGES[effect].ranges:
+                if r.field not in values:
+                    continue  # one of several was picked
+                x = values[r.field] / {"": 1.0, "sample": DT, "log": 0.01}[r.per]
+                if r.mirror == "sign":
+                    x = abs(x)
+                elif r.mirror == "inverse" and (x - 1.0) * (r.low - 1.0) < 0.0:
+                    x = 1.0 / x
+                # The tracks are 8 % apart from the drawn value at most.
+                assert 0.9 * min(r.low, x * 2) <= x <= 1.1 * r.high
+                seen.add(round(values[r.field], 9))
+    fixed = effect == "unsigned-speed"
+    assert fixed or len(seen) >= 10
+
+
+def test_nothing_hidden_is_a_linear_first_order_robot_and_white_noise() -> None:
+    hidden = hide(replace(SHORT, duration=120.0))
+    log, base = columns(hidden.files["est.csv"]), hidden.truth["base"]
+    for i, side in enumerate(SIDES):
+        pwm = log["pwm_" + side[-1]]
+        gain, tau, error = plain_fit(pwm, log[side], DT)
+        truth = base[side]  # type: ignore[index]
+        assert gain == pytest.approx(truth["K"], rel=0.01)
+        assert tau == pytest.approx(truth["tau"], rel=0.02)
+        # 4 standard errors of a standard deviation, 1/sqrt(2 N).
+        assert error == pytest.approx(0.1, rel=4.0 / math.sqrt(2.0 * len(pwm))), i
+        residual = log[side] - _first_order(pwm, truth["K"], truth["tau"])
+        lag = np.corrcoef(residual[:-1], residual[1:])[0, 1]
+        assert abs(lag) < 4.0 / math.sqrt(len(residual))
+
+
+def _first_order(pwm: Array, gain: float, tau: float) -> Array:
+    a, state, out = math.exp(-DT / tau), 0.0, []
+    for d in (pwm / PWM_FULL).tolist():
+        out.append(state)
+        state = a * state + (1.0 - a) * gain * d
+    return np.array(out)
+
+
+def test_the_disturbances_are_what_their_names_say() -> None:
+    for disturbance in ("white", "ar", "walk"):
+        request = replace(SHORT, duration=90.0, disturbance=disturbance)
+        hidden = hide(request)
+        log, base = columns(hidden.files["est.csv"]), hidden.truth["base"]
+        rest = np.column_stack(
+            [_residual(log, side, base[side]) for side in SIDES]  # type: ignore[index]
+        )
+        lags = [np.corrcoef(rest[:-1, i], rest[1:, i])[0, 1] for i in (0, 1)]
+        if disturbance == "white":
+            # 4/sqrt(1800)
+            assert np.abs(lags).max() < 0.1
+        elif disturbance == "ar":
+            # 4 standard errors of an AR(1) coefficient, sqrt((1 − a²)/N).
+            assert lags == pytest.approx([AR_POLE] * 2, abs=4.0 * math.sqrt(0.19 / len(rest)))
+        else:
+            quarter = len(rest) // 4
+            early, late = rest[:quarter].mean(axis=0), rest[-quarter:].mean(axis=0)
+            assert np.abs(late - early).max() > 0.1
+        floor = hidden.truth["floor"]["est"]  # type: ignore[index]
+        measured = np.sqrt(np.mean(rest**2, axis=0))
+        np.testing.assert_allclose(measured, [floor[side] for side in SIDES], rtol=1e-3)
+
+
+def _residual(log: dict[str, Array], side: str, base: dict[str, float]) -> Array:
+    return log[side] - _first_order(log["pwm_" + side[-1]], base["K"], base["tau"])
+
+
+def test_a_closed_loop_feeds_the_noise_back() -> None:
+    for closed in (False, True):
+        quiet, loud = (
+            columns(hide(replace(SHORT, closed_loop=closed, noise=n)).files["est.csv"])
+            for n in ("low", "high")
+        )
+        change = loud["pwm_l"] - quiet["pwm_l"]
+        if not closed:
+            assert not change.any()
+            continue
+        base = hide(SHORT).truth["base"]["omega_l"]  # type: ignore[index]
+        noise = _residual(loud, "omega_l", base)
+        # The loop changes the commands, not the robot: the rest is still the sensor's noise.
+        assert noise.std() == pytest.approx(0.3, rel=4.0 / math.sqrt(2.0 * len(noise)))
+        # P acts on the reading at once and against it; I and the answer to it blur the rest.
+        assert np.corrcoef(noise, change)[0, 1] < -0.5
+
+
+# --- the files ------------------------------------------------------------------------------------
+
+
+def test_the_same_arguments_give_the_same_bytes(tmp_path: Path) -> None:
+    arguments = ["--effect", "backlash,track-slip", "--seed", "7", "--noise", "high"]
+    arguments += ["--style", "driving", "--duration", "20", "--rate", "10"]
+    for name in ("a", "b", "c"):
+        other = ["--seed", "8"] if name == "c" else []
+        assert generate.main([*arguments, *other, "-o", str(tmp_path / name)]) == 0
+    names = ("est.csv", "val.csv", "truth/truth.json")
+    first, again, other_seed = (
+        [(tmp_path / d / n).read_bytes() for n in names] for d in ("a", "b", "c")
+    )
+    assert first == again
+    assert all(x != y for x, y in zip(first, other_seed, strict=True))
+
+
+def test_the_truth_tells_all_and_the_logs_nothing(tmp_path: Path) -> None:
+    arguments = ["--effect", "load-bias,track-slip", "--duration", "20", "-o", str(tmp_path)]
+    assert generate.main(arguments) == 0
+    truth = json.loads((tmp_path / "truth" / "truth.json").read_text(encoding="utf-8"))
+    assert [(e["id"], e["stage"]) for e in truth["effects"]] == [
+        ("load-bias", "motor"),
+        ("track-slip", "vehicle"),
+    ]
+    assert truth["effects"][1]["channels"] == ["x", "y", "psi"]
+    assert 0.05 <= truth["effects"][1]["parameters"]["robot"]["slip"] <= 0.35
+    side = truth["effects"][0]["channels"][0]
+    assert 0.9 <= abs(truth["effects"][0]["parameters"][side]["load"]) <= 3.3
+    assert truth["noise_sigma"] == {
+        "omega_l": 0.1, "omega_r": 0.1, "x": 0.001, "y": 0.001, "psi": 0.002,
+    }  # fmt: skip
+    assert truth["floor"]["est"][side] == pytest.approx(0.1, rel=0.2)
+    assert set(truth["base"][side]) == {"K", "tau"}
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["est.csv", "truth", "val.csv"]
+    for name in ("est.csv", "val.csv"):
+        text = (tmp_path / name).read_text(encoding="ascii")
+        assert text.startswith("t,pwm_l,pwm_r,omega_l,omega_r,x,y,psi\n0,0,0,")
+        assert "load" not in text
+    lengths = [len(columns((tmp_path / n).read_text())["t"]) for n in ("est.csv", "val.csv")]
+    assert lengths == [400, 240]
+
+
+def test_a_changed_parameter_comes_with_the_log_it_changed_from() -> None:
+    hidden = hide(asked("changed-parameter"))
+    assert set(hidden.files) == {"est.csv", "val.csv", "clean.csv"}
+    (told,) = hidden.truth["effects"]  # type: ignore[misc]
+    base = hidden.truth["base"]
+    for side in SIDES:
+        changed = told["parameters"].get(side, {})
+        for name, factor in (("est.csv", changed), ("clean.csv", {})):
+            log = columns(hidden.files[name])
+            gain, tau, _ = plain_fit(log["pwm_" + side[-1]], log[side], DT)
+            k = base[side]["K"] * factor.get("gain_factor", 1.0)  # type: ignore[index]
+            slow = base[side]["tau"] * factor.get("time_constant_factor", 1.0)  # type: ignore[index]
+            # Standard errors at 40 s and 1 % of noise are below 0.2 % of K and 0.7 % of τ.
+            assert gain == pytest.approx(k, rel=0.01)
+            assert tau == pytest.approx(slow, rel=0.03)
+
+
+def test_a_mission_ends_at_its_goal_and_misses_it_with_slip(tmp_path: Path) -> None:
+    ends = {}
+    for effect in ("none", "track-slip"):
+        out = tmp_path / effect
+        arguments = ["--effect", effect, "--mission", "--seed", "2", "--strength", "2"]
+        arguments += ["-o", str(out)]
+        assert generate.main(arguments) == 0
+        log = columns((out / "est.csv").read_text())
+        assert log["t"][1] == 0.1
+        x, y = (
+            float(v)
+            for v in (out / "mission_est.yaml").read_text().split("[")[1].split("]")[0].split(",")
+        )
+        ends[effect] = math.hypot(log["x"][-1] - x, log["y"][-1] - y)
+    # Arrived is within 0.1 m by odometry, which drifts by the noise of the encoders.
+    assert ends["none"] < 0.15
+    assert ends["track-slip"] > 2.0 * ends["none"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--effect", "dead-zne"],
+        ["--effect", "dead-zone,dead-zone"],
+        ["--effect", "none", "--rate", "0.1"],
+        ["--effect", "none", "--duration", "1"],
+        ["--effect", "none", "--seed", "-1"],
+        ["--effect", "none", "--style", "waltz"],
+    ],
+)
+def test_impossible_requests_are_refused(
+    arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        generate.main([*arguments, "-o", str(tmp_path)])
+    assert ended.value.code == 2
+    assert "error: " in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("style", sorted(STYLES))
+def test_every_style_rests_reverses_and_uses_the_range(style: str) -> None:
+    pwm = STYLES[style](np.random.default_rng(2), 1200, DT)
+    assert pwm.shape == (1200, 2)
+    assert not pwm[:20].any()
+    for track in pwm.T:
+        assert 15000 < np.abs(track).max() <= PWM_FULL
+        assert min(np.mean(track > 1000), np.mean(track < -1000)) > 0.2
+        assert np.mean(np.abs(track[20:]) < 600) > 0.01
+    # Collinear tracks could not tell what one does to the other.
+    assert abs(np.corrcoef(pwm.T)[0, 1]) < 0.8
+
+
+def test_the_catalogue_is_complete() -> None:
+    stages: dict[str, int] = {}
+    for hidden in RANGES.values():
+        stages[hidden.stage] = stages.get(hidden.stage, 0) + 1
+    assert stages == {"actuator": 9, "motor": 11, "vehicle": 3, "sensor": 6, "any": 1}
+    assert len(OUTSIDE) >= 5
+    page = Path(generate.__file__).with_name("README.md").read_text(encoding="utf-8")
+    rows = {line.split("`")[1]: line for line in page.splitlines() if line.startswith("| `")}
+    for effect in KNOWN[1:]:
+        ranges = RANGES[effect].ranges if effect in RANGES else ()
+        for r in ranges:
+            assert f"`{r.field}`" in rows[effect]
+            if r.kind != "either":
+                assert f"{r.low:g}" in rows[effect]
+                assert f"{r.high:g}" in rows[effect]
+        if effect in OUTSIDE:
+            low, high = OUTSIDE[effect][1]
+            assert f"`size` {low:g} … {high:g}" in rows[effect]
+    assert [e for e in KNOWN if needs_pose((e,))] == [
+        "track-slip",
+        "radius-mismatch",
+        "track-width",
+    ]
+
+
+@pytest.mark.parametrize(
+    "module",
+    ["effect_robot", "effect_twin", "outside_effects", "driving", "hidden_effects", "hidden_logs"],
+)
+def test_the_twin_shares_no_code_with_the_workbench(module: str) -> None:
+    source = Path(generate.__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
+    imported = {
+        name.split(".")[0]
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for name in ([node.module or ""] if isinstance(node, ast.ImportFrom) else [])
+        + ([alias.name for alias in node.names] if isinstance(node, ast.Import) else [])
+    }
+    assert not imported & {"sysid", "sysid_cli", "scipy"}

@@ -1,0 +1,189 @@
+"""How orders, delays and structures are chosen: what is held out, what ties, what leads."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sysid.data.delay import estimate_delays
+from sysid.data.preprocess import Detrend
+from sysid.data.record import Record
+from sysid.estimation.contest import run_contest
+from sysid.estimation.delays import choose_delay
+from sysid.estimation.grid import default_grid
+from sysid.estimation.holdout import hold_out, shortened
+from sysid.estimation.orders import (
+    Candidate,
+    bounded_run,
+    free_run_error,
+    ranked,
+    searching,
+    tie_margin,
+)
+from sysid.estimation.pem import fit
+from sysid.estimation.search import FitOptions
+from sysid.structures.arx import ARX
+from sysid.structures.oe import OE
+
+
+def steps(n: int, hold: int, seed: int) -> NDArray[np.float64]:
+    """Random levels in ±1, each held for ``hold`` samples."""
+    rng = np.random.default_rng(seed)
+    return np.repeat(rng.uniform(-1.0, 1.0, n // hold + 1), hold)[:n]
+
+
+def lagged(u: NDArray[np.float64], pole: float, delay: int = 1) -> NDArray[np.float64]:
+    """y(t) = pole·y(t−1) + (1 − pole)·u(t−delay), from rest."""
+    y = np.zeros(len(u))
+    for k in range(1, len(u)):
+        y[k] = pole * y[k - 1] + (1 - pole) * (u[k - delay] if k >= delay else 0.0)
+    return y
+
+
+def motor(n: int = 600, noise: float = 0.02, seed: int = 1, **facts: float) -> Record:
+    u = steps(n, int(facts.get("hold", 4)), seed)
+    y = lagged(u, facts.get("pole", 0.6), int(facts.get("delay", 1)))
+    return Record(u, y + noise * np.random.default_rng(seed + 99).standard_normal(n), 0.1)
+
+
+@pytest.mark.parametrize(
+    ("lengths", "pieces", "words"),
+    [
+        ((100,), 1, "the last 30 %"),
+        ((300,), 2, "blocks of 30 %"),
+        ((1000,), 4, "three of ten interleaved blocks"),
+        ((100, 1000), 5, "blocks of 30 %"),
+        ((900,) * 5, 5, "the last 30 % of each piece"),
+    ],
+)
+def test_every_sample_is_either_fitted_or_held_out(
+    lengths: tuple[int, ...], pieces: int, words: str
+) -> None:
+    records = [motor(n, seed=n + k) for k, n in enumerate(lengths)]
+    data = hold_out(records)
+    assert len(data.train) == pieces
+    assert data.words.startswith(words)
+    assert data.whole == tuple(records)
+    for held in data.counted:
+        assert np.mean(held) == pytest.approx(0.3, abs=0.01)
+    seen = np.concatenate([*(r.y for r in data.train), *(r.y for r in data.held)])
+    assert sorted(seen[:, 0]) == sorted(np.concatenate([r.y for r in records])[:, 0])
+    assert data.samples == sum(len(r) for r in data.train)
+
+
+def test_long_logs_are_shortened_to_spread_pieces() -> None:
+    (r,) = [motor(4000)]
+    parts = shortened([r], 1000)
+    assert [len(p) for p in parts] == [250] * 4
+    assert [round(p.t0 / r.dt) for p in parts] == [0, 1000, 2000, 3000]
+    assert shortened([r], 4000) == (r,)
+
+
+def test_a_tie_is_one_standard_error_of_the_rms() -> None:
+    """The spread of the RMS of N normal errors, measured over 4000 draws, is the margin."""
+    n = 180
+    draws = np.random.default_rng(0).standard_normal((4000, n))
+    measured = np.std(np.sqrt(np.mean(draws**2, axis=1)))
+    # 4000 draws show a standard deviation to 1.1 %
+    assert tie_margin([motor(n)]) == pytest.approx(measured, rel=0.05)
+    assert tie_margin([motor(60_000)]) == 0.01
+
+
+def test_the_smallest_of_those_that_tie_leads() -> None:
+    large = Candidate({"na": 4}, 8, 0.100, 0.100)
+    small = Candidate({"na": 1}, 2, 0.103, 0.103)
+    poor = Candidate({"na": 0}, 1, 0.200, 0.200)
+    unstable = Candidate({"na": 9}, 1, 0.001, 0.001, stable=False)
+    found = [large, small, poor, unstable]
+    assert ranked(found, "fit", 0.05) == (small, large, poor, unstable)
+    assert ranked(found, "fit", 0.01) == (large, small, poor, unstable)
+    assert ranked(found, "aic", 0.05) == (large, small, poor, unstable)
+
+
+def test_the_free_run_goes_through_the_whole_record() -> None:
+    """A state fitted to the head of each block would hide a drift; a run through all shows it."""
+    r = motor(600, noise=0.0)
+    data = hold_out([r])
+    s = ARX.from_orders({"na": 1, "nb": 1, "nk": 1}, 1, 1)
+    assert free_run_error(s, np.array([-0.6, 0.4]), data.whole, data.counted) < 1e-9
+    assert free_run_error(s, np.array([-0.99, 0.01]), data.whole, data.counted) > 0.5
+
+
+def test_outliers_do_not_rule_a_robust_score() -> None:
+    r = motor(400)
+    y = r.y.copy()
+    y[::40] += 50.0
+    data = hold_out([Record(r.u, y, r.dt)])
+    s = ARX.from_orders({"na": 1, "nb": 1, "nk": 1}, 1, 1)
+    true, wrong = np.array([-0.6, 0.4]), np.array([-0.6, 0.2])
+
+    def ratio(robust: bool) -> float:
+        bad, good = (
+            free_run_error(s, theta, data.whole, data.counted, robust) for theta in (wrong, true)
+        )
+        return bad / good
+
+    assert ratio(False) < 1.05
+    assert ratio(True) > 3.0
+
+
+@pytest.mark.parametrize("delay", [0, 1, 2, 7])
+def test_the_delay_is_confirmed(delay: int) -> None:
+    assert choose_delay(hold_out([motor(600, 0.05, seed=delay + 1, delay=delay)])) == delay
+
+
+def test_a_fast_sampled_plant_has_no_dead_time() -> None:
+    """Noise hides the first samples of an answer that takes 200, but a free run needs no delay."""
+    r = motor(6000, 0.03, seed=4, pole=0.995, hold=400)
+    assert estimate_delays([r])[0].delay != 1, "else there is nothing to confirm"
+    assert choose_delay(hold_out([r])) == 1
+
+
+def test_a_controller_that_answers_within_the_sample_is_no_feedthrough() -> None:
+    rng = np.random.default_rng(3)
+    n, y, v, integral = 1500, 0.0, 0.0, 0.0
+    reference = 10.0 * steps(n, 15, 2)
+    u, out = np.zeros(n), np.zeros(n)
+    for k in range(n):
+        v = 0.7 * v + 0.4 * rng.standard_normal()
+        out[k] = y + v
+        integral += 0.1 * (reference[k] - out[k])
+        u[k] = np.clip(0.04 * (reference[k] - out[k]) + 0.2 * integral, -1.0, 1.0)
+        y = 0.6 * y + 0.4 * 20.0 * u[k]
+    assert choose_delay(hold_out([Record(u, out, 0.1)])) == 1
+
+
+def test_an_input_without_effect_takes_the_delay_of_the_main_one() -> None:
+    r = motor(600, 0.2, seed=6, delay=3)
+    idle = steps(600, 5, 77)
+    assert choose_delay(hold_out([Record(np.column_stack([r.u[:, 0], idle]), r.y, 0.1)])) == 3
+
+
+def test_an_integrator_is_not_called_unstable() -> None:
+    s = ARX.from_orders({"na": 1, "nb": 1, "nk": 1}, 1, 1)
+    assert bounded_run(s, np.array([-1.0001, 1.0]))
+    assert not s.stable(np.array([-1.0001, 1.0]))
+    assert not bounded_run(s, np.array([-1.01, 1.0]))
+
+
+def test_a_search_ranks_as_full_fits_would() -> None:
+    """Coarse descents end within a tie's width of full ones, in a fraction of the evaluations."""
+    r = hold_out([motor(600, 0.1)]).train
+    for orders in default_grid("oe", 1, 1, 420, 1):
+        s = OE.from_orders(orders, 1, 1)
+        full, coarse = fit(s, r), fit(s, r, searching(FitOptions()))
+        assert coarse.criteria.loss < 1.01 * full.criteria.loss
+        runs = [sum(x.evaluations for x in m.starts) for m in (coarse, full)]
+        assert runs[0] <= runs[1]
+
+
+@pytest.mark.parametrize("criterion", ["fit", "aic", "bic"])
+def test_the_contest_says_by_what_it_was_decided(criterion: str) -> None:
+    r = motor(400, 0.2)
+    found = run_contest(("arx", "oe"), [r], FitOptions(), Detrend.none(1, 1), criterion=criterion)
+    first = found.entries[0].model
+    assert first.structure.name == "oe"
+    if criterion == "fit":  # AIC may take an order more
+        error = np.sqrt(first.covariance[1, 1])
+        assert abs(first.theta[1] + 0.6) < 4 * error  # a chance of 6e-5
+    words = {"fit": "free-run fit on blocks", "aic": "ahead by aic", "bic": "ahead by bic"}
+    assert words[criterion] in found.reason
