@@ -51,10 +51,13 @@ $(BENCH)/.installed: pyproject.toml constraints.txt constraints-bench.txt
 
 bench: $(BENCH)/.installed  ## Time and memory against the plainest reference and against peers
 	OPENBLAS_NUM_THREADS=1 $(BENCH)/bin/python benchmarks/bench_linear.py
+	$(BENCH)/bin/python benchmarks/bench_nonlinear.py
 
-study: $(VENV)/.installed-test  ## Slow studies: interval coverage, alarm rates of the residual tests
+study: $(VENV)/.installed-test  ## Slow studies: coverage, alarm rates, every structure on every record
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_coverage.py
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_residual_tests.py
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_block_oriented.py
+	$(BIN)/python benchmarks/study_nonlinear.py
 
 reports: $(VENV)/.installed  ## The tour's pictures and tables again, byte-identical
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/make_reports.py

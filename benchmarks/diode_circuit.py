@@ -30,13 +30,14 @@ class Circuit:
     truth: Array
 
 
-def diode(v: Array) -> Array:
-    """One-sided soft saturation: slope 1 far below ``RISE``, 0.2 far above it."""
-    width = 0.06
+def diode(v: Array, width: float = 0.06) -> Array:
+    """One-sided saturation: slope 1 far below ``RISE``, 0.2 far above it, bent over ``width``."""
     return v - 0.8 * width * np.logaddexp(0.0, (v - RISE) / width)
 
 
-def simulated(samples: int = 100_000, seed: int = 1, noise: float = NOISE) -> Circuit:
+def simulated(
+    samples: int = 100_000, seed: int = 1, noise: float = NOISE, width: float = 0.06
+) -> Circuit:
     """Response of the circuit to Gaussian noise of 10 kHz bandwidth, after it has settled."""
     rng = np.random.default_rng(seed)
     fast = SAMPLE_RATE * OVERSAMPLING
@@ -45,7 +46,7 @@ def simulated(samples: int = 100_000, seed: int = 1, noise: float = NOISE) -> Ci
     u = sosfilt(butter(6, 10_000.0, fs=fast, output="sos"), rng.normal(size=n))
     u *= 0.64 / u.std()
     v = sosfilt(cheby1(3, 0.5, 4_400.0, fs=fast, output="sos"), u)
-    y = sosfilt(cheby2(3, 40.0, 5_000.0, fs=fast, output="sos"), diode(v))
+    y = sosfilt(cheby2(3, 40.0, 5_000.0, fs=fast, output="sos"), diode(v, width))
     u, y = u[::OVERSAMPLING][settle:], y[::OVERSAMPLING][settle:]
     measured = y + noise * rng.normal(size=len(y))
     record = Record(

@@ -67,7 +67,7 @@ def _measure_memory(samples: int, traced: bool) -> dict[str, float]:
 
     from sysid.data.record import Record
     from sysid.estimation.pem import fit
-    from sysid.structures.base import structure_class
+    from sysid.structures.registry import structure_class
 
     structure = structure_class("arx").from_orders({"na": 4, "nb": 4, "nk": 1}, 1, 1)
     rng = np.random.default_rng(11)

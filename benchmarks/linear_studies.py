@@ -18,8 +18,9 @@ from sysid.data.record import Record
 from sysid.estimation.initial import starts
 from sysid.estimation.pem import fit
 from sysid.estimation.solvers import levenberg_marquardt
-from sysid.structures.base import Focus, Initial, structure_class
+from sysid.structures.base import Focus, Initial
 from sysid.structures.polynomial import PolynomialStructure
+from sysid.structures.registry import structure_class
 
 ROUNDS = 3
 BURST = 5

@@ -11,7 +11,7 @@ import typer
 
 from sysid.errors import SysidError
 
-from . import compare, excite, export, fit, inspect, models, simulate, structures
+from . import compare, diagnose, excite, export, fit, inspect, models, simulate, structures
 
 _HELP = {"help_option_names": ["-h", "--help"]}
 
@@ -30,6 +30,7 @@ for _command in (
     models.models,
     export.export,
     simulate.simulate,
+    diagnose.diagnose,
 ):
     app.command(context_settings=_HELP)(_command)
 
@@ -52,7 +53,8 @@ def root(
 ) -> None:
     """From a robot's log to a plant you can trust.
 
-    In a row: sysid fit LOG, sysid compare, sysid export, sysid simulate MISSION.
+    In a row: sysid fit LOG, sysid compare, sysid export, sysid simulate MISSION. What the model
+    still lacks: sysid diagnose LOG.
     """
     if workspace is not None:
         names = [

@@ -47,6 +47,7 @@ def show(stored: "Sequence[StoredModel]", found: "Identification", plot: Path | 
         render.warn(f"{name} could not be fitted: {reason}")
     _parameters(best)
     _figures(best)
+    render.say(f"Residuals: {residual_words(best.residuals.as_dict())}.")
     for line in best.model.structure.equations(
         best.model.theta, best.model.inputs, best.model.outputs
     ):
@@ -66,7 +67,20 @@ def residual_words(residuals: Mapping[str, Any]) -> str:
     words = ["independent of u" if residuals["independence"]["passed"] else "depend on u"]
     if residuals["whiteness"]["judged"]:
         words.append("white" if residuals["whiteness"]["passed"] else "not white")
+    for kind, found in (residuals.get("nonlinear") or {}).items():
+        if found["judged"] and not found["passed"]:
+            words.append(_NONLINEAR[kind])
+    if residuals.get("nonlinear") and not words[2 if residuals["whiteness"]["judged"] else 1 :]:
+        words.append("nothing nonlinear left")
     return ", ".join(words)
+
+
+_NONLINEAR = {
+    "error products": "εu left",
+    "input squares": "u² left",
+    "error size": "size varies with u",
+}
+"""Words for what Billings & Voon's tests found in the residuals of a nonlinear model."""
 
 
 def _parameters(a: "Assessment") -> None:

@@ -139,6 +139,27 @@ def progress(label: str, total: int | None = None) -> Iterator[Callable[[int], N
         yield lambda steps: bar.advance(task, steps)
 
 
+@contextmanager
+def stages(label: str) -> Iterator[Callable[[str, float], None]]:
+    """Show a bar on stderr that also says what is being done, where stderr is a terminal.
+
+    Args:
+        label: what stands there before the first stage.
+
+    Yields:
+        A function that takes what is being done and which share is over, 0 to 1.
+    """
+    if not sys.stderr.isatty():
+        yield lambda _what, _share: None
+        return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (BarColumn(), TimeElapsedColumn(), TextColumn("{task.description}", markup=False))
+    with Progress(*columns, console=_console(sys.stderr), transient=True) as bar:
+        task = bar.add_task(label, total=1.0)
+        yield lambda what, share: bar.update(task, completed=share, description=what)
+
+
 def _print(sentence: str, stream: Any, style: str) -> None:
     from rich.text import Text
 

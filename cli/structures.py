@@ -16,7 +16,17 @@ _ORDERS = {
     "nd": "order of the noise's denominator",
     "nf": "order of the denominator of each input",
     "nk": "input delay in samples (0: acts at once)",
+    "nb1": "input coefficients of the first block",
+    "nf1": "order of the first block's denominator",
 }
+
+
+_TABLES = {
+    "orders": ("name", "meaning", "default"),
+    "options": ("name", "meaning"),
+    "constants": ("name", "meaning", "unit", "estimated"),
+}
+"""What is shown below each other, and its columns."""
 
 
 def structures(
@@ -26,7 +36,7 @@ def structures(
     json: reading.Json = False,
 ) -> None:
     """List the model structures, or describe one."""
-    from sysid.structures.base import structure_class, structure_classes
+    from sysid.structures.registry import structure_class, structure_classes
 
     if name is None:
         known = [_facts(c) for c in structure_classes().values()]
@@ -42,15 +52,17 @@ def structures(
         return
     render.say(facts["title"], "bold")
     render.facts([(k, facts[k]) for k in ("equation", "when", "description", "noise_model")])
-    rows = [(o["name"], o["meaning"], o["default"]) for o in facts["orders"]]
-    render.table(("order", "meaning", "default"), rows)
-    render.say(f"sysid fit LOG --structure {facts['name']} {facts['example']}")
+    for part, columns in _TABLES.items():
+        if facts[part]:
+            headings = (part.removesuffix("s"), *columns[1:])
+            render.table(headings, [[row[k] for k in columns] for row in facts[part]])
+    render.say(f"sysid fit LOG --structure {facts['name']} {facts['example']}".rstrip())
 
 
 def _facts(cls: "type[Structure]") -> dict[str, Any]:
     """What a user needs to know about a structure."""
-    description = " ".join((cls.__doc__ or "").split())
-    example = " ".join(f"{n}={1 if n == 'nk' else 2}" for n in cls.order_names)
+    description = " ".join((cls.__doc__ or "").split("Attributes:")[0].split()).replace("``", "")
+    orders = " ".join(f"{n}={1 if n == 'nk' else 2}" for n in cls.order_names)
     return {
         "name": cls.name,
         "title": cls.title,
@@ -66,6 +78,37 @@ def _facts(cls: "type[Structure]") -> dict[str, Any]:
             }
             for n in cls.order_names
         ],
+        "options": [{"name": n, "meaning": text} for n, text in cls.options.items()],
+        "constants": _constants(cls),
         "focus": ["prediction", "simulation"],
-        "example": f'--orders "{example}"',
+        "example": f'--orders "{orders}"' if orders else "",
     }
+
+
+def _constants(cls: "type[Structure]") -> list[dict[str, Any]]:
+    """The physical constants of a grey box, in their largest number; nothing of others."""
+    from sysid.errors import UsageError
+    from sysid.structures.grey_box import GreyBox
+
+    if not issubclass(cls, GreyBox):
+        return []
+    for channels in (2, 1):
+        try:
+            made = cls.from_orders({}, channels, channels)
+        except UsageError:
+            continue
+        tried = {name for rung in made.ladder() for name in rung.names}
+        return [
+            {
+                "name": c.name,
+                "meaning": c.words,
+                "unit": c.unit.replace("{u}", "input").replace("{y}", "output"),
+                "estimated": "always"
+                if c.free
+                else "where held-out data pay for it"
+                if c.name in tried
+                else "if --option free names it",
+            }
+            for c in made.constants
+        ]
+    return []

@@ -8,6 +8,7 @@
       state.json           "latest" (ids of the last fit, winner first), "best" (last comparison)
       plant/               the exported plant package
       missions/            logs of simulated missions
+      diagnosis/           the last diagnosis: diagnosis.json, index.html, next_*.csv
 
 Every file is replaced as a whole, so a reader never meets half of one; what is read, changed and
 written back is changed under a lock, so that commands may run at the same time.
@@ -27,6 +28,7 @@ from sysid.errors import DataError, ModelError, UsageError
 from . import documents
 
 if TYPE_CHECKING:
+    from sysid.data.record import Record
     from sysid.structures.model import Model
 
 
@@ -87,6 +89,11 @@ class Workspace:
     def plant_dir(self) -> Path:
         """Where ``export`` puts the plant package unless told otherwise."""
         return self.root / "plant"
+
+    @property
+    def diagnosis_dir(self) -> Path:
+        """Where ``diagnose`` puts its results unless told otherwise."""
+        return self.root / "diagnosis"
 
     @property
     def missions_dir(self) -> Path:
@@ -181,16 +188,37 @@ class Workspace:
         ids = self._ids()
         if not ids:
             raise ModelError(f"the workspace {self.root} holds no model; run `sysid fit` first")
+        return self._read(next((i for i in self._preferred() if i in ids), ids[-1]))
+
+    def best_for(self, record: "Record") -> StoredModel | None:
+        """The model of these channels and this sample time that ``chosen`` would come to first.
+
+        Behind those remembered stand the others, the newest first. Models that a diagnosis made
+        count only when a comparison put them first: else a diagnosis would doubt its own result.
+        """
+        ids, preferred = self._ids(), self._preferred()
+        for id in dict.fromkeys([*(i for i in preferred if i in ids), *reversed(ids)]):
+            stored = self._read(id)
+            made = stored.model.provenance.options.get("made_by") == "diagnose"
+            if made and id not in preferred:
+                continue
+            with suppress(ModelError):
+                stored.model.check(record)
+                return stored
+        return None
+
+    def _preferred(self) -> list[str]:
+        """Ids of the last comparison and the last fit, the newer first; some may be gone."""
         state = self._state()
         newest_first = sorted(
             (state[key] for key in ("latest", "best") if key in state),
             key=lambda entry: -int(entry["order"]),
         )
-        wanted: list[Any] = []
+        wanted: list[str] = []
         for entry in newest_first:
             value = entry["value"]
             wanted += value if isinstance(value, list) else [value]
-        return self._read(next((i for i in wanted if i in ids), ids[-1]))
+        return wanted
 
     def _path(self, id: str) -> Path:
         return self.root / "models" / f"{id}.json"

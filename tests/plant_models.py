@@ -7,8 +7,8 @@ import numpy as np
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Channel, Record
 from sysid.estimation.pem import fit
-from sysid.structures.base import structure_class
 from sysid.structures.model import Model
+from sysid.structures.registry import structure_class
 
 ORDERS = {
     "arx": {"na": 2, "nb": 2, "nk": 1},

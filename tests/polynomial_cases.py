@@ -8,8 +8,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from sysid.data.record import Array, Record
-from sysid.structures.base import structure_class
 from sysid.structures.polynomial import PolynomialStructure
+from sysid.structures.registry import structure_class
 
 
 @dataclass(frozen=True)

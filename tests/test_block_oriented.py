@@ -16,11 +16,11 @@ from sysid.estimation.block_gains import normalised
 from sysid.estimation.pem import fit
 from sysid.estimation.search import FitOptions
 from sysid.estimation.static_starts import shaped
-from sysid.structures.base import structure_class, structure_from_json
 from sysid.structures.block_errors import ChainErrors
 from sysid.structures.block_structure import BlockStructure
 from sysid.structures.hammerstein_wiener import HammersteinWiener
 from sysid.structures.model import Model
+from sysid.structures.registry import structure_class, structure_from_json
 from sysid.structures.static import parse_static
 from sysid.structures.static_kinds import KINDS
 from sysid.structures.wiener_hammerstein import WienerHammerstein

@@ -1,66 +1,21 @@
 """The C code of a plant does what the Python plant does, to rounding."""
 
-import shutil
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from c_programs import COMPILER, FLAGS, build, driven, needs_compiler, worst_error
 from plant_models import ORDERS, bench_model, robot_model
 
 from sysid.errors import ModelError
 from sysid.plant.c_code import c_sources, has_c_code
 from sysid.plant.selftest import make_selftest
 from sysid.structures.base import Structure
-from sysid.structures.model import Model
-
-COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler (cc, gcc, clang) here")
-
-FLAGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wconversion", "-O2"]
 
 EXACT = 1e-12
 """Relative to the output's range: the C code adds in another order than scipy's filter, which
 costs some 1e-16 a sample, and the poles of these models amplify that by less than 1e3."""
-
-# Steps the plant through rows of inputs on stdin and prints every output in full; u and y share
-# one array, which plant_step allows.
-DRIVER = r"""
-#include <stdio.h>
-#include "plant.h"
-#define WIDTH (PLANT_INPUTS > PLANT_OUTPUTS ? PLANT_INPUTS : PLANT_OUTPUTS)
-int main(void)
-{
-    plant_state state;
-    double both[WIDTH];
-    int j;
-    plant_init(&state);
-    for (;;) {
-        for (j = 0; j < PLANT_INPUTS; j++)
-            if (scanf("%lf", &both[j]) != 1)
-                return 0;
-        plant_step(&state, both, both);
-        for (j = 0; j < PLANT_OUTPUTS; j++)
-            printf("%.17g ", both[j]);
-        printf("\n");
-    }
-}
-"""
-
-
-def build(folder: Path, model: Model, *mains: str) -> dict[str, Path]:
-    """Compile the plant with each main; return the programs."""
-    for name, text in c_sources(model, make_selftest(model)).items():
-        (folder / name).write_text(text, encoding="utf-8")
-    (folder / "driver.c").write_text(DRIVER)
-    programs = {}
-    for main in mains:
-        programs[main] = folder / main
-        command = [str(COMPILER), *FLAGS, "-o", main, "plant.c", f"{main}.c", "-lm"]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-    return programs
-
 
 CASES = [
     *((s, 1, 1, 1) for s in ORDERS),
@@ -76,15 +31,9 @@ CASES = [
 def test_c_equals_python(tmp_path: Path, structure: str, nu: int, ny: int, nk: int) -> None:
     model = bench_model(structure, nu, ny, nk)
     programs = build(tmp_path, model, "selftest", "driver")
-    test = subprocess.run([programs["selftest"]], capture_output=True, text=True, check=False)
-    assert test.returncode == 0
-    assert float(test.stdout) < EXACT
+    assert worst_error(programs["selftest"]) < EXACT
     u = model.detrend.u_offset + np.random.default_rng(7).normal(size=(500, nu))
-    rows = "\n".join(" ".join(f"{v:.17g}" for v in row) for row in u)
-    driven = subprocess.run(
-        [programs["driver"]], input=rows, capture_output=True, text=True, check=True
-    )
-    y = np.array([line.split() for line in driven.stdout.splitlines()], dtype=float)
+    y = driven(programs["driver"], u)
     expected = model.simulate(u)
     np.testing.assert_allclose(y, expected, rtol=0, atol=EXACT * np.ptp(expected))
 

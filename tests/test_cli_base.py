@@ -23,6 +23,7 @@ COMMANDS = (
     "models",
     "export",
     "simulate",
+    "diagnose",
 )
 MISSION = "goal: [1, 0]\n"
 

@@ -8,7 +8,7 @@ from sysid.data.record import Record
 from sysid.errors import DataError, UsageError
 from sysid.estimation.cross_validation import cross_validate
 from sysid.estimation.pem import fit
-from sysid.structures.base import structure_class
+from sysid.structures.registry import structure_class
 
 NOISE = 0.1
 

@@ -22,7 +22,8 @@ from sysid.criteria.information import CRITERIA
 from sysid.data.excitation import DESIGNS
 from sysid.mission.result import Outcome
 from sysid.mission.spec import Mission
-from sysid.structures.base import Structure, structure_classes
+from sysid.structures.base import Structure
+from sysid.structures.registry import structure_classes
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"

@@ -59,9 +59,7 @@ def run(effects: dict[str, dict[str, Array]], drive: Array) -> Array:
     state = rest_state(np, active, core(), np.zeros(2))
     out = []
     for k, d in enumerate(drive):
-        state, y = chain_step(
-            np, active, core(), effects, state, d, np.array(k * DT), np.zeros(2), DT
-        )
+        state, y = chain_step(np, active, core(), effects, state, d, np.array(k * DT), DT)
         out.append(y)
     return np.array(out)
 
@@ -149,14 +147,14 @@ def test_a_delay_shifts_and_backlash_pauses_after_a_reversal() -> None:
 
 def test_freewheel_decays_in_a_straight_line() -> None:
     drive = np.vstack([held(0.8, 80), held(0.0, 60)])
-    y = run({"freewheel": {"rate": both(5.0)}}, drive)[:, 0]
+    y = run({"freewheel": {"rate": both(5.0), "overrun": both(0.0)}}, drive)[:, 0]
     falling = y[(y < 12.0) & (np.arange(len(y)) > 82)]
     np.testing.assert_allclose(np.diff(falling[:20]), -5.0 * DT, rtol=1e-9)
 
 
 def test_slip_shortens_turns_only() -> None:
     slip = effect("track-slip")
-    context = Context(DT, *(np.zeros(2),) * 7)
+    context = Context(DT, *(np.zeros(2),) * 8)
     turned, _ = slip.step(np, np.array([-5.0, 5.0]), (), {"share": np.array(0.2)}, context)
     straight, _ = slip.step(np, np.array([5.0, 5.0]), (), {"share": np.array(0.2)}, context)
     np.testing.assert_allclose(turned, [-4.0, 4.0])

@@ -21,8 +21,9 @@ from sysid.errors import DataError, ModelError, Termination, UsageError
 from sysid.estimation import normal_equations as ne
 from sysid.estimation.output_error import pole_grid, reflected
 from sysid.estimation.pem import FitOptions, fit, head_window
-from sysid.structures.base import Focus, Initial, structure_class
+from sysid.structures.base import Focus, Initial
 from sysid.structures.model import Model
+from sysid.structures.registry import structure_class
 
 MEASURED = Path(os.environ.get("SYSID_DATA", "../shared/data"))
 measured = pytest.mark.skipif(

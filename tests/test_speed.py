@@ -19,7 +19,7 @@ from scipy.signal import lfilter
 
 from sysid.data.record import Record
 from sysid.estimation.pem import fit
-from sysid.structures.base import structure_class
+from sysid.structures.registry import structure_class
 
 LOG = Path(__file__).resolve().parent.parent / "datasets" / "devastator" / "prbs.csv"
 NUMERIC = ("numpy", "scipy", "pandas", "pyarrow", "matplotlib", "joblib", "sysid.data.record")

@@ -13,18 +13,12 @@ from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import ModelError, UsageError
 from sysid.estimation.pem import FitOptions, fit
-from sysid.structures.base import (
-    Focus,
-    Initial,
-    Problem,
-    structure_class,
-    structure_classes,
-    structure_from_json,
-)
+from sysid.structures.base import Focus, Initial, Problem
 from sysid.structures.model import Model
 from sysid.structures.orders import MAX_ORDER, parse_orders, spread
 from sysid.structures.polynomial import PolynomialStructure
 from sysid.structures.predictor import HUGE
+from sysid.structures.registry import structure_class, structure_classes, structure_from_json
 
 every_system = pytest.mark.parametrize("name", list(SYSTEMS))
 every_focus = pytest.mark.parametrize("focus", list(Focus))

@@ -55,7 +55,7 @@ class ResidualTest:
     """Outcome of one test on one output.
 
     Attributes:
-        name: ``whiteness``, ``independence`` or ``feedback``.
+        name: ``whiteness``, ``independence`` or ``feedback``; see also ``nonlinear.NAMES``.
         output: name of the output whose residuals were tested.
         statistic: cᵀC⁺c.
         dof: its degrees of freedom, rank C; 0 when nothing was left to test.
@@ -88,29 +88,37 @@ class ResidualReport:
 
     The tests of one kind run at level 1 − (1 − ``level``)/ny each (Bonferroni), so that a right
     model fails one of them with probability 1 − ``level`` whatever its number of outputs.
+    ``nonlinear`` holds the further tests that nonlinear models must stand (``nonlinear.py``).
     """
 
     whiteness: tuple[ResidualTest, ...]
     independence: tuple[ResidualTest, ...]
     feedback: tuple[ResidualTest, ...]
     level: float
+    nonlinear: tuple[ResidualTest, ...] = ()
 
     @property
     def passed(self) -> bool:
         """Whether every test that counts against the model passed."""
-        return all(t.passed for t in (*self.whiteness, *self.independence) if t.judged)
+        tests = (*self.whiteness, *self.independence, *self.nonlinear)
+        return all(t.passed for t in tests if t.judged)
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: for each kind {passed, p_value, judged, sentence, outputs: [each test]}.
 
-        ``p_value`` is the smallest one times the number of outputs, at most 1.
+        ``p_value`` is the smallest one times the number of outputs, at most 1. The further tests
+        of nonlinear models stand under ``nonlinear``, by their names.
         """
+        kinds = dict.fromkeys(t.name for t in self.nonlinear)
         return {
             "passed": self.passed,
             "level": self.level,
             "whiteness": _summary(self.whiteness),
             "independence": _summary(self.independence),
             "feedback": _summary(self.feedback),
+            "nonlinear": {
+                kind: _summary(tuple(t for t in self.nonlinear if t.name == kind)) for kind in kinds
+            },
         }
 
 

@@ -1,4 +1,4 @@
-"""Checks of what the data can teach: excitation, feedback, delay and sampling rate."""
+"""Checks of what the data can teach: excitation, feedback, delay, sampling rate, nonlinearity."""
 
 from collections.abc import Sequence
 
@@ -7,9 +7,16 @@ import numpy as np
 from sysid.data.delay import estimate_delays
 from sysid.data.finding import Finding, Severity
 from sysid.data.impulse import feedback_tests
+from sysid.data.nonlinearity import nonlinearity_tests
 from sysid.data.record import Array, Record
 from sysid.data.speed import estimate_speed
 from sysid.errors import DataError
+
+NONLINEAR = 0.01
+"""Level of the test for nonlinearity, over all outputs."""
+
+TRACE = 0.005
+"""Share of the linear predictor's error below which a nonlinearity is but a trace."""
 
 EXCITED = 1e-8
 """Directions of the lagged input below this part of the strongest one's power are not excited."""
@@ -182,6 +189,44 @@ def check_sampling(records: Sequence[Record]) -> list[Finding]:
             )
         found.append(Finding("sampling", severity, text + tail, advice, speed.output))
     return found
+
+
+def check_nonlinearity(records: Sequence[Record]) -> list[Finding]:
+    """Whether the log asks for a nonlinear model, output by output."""
+    try:
+        tests = nonlinearity_tests(records)
+    except DataError:
+        return [_too_short("nonlinearity")]
+    found = []
+    for t in tests:
+        if t.p_value >= NONLINEAR / len(tests):
+            continue
+        p = f"p = {t.p_value:.1g}" if t.p_value >= 1e-12 else "p < 1e-12"
+        much = f"{100.0 * t.share:.2g} %" if t.share >= TRACE else "a trace"
+        found.append(
+            Finding(
+                "nonlinearity",
+                Severity.NOTE,
+                f"{t.output} answers nonlinearly ({p}): products of past inputs and outputs, "
+                f"mostly {t.shape}, predict {much} of what the best linear predictor leaves.",
+                _TRY.get(t.shape, _TRY["of both input and output"]),
+                t.output,
+            )
+        )
+    least = min(t.p_value for t in tests)
+    text = f"No nonlinearity is seen (p = {least:.2g}): linear structures may suffice."
+    return found or [Finding("nonlinearity", Severity.OK, text)]
+
+
+_TRY = {
+    "even in the input": "Compare hammerstein-wiener and narmax with the linear structures.",
+    "odd in the input": "Compare hammerstein-wiener (dead zone, saturation) and narx-wavelet with "
+    "the linear structures.",
+    "even in the output": "Compare narmax and narx-wavelet with the linear structures.",
+    "odd in the output": "Compare narmax and narx-wavelet (springs, friction) with the linear "
+    "structures; for a motor dc-motor.",
+    "of both input and output": "Compare narmax and narx-wavelet with the linear structures.",
+}
 
 
 def _immediate(records: Sequence[Record]) -> set[str]:

@@ -32,7 +32,6 @@ from sysid.data.impulse import bic, long_regression, regressors
 from sysid.data.record import Array, Record
 from sysid.errors import DataError
 
-LEVEL = 0.01
 ROWS = 6_000
 """Samples looked at, as evenly spread pieces of the log: more would only find trifles."""
 
@@ -50,6 +49,9 @@ LAGS = 2
 
 MOST_SIGNALS = 8
 SURROGATES = 40
+LEAST_SPREAD = 1.0
+"""z has spread 1 on long logs; where surrogates say less they are not like the log."""
+
 STRETCH = 200
 """Samples after which a surrogate starts again from the measured past: it must not drift away."""
 
@@ -109,7 +111,7 @@ def nonlinearity_tests(records: Sequence[Record]) -> tuple[NonlinearityTest, ...
     tests = []
     for j, name in enumerate(first.output_names):
         spread = float(np.std(null[:, j], ddof=1)) * float(np.sqrt(1.0 + 1.0 / SURROGATES))
-        z = (found[j].z - float(np.mean(null[:, j]))) / spread if spread > 0.0 else 0.0
+        z = (found[j].z - float(np.mean(null[:, j]))) / max(spread, LEAST_SPREAD)
         # mean and spread come from the surrogates themselves, hence Student's t
         p = float(special.stdtr(SURROGATES - 1, -z))
         tests.append(NonlinearityTest(name, z, p, found[j].share, found[j].shape, samples))
@@ -136,7 +138,7 @@ class _Linear:
 
     @staticmethod
     def of(records: Sequence[Record], lags: NDArray[np.int64]) -> "_Linear":
-        X, Y, _ = regressors(records, int(lags[-1]), np.asarray(lags, dtype=np.int64))
+        X, Y, _ = regressors(records, int(lags[-1]), lags)
         scale = np.sqrt(np.mean(X**2, axis=0))
         scale[scale == 0.0] = 1.0
         X = X / scale

@@ -8,6 +8,7 @@ from sysid.data.dynamics_checks import (
     check_delay,
     check_excitation,
     check_feedback,
+    check_nonlinearity,
     check_sampling,
     excitation_order,
 )
@@ -47,6 +48,7 @@ DYNAMIC_CHECKS: tuple[Callable[[Sequence[Record]], list[Finding]], ...] = (
     check_sampling,
     check_delay,
     check_feedback,
+    check_nonlinearity,
 )
 
 
@@ -55,7 +57,8 @@ def inspect_records(records: Sequence[Record], order: int = 8) -> tuple[Finding,
 
     Length, missing samples and constant channels come first; where one of them is fatal the other
     checks have nothing to stand on and are left out. Then stuck values, clipping, resolution and
-    outliers, the robot's signs and units, excitation, sampling rate, delay and feedback.
+    outliers, the robot's signs and units, excitation, sampling rate, delay, feedback and
+    nonlinearity.
 
     Args:
         records: experiments with the same channels.

@@ -1,22 +1,63 @@
-"""The plainest base a diagnosis starts from, so that nothing it should reveal is absorbed."""
+"""The base a diagnosis starts from: the plainest model, or a given one."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sysid.data.impulse import feedback_tests
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
+from sysid.discrepancy.evidence import PROVEN, PROVEN_IN_LOOP
 from sysid.discrepancy.naming import NamingSearch, Node
 from sysid.discrepancy.supermodel import SuperModel
 from sysid.effects.base import Effect
 from sysid.errors import DataError, ModelError
 from sysid.estimation.contest import run_contest
 from sysid.estimation.delays import choose_delay
+from sysid.estimation.figures import Start, outputs
 from sysid.estimation.holdout import hold_out
 from sysid.estimation.search import FitOptions
+from sysid.structures.given_base import GivenBase
+from sysid.structures.model import Model
 
 LARGEST_ORDER = 3
+FULL_DRIVE = 20000.0
+"""Pulse width of full drive of a robot log [µs]."""
+
+IN_LOOP = 1e-3
+"""p-value of the test for feedback below which a log counts as recorded in closed loop."""
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """What is fitted and what judges.
+
+    Attributes:
+        estimation, held: records; the same ones where blocks of them are held out.
+        weights: weight of each sample of both, None where every sample counts.
+        words: how the data were divided.
+    """
+
+    estimation: tuple[Record, ...]
+    held: tuple[Record, ...]
+    weights: tuple[tuple[Array, ...], tuple[Array, ...]] | None
+    words: str
+
+
+def divided(estimation: Sequence[Record], held: Sequence[Record] | None) -> Parts:
+    """With logs to judge on, those; else interleaved blocks of the estimation logs.
+
+    Both parts are then scored on free runs from the beginning of each record.
+    """
+    if held:
+        return Parts(tuple(estimation), tuple(held), None, "the validation data")
+    cut = hold_out(estimation)
+    ny = estimation[0].ny
+    theirs = tuple(np.repeat(m[:, None].astype(np.float64), ny, axis=1) for m in cut.counted)
+    mine = tuple(1.0 - w for w in theirs)
+    whole = tuple(cut.whole)
+    return Parts(whole, whole, (mine, theirs), cut.words)
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,11 +66,13 @@ class Base:
 
     Attributes:
         search: the naming search around it.
-        node: the fitted base.
+        node: the base itself.
         scales: full drive of each track's command.
         delay: dead time in samples.
         level: whether a constant level belongs to the base (logs without physical zeros).
         words: what the base is, in words.
+        in_loop: whether the log was recorded in closed loop.
+        given: the model that was given, as the chain sees it; None for the plain base.
     """
 
     search: NamingSearch
@@ -38,10 +81,12 @@ class Base:
     delay: int
     level: bool
     words: str
+    in_loop: bool = False
+    given: GivenBase | None = None
 
 
 def plain_base(
-    estimation: Sequence[Record], held: Sequence[Record], effects: Sequence[Effect]
+    estimation: Sequence[Record], held: Sequence[Record] | None, effects: Sequence[Effect]
 ) -> Base:
     """Robot logs: per track its own command, first order, nk = 1, no offset. Others: OE up to
     third order with dead time and level chosen on the estimation part.
@@ -50,33 +95,140 @@ def plain_base(
         DataError: numbers of inputs and outputs differ.
         ModelError: the base cannot be fitted.
     """
-    first = estimation[0]
-    if first.nu != first.ny:
-        raise DataError(
-            f"{first.name} has {first.nu} inputs and {first.ny} outputs; a diagnosis needs one "
-            "command a track: choose them with --input and --output"
-        )
-    everything = np.concatenate([r.u for r in estimation])
-    scales = (
-        np.full(first.nu, 20000.0)
-        if first.is_robot_log
-        else np.maximum(np.max(np.abs(everything), axis=0), 1e-12)
-    )
-    speed = np.quantile(np.abs(np.concatenate([r.y for r in estimation])), 0.95, axis=0)
-    speed = np.maximum(speed, 1e-9)
+    parts = divided(estimation, held)
+    first = _require_tracks(estimation)
+    scales = full_drive(estimation)
     if first.is_robot_log:
         order, delay, level = 1, 1, False
         words = "per track its own command, first order, one sample of delay, no offset"
     else:
         order, delay = _order_and_delay(estimation)
-        level = True
-        words = f"output error of order {order} with {delay} samples of delay and a level"
-    model = SuperModel(effects, order, first.ny, speed, first.dt)
-    search = NamingSearch(model, estimation, held, scales, delay, level)
-    node = search.base(_starts(model, estimation, scales, delay))
+        level = not may_lack_sign(estimation)
+        order = order if level else LARGEST_ORDER
+        late = "one sample" if delay == 1 else f"{delay} samples"
+        words = f"output error of order {order} with {late} of delay"
+        words += " and a level" if level else ""
+    model = SuperModel(effects, order, first.ny, typical_speed(estimation), first.dt)
+    in_loop = recorded_in_loop(estimation)
+    search = NamingSearch(
+        model,
+        parts.estimation,
+        parts.held,
+        scales,
+        delay,
+        level,
+        parts.weights,
+        PROVEN_IN_LOOP if in_loop else PROVEN,
+    )
+    node = search.base(_starts(model, estimation, scales))
     if not np.isfinite(node.held_rmse):
         raise ModelError("the base model cannot be simulated on this log; look at sysid inspect")
-    return Base(search, node, scales, delay, level, words)
+    return Base(search, node, scales, delay, level, words, in_loop)
+
+
+def given_base(
+    model: Model,
+    estimation: Sequence[Record],
+    held: Sequence[Record] | None,
+    effects: Sequence[Effect],
+) -> Base:
+    """A model of any structure as the base, unchanged.
+
+    Its free run is taken apart into a first-order core per track and the drive that makes this
+    core run like the model; effects act on that drive and core, so that without effects the
+    chain is the model.
+
+    Raises:
+        DataError: channels do not fit the model.
+        ModelError: the model cannot be simulated on this log.
+    """
+    for r in (*estimation, *(held or ())):
+        model.check(r)
+    first = _require_tracks(estimation)
+    parts = divided(estimation, held)
+    scales = full_drive(estimation)
+    runs = {
+        id(r): outputs(model, r, None, Start.ESTIMATED) for r in (*parts.estimation, *parts.held)
+    }
+    if not all(np.isfinite(v).all() for v in runs.values()):
+        raise ModelError("the model runs away on this log; look at sysid compare")
+    plain = SuperModel(effects, 1, first.ny, typical_speed(estimation), first.dt)
+    copies = [replace(r, y=runs[id(r)]) for r in parts.estimation]
+    search = NamingSearch(plain, copies, copies, scales, 1)
+    core = search.base(_starts(plain, copies, scales)).q
+    gain = np.array([core[plain.place["core", "gain", i]] for i in range(first.ny)])
+    pole = np.array([core[plain.place["core", "f1", i]] for i in range(first.ny)])
+    pole = np.clip(pole, -0.999, -0.01)
+    given = GivenBase.of(model, gain, pole)
+
+    def driven(r: Record) -> Record:
+        return replace(r, u=given.drive(runs[id(r)]))
+
+    in_loop = recorded_in_loop(estimation)
+    found = NamingSearch(
+        plain,
+        [driven(r) for r in parts.estimation],
+        [driven(r) for r in parts.held],
+        np.ones(first.nu),
+        1,
+        False,
+        parts.weights,
+        PROVEN_IN_LOOP if in_loop else PROVEN,
+        fixed_core=True,
+    )
+    q = plain.null.copy()
+    for i in range(first.ny):
+        q[plain.place["core", "gain", i]] = gain[i]
+        q[plain.place["core", "f1", i]] = pole[i]
+    node = found.node((), q, ())
+    words = f"the {model.structure.name} model, as it is"
+    return Base(found, node, np.ones(first.nu), 1, False, words, in_loop, given)
+
+
+def full_drive(records: Sequence[Record]) -> Array:
+    """Full drive of each input: 20000 µs of a robot, else the largest command of the log."""
+    first = records[0]
+    if first.is_robot_log:
+        return np.full(first.nu, FULL_DRIVE)
+    everything = np.concatenate([r.u for r in records])
+    return np.asarray(np.maximum(np.max(np.abs(everything), axis=0), 1e-12))
+
+
+def typical_speed(records: Sequence[Record]) -> Array:
+    """Size of the fast readings of each output."""
+    speed = np.quantile(np.abs(np.concatenate([r.y for r in records])), 0.95, axis=0)
+    return np.asarray(np.maximum(speed, 1e-9))
+
+
+def may_lack_sign(records: Sequence[Record]) -> bool:
+    """Whether commands of both signs meet readings of one: the sensor may not see the direction.
+
+    Effects are then compared at the largest order, because an order chosen on such readings says
+    nothing; zero is taken for a physical zero.
+    """
+    u = np.concatenate([r.u for r in records])
+    y = np.concatenate([r.y for r in records])
+    both = np.all((u.min(axis=0) < -0.2 * u.max(axis=0)) & (u.max(axis=0) > 0.0))
+    size = np.quantile(np.abs(y), 0.95, axis=0)
+    return bool(both and np.all(y.min(axis=0) > -0.05 * size))
+
+
+def recorded_in_loop(records: Sequence[Record]) -> bool:
+    """Whether the commands answer surprises of the outputs."""
+    try:
+        return min(t.p_value for t in feedback_tests(records)) < IN_LOOP
+    except DataError:
+        return False
+
+
+def _require_tracks(records: Sequence[Record]) -> Record:
+    first = records[0]
+    if first.nu != first.ny:
+        raise DataError(
+            f"{first.name} has {first.nu} inputs and {first.ny} outputs; a diagnosis needs one "
+            "command a track: choose them with --input and --output"
+        )
+    return first
 
 
 def _order_and_delay(records: Sequence[Record]) -> tuple[int, int]:
@@ -89,7 +241,7 @@ def _order_and_delay(records: Sequence[Record]) -> tuple[int, int]:
     return int(np.max(found.entries[0].model.structure.order_values()["nf"])), delay
 
 
-def _starts(model: SuperModel, records: Sequence[Record], scales: Array, delay: int) -> Array:
+def _starts(model: SuperModel, records: Sequence[Record], scales: Array) -> Array:
     """Several gains and time constants; the static gain from the largest readings."""
     drive = np.concatenate([r.u for r in records]) / scales
     y = np.concatenate([r.y for r in records])

@@ -1,9 +1,10 @@
-"""What speaks for an effect: effective sample size, paired blocks, held-out error, noise floor."""
+"""What speaks for an effect: likelihood, paired blocks, held-out error; and the noise floor."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.criteria.coloured import effective_sample_size
 from sysid.data.record import Array, Record
@@ -12,19 +13,26 @@ BLOCKS = 24
 """Blocks that before and after are compared on; each still holds many time constants."""
 
 TOUCHED = 0.02
-"""A block counts as touched by an effect when its predictions move by this share of their size."""
+"""A block counts as touched by an effect when its predictions move by this share of the error."""
+
+PROVEN = 0.90
+"""The held-out error must fall below this share of before."""
+
+PROVEN_IN_LOOP = 0.70
+"""The same for a log recorded in closed loop, where the input answers the disturbance."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """How two models of the same data compare.
+    """How two models of the same data compare, over the outputs that the effect changes.
 
     Attributes:
-        delta_bic: N_eff ln(V₁/V₀) + k ln N_eff; negative speaks for the richer model.
+        delta_bic: Σ N_eff ln(V₁/V₀) + k ln N_eff; negative speaks for the richer model.
         t: paired t of the blocks' mean squared errors; positive speaks for the richer model.
         share_better: share of the touched blocks whose error falls.
         ratio: held-out RMSE after over before.
         p_value: chance of such a t, times the number of effects tried (Bonferroni).
+        needed: what ``ratio`` must fall below.
     """
 
     delta_bic: float
@@ -32,69 +40,135 @@ class Evidence:
     share_better: float
     ratio: float
     p_value: float
+    needed: float = PROVEN
 
     @property
     def accepted(self) -> bool:
         """The rule of acceptance that held on real records; see the decision page."""
+        return self.significant and self.share_better > 0.5 and self.ratio < self.needed
+
+    @property
+    def significant(self) -> bool:
+        """Whether chance can be excluded, however small the gain."""
+        return self.delta_bic < -6.0 and self.t > 2.0 and self.p_value < 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Free-run errors of one model.
+
+    Attributes:
+        estimation: (N, ny) of each estimation record, NaN where a sample does not count.
+        held: the same of the held-out samples.
+    """
+
+    estimation: tuple[Array, ...]
+    held: tuple[Array, ...]
+
+    def mean_squares(self) -> tuple[Array, Array]:
+        """Mean squared errors of both parts, (ny,) each."""
         return (
-            self.delta_bic < -6.0
-            and self.t > 2.0
-            and self.share_better > 0.5
-            and self.p_value < 0.01
-            and self.ratio < 0.90
+            np.nanmean(np.concatenate(self.estimation) ** 2, axis=0),
+            np.nanmean(np.concatenate(self.held) ** 2, axis=0),
         )
 
 
+def effective_samples(errors: Sequence[Array]) -> Array:
+    """Samples that the coloured errors are worth, (ny,), between 10 and N."""
+    ny = errors[0].shape[1]
+    found = []
+    for i in range(ny):
+        parts = [e[np.isfinite(e[:, i]), i][:, None] for e in errors]
+        total = sum(len(p) for p in parts)
+        scale = float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) + 1e-300
+        n = effective_sample_size([p / scale for p in parts])
+        found.append(float(np.clip(n, 10.0, max(total, 10))))
+    return np.array(found)
+
+
 def compare_errors(
-    before: Sequence[Array],
-    after: Sequence[Array],
-    held_before: Sequence[Array],
-    held_after: Sequence[Array],
+    before: Errors,
+    after: Errors,
     parameters: int,
     tried: int,
+    touched: NDArray[np.bool_],
+    samples: Array,
+    needed: float = PROVEN,
 ) -> Evidence:
-    """Evidence from free-run errors (N, ny) of each record before and after.
+    """Evidence from free-run errors before and after.
 
     Args:
-        before, after: errors on the estimation records.
-        held_before, held_after: errors on the held-out records.
+        before, after: errors of both models on the same samples.
         parameters: numbers the richer model adds.
         tried: effects that were tried, for the correction.
+        touched: outputs that the effect changes, (ny,).
+        samples: effective number of estimation samples of each output, common to all compared.
+        needed: what the held-out ratio must fall below.
     """
     from scipy.stats import t as student
 
-    scale = np.sqrt(np.mean(np.concatenate(before) ** 2, axis=0)) + 1e-300
-    old = np.concatenate([e / scale for e in before])
-    new = np.concatenate([e / scale for e in after])
-    effective = min(
-        effective_sample_size([e[:, [i]] / scale[i] for e in after]) for i in range(old.shape[1])
+    (v0, h0), (v1, h1) = before.mean_squares(), after.mean_squares()
+    at = np.flatnonzero(touched)
+    if not len(at):
+        return Evidence(0.0, 0.0, 0.0, 1.0, 1.0, needed)
+    n = samples[at]
+    delta = float(np.sum(n * np.log((v1[at] + 1e-300) / (v0[at] + 1e-300))))
+    delta += parameters * float(np.log(np.sum(n)))
+    scale = np.sqrt(v0[at]) + 1e-300
+    gains, moved = _block_gains(
+        [e[:, at] / scale for e in (*before.estimation, *before.held)],
+        [e[:, at] / scale for e in (*after.estimation, *after.held)],
     )
-    effective = float(np.clip(effective, 10.0, len(old))) * old.shape[1]
-    ratio_square = float(np.mean(new**2) / np.mean(old**2))
-    delta = effective * np.log(ratio_square) + parameters * np.log(effective)
-    gains, touched = _block_gains([*before, *held_before], [*after, *held_after], scale)
+    t = _t(gains)
+    # few blocks may hold most of an effect: then ranks tell more than means; twice the smaller
+    chance = 2.0 * min(float(student.sf(t, max(len(gains) - 1, 1))), _by_ranks(gains[moved]))
+    ratio = float(np.sqrt(np.mean((h1[at] + 1e-300) / (h0[at] + 1e-300))))
+    better = float(np.mean(gains[moved] > 0)) if moved.any() else 0.0
+    return Evidence(delta, t, better, ratio, min(1.0, chance * tried), needed)
+
+
+def difference(best: Errors, other: Errors) -> tuple[float, float]:
+    """How two rival models differ: (t of the blocks' squared errors, ratio of RMSE other/best).
+
+    Each output counts in units of the best model's error.
+    """
+    v = np.nanmean(np.concatenate([*best.estimation, *best.held]) ** 2, axis=0)
+    scale = np.sqrt(v) + 1e-300
+    gains, _ = _block_gains(
+        [e / scale for e in (*other.estimation, *other.held)],
+        [e / scale for e in (*best.estimation, *best.held)],
+    )
+    w = np.nanmean(np.concatenate([*other.estimation, *other.held]) ** 2, axis=0)
+    return _t(gains), float(np.sqrt(np.mean((w + 1e-300) / (v + 1e-300))))
+
+
+def _by_ranks(gains: Array) -> float:
+    """Chance of such gains under a symmetric law (Wilcoxon's signed ranks)."""
+    from scipy.stats import wilcoxon
+
+    if len(gains) < 6 or not np.any(gains):
+        return 1.0
+    return float(wilcoxon(gains, alternative="greater", method="approx").pvalue)
+
+
+def _t(gains: Array) -> float:
     spread = float(np.std(gains, ddof=1)) / np.sqrt(len(gains)) if len(gains) > 2 else np.inf
-    t = float(np.mean(gains)) / spread if spread > 0 else 0.0
-    chance = float(student.sf(t, max(len(gains) - 1, 1)))
-    held = np.sqrt(
-        np.mean(np.concatenate(held_after) ** 2) / np.mean(np.concatenate(held_before) ** 2)
-    )
-    better = float(np.mean(gains[touched] > 0)) if touched.any() else 0.0
-    return Evidence(delta, t, better, float(held), min(1.0, chance * tried))
+    return float(np.mean(gains)) / spread if spread > 0 else 0.0
 
 
 def _block_gains(
-    before: Sequence[Array], after: Sequence[Array], scale: Array
-) -> tuple[Array, Array]:
+    before: Sequence[Array], after: Sequence[Array]
+) -> tuple[Array, NDArray[np.bool_]]:
     total = sum(len(e) for e in before)
     size = max(total // BLOCKS, 8)
-    gains, touched = [], []
+    gains, moved = [], []
     for old, new in zip(before, after, strict=True):
         for low in range(0, len(old) - size // 2, size):
-            a, b = old[low : low + size] / scale, new[low : low + size] / scale
-            gains.append(float(np.mean(a**2) - np.mean(b**2)))
-            touched.append(float(np.sqrt(np.mean((a - b) ** 2))) > TOUCHED)
-    return np.array(gains), np.array(touched)
+            a, b = old[low : low + size], new[low : low + size]
+            if np.isfinite(a).any():
+                gains.append(float(np.nanmean(a**2) - np.nanmean(b**2)))
+                moved.append(float(np.sqrt(np.nanmean((a - b) ** 2))) > TOUCHED)
+    return np.array(gains), np.array(moved, dtype=bool)
 
 
 def noise_floor(records: Sequence[Record]) -> Array:

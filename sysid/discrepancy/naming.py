@@ -4,20 +4,53 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
-from sysid.discrepancy.evidence import Evidence, compare_errors
-from sysid.discrepancy.supermodel import COLUMNS, Data, SuperModel, prepare
+from sysid.discrepancy.batched_search import search
+from sysid.discrepancy.evidence import (
+    PROVEN,
+    Errors,
+    Evidence,
+    compare_errors,
+    difference,
+    effective_samples,
+)
+from sysid.discrepancy.starts import free_slots, starts_of
+from sysid.discrepancy.supermodel import Data, SuperModel, prepare
 from sysid.effects.base import Effect
+from sysid.effects.catalogue import CHANGED, about
 
 MOST_EFFECTS = 4
-SHORTLIST = 8
-SCREEN_ITERATIONS = 5
-FULL_ITERATIONS = 25
-TIE = 1.03
-"""Candidates whose held-out error is within this factor of the best may be ties."""
+SHORTLIST = 9
+FIRST_STEPS, MORE_STEPS, FULL_STEPS = 2, 4, 14
+"""Steps of all starts, of the best start of each effect, of the shortlist."""
 
-Progress = Callable[[str], None]
+POLISH = 30
+"""Steps of a model that is kept."""
+
+COARSE = 1e-4
+"""Gain of a step, as a share of the cost, at which candidates rest."""
+
+BEAM = 2
+
+FAR_AHEAD = 1.5
+"""A rival is not grown when the leader, which does not grow, scores so many times higher."""
+
+TIE = 1.02
+"""Models whose errors are within this factor cannot be told apart, whatever the sample size."""
+
+KNOWN_TIE = 1.04
+"""The same for effects that the catalogue knows to be alike."""
+
+PROMISING = 0.95
+"""A candidate is fitted in full when its first steps bring some track's cost below this share."""
+
+PHASES = 24
+"""Phases of a ripple that are tried on a record of its own."""
+
+Progress = Callable[[str, float], None]
+"""(what is being done, share of the work done)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,20 +61,22 @@ class Node:
         effects: ids in order of acceptance.
         q: all slots, (slots,).
         free: estimated slots.
-        errors: free-run errors on the estimation records.
-        held: free-run errors on the held-out records.
+        errors: free-run errors of both parts.
+        touched: outputs that the newest effect changes.
+        excluded: effects that could not be told from an accepted one, not looked for again.
     """
 
     effects: tuple[str, ...]
     q: Array
     free: tuple[int, ...]
-    errors: tuple[Array, ...]
-    held: tuple[Array, ...]
+    errors: Errors
+    touched: NDArray[np.bool_]
+    excluded: tuple[str, ...] = ()
 
     @property
     def held_rmse(self) -> float:
         """Held-out RMSE over all outputs."""
-        return float(np.sqrt(np.mean(np.concatenate(self.held) ** 2)))
+        return float(np.sqrt(np.nanmean(np.concatenate(self.errors.held) ** 2)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +86,7 @@ class Named:
     id: str
     evidence: Evidence
     ties: tuple[str, ...]
+    touched: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +98,8 @@ class Naming:
         final: the model with all accepted effects.
         named: accepted effects in order.
         minor: effects that help a little but not enough to be proven, with their evidence.
-        candidates: held-out gain of every effect at the first stage, best first.
+        candidates: score of every effect at the first stage, best first: the likelihood ratio
+            (in units of BIC) over both parts of the data.
     """
 
     base: Node
@@ -70,6 +107,19 @@ class Naming:
     named: tuple[Named, ...]
     minor: tuple[tuple[str, Evidence], ...]
     candidates: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """A candidate with its evidence and score."""
+
+    node: Node
+    evidence: Evidence
+    score: float
+
+    @property
+    def id(self) -> str:
+        return self.node.effects[-1]
 
 
 class NamingSearch:
@@ -81,6 +131,9 @@ class NamingSearch:
         scales: full drive of each track's command.
         delay: dead time of the base in samples.
         level: whether a constant load belongs to the base.
+        weights: weights of the samples of both parts, (N, tracks) a record; all 1 when None.
+        needed: what the held-out error must fall below, as a share of before.
+        fixed_core: whether the base is given and stays as it is.
     """
 
     def __init__(
@@ -91,149 +144,340 @@ class NamingSearch:
         scales: Array,
         delay: int,
         level: bool = False,
+        weights: tuple[Sequence[Array], Sequence[Array]] | None = None,
+        needed: float = PROVEN,
+        fixed_core: bool = False,
     ) -> None:
-        self.model, self.level = model, level
+        self.model, self.level, self.needed = model, level, needed
         self.estimation, self.held = tuple(estimation), tuple(held)
-        self.data = prepare(self.estimation, scales, delay)
-        self.held_data = prepare(self.held, scales, delay)
+        mine, theirs = weights if weights is not None else (None, None)
+        self.data = prepare(self.estimation, scales, delay, model.depth, mine)
+        self.held_data = prepare(self.held, scales, delay, model.depth, theirs)
         owners = ("core", "load-bias") if level else ("core",)
-        self.core = tuple(k for k, s in enumerate(model.slots) if s.owner in owners)
+        core = tuple(k for k, s in enumerate(model.slots) if s.owner in owners)
+        self.core = () if fixed_core else core
+        self.origin = model.null
 
     def base(self, starts: Array) -> Node:
         """The base fitted from given values of all slots, (lanes, slots)."""
-        q, cost = self.model.search(
-            starts, [self.core] * len(starts), self.data, iterations=FULL_ITERATIONS
-        )
-        return self.node((), q[int(np.argmin(cost))], self.core)
+        q, cost = search(self.model, starts, [self.core] * len(starts), self.data, POLISH)
+        return self.node((), self._best_tracks(q, cost), self.core)
 
-    def node(self, effects: tuple[str, ...], q: Array, free: Sequence[int]) -> Node:
+    def _best_tracks(self, q: Array, cost: Array) -> Array:
+        """Each track's numbers from the lane that fits it best (tracks do not feel each other)."""
+        out = q[int(np.argmin(cost.sum(axis=1)))].copy()
+        for i in range(self.model.tracks):
+            best = int(np.argmin(cost[:, i]))
+            for k, slot in enumerate(self.model.slots):
+                if slot.track == i:
+                    out[k] = q[best, k]
+        return out
+
+    def node(
+        self,
+        effects: tuple[str, ...],
+        q: Array,
+        free: Sequence[int],
+        touched: NDArray[np.bool_] | None = None,
+    ) -> Node:
         """A node with its errors on both parts."""
-        return Node(
-            effects,
-            q,
-            tuple(free),
-            _errors(self.model, q, self.data, self.estimation),
-            _errors(self.model, q, self.held_data, self.held),
+        every = np.ones(self.model.tracks, dtype=bool)
+        errors = Errors(
+            self._errors(q, self.data),
+            self._errors(self._in_phase(q, effects), self.held_data),
         )
+        return Node(effects, q, tuple(free), errors, every if touched is None else touched)
+
+    def _errors(self, q: Array, data: Data) -> tuple[Array, ...]:
+        run = self.model.run(q, data)[0]
+        return data.split(np.where(data.weight > 0.0, data.y - run, np.nan))
+
+    def _in_phase(self, q: Array, effects: Sequence[str]) -> Array:
+        """The ripple's phase belongs to a record: turned to suit the held-out one."""
+        if "speed-ripple" not in effects or self.held_data.back is self.data.back:
+            return q
+        rows = np.repeat(q[None], PHASES, axis=0)
+        for j in range(PHASES):
+            turn = 2.0 * np.pi * j / PHASES
+            for i in range(self.model.tracks):
+                a = self.model.place["speed-ripple", "cosine", i]
+                b = self.model.place["speed-ripple", "sine", i]
+                rows[j, a] = q[a] * np.cos(turn) - q[b] * np.sin(turn)
+                rows[j, b] = q[a] * np.sin(turn) + q[b] * np.cos(turn)
+        data = self.held_data
+        runs = self.model.run(rows, data)
+        cost = np.sum((data.weight * (data.y - runs)) ** 2, axis=1)
+        return self._best_tracks(rows, np.nan_to_num(cost, nan=np.inf))
 
     def run(
         self, base: Node, effects: Sequence[Effect], progress: Progress | None = None
     ) -> Naming:
-        """Grow one effect at a time while the rule accepts; then try to drop each."""
-        current = base
-        named: list[Named] = []
-        minor: list[tuple[str, Evidence]] = []
-        first: tuple[tuple[str, float], ...] = ()
-        while len(named) < MOST_EFFECTS:
-            if progress:
-                progress(f"looking for effect {len(named) + 1}")
-            ranked = self.candidates(current, effects)
-            if not first:
-                first = tuple((n.effects[-1], _gain(current, n)) for n in ranked)
-            judged = [(n, self.evidence(current, n, len(effects))) for n in ranked]
-            passed = [(n, e) for n, e in judged if e.accepted and self.admissible(n)]
-            minor = [
-                (n.effects[-1], e)
-                for n, e in judged
-                if e.delta_bic < -6.0 and 0.90 <= e.ratio < 0.98 and self.admissible(n)
-            ]
-            if not passed:
+        """Grow one effect at a time in a small beam while the rule accepts, then drop and swap."""
+        say = progress or (lambda text, share: None)
+        say("trying every effect", 0.0)
+        self.origin = base.q
+        judged = self.candidates(base, effects)
+        first = tuple((j.id, j.score) for j in judged)
+        beam = self._passing(judged)[:BEAM]
+        if not beam:
+            return Naming(base, base, (), self._minor(judged), first)
+        best, minor = beam[0].node, self._minor(judged)
+        while beam and len(best.effects) < MOST_EFFECTS:
+            say(f"{', '.join(best.effects)}: looking for more", 0.2 * len(best.effects))
+            grown: list[tuple[float, Node]] = []
+            for entry in beam:
+                following = self.candidates(entry.node, effects)
+                if entry.node is best:
+                    minor = self._minor(following)
+                grown += [(self.total(base, j.node), j.node) for j in self._passing(following)]
+                if not grown and self.total(base, best) > FAR_AHEAD * self.total(
+                    base, beam[-1].node
+                ):
+                    break
+            grown.sort(key=lambda item: -item[0])
+            if not grown or grown[0][0] <= self.total(base, best):
                 break
-            best, evidence = self.simplest(passed)
-            ties = tuple(
-                n.effects[-1]
-                for n, _ in passed
-                if n is not best and n.held_rmse <= TIE * best.held_rmse
-            )
-            named.append(Named(best.effects[-1], evidence, ties))
-            current = best
-        current, named = self.pruned(base, current, named)
-        return Naming(base, current, tuple(named), tuple(minor), first)
+            nodes: list[Node] = []
+            for _, node in grown:
+                if all(set(node.effects) != set(n.effects) for n in nodes):
+                    nodes.append(node)
+            best = nodes[0]
+            beam = [_Judged(n, self.evidence(base, n, len(effects)), 0.0) for n in nodes[:BEAM]]
+        best = self.polished(best)
+        say("dropping and swapping", 0.85)
+        best = self.reordered(base, self.pruned(base, best))
+        named = self.account(base, best, effects, judged)
+        say("done", 1.0)
+        return Naming(base, best, named, minor, first)
 
-    def candidates(self, node: Node, effects: Sequence[Effect]) -> list[Node]:
-        """Every effect added to a node, the most promising fitted in full, best held-out first."""
-        lanes, free, owners = [], [], []
-        for e in effects:
-            if e.id in node.effects or (self.level and e.id in ("load-bias", "sensor-bias")):
-                continue
-            for start in self.model.starts(e):
-                q = node.q.copy()
-                for slot, value in start.items():
-                    q[slot] = value
-                columns = (*node.free, *start)
-                if len(columns) <= COLUMNS:
-                    lanes.append(q)
-                    free.append(columns)
-                    owners.append(e.id)
-        q, cost = self.model.search(np.array(lanes), free, self.data, iterations=SCREEN_ITERATIONS)
-        order = np.argsort(cost)
-        kept: list[int] = []
-        for k in order:
-            if owners[k] not in [owners[j] for j in kept] and len(kept) < SHORTLIST:
-                kept.append(int(k))
-        full, _ = self.model.search(
-            q[kept], [free[k] for k in kept], self.data, iterations=FULL_ITERATIONS
+    def polished(self, node: Node) -> Node:
+        """The node fitted to the end."""
+        q, _ = search(self.model, node.q[None], [node.free], self.data, POLISH)
+        return self.node(node.effects, q[0], node.free, node.touched)
+
+    def _passing(self, judged: Sequence[_Judged]) -> list[_Judged]:
+        """Accepted candidates, the most likely first; nearly equal ones by fewest numbers."""
+        passed = [j for j in judged if j.evidence.accepted and self.admissible(j.node)]
+        passed.sort(key=lambda j: -j.score)
+        if not passed:
+            return []
+        close = [j for j in passed if self._tied(passed[0].node, j.node)]
+        lead = min(close, key=lambda j: (len(j.node.free), -j.score))
+        ordered = [lead, *(j for j in passed if j is not lead)]
+        return [self._with_excluded(j, passed) for j in ordered[:BEAM]] + ordered[BEAM:]
+
+    def _with_excluded(self, mine: _Judged, passed: Sequence[_Judged]) -> _Judged:
+        alike = tuple(j.id for j in passed if j.id != mine.id and self._tied(mine.node, j.node))
+        return replace(mine, node=replace(mine.node, excluded=(*mine.node.excluded, *alike)))
+
+    def _minor(self, judged: Sequence[_Judged]) -> tuple[tuple[str, Evidence], ...]:
+        return tuple(
+            (j.id, j.evidence)
+            for j in judged
+            if j.evidence.significant
+            and self.needed <= j.evidence.ratio < 0.98
+            and self.admissible(j.node)
         )
-        nodes = [
-            self.node((*node.effects, owners[k]), full[i], free[k]) for i, k in enumerate(kept)
-        ]
-        return sorted(nodes, key=lambda n: n.held_rmse)
 
-    def evidence(self, before: Node, after: Node, tried: int) -> Evidence:
-        """Evidence for the effect that ``after`` adds."""
+    def candidates(
+        self, node: Node, effects: Sequence[Effect], most: int = SHORTLIST
+    ) -> list[_Judged]:
+        """Every effect added to a node, the most promising fitted in full, most likely first.
+
+        All starts take a few steps, the best start of each effect some more, and only the effects
+        that then lead are fitted to the end.
+        """
+        errors = np.nan_to_num(self.data.y - self.model.run(node.q, self.data)[0])
+        now = np.sum((self.data.weight * errors) ** 2, axis=0)
+        lanes: list[Array] = []
+        owners: list[Effect] = []
+        for e in effects:
+            if e.id in (*node.effects, *node.excluded):
+                continue
+            if self.level and e.id in ("load-bias", "sensor-bias"):
+                continue
+            for row in starts_of(self.model, e, node.q, errors, self.data, not self.core):
+                lanes.append(row)
+                owners.append(e)
+        q, cost = self._search(node, np.array(lanes), owners, FIRST_STEPS)
+        tried = list({e.id: e for e in owners}.values())
+        rows = [[k for k, e in enumerate(owners) if e.id == t.id] for t in tried]
+        starts = [self._joined(q[r], cost[r], t) for r, t in zip(rows, tried, strict=True)]
+        q, cost = self._search(node, np.array(starts), tried, MORE_STEPS)
+        worth = [k for k in range(len(tried)) if np.any(cost[k] < PROMISING * now)]
+        order = sorted(worth, key=lambda k: float(np.sum(np.log(cost[k] + 1e-300))))
+        if not order:
+            return []
+        kept, at = order[:most], {t.id: k for k, t in enumerate(tried)}
+        alike = [at[t] for k in kept[:2] for t in about(tried[k].id).ties if t in at]
+        kept += [k for k in dict.fromkeys(alike) if k not in kept]
+        chosen = [tried[k] for k in kept]
+        full, _ = self._search(node, q[kept], chosen, FULL_STEPS)
+        nodes = [self._trimmed(node, e, full[k]) for k, e in enumerate(chosen)]
+        samples = effective_samples(
+            min(
+                nodes, key=lambda n: float(np.sum(np.log(sum(n.errors.mean_squares()) + 1e-300)))
+            ).errors.estimation
+        )
+        judged = [
+            _Judged(
+                n,
+                self.evidence(node, n, len(effects), samples),
+                self._likelihood(node, n, samples),
+            )
+            for n in nodes
+        ]
+        return sorted(judged, key=lambda j: -j.score)
+
+    def _search(
+        self, node: Node, q: Array, owners: Sequence[Effect], steps: int
+    ) -> tuple[Array, Array]:
+        every = range(self.model.tracks)
+        free = [(*node.free, *free_slots(self.model, e, every)) for e in owners]
+        return search(self.model, q, free, self.data, steps, COARSE)
+
+    def _joined(self, q: Array, cost: Array, e: Effect) -> Array:
+        """The best start; track by track where the effect is each track's own."""
+        if e.shared or e.id == "cross-coupling":
+            return np.asarray(q[int(np.argmin(cost.sum(axis=1)))])
+        return self._best_tracks(q, cost)
+
+    def _trimmed(self, before: Node, e: Effect, q: Array) -> Node:
+        """The effect kept on the tracks that it serves; the others stay as they were."""
+        free = (*before.free, *free_slots(self.model, e, range(self.model.tracks)))
+        node = replace(self.node((*before.effects, e.id), q, free), excluded=before.excluded)
+        if e.shared or self.model.tracks == 1:
+            return node
+        samples = effective_samples(node.errors.estimation)
+        (v0, _), (v1, _) = before.errors.mean_squares(), node.errors.mean_squares()
+        cost = len(free_slots(self.model, e, [0])) * np.log(samples)
+        gain = samples * np.log((v0 + 1e-300) / (v1 + 1e-300))
+        served = (gain > cost) & (v1 < 0.97 * v0)
+        if served.all() or not served.any():
+            return replace(node, touched=served if served.any() else node.touched)
+        out = q.copy()
+        for k, slot in enumerate(self.model.slots):
+            if slot.track >= 0 and not served[slot.track]:
+                out[k] = before.q[k]
+        free = (*before.free, *free_slots(self.model, e, np.flatnonzero(served).tolist()))
+        if e.id == "cross-coupling":
+            rows, _ = search(self.model, out[None], [free], self.data, POLISH)
+            out = rows[0]
+        found = self.node((*before.effects, e.id), out, free, served)
+        return replace(found, excluded=before.excluded)
+
+    def _likelihood(self, before: Node, after: Node, samples: Array) -> float:
+        """Penalised likelihood ratio over both parts, in units of BIC; positive is better."""
+        (v0, h0), (v1, h1) = before.errors.mean_squares(), after.errors.mean_squares()
+        n = sum(int(np.isfinite(e).any(axis=1).sum()) for e in before.errors.estimation)
+        m = sum(int(np.isfinite(e).any(axis=1).sum()) for e in before.errors.held)
+        gain = np.log((v0 + 1e-300) / (v1 + 1e-300)) + m / max(n, 1) * np.log(
+            (h0 + 1e-300) / (h1 + 1e-300)
+        )
         added = len(after.free) - len(before.free)
-        return compare_errors(before.errors, after.errors, before.held, after.held, added, tried)
+        return float(np.sum(samples * gain) - added * np.log(np.sum(samples)))
+
+    def total(self, base: Node, node: Node) -> float:
+        """Score of a whole set against the base."""
+        return self._likelihood(base, node, effective_samples(node.errors.estimation))
+
+    def evidence(
+        self, before: Node, after: Node, tried: int, samples: Array | None = None
+    ) -> Evidence:
+        """Evidence for the effects that ``after`` adds."""
+        if samples is None:
+            samples = effective_samples(after.errors.estimation)
+        return compare_errors(
+            before.errors,
+            after.errors,
+            len(after.free) - len(before.free),
+            tried,
+            after.touched,
+            samples,
+            self.needed,
+        )
 
     def admissible(self, node: Node) -> bool:
         """Whether the newest effect's numbers are away from their null and from their bounds."""
         id = node.effects[-1]
-        inside = []
-        for k in node.free:
-            slot = self.model.slots[k]
-            if slot.owner == id:
-                width = slot.upper - slot.lower
-                value = node.q[k]
-                on_bound = min(value - slot.lower, slot.upper - value) < 1e-3 * width
-                inside.append(not on_bound and abs(value - slot.null) > 0.02 * slot.scale)
+        mine = [k for k in node.free if self.model.slots[k].owner == id]
+        if id in ("unsigned-speed", CHANGED.id):
+            return True
         if id == "input-delay":
-            return any(
-                node.q[k] > self.model.dt for k in node.free if self.model.slots[k].owner == id
+            return any(node.q[k] > self.model.dt for k in mine)
+        first = about(id).parameters[0].name
+        inside = []
+        for k in mine:
+            slot = self.model.slots[k]
+            width = slot.upper - slot.lower
+            value = node.q[k]
+            on_bound = min(value - slot.lower, slot.upper - value) < 1e-3 * width
+            if slot.null == slot.lower and value - slot.lower < 1e-3 * width:
+                on_bound = slot.name == first and id not in ("dead-zone", "stiction")
+            inside.append((not on_bound, abs(value - slot.null) > 0.02 * slot.scale))
+        return all(a for a, _ in inside) and any(b for _, b in inside)
+
+    def _tied(self, best: Node, other: Node) -> bool:
+        """Whether the data cannot tell two models apart."""
+        t, ratio = difference(best.errors, other.errors)
+        a, b = best.effects[-1], other.effects[-1]
+        known = b in about(a).ties or a in about(b).ties
+        return ratio < (KNOWN_TIE if known else TIE) or (t < 2.0 and ratio < 1.1)
+
+    def without(self, node: Node, id: str) -> Node:
+        """The node without one of its effects, fitted again."""
+        q = node.q.copy()
+        mine = self.model.of(id)
+        for k in mine:
+            q[k] = self.origin[k]
+        free = tuple(k for k in node.free if k not in mine)
+        rest = tuple(i for i in node.effects if i != id)
+        found, _ = search(self.model, q[None], [free], self.data, POLISH)
+        return self.node(rest, found[0], free)
+
+    def pruned(self, base: Node, node: Node) -> Node:
+        """Drop effects that the others have made needless."""
+        while len(node.effects) > 1:
+            rests = [self.without(node, id) for id in node.effects]
+            best = max(rests, key=lambda n: self.total(base, n))
+            evidence = self.evidence(best, node, 1)
+            if evidence.significant and evidence.ratio < 0.97:
+                break
+            node = best
+        return node
+
+    def reordered(self, base: Node, node: Node) -> Node:
+        """Effects in the order in which they would be accepted: the largest share first."""
+        if len(node.effects) < 2:
+            return node
+        loss = {
+            id: self.total(base, node) - self.total(base, self.without(node, id))
+            for id in node.effects
+        }
+        order = tuple(sorted(node.effects, key=lambda id: -loss[id]))
+        return replace(node, effects=order)
+
+    def account(
+        self, base: Node, node: Node, effects: Sequence[Effect], first: Sequence[_Judged]
+    ) -> tuple[Named, ...]:
+        """Each accepted effect against the model without it, and what ties with it there."""
+        named = []
+        for id in node.effects:
+            if len(node.effects) == 1:
+                judged: Sequence[_Judged] = first
+            else:
+                rivals = [e for e in effects if e.id == id or e.id not in node.effects]
+                judged = self.candidates(self.without(node, id), rivals, most=4)
+            mine = next((j for j in judged if j.id == id), None)
+            if mine is None:
+                continue
+            ties = tuple(
+                j.id
+                for j in judged
+                if j.id != id
+                and j.evidence.accepted
+                and self.admissible(j.node)
+                and self._tied(mine.node, j.node)
             )
-        return id == "unsigned-speed" or any(inside)
-
-    def simplest(self, passed: Sequence[tuple[Node, Evidence]]) -> tuple[Node, Evidence]:
-        """The best, unless one with fewer numbers does nearly as well."""
-        best = min(n.held_rmse for n, _ in passed)
-        close = [(n, e) for n, e in passed if n.held_rmse <= 1.01 * best]
-        return min(close, key=lambda item: (len(item[0].free), item[0].held_rmse))
-
-    def pruned(self, base: Node, node: Node, named: list[Named]) -> tuple[Node, list[Named]]:
-        """Drop an earlier effect that the later ones have made needless."""
-        for entry in list(named[:-1]):
-            slots = [k for k in node.free if self.model.slots[k].owner == entry.id]
-            q = node.q.copy()
-            for k in slots:
-                q[k] = self.model.slots[k].null
-            free = tuple(k for k in node.free if k not in slots)
-            found, _ = self.model.search(q[None], [free], self.data, iterations=FULL_ITERATIONS)
-            rest = tuple(i for i in node.effects if i != entry.id)
-            without = self.node(rest, found[0], free)
-            if without.held_rmse <= 1.02 * node.held_rmse:
-                node = without
-                named = [n for n in named if n.id != entry.id]
-        return replace(node), named
-
-
-def _gain(before: Node, after: Node) -> float:
-    return 1.0 - after.held_rmse / before.held_rmse
-
-
-def _errors(
-    model: SuperModel, q: Array, data: Data, records: Sequence[Record]
-) -> tuple[Array, ...]:
-    run = model.run(q, data)[0]
-    found, at = [], 0
-    for r in records:
-        found.append(r.y - run[at : at + len(r)])
-        at += len(r)
-    return tuple(found)
+            named.append(Named(id, mine.evidence, ties, mine.node.touched))
+        return tuple(named)

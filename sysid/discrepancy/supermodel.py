@@ -1,8 +1,10 @@
 """The super-model: every effect of the catalogue in one compiled simulation.
 
 Absent effects sit at their null values, so that trying a candidate means freeing a few numbers
-and never compiling a new model. Many candidates and starts are searched at once: a batched
-Levenberg-Marquardt over the columns of one forward-mode Jacobian.
+and never compiling a new model. Many candidates, starts and shifted copies for slopes run side by
+side (``batched_search.py`` searches over them).
+
+What has no memory of its own is computed for a whole record at once; only the motion is stepped.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,19 +13,19 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
-from sysid.effects.base import Effect
-from sysid.structures.chain import Core, chain_step, rest_state
+from sysid.effects.base import Effect, Place
+from sysid.effects.catalogue import CHANGED
+from sysid.structures.chain import Core, Sample, over_time, rest_state, step_with
 
-LANES = 24
-"""Searches that run side by side in one call of the compiled simulation."""
+LANES = (8, 64)
+"""Simulations that run side by side in one call: the fewest of these that suffice."""
 
-COLUMNS = 12
-"""Most numbers that one search estimates."""
-
-PADDING = 512
-"""Records are padded to multiples of this, so that one compilation serves many logs."""
+LENGTHS = (512, 1024, 1536, 2048, 3072, 4096, 5120, 6144, 8192)
+"""Records are padded to one of these (then to multiples of the last), so that one compilation
+serves many logs."""
 
 
 @dataclass(frozen=True)
@@ -50,66 +52,106 @@ class Slot:
 
 @dataclass(frozen=True, eq=False)
 class Data:
-    """Records prepared for the super-model, stacked with marks where a record begins.
+    """Records prepared for the super-model: stacked, each from its own start, then padded.
 
     Attributes:
-        drive: (M, tracks); y: (M, tracks); t, angle: time and angle; reset: 1 at a record's start;
-        weight: 0 where a sample does not count, (M, tracks); start: speed at each reset.
+        drive, y: commands in units of full drive and readings, (M, tracks).
+        t: time since the start of the record, (M, 1).
+        reset: 1 at a record's start, (M,).
+        back: row of k samples earlier, at most back to the record's start, (depth + 1, M).
+        weight: 0 where a sample does not count, (M, tracks).
+        lengths: samples of each record.
     """
 
     drive: Array
     y: Array
     t: Array
-    angle: Array
     reset: Array
+    back: NDArray[np.int64]
     weight: Array
-    dt: float
+    lengths: tuple[int, ...]
+
+    def arrays(self) -> dict[str, Any]:
+        """What the compiled functions take."""
+        return {
+            "drive": self.drive,
+            "y": self.y,
+            "t": self.t,
+            "reset": self.reset,
+            "back": self.back,
+        }
+
+    def split(self, whole: Array) -> tuple[Array, ...]:
+        """Rows of each record of an array (M, …)."""
+        ends = np.cumsum(self.lengths)
+        return tuple(np.split(whole[: ends[-1]], ends[:-1]))
 
 
-def prepare(records: Sequence[Record], scales: Array, delay: int) -> Data:
-    """Stack records; ``scales`` are full drive per input, ``delay`` whole samples of dead time."""
+def padded_length(samples: int) -> int:
+    """The length to which so many samples are padded."""
+    for length in LENGTHS:
+        if samples <= length:
+            return length
+    return -(-samples // LENGTHS[-1]) * LENGTHS[-1]
+
+
+def prepare(
+    records: Sequence[Record],
+    scales: Array,
+    delay: int,
+    depth: int,
+    weights: Sequence[Array] | None = None,
+) -> Data:
+    """Stack records.
+
+    Args:
+        records: experiments.
+        scales: full drive of each input.
+        delay: whole samples of dead time.
+        depth: samples that the longest delay line looks back.
+        weights: weight of each sample of each record, (N, tracks).
+    """
     drive: list[Array] = []
-    y: list[Array] = []
-    t: list[Array] = []
-    angle: list[Array] = []
-    reset: list[Array] = []
-    weight: list[Array] = []
     for r in records:
-        d = r.u / scales
         shift = max(delay - 1, 0)
-        if shift:
-            d = np.vstack([np.repeat(d[:1], shift, axis=0), d[:-shift]])
-        drive.append(d)
-        y.append(r.y)
-        t.append(r.dt * np.arange(len(r), dtype=np.float64))
-        angle.append(np.cumsum(r.y, axis=0) * r.dt)
-        first = np.zeros(len(r))
-        first[0] = 1.0
-        reset.append(first)
-        weight.append(np.ones(r.y.shape))
-    total = sum(len(r) for r in records)
-    pad = -total % PADDING
+        d = r.u / scales
+        drive.append(np.vstack([np.repeat(d[:1], shift, axis=0), d[: len(d) - shift]]))
+    lengths = tuple(len(r) for r in records)
+    total = sum(lengths)
+    first = np.concatenate(
+        [np.full(n, at) for n, at in zip(lengths, _starts(lengths), strict=True)]
+    )
+    reset = np.zeros(total)
+    reset[_starts(lengths)] = 1.0
+    rows = np.arange(total)
+    back = np.array([np.maximum(rows - k, first) for k in range(depth + 1)], dtype=np.int64)
+    weight = [np.ones(r.y.shape) for r in records] if weights is None else list(weights)
+    pad = padded_length(total) - total
 
-    def joined(parts: Sequence[Array]) -> Array:
+    def stacked(parts: Sequence[Array]) -> Array:
         whole = np.concatenate(parts)
         return np.concatenate([whole, np.zeros((pad, *whole.shape[1:]))])
 
     return Data(
-        joined(drive),
-        joined(y),
-        joined(t),
-        joined(angle),
-        joined(reset),
-        joined(weight),
-        records[0].dt,
+        stacked(drive),
+        stacked([r.y for r in records]),
+        stacked([r.dt * np.arange(len(r), dtype=np.float64)[:, None] for r in records]),
+        np.concatenate([reset, np.zeros(pad)]),
+        np.concatenate([back, np.full((depth + 1, pad), total - 1)], axis=1),
+        stacked(weight),
+        lengths,
     )
+
+
+def _starts(lengths: Sequence[int]) -> list[int]:
+    return [0, *np.cumsum(lengths)[:-1].tolist()]
 
 
 class SuperModel:
     """All effects around cores of one order, for a number of tracks.
 
     Args:
-        effects: those of the chain, in order.
+        effects: those of the chain, in its order.
         order: order of the core.
         tracks: number of tracks.
         speed: typical speed of each track, (tracks,).
@@ -123,6 +165,7 @@ class SuperModel:
         self.speed, self.dt = speed, dt
         self.slots = tuple(self._slots())
         self.place = {(s.owner, s.name, s.track): k for k, s in enumerate(self.slots)}
+        self.depth = max((e.states for e in effects if e.past_inputs), default=0)
 
     def _slots(self) -> list[Slot]:
         found = []
@@ -154,6 +197,11 @@ class SuperModel:
         """All slots at their null values."""
         return np.array([s.null for s in self.slots])
 
+    def of(self, owner: str) -> tuple[int, ...]:
+        """Slots of an effect or of the core, which is what a changed parameter changes."""
+        owner = "core" if owner == CHANGED.id else owner
+        return tuple(k for k, s in enumerate(self.slots) if s.owner == owner)
+
     def starts(self, e: Effect) -> list[dict[int, float]]:
         """Starting values of an effect on all tracks: slot → value."""
         found = []
@@ -168,184 +216,78 @@ class SuperModel:
             found.append(values)
         return found
 
+    def _unpack(self, jnp: Any, q: Any) -> tuple[Core, dict[str, dict[str, Any]]]:
+        place, tracks, order = self.place, self.tracks, self.order
+
+        def row(owner: str, name: str, shared: bool = False) -> Any:
+            return jnp.stack([q[place[owner, name, -1 if shared else i]] for i in range(tracks)])
+
+        f = jnp.stack([row("core", f"f{k + 1}") for k in range(order)])
+        tail = [row("core", f"b{k + 1}") for k in range(1, order)]
+        first = 1.0 + jnp.sum(f, axis=0) - (sum(tail) if tail else 0.0)
+        parameters = {
+            e.id: {p.name: row(e.id, p.name, e.shared) for p in e.parameters} for e in self.effects
+        }
+        return Core(row("core", "gain"), f, jnp.stack([first, *tail])), parameters
+
     @cached_property
-    def _compiled(self) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    def _readings(self) -> Callable[..., Any]:
+        """(q (lanes, slots), data) → readings (lanes, M, tracks), compiled."""
         from sysid.structures.compiled import jax_module
 
         jax = jax_module()
         jnp = jax.numpy
-        effects, order, tracks, dt = self.effects, self.order, self.tracks, self.dt
-        place = self.place
-
-        def unpack(q: Any) -> tuple[Core, dict[str, dict[str, Any]]]:
-            def row(name: str) -> Any:
-                return jnp.stack([q[place["core", name, i]] for i in range(tracks)])
-
-            f = jnp.stack([row(f"f{k + 1}") for k in range(order)])
-            tail = [row(f"b{k + 1}") for k in range(1, order)]
-            first = 1.0 + jnp.sum(f, axis=0) - (sum(tail) if tail else 0.0)
-            core = Core(row("gain"), f, jnp.stack([first, *tail]))
-            parameters = {
-                e.id: {
-                    p.name: jnp.stack(
-                        [q[place[e.id, p.name, -1 if e.shared else i]] for i in range(tracks)]
-                    )
-                    for p in e.parameters
-                }
-                for e in effects
-            }
-            return core, parameters
+        before, inside, after = stages(self.effects)
+        dt, tracks = self.dt, self.tracks
 
         def readings(q: Any, data: dict[str, Any]) -> Any:
-            core, parameters = unpack(q)
+            core, parameters = self._unpack(jnp, q)
+            whole = Sample(data["drive"], data["drive"], data["t"])
 
-            def body(state: Any, x: dict[str, Any]) -> tuple[Any, Any]:
-                fresh = rest_state(jnp, effects, core, x["y"])
-                state = jax.tree.map(lambda a, b: jnp.where(x["reset"] > 0.0, a, b), fresh, state)
-                return chain_step(
-                    jnp, effects, core, parameters, state, x["drive"], x["t"], x["angle"], dt
-                )
+            def past(signal: Any, k: int) -> Any:
+                return signal[data["back"][k]]
 
-            zero = rest_state(jnp, effects, core, jnp.zeros(tracks))
-            return jax.lax.scan(body, zero, data)[1]
+            acting = over_time(jnp, before, parameters, data["drive"], past, whole, dt)
 
-        def normal(q: Any, E: Any, data: dict[str, Any]) -> tuple[Any, Any, Any]:
-            """Cost, gradient and Gauss-Newton matrix over the columns of E."""
+            def body(state: Any, x: tuple[Any, ...]) -> tuple[Any, Any]:
+                drive, now, t, y, reset = x
+                fresh = rest_state(jnp, inside, core, y, now)
+                state = jax.tree.map(lambda a, b: jnp.where(reset > 0.0, a, b), fresh, state)
+                sample = Sample(drive, now, t, y)
+                return step_with(jnp, inside, core, parameters, state, sample, dt)
 
-            def weighted(z: Any) -> Any:
-                return jnp.sqrt(data["weight"]) * (data["y"] - readings(q + E @ z, data))
+            zero = jnp.zeros(tracks)
+            start = rest_state(jnp, inside, core, zero, zero)
+            x = (data["drive"], acting, data["t"], data["y"], data["reset"])
+            read = jax.lax.scan(body, start, x)[1]
+            return over_time(jnp, after, parameters, read, past, whole, dt)
 
-            zero = jnp.zeros(E.shape[1])
-            J = jax.jacfwd(weighted)(zero)
-            r = weighted(zero)
-            J = jnp.where(jnp.isfinite(J), J, 0.0)
-            cost = jnp.sum(r * r)
-            g = jnp.einsum("nt,ntk->k", r, J)
-            return jnp.where(jnp.isfinite(cost), cost, jnp.inf), g, jnp.einsum("ntk,ntl->kl", J, J)
-
-        many = jax.jit(jax.vmap(normal, in_axes=(0, 0, None)))
-        runs = jax.jit(jax.vmap(readings, in_axes=(0, None)))
-        return many, runs
-
-    def _arrays(self, data: Data, weight: Array | None = None) -> dict[str, Array]:
-        return {
-            "drive": data.drive,
-            "y": data.y,
-            "t": data.t,
-            "angle": data.angle,
-            "reset": data.reset,
-            "weight": data.weight if weight is None else weight,
-        }
+        return jax.jit(jax.vmap(readings, in_axes=(0, None)))  # type: ignore[no-any-return]
 
     def run(self, q: Array, data: Data) -> Array:
         """Readings for parameter vectors q (lanes, slots), shape (lanes, M, tracks)."""
-        arrays = {k: v for k, v in self._arrays(data).items() if k != "weight"}
-        return np.asarray(self._compiled[1](np.atleast_2d(q), arrays))
-
-    def search(
-        self,
-        q0: Array,
-        free: Sequence[Sequence[int]],
-        data: Data,
-        weight: Array | None = None,
-        iterations: int = 20,
-    ) -> tuple[Array, Array]:
-        """Levenberg-Marquardt from every row of ``q0`` over its own free slots, side by side.
-
-        Bounds are kept by projection: a number on its bound whose gradient points outside is
-        held for that step.
-
-        Args:
-            q0: starts, (lanes, slots).
-            free: free slots of each lane, at most COLUMNS of them.
-            data: records.
-            weight: weight of each sample, (M, tracks).
-            iterations: steps taken.
-
-        Returns:
-            (q (lanes, slots), cost (lanes,)).
-        """
-        many = self._compiled[0]
-        arrays = self._arrays(data, weight)
-        out_q, out_cost = [], []
-        for low in range(0, len(q0), LANES):
-            rows = list(range(low, min(low + LANES, len(q0))))
-            lanes = rows + [rows[-1]] * (LANES - len(rows))
-            q, cost = self._descend(
-                many, arrays, q0[lanes].copy(), [list(free[k]) for k in lanes], iterations
-            )
-            out_q.append(q[: len(rows)])
-            out_cost.append(cost[: len(rows)])
-        return np.concatenate(out_q), np.concatenate(out_cost)
-
-    def information(self, q: Array, free: Sequence[int], data: Data) -> Array:
-        """Gauss-Newton matrix JᵀJ over the free slots in their own units, (n, n)."""
-        E = np.zeros((LANES, len(self.slots), COLUMNS))
-        for c, slot in enumerate(free):
-            E[:, slot, c] = self.slots[slot].scale
-        rows = np.repeat(q[None], LANES, axis=0)
-        H = np.asarray(self._compiled[0](rows, E, self._arrays(data))[2][0])
-        scale = np.array([self.slots[k].scale for k in free])
-        n = len(free)
-        return np.asarray(H[:n, :n] / np.outer(scale, scale))
-
-    def _descend(
-        self,
-        many: Callable[..., Any],
-        arrays: dict[str, Array],
-        q: Array,
-        free: list[list[int]],
-        iterations: int,
-    ) -> tuple[Array, Array]:
-        lanes, slots = q.shape
-        lower = np.array([s.lower for s in self.slots])
-        upper = np.array([s.upper for s in self.slots])
-        scale = np.array([s.scale for s in self.slots])
-        E = np.zeros((lanes, slots, COLUMNS))
-        index = np.full((lanes, COLUMNS), -1)
-        for k, columns in enumerate(free):
-            index[k, : len(columns)] = columns
-            for c, slot in enumerate(columns):
-                E[k, slot, c] = scale[slot]
-        damping = np.full(lanes, 1e-2)
-        cost, g, H = (np.array(a) for a in many(q, E, arrays))
-        for _ in range(iterations):
-            trial = q.copy()
-            for k in range(lanes):
-                trial[k] = _step(q[k], g[k], H[k], index[k], scale, lower, upper, damping[k])
-            new_cost, new_g, new_H = (np.array(a) for a in many(trial, E, arrays))
-            better = new_cost < cost
-            gain = np.where(better, (cost - new_cost) / np.maximum(cost, 1e-300), 0.0)
-            q[better], cost[better] = trial[better], new_cost[better]
-            g[better], H[better] = new_g[better], new_H[better]
-            damping = np.where(better, damping / 5.0, damping * 6.0)
-            if np.all((better & (gain < 1e-7)) | (damping > 1e8)):
-                break
-        return q, cost
+        rows, arrays, out = np.atleast_2d(q), data.arrays(), []
+        for low in range(0, len(rows), LANES[-1]):
+            part = rows[low : low + LANES[-1]]
+            size = next(n for n in LANES if n >= len(part))
+            fill = np.repeat(part[-1:], size - len(part), axis=0)
+            run = np.asarray(self._readings(np.concatenate([part, fill]), arrays))
+            out.append(run[: len(part)])
+        return np.concatenate(out)
 
 
-def _step(
-    q: Array,
-    g: Array,
-    H: Array,
-    index: Array,
-    scale: Array,
-    lower: Array,
-    upper: Array,
-    damping: float,
-) -> Array:
-    """One damped Gauss-Newton step of one lane, kept within the bounds."""
-    columns = np.flatnonzero(index >= 0)
-    slots = index[columns]
-    outward = ((q[slots] <= lower[slots]) & (g[columns] > 0)) | (
-        (q[slots] >= upper[slots]) & (g[columns] < 0)
-    )
-    columns, slots = columns[~outward], slots[~outward]
-    out = q.copy()
-    if not len(columns):
-        return out
-    A = H[np.ix_(columns, columns)]
-    diagonal = np.maximum(np.diag(A), 1e-12 * max(float(np.max(np.diag(A))), 1e-300))
-    step = np.linalg.lstsq(A + damping * np.diag(diagonal), -g[columns], rcond=None)[0]
-    out[slots] = np.clip(q[slots] + scale[slots] * step, lower[slots], upper[slots])
-    return out
+def stages(
+    effects: Sequence[Effect],
+) -> tuple[tuple[Effect, ...], tuple[Effect, ...], tuple[Effect, ...]]:
+    """Effects that act on the whole command before the motion, within it, and on what is read.
+
+    Relies on the chain's order: within the command those with memory come last, within the
+    reading first.
+    """
+
+    def free(e: Effect) -> bool:
+        return e.past_inputs or not e.states
+
+    before = tuple(e for e in effects if e.place is Place.COMMAND and free(e))
+    after = tuple(e for e in effects if e.place is Place.READING and free(e))
+    return before, tuple(e for e in effects if e not in before and e not in after), after

@@ -66,8 +66,13 @@ def measure_gap(
     names: Sequence[str],
     seed: int = 0,
 ) -> Gap:
-    """The gap on held-out records, from free-run errors (N, ny) before and after."""
+    """The gap on held-out records, from free-run errors (N, ny) before and after.
+
+    Rows that are not finite do not count.
+    """
     old, new = np.concatenate(before), np.concatenate(after)
+    counted = np.isfinite(old).all(axis=1) & np.isfinite(new).all(axis=1)
+    old, new = old[counted], new[counted]
     channels = {
         n: ChannelGap(
             float(np.sqrt(np.mean(old[:, i] ** 2))),

@@ -28,9 +28,12 @@ def _direction(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, 
 
 
 def _rate_limit(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    # within the sample the drive is a ramp, then held: its mean acts, its end is remembered
     most = p["rate"] * c.dt
-    limited = s[0] + xp.minimum(xp.maximum(d - s[0], -most), most)
-    return limited, (limited,)
+    change = d - s[0]
+    limited = xp.minimum(xp.maximum(change, -most), most)
+    lost = xp.abs(limited) / (2.0 * most)
+    return s[0] + limited * (1.0 - lost), (s[0] + limited,)
 
 
 def _lag(xp: Any, x: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
@@ -76,6 +79,7 @@ EFFECTS = (
         (EffectParameter("delay", "s", 0.0, 0.0, float(DELAY_LINE), (1.0, 2.5), "dt"),),
         _delay,
         states=DELAY_LINE,
+        past_inputs=True,
     ),
     Effect(
         "input-saturation",
@@ -164,7 +168,7 @@ EFFECTS = (
         "The drive cannot change faster than some rate.",
         "Large steps are ramps; small steps are not affected.",
         "Steps of very different size.",
-        (EffectParameter("rate", "drive/s", 1e6, 0.05, 100.0, (1.0, 3.0, 8.0), "one"),),
+        (EffectParameter("rate", "drive/s", 1e12, 0.05, 100.0, (1.0, 3.0, 8.0), "one"),),
         _rate_limit,
         states=1,
     ),

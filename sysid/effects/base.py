@@ -33,8 +33,9 @@ class Context:
         w_free: speed that the step would reach without torque.
         b: speed reached per unit of torque within the step.
         torque: torque of the step, in units of steady speed (T = K d).
+        torque_other: that of the other track (zero where there is none).
         drive: command as it was given, before any effect.
-        angle: angle integrated from the measured speed [rad].
+        measured: reading of the log where it is known, else None.
     """
 
     dt: float
@@ -43,8 +44,9 @@ class Context:
     w_free: Signal
     b: Signal
     torque: Signal
+    torque_other: Signal
     drive: Signal
-    angle: Signal
+    measured: Signal | None
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,7 @@ class EffectParameter:
         lower, upper: physical bounds, in the units of the signal it is scaled by.
         scaled_by: ``drive``, ``speed``, ``dt`` or ``one``: what bounds and starts are multiples of.
         starts: values a search starts from, tried together with those of the other parameters.
+        choice: whether it is one of its starts and never in between: tried, not searched.
     """
 
     name: str
@@ -67,6 +70,7 @@ class EffectParameter:
     upper: float
     starts: tuple[float, ...]
     scaled_by: str = "one"
+    choice: bool = False
 
 
 Step = Callable[[Any, Signal, State, Mapping[str, Signal], Context], tuple[Signal, State]]
@@ -88,6 +92,9 @@ class Effect:
         parameters: its numbers.
         step: the one implementation, over numpy and jax.numpy alike.
         states: how many states it carries.
+        past_inputs: whether these are simply its own last inputs, newest first.
+        at_rest: (speed, drive) → its states in steady motion; None where every state then equals
+            the signal the effect acts on.
         shared: whether all tracks share its parameters.
         ties: effects that many logs cannot tell from it.
     """
@@ -102,5 +109,7 @@ class Effect:
     parameters: tuple[EffectParameter, ...]
     step: Step
     states: int = 0
+    past_inputs: bool = False
+    at_rest: Callable[[Signal, Signal], State] | None = None
     shared: bool = False
     ties: tuple[str, ...] = ()

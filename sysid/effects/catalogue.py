@@ -7,6 +7,25 @@ from sysid.effects import actuator, motor, sensor, vehicle
 from sysid.effects.base import Effect, Place
 from sysid.errors import UsageError
 
+CHANGED = Effect(
+    "changed-parameter",
+    "any",
+    Place.SAMPLES,
+    "K, τ → other values",
+    "The model is of another robot, or of this one in another state: its gain or time constant "
+    "differs on this log.",
+    "Every response is larger, smaller, faster or slower by one factor.",
+    "Steps of several sizes, on the log of the model and on this one.",
+    (),
+    lambda xp, signal, state, parameters, context: (signal, state),
+)
+"""Competes with the effects when a model is given; it changes the model's own core."""
+
+
+def about(id: str) -> Effect:
+    """The effect called ``id``, or the changed parameter."""
+    return CHANGED if id == CHANGED.id else effect(id)
+
 
 @cache
 def catalogue() -> dict[str, Effect]:
@@ -34,5 +53,15 @@ def effect(id: str) -> Effect:
 
 
 def chain_effects() -> tuple[Effect, ...]:
-    """Those that act between command and reading, in the chain's order."""
-    return tuple(e for e in catalogue().values() if e.place is not Place.POSE)
+    """Those that act between command and reading, in the chain's order.
+
+    Within the command delays come first and effects with memory last, within the reading effects
+    with memory come first: what has none can then be computed for a whole record at once.
+    """
+    found = [e for e in catalogue().values() if e.place not in (Place.POSE, Place.SAMPLES)]
+    return tuple(sorted(found, key=_rank))
+
+
+def _rank(e: Effect) -> tuple[int, int]:
+    memory = 0 if e.past_inputs else 2 if e.states else 1
+    return list(Place).index(e.place), -memory if e.place is Place.READING else memory

@@ -29,8 +29,15 @@ def _stiction(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Sign
     return _sticking(xp, torque, p["level"] + p["excess"] * slow, c), s
 
 
+def _amid(torque: Signal, c: Context) -> Signal:
+    """Speed in the middle of a step under a torque."""
+    return 0.5 * (c.w + c.w_free + c.b * torque)
+
+
 def _drag(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    return torque - p["drag"] * c.w * xp.abs(c.w), s
+    # resistance at the speed amid the step, predicted with that at its start: second order
+    w = _amid(torque - p["drag"] * c.w * xp.abs(c.w), c)
+    return torque - p["drag"] * w * xp.abs(w), s
 
 
 def _bias(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
@@ -38,11 +45,13 @@ def _bias(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, 
 
 
 def _viscous(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    return torque - xp.where(c.w < 0.0, (p["ratio"] - 1.0) * c.w, 0.0), s
+    more = p["ratio"] - 1.0
+    w = _amid(torque - more * xp.minimum(c.w, 0.0), c)
+    return torque - more * xp.minimum(w, 0.0), s
 
 
 def _coupling(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    return torque - p["share"] * (c.torque[..., ::-1] if c.torque.shape[-1] > 1 else 0.0), s
+    return torque - p["share"] * c.torque_other, s
 
 
 def _thermal(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
@@ -56,30 +65,64 @@ def _coast(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, Stat
     return xp.where(falling, c.w + (w - c.w) / p["ratio"], w), s
 
 
+LETS_GO = 1e5
+"""Decay rates beyond this are no freewheeling at all."""
+
+
 def _freewheel(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    most = p["rate"] * c.dt
-    held = c.w - xp.sign(c.w) * most
-    slower = xp.abs(w) < xp.abs(held)
-    letting_go = (c.torque * c.w >= 0.0) & (xp.abs(c.torque) < xp.abs(c.w)) & slower
-    return xp.where(letting_go & (held * c.w > 0.0), held, w), s
+    # s: the command before this one
+    falls = (c.drive * s[0] > 0.0) & (xp.abs(c.drive) < xp.abs(s[0]))
+    outruns = (c.torque * c.w >= 0.0) & (xp.abs(c.torque) < xp.abs(c.w)) & (p["overrun"] > 0.5)
+    letting_go = ((c.drive == 0.0) | falls | outruns) & (p["rate"] < LETS_GO)
+    rolling = xp.sign(c.w) * xp.maximum(xp.abs(c.w) - p["rate"] * c.dt, 0.0)
+    return xp.where(letting_go, rolling, w), (c.drive + 0.0 * w,)
 
 
 def _backlash(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    # s: place of the motor within the gap [rad] and speed of the wheel; the core is the motor
-    place, wheel = s
-    ahead = place + (w - wheel) * c.dt
-    half = 0.5 * p["gap"]
-    inside = xp.abs(ahead) < half
-    coasting = wheel + (c.w_free / xp.where(c.w == 0.0, 1.0, c.w) - 1.0) * wheel * xp.where(
-        c.w == 0.0, 0.0, 1.0
-    )
+    # s: place of the motor within the gap (-1 … 1), speeds of wheel and motor one sample before;
+    # the core is the motor
+    place, wheel, motor = s
+    half = xp.maximum(0.5 * p["gap"], 1e-9)
+    still = c.w == 0.0
+    coasting = wheel * xp.where(still, 1.0, c.w_free / xp.where(still, 1.0, c.w))
+    ahead = place + 0.5 * (motor - wheel + w - coasting) * c.dt / half
+    inside = (xp.abs(ahead) < 1.0) & (p["gap"] > 0.0)
     speed = xp.where(inside, coasting, w)
-    return speed, (xp.minimum(xp.maximum(ahead, -half), half), speed)
+    return speed, (xp.minimum(xp.maximum(ahead, -1.0), 1.0), speed, w)
+
+
+def _cold(w: Signal, d: Signal) -> State:
+    return (0.0 * w,)
+
+
+def _touching(w: Signal, d: Signal) -> State:
+    return (1.0 + 0.0 * w, w, w)
+
+
+def _last_command(w: Signal, d: Signal) -> State:
+    return (d + 0.0 * w,)
 
 
 def _ripple(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    n = p["per_turn"]
-    return w + p["cosine"] * xp.cos(n * c.angle) + p["sine"] * xp.sin(n * c.angle), s
+    # s: angle and what it is integrated from, one sample before: the reading (by turns counted)
+    # or the speed of the wheel, which is the reading less the ripple
+    angle, rate = s
+
+    def wave(a: Signal) -> Signal:
+        turned = p["per_turn"] * a
+        return p["cosine"] * xp.cos(turned) + p["sine"] * xp.sin(turned)
+
+    ahead = angle + c.dt * rate
+    speed = w if c.measured is None else c.measured - wave(ahead)
+    of_wheel = p["of_wheel"] > 0.5
+    now = xp.where(of_wheel, angle + 0.5 * c.dt * (rate + speed), ahead)
+    reading = w + wave(now)
+    counted = reading if c.measured is None else c.measured
+    return reading, (now, xp.where(of_wheel, speed, counted))
+
+
+def _no_turn(w: Signal, d: Signal) -> State:
+    return (0.0 * w, 0.0 * w)
 
 
 EFFECTS = (
@@ -108,6 +151,7 @@ EFFECTS = (
         ),
         _thermal,
         states=1,
+        at_rest=_cold,
     ),
     Effect(
         "quadratic-drag",
@@ -167,7 +211,7 @@ EFFECTS = (
         (
             EffectParameter("level", "speed", 0.0, 0.0, 0.9, (0.04, 0.1), "speed"),
             EffectParameter("excess", "speed", 0.0, 0.0, 0.9, (0.08, 0.15), "speed"),
-            EffectParameter("speed", "speed", 0.1, 0.01, 0.5, (0.05, 0.15), "speed"),
+            EffectParameter("speed", "speed", 0.1, 0.01, 0.25, (0.05, 0.15), "speed"),
         ),
         _stiction,
         ties=("coulomb-friction",),
@@ -188,12 +232,21 @@ EFFECTS = (
         "freewheel",
         "motor",
         Place.SPEED,
-        "|ω̇| ≤ r while the command lets go",
+        "|ω| falls by r a second while the command is 0 or falls (or the wheel outruns it)",
         "The driver lets go instead of braking: near-linear decay.",
         "Falls are straight lines, rises are exponentials.",
         "Steps to zero from several speeds.",
-        (EffectParameter("rate", "speed/s", 1e6, 0.02, 100.0, (0.5, 1.5, 4.0), "speed"),),
+        (
+            EffectParameter(
+                "rate", "speed/s", 1e6, 0.02, 100.0, (0.4, 1.0, 3.0, 0.4, 1.0, 3.0), "speed"
+            ),
+            EffectParameter(
+                "overrun", "", 0.0, 0.0, 1.0, (0.0, 0.0, 0.0, 1.0, 1.0, 1.0), choice=True
+            ),
+        ),
         _freewheel,
+        states=1,
+        at_rest=_last_command,
         ties=("coast-asymmetry",),
     ),
     Effect(
@@ -206,7 +259,8 @@ EFFECTS = (
         "Frequent reversals at several speeds.",
         (EffectParameter("gap", "rad", 0.0, 0.0, 6.0, (0.2, 0.6, 1.5), "one"),),
         _backlash,
-        states=2,
+        states=3,
+        at_rest=_touching,
     ),
     Effect(
         "speed-ripple",
@@ -219,8 +273,11 @@ EFFECTS = (
         (
             EffectParameter("cosine", "speed", 0.0, -0.3, 0.3, (0.02,), "speed"),
             EffectParameter("sine", "speed", 0.0, -0.3, 0.3, (0.02,), "speed"),
-            EffectParameter("per_turn", "1/rad", 1.0, 0.5, 20.0, (1.0,), "one"),
+            EffectParameter("per_turn", "1/rad", 1.0, 0.3, 20.0, (1.0, 2.0, 3.0), "one"),
+            EffectParameter("of_wheel", "", 1.0, 0.0, 1.0, (1.0, 0.0), choice=True),
         ),
         _ripple,
+        states=2,
+        at_rest=_no_turn,
     ),
 )

@@ -9,9 +9,12 @@ P = Mapping[str, Signal]
 
 
 def _lag(xp: Any, y: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    share = 1.0 - xp.exp(-c.dt / xp.maximum(p["lag"], 1e-9))
-    read = s[0] + share * (y - s[0])
-    return read, (read,)
+    # exact for a speed that runs straight between samples; s: last reading, last speed
+    x = c.dt / xp.maximum(p["lag"], 1e-12)
+    decay = xp.exp(-x)
+    ramp = (1.0 - decay) / x
+    read = decay * s[0] + (ramp - decay) * s[1] + (1.0 - ramp) * y
+    return read, (read, y)
 
 
 def _unsigned(xp: Any, y: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
@@ -37,7 +40,7 @@ EFFECTS = (
         "Fast reversals sampled fast.",
         (EffectParameter("lag", "s", 0.0, 0.0, 20.0, (0.5, 1.5), "dt"),),
         _lag,
-        states=1,
+        states=2,
         ties=("actuator-lag",),
     ),
     Effect(
@@ -48,7 +51,7 @@ EFFECTS = (
         "The sensor does not see the direction.",
         "No reading is negative although the command reverses.",
         "Reversals.",
-        (EffectParameter("on", "", 0.0, 0.0, 1.0, (1.0,), "one"),),
+        (EffectParameter("on", "", 0.0, 0.0, 1.0, (1.0,), choice=True),),
         _unsigned,
     ),
     Effect(
@@ -59,7 +62,7 @@ EFFECTS = (
         "The sensor reads no more than its limit.",
         "Readings pile up at one largest value.",
         "Full drive, compared with an independent measurement of speed.",
-        (EffectParameter("limit", "speed", 1e6, 0.1, 0.999, (0.7, 0.9), "speed"),),
+        (EffectParameter("limit", "speed", 1e6, 0.1, 2.0, (0.7, 0.9), "speed"),),
         _saturation,
         ties=("input-saturation",),
     ),

@@ -15,17 +15,16 @@ def _slip(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State
     # w holds both track speeds in its last axis; both lose a share that grows with turning
     left, right = w[..., 0], w[..., 1]
     turning = xp.abs(right - left) / xp.maximum(xp.abs(right) + xp.abs(left), 1e-6)
-    return w * (1.0 - p["share"] * turning)[..., None], s
+    return w * (1.0 - p["share"] * turning[..., None]), s
 
 
 def _radius(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    return xp.stack([w[..., 0], w[..., 1] * p["rho"]], axis=-1), s
+    return w * p["rho"], s
 
 
 def _width(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    mean = 0.5 * (w[..., 0] + w[..., 1])
-    half = 0.5 * (w[..., 1] - w[..., 0]) * p["ratio"]
-    return xp.stack([mean - half, mean + half], axis=-1), s
+    mean = 0.5 * (w[..., :1] + w[..., 1:])
+    return mean + p["ratio"] * (w - mean), s
 
 
 EFFECTS = (
@@ -46,13 +45,12 @@ EFFECTS = (
         "radius-mismatch",
         "vehicle",
         Place.POSE,
-        "right track's effective radius × ρ",
+        "one track's effective radius × ρ",
         "One track rolls farther per turn than the other.",
         "Equal wheel speeds drive a circle.",
         "Long straight runs.",
         (EffectParameter("rho", "", 1.0, 0.7, 1.4, (0.95, 1.05), "one"),),
         _radius,
-        shared=True,
     ),
     Effect(
         "track-width",

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.criteria.residuals import ResidualReport
+from sysid.criteria.residuals import ResidualReport, ResidualTest
 from sysid.errors import Termination
 from sysid.estimation.figures import Figures
 from sysid.estimation.orders import INTEGRATING
@@ -152,4 +152,15 @@ def _residuals(model: Model, report: ResidualReport) -> list[str]:
             f"The residuals of {', '.join(white)} are not white: the noise model is too simple "
             "(standard errors use the sandwich form)."
         )
-    return found
+    return found + _nonlinear(report)
+
+
+def _nonlinear(report: ResidualReport) -> list[str]:
+    """What the tests of nonlinear models found, the clearest sign of each output."""
+    alarms: dict[str, ResidualTest] = {}
+    for t in report.nonlinear:
+        if t.judged and not t.passed:
+            before = alarms.setdefault(t.output, t)
+            if t.p_value < before.p_value:
+                alarms[t.output] = t
+    return [t.sentence for t in alarms.values()]

@@ -8,6 +8,7 @@ from sysid.criteria.residuals import ResidualReport
 from sysid.data.record import Record
 from sysid.estimation.advice import advice
 from sysid.estimation.figures import Figures, Start, figures, residual_tests
+from sysid.estimation.operating_range import beyond_range
 from sysid.structures.model import Model
 
 
@@ -131,6 +132,7 @@ def assess(
     """
     inside = figures_on(model, *estimation, policy)
     outside = None if validation is None else figures_on(model, *validation, policy)
+    beyond = () if validation is None else beyond_range(model, validation[0])
     residuals = residual_tests(model, estimation[0])
     spoken = advice(
         model,
@@ -144,7 +146,7 @@ def assess(
         inside,
         outside,
         residuals,
-        (*notes, *model.warnings, *spoken),
+        (*notes, *model.warnings, *beyond, *spoken),
         seconds,
         chosen or {},
     )

@@ -144,20 +144,23 @@ def numerator_for(
     return b[:-1].reshape(nu, nb), max(left / max(power, 1e-300), 0.0)
 
 
-def input_denominators(records: Sequence[Record], orders: Sequence[int]) -> list[Array]:
+def input_denominators(
+    records: Sequence[Record], orders: Sequence[int], *, refine: bool
+) -> list[Array]:
     """For each input the denominator of that order behind its responses in all outputs.
 
-    Regularised impulse responses, realised (``realised_denominator``), then refined as
-    output-error models where there is one input and one output.
+    Regularised impulse responses, realised (``realised_denominator``); with ``refine`` then
+    fitted as an output-error model where there is one input and one output.
     """
     longest = max((len(r) for r in records), default=1)
     lags = int(min(LONGEST_RESPONSE // max(records[0].nu, 1), longest // 4))
     lags = max(lags, 2 * max(orders) + 4)
     responses = [impulse_response(records, i, lags)[0] for i in range(records[0].ny)]
+    single = records[0].nu == records[0].ny == 1
     found = []
     for j, order in enumerate(orders):
         own = realised_denominator(np.array([g[j] for g in responses]), order)
-        found.append(_refined(records, own) if records[0].nu == records[0].ny == 1 else own)
+        found.append(_refined(records, own) if refine and single else own)
     return found
 
 

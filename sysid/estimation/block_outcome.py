@@ -7,7 +7,7 @@ import numpy as np
 
 from sysid.data.record import Array, Record
 from sysid.errors import DataError, ModelError, Termination
-from sysid.estimation.block_fit import ChainData, descend, outer_abscissae
+from sysid.estimation.block_fit import ChainData, Fitted, descend, outer_abscissae
 from sysid.estimation.block_gains import normalised
 from sysid.estimation.search import STATE_LEVEL, FitOptions, half_square
 from sysid.estimation.solvers import HUBER_WIDTH, Solution, levenberg_marquardt
@@ -20,6 +20,16 @@ from sysid.structures.model import StartReport
 
 EVALUATIONS = 100
 """Limit of the descent on the normal equations before the last search."""
+
+HOPELESS = 1e50
+"""Cost of a model that is not stable, or nearly so."""
+
+APPROACH, SETTLED = 1e-5, 1e-7
+"""Relative gain of a step below which that descent ends: before gains are pinned, and after."""
+
+PATIENCE = 4
+"""Steps of less gain than that after which the last search ends: along a point of a static that
+hardly matters they would go on for a hundred."""
 
 
 def finished(
@@ -52,22 +62,38 @@ def finished(
     data = ChainData.of(records)
     last = _Last(structure, data, options, table)
     _check_equations(records, last)
-    runs = [(name, *last.from_start(theta)) for name, theta in starts]
-    best = min((run[2] for run in runs), key=lambda solution: solution.cost)
-    if best.termination is Termination.DIVERGED or not np.isfinite(best.cost):
-        raise ModelError(f"{structure.name}: {Termination.DIVERGED.value}")
+    runs = [(name, *last.approached(theta)) for name, theta in starts]
+    rough = min((run[2] for run in runs), key=lambda found: found.cost)
+    theta = rough.theta
     if not last.constrained:
         # the same model with its gains pinned; the cost does not change, the covariance exists
-        chain, theta, pins = normalised(structure.chain, best.p[: structure.chain.n], data.data)
+        chain, theta, pins = normalised(structure.chain, theta, data.data)
         structure = structure.with_chain(chain)
         pins = sorted({*pins, *outer_abscissae(chain)})
         table = tuple(
             replace(p, fixed=float(theta[k])) if k in pins else p for k, p in enumerate(table)
         )
         last = _Last(structure, data, options, table)
-        _, best = last.from_start(theta)
-    said = [StartReport("all", run[0], run[1], run[2].cost, run[2].evaluations) for run in runs]
+    best = last.from_start(theta)
+    if best.termination is Termination.DIVERGED or not best.cost < HOPELESS:
+        raise ModelError(f"{structure.name}: {Termination.DIVERGED.value}{_because(last)}")
+    said = [
+        StartReport("all", name, before, best.cost, found.evaluations + best.evaluations)
+        if found is rough
+        else StartReport("all", name, before, found.cost, found.evaluations)
+        for name, before, found in runs
+    ]
     return last.outcome(best, (*reports, *said), warnings)
+
+
+def _because(last: "_Last") -> str:
+    """What the user may have done to leave no stable model."""
+    named = [
+        p.name for p in last.table if p.fixed is not None or np.isfinite([p.lower, p.upper]).any()
+    ]
+    if not last.constrained or not named:
+        return ""
+    return f" No stable model was found with {', '.join(named)} as fixed or bounded."
 
 
 def _check_equations(records: Sequence[Record], last: "_Last") -> None:
@@ -105,19 +131,50 @@ class _Last:
         finite = np.isfinite(self.lower) | np.isfinite(self.upper)
         return bool(np.any(finite) or not np.all(self.free))
 
-    def from_start(self, theta: Array) -> tuple[float, Solution]:
-        """(cost at the start, where the search ends)."""
-        theta = np.clip(np.where(self.free, theta, self.values), self.lower, self.upper)
-        chain = self.structure.chain
-        wanted = self.options.initial
-        moving = self.data.with_states(chain, theta)
-        before = half_square(self.moving.residual(moving))
-        if wanted is Initial.ZERO:
-            return before, self._searched(self.rest, theta)
-        found = self._searched(self.moving, moving)
-        if wanted is Initial.AUTO and not self._states_matter(found):
-            return before, self._searched(self.rest, found.p[: chain.n])
-        return before, found
+    def approached(self, theta: Array) -> tuple[float, Fitted]:
+        """(cost at the start, where a quick descent from it ends)."""
+        theta = self._allowed(theta)
+        problem, p = self.moving, self.data.with_states(self.structure.chain, theta)
+        if self.options.initial is Initial.ZERO:
+            problem, p = self.rest, theta
+        before = half_square(problem.residual(p))
+        if self._bounded:
+            found = self._searched(problem, p)
+            return before, Fitted(
+                problem.chain, found.p, found.cost, float("nan"), found.evaluations
+            )
+        return before, self._descended(problem, p, APPROACH)
+
+    def from_start(self, theta: Array) -> Solution:
+        """Where the search with all its care ends."""
+        theta = self._allowed(theta)
+        if self.options.initial is Initial.ZERO:
+            return self._searched(self.rest, theta)
+        found = self._searched(self.moving, self.data.with_states(self.structure.chain, theta))
+        if self.options.initial is Initial.AUTO:
+            return self._at_rest(found) or found
+        return found
+
+    def _allowed(self, theta: Array) -> Array:
+        """θ with fixed values and within the bounds."""
+        inside = np.clip(np.where(self.free, theta, self.values), self.lower, self.upper)
+        return np.asarray(inside)
+
+    @property
+    def _bounded(self) -> bool:
+        return bool(np.any(np.isfinite(self.lower)) or np.any(np.isfinite(self.upper)))
+
+    def _descended(self, problem: ChainErrors, p: Array, tolerance: float) -> Fitted:
+        fixed = np.flatnonzero(~self.free).tolist()
+        return descend(
+            problem.chain,
+            p,
+            self.data,
+            evaluations=min(EVALUATIONS, self.options.max_evaluations),
+            held_entries=tuple(fixed),
+            tolerance=tolerance,
+            problem=problem,
+        )
 
     def _searched(self, problem: ChainErrors, p: Array) -> Solution:
         n, states = self.structure.chain.n, problem.n_initial
@@ -128,16 +185,8 @@ class _Last:
             np.concatenate([self.upper, limit]),
         )
         huber = None
-        if np.all(np.isinf(lower)) and np.all(np.isinf(upper)):
-            p = descend(
-                problem.chain,
-                p,
-                self.data,
-                evaluations=min(EVALUATIONS, self.options.max_evaluations),
-                held_entries=tuple(np.flatnonzero(~free).tolist()),
-                tolerance=1e-7,
-                problem=problem,
-            ).p
+        if not self._bounded:
+            p = self._descended(problem, p, SETTLED).p
         if self.options.robust:
             r = problem.residual(p)
             spread = float(np.median(np.abs(r - np.median(r))))
@@ -150,27 +199,28 @@ class _Last:
             upper=upper,
             huber=huber,
             max_evaluations=self.options.max_evaluations,
-            tolerance=1e-8,
+            tolerance=SETTLED,
+            patience=PATIENCE,
         )
 
-    def _states_matter(self, found: Solution) -> bool:
-        """F-test of the initial states against those of rest, 99 %."""
+    def _at_rest(self, found: Solution) -> Solution | None:
+        """The search from rest, unless the F-test of the initial states says they matter (99 %)."""
         from scipy.stats import f
 
         k, n = self.moving.n_initial, self.structure.chain.n
         if k == 0 or self.options.robust:
-            return k > 0
+            return None
         r = self.rest.residual(found.p[:n])
         dof = len(r) - k - n
         if dof <= 0 or not np.isfinite(found.cost):
-            return False
+            return self._searched(self.rest, found.p[:n])
         # at the same θ: a search from rest would find less
         left = max(2.0 * found.cost, 1e-300)
-        at_rest = 2.0 * half_square(r)
-        if at_rest > 4.0 * left:
-            return True
-        at_rest = min(at_rest, 2.0 * self._searched(self.rest, found.p[:n]).cost)
-        return bool((at_rest - left) / k / (left / dof) > f.ppf(STATE_LEVEL, k, dof))
+        if 2.0 * half_square(r) > 4.0 * left:
+            return None
+        rest = self._searched(self.rest, found.p[:n])
+        ratio = (2.0 * rest.cost - left) / k / (left / dof)
+        return None if ratio > f.ppf(STATE_LEVEL, k, dof) else rest
 
     def outcome(
         self, best: Solution, reports: tuple[StartReport, ...], warnings: tuple[str, ...]

@@ -26,8 +26,9 @@ from sysid.estimation.orders import (
 )
 from sysid.estimation.pem import fit, head_window
 from sysid.estimation.search import FitOptions
-from sysid.structures.base import Structure, structure_class
+from sysid.structures.base import Structure
 from sysid.structures.model import Model
+from sysid.structures.registry import structure_class
 
 SEARCH_SAMPLES = 12_000
 """Samples an order search looks at; the chosen orders are fitted to all of them."""
@@ -146,7 +147,7 @@ def run_contest(
         raise DataError("; ".join(failed.values()) or "no structure could be fitted")
     if progress:
         progress(1.0, "done")
-    order = _in_order(entries, plain, options, criterion, tie_margin(data.held))
+    order = _in_order(entries, records, options, criterion, tie_margin(data.held))
     return Contest(order.entries, _reason(order, criterion, data.words), failed)
 
 
@@ -159,7 +160,9 @@ def _fitted(
     is part of what the structure means; for ARX and ARMAX it is reported and left to the user.
     """
     model = fit(structure, records, options, detrend=detrend)
-    if bounded_run(structure, model.theta) or options.stable or "nf" not in structure.order_names:
+    # a structure that chooses within itself knows its θ only when it is fitted
+    settled = bounded_run(model.structure, model.theta)
+    if settled or options.stable or "nf" not in structure.order_names:
         return model, ()
     bounded = fit(structure, records, replace(options, stable=True), detrend=detrend)
     return bounded, (
@@ -186,7 +189,12 @@ def _searches(
     jobs: int,
     progress: Progress | None,
 ) -> tuple[dict[str, tuple[OrderSearch, float]], dict[str, str]]:
-    searched = [(name, grid) for name, grid in tasks if len(grid) > 1]
+    # a structure that searches within itself has one candidate: beside others it is judged as they
+    searched = [
+        (name, grid)
+        for name, grid in tasks
+        if len(grid) > 1 or (len(tasks) > 1 and name not in LINEAR)
+    ]
     found: dict[str, tuple[OrderSearch, float]] = {}
     failed: dict[str, str] = {}
     total = sum(len(grid) for _, grid in searched)
@@ -292,7 +300,7 @@ class _Order:
 
 def _in_order(
     entries: Sequence[Entry],
-    plain: Sequence[Record],
+    records: Sequence[Record],
     options: FitOptions,
     criterion: str,
     margin: float,
@@ -305,9 +313,11 @@ def _in_order(
     whose free run is unbounded, and those whose fit to all data follows them much worse than
     another one does.
     """
-    counted = [np.ones(len(r), dtype=bool) for r in plain]
+    counted = [np.ones(len(r), dtype=bool) for r in records]
     follows = {
-        id(e): free_run_error(e.model.structure, e.model.theta, plain, counted, options.robust)
+        id(e): free_run_error(
+            e.model.structure, e.model.theta, _seen(e, records), counted, options.robust
+        )
         for e in entries
     }
     limit = FOLLOWS * min(follows.values())
@@ -319,7 +329,7 @@ def _in_order(
     sound = sound or [e for e in entries if follows[id(e)] <= limit] or list(entries)
     searched = all(e.error is not None for e in entries)
     rule = criterion if criterion not in ERROR_CRITERIA else "bic" if searched else "aic"
-    values = _information(entries, plain, rule)
+    values = _information(entries, records, rule)
     score = {id(e): (v, _size(e)) for e, v in zip(entries, values, strict=True)}
     ahead: tuple[Entry, ...] = ()
     if searched and criterion in ERROR_CRITERIA:
@@ -336,12 +346,18 @@ def _in_order(
     return _Order((*ahead, *rest), tuple(sound), margin, decided)
 
 
-def _information(entries: Sequence[Entry], plain: Sequence[Record], name: str) -> list[float]:
+def _seen(entry: Entry, records: Sequence[Record]) -> list[Record]:
+    """The records as the model sees them."""
+    return [entry.model.detrend.remove(r) for r in records]
+
+
+def _information(entries: Sequence[Entry], records: Sequence[Record], name: str) -> list[float]:
     """A criterion of every entry from one-step errors on the samples that all of them predict."""
     errors = []
     for e in entries:
         s, theta = e.model.structure, e.model.theta
-        errors.append([s.errors(theta, r.u, r.y, head_window(s, theta)) for r in plain])
+        window = head_window(s, theta)
+        errors.append([s.errors(theta, r.u, r.y, window) for r in _seen(e, records)])
     found = []
     for e, common in zip(entries, on_common_samples(errors), strict=True):
         value = float(getattr(information_criteria(common, e.model.n_estimated), name))
@@ -356,10 +372,11 @@ def _size(entry: Entry) -> int:
 
 def _reason(order: _Order, criterion: str, words: str) -> str:
     first = order.entries[0]
-    text = f"{first.model.structure.name} {orders_text(first.model.structure.order_values())}"
+    name, values = first.model.structure.name, first.model.structure.order_values()
+    text = f"{name} {orders_text(values)}".rstrip()
     if first.error is None:
         return (
-            f"{text}: fitted with the orders given."
+            f"{text}: {'fitted with the orders given' if values else 'fitted; it has no orders'}."
             if len(order.entries) == 1
             else f"{text} is ahead by {order.rule.upper()} on the estimation data."
         )

@@ -1,13 +1,14 @@
 """Error figures of a model on data, each with its horizon, initial-state policy and data."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
 import numpy as np
 
 from sysid.criteria.fit import fit_percent, rmse
+from sysid.criteria.nonlinear import further_tests
 from sysid.criteria.residuals import ResidualReport, residual_report
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError
@@ -131,7 +132,10 @@ def require_left(records: Sequence[Record], skip: int) -> None:
 
 
 def residual_tests(model: Model, records: Sequence[Record]) -> ResidualReport:
-    """Residual tests on the estimation data, the model's own gradient projected out."""
+    """Residual tests on the estimation data, the model's own gradient projected out.
+
+    Nonlinear structures have to stand Billings & Voon's further tests as well.
+    """
     plain = [model.detrend.remove(r) for r in records]
     room = max(JACOBIAN_NUMBERS // max(len(model.theta), 1), 1000)
     kept: list[Record] = []
@@ -145,14 +149,31 @@ def residual_tests(model: Model, records: Sequence[Record]) -> ResidualReport:
         [model.structure.gradient_columns(model.theta, r.u, r.y, i) for r in kept]
         for i in range(model.structure.ny)
     ]
-    return residual_report(
+    inputs, names = [r.u for r in kept], [c.name for c in model.inputs]
+    report = residual_report(
         errors,
-        [r.u for r in kept],
+        inputs,
         jacobians,
         noise_model=model.structure.has_noise_model,
         output_names=[c.name for c in model.outputs],
-        input_names=[c.name for c in model.inputs],
+        input_names=names,
     )
+    if model.structure.linear:
+        return report
+    further = [
+        further_tests(
+            [e[:, i] for e in errors],
+            inputs,
+            jacobians[i],
+            level=1.0 - (1.0 - report.level) / len(model.outputs),
+            noise_model=model.structure.has_noise_model,
+            output_name=channel.name,
+            input_names=names,
+        )
+        for i, channel in enumerate(model.outputs)
+    ]
+    # one kind after the other, as the linear ones
+    return replace(report, nonlinear=tuple(t for kind in zip(*further, strict=True) for t in kind))
 
 
 def _window(model: Model, start: Start, skip: int) -> int:

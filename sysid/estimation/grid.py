@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from sysid.errors import UsageError
-from sysid.structures.base import structure_class
 from sysid.structures.orders import parse_orders
+from sysid.structures.registry import structure_class
 
 RawOrders = dict[str, Any]
 MAX_GRID = 5000

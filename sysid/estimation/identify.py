@@ -13,8 +13,8 @@ from sysid.estimation.figures import require_left
 from sysid.estimation.grid import parse_grid
 from sysid.estimation.orders import check_criterion, orders_text
 from sysid.estimation.search import FitOptions
-from sysid.structures.base import structure_class
 from sysid.structures.model import SAME_CLOCK
+from sysid.structures.registry import structure_class
 
 SHOWN_CANDIDATES = 10
 

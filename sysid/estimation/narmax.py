@@ -22,6 +22,7 @@ from sysid.structures.model import StartReport
 from sysid.structures.monomials import Term, is_noise
 from sysid.structures.narmax import NARMAX
 from sysid.structures.narmax_problems import ChunkedRuns
+from sysid.structures.orders import Orders
 
 SEARCH_SAMPLES = 8_000
 """Samples that choose the terms; coefficients come from all of them."""
@@ -138,7 +139,22 @@ def _searched(
         known.append(dict(zip(rows[-1], theta, strict=True)))
         chunk = max(chunk, found.chunk)
         starts += [_report(channel.name, t) for t in sorted(tried, key=lambda t: t.error)]
-    return replace(s, terms=tuple(rows)), chunk, starts, known
+    orders = _without_lag_zero(s.orders, rows)
+    return replace(s, orders=orders, terms=tuple(rows)), chunk, starts, known
+
+
+def _without_lag_zero(orders: Orders, rows: Sequence[tuple[Term, ...]]) -> Orders:
+    """The orders with nk = 1 where it is 0 and no chosen term holds the input of the same sample.
+
+    A model that answers within the sample closes an algebraic loop wherever it is used.
+    """
+    nb, nk = [list(row) for row in orders.nb], [list(row) for row in orders.nk]
+    for i, row in enumerate(rows):
+        used = {f.channel for t in row for f in t if f.kind == "u" and f.lag == 0}
+        for j, delay in enumerate(nk[i]):
+            if delay == 0 and nb[i][j] > 1 and j not in used:
+                nb[i][j], nk[i][j] = nb[i][j] - 1, 1
+    return replace(orders, nb=tuple(map(tuple, nb)), nk=tuple(map(tuple, nk)))
 
 
 def _report(output: str, t: Trial) -> StartReport:

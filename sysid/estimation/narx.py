@@ -8,19 +8,19 @@ import numpy as np
 from sysid.data.record import Array, Record
 from sysid.errors import DataError, ModelError, Termination, UsageError
 from sysid.estimation.holdout import HoldOut, hold_out, shortened
-from sysid.estimation.narx_search import RUNGS, search_row
+from sysid.estimation.narx_search import RUNGS, largest, search_row
 from sysid.estimation.orders import free_run_error
 from sysid.estimation.search import FitOptions
-from sysid.estimation.simulation_error import FIRM, PULL, RowRuns, Trial
+from sysid.estimation.simulation_error import FIRM, PULL, SHRINK, RowRuns, Trial
 from sysid.estimation.solvers import Solution, levenberg_marquardt
 from sysid.estimation.strategies import Outcome
 from sysid.estimation.uncertainty import uncertainty
 from sysid.estimation.wavelet_frame import least_squares
 from sysid.structures.base import Parameter, Problem, Structure
-from sysid.structures.expressions import signals
 from sysid.structures.model import StartReport
 from sysid.structures.narx_problems import FreeRuns, OneStepRow
 from sysid.structures.narx_wavelet import NarxWavelet
+from sysid.structures.wavelet_network import RowDesign
 
 SEARCH_SAMPLES = 8_000
 """Samples that choose products and units; what they amount to comes from all of them."""
@@ -28,7 +28,9 @@ SEARCH_SAMPLES = 8_000
 RUN_SAMPLES = 40_000
 """Samples over which free runs are refined at last, at most."""
 
-FINAL_EVALUATIONS = 40
+ROUNDS = 20
+"""Iterations on all data."""
+
 TOLERANCE = 1e-6
 
 
@@ -58,8 +60,8 @@ def fit_narx(
     2. The best few of different kinds are refined side by side on free runs over chunks of growing
        length (jaxopt's Levenberg-Marquardt, vmapped).
     3. The winner on the held-out part, a least-squares map or a refined one, is estimated again on
-       all data: by least squares and, where refinement won, by a last search within bounds.
-    4. Where outputs depend on each other all are refined together at last.
+       all data: by least squares and, where refinement won, on free runs, at last all outputs
+       together within bounds. The better free run wins.
 
     Raises:
         UsageError: parameters are held or bounded, or an option cannot be served.
@@ -75,7 +77,7 @@ def fit_narx(
     winners: list[Trial] = []
     starts: list[StartReport] = []
     for i, channel in enumerate(records[0].outputs):
-        row = RowRuns(s, i, data)
+        row = RowRuns(s, i, data, largest(s))
         if len(row.y) < 2 * len(row.row) + 10:
             raise DataError(
                 f"{records[0].name}: {len(row.y)} equations are too few to choose a network over "
@@ -126,6 +128,9 @@ def with_ranges(s: NarxWavelet, records: Sequence[Record]) -> NarxWavelet:
 def _rungs(s: NarxWavelet, options: FitOptions) -> tuple[int, ...]:
     """Chunk lengths of the refinement, none where least squares is asked for."""
     asked = s.options_given.refine
+    if options.patience is not None:
+        # orders are ranked by least squares: the order of the candidates is the same
+        return ()
     if asked == 0:
         if options.focus.value == "simulation":
             raise UsageError(
@@ -150,7 +155,7 @@ def _on_all_data(
 ) -> list[Estimate]:
     """Least squares, and what refinement makes of the winners."""
     whole = everything(records)
-    rows = [RowRuns(s, i, whole) for i in range(s.ny)]
+    rows = [RowRuns(s, i, whole, largest(s)) for i in range(s.ny)]
     plain = [_least_squares(row, t) for row, t in zip(rows, winners, strict=True)]
     run = s.free_run()
     solved: list[tuple[Problem, Solution, int]] = []
@@ -160,21 +165,8 @@ def _on_all_data(
     found = [Estimate(np.concatenate(plain), tuple(solved), "least squares", 1)]
     if not any(t.chunk for t in winners):
         return found
-    thetas, ends = [], []
-    for i, (row, t, linear) in enumerate(zip(rows, winners, plain, strict=True)):
-        if not t.chunk:
-            thetas.append(linear)
-            ends.append(solved[i])
-            continue
-        problem, solution = _polished(row, t)
-        thetas.append(solution.p)
-        ends.append((problem, solution, problem.samples))
-    count = sum(e[1].evaluations for e in ends)
-    longest = max(t.chunk for t in winners)
-    how = f"refined over {longest} samples"
-    found.append(Estimate(np.concatenate(thetas), tuple(ends), how, count))
-    if coupled(s):
-        found.append(_together(s, records, found[-1].theta, longest))
+    start = [t.theta if t.chunk else linear for t, linear in zip(winners, plain, strict=True)]
+    found.append(_together(s, records, np.concatenate(start), max(t.chunk for t in winners)))
     return found
 
 
@@ -182,15 +174,7 @@ def everything(records: Sequence[Record]) -> HoldOut:
     """All data to fit on, all of them to judge on."""
     small = shortened(records, RUN_SAMPLES)
     counted = tuple(np.ones(len(r), dtype=bool) for r in small)
-    return HoldOut(small, small, small, counted, "the estimation data")
-
-
-def coupled(s: NarxWavelet) -> bool:
-    """Whether an output depends on past values of another."""
-    return any(
-        x.kind == "y" and x.channel != i for i, row in enumerate(s.rows) for e in row
-        for x in signals(e)
-    )  # fmt: skip
+    return HoldOut(small, (), small, counted, "the estimation data")
 
 
 def _least_squares(row: RowRuns, t: Trial) -> Array:
@@ -200,49 +184,41 @@ def _least_squares(row: RowRuns, t: Trial) -> Array:
     return least_squares(t.design, row.estimator, row.x, row.y, units)
 
 
-def _polished(row: RowRuns, t: Trial) -> tuple[FreeRuns, Solution]:
-    """The refined map on all data, dilations and centres within their bounds."""
-    sizes, bounds = row.sizes(t.design), row.bounds(t.design)
-    problem = FreeRuns(row.run(t.design), row.train, t.chunk)
-    start = np.clip(t.theta, bounds.lower, bounds.upper)
-    e = problem.residual(start)
-    cost = float(e @ e)
-    share = np.where(bounds.moving, PULL, FIRM)
-    pull = np.sqrt(share * cost) / sizes
-    problem = FreeRuns(row.run(t.design), row.train, t.chunk, pull, start)
-    unlimited = np.full(len(start), np.inf)
-    found = levenberg_marquardt(
-        problem, start, free=bounds.free, lower=-unlimited, upper=unlimited,
-        max_evaluations=FINAL_EVALUATIONS, tolerance=TOLERANCE,
-    )  # fmt: skip
-    if np.any(found.p < bounds.lower) or np.any(found.p > bounds.upper):
-        found = levenberg_marquardt(
-            problem, np.clip(found.p, bounds.lower, bounds.upper), free=bounds.free,
-            lower=bounds.lower, upper=bounds.upper,
-            max_evaluations=FINAL_EVALUATIONS, tolerance=TOLERANCE,
-        )  # fmt: skip
-    return problem, found
+def _prior(
+    plain: FreeRuns, start: Array, rows: Sequence[tuple[RowRuns, RowDesign]]
+) -> tuple[Array, Array]:
+    """What draws each parameter and to where: amplitudes to zero, all else to the start."""
+    e = plain.residual(start)
+    share, sizes, amplitude = [], [], []
+    for row, design in rows:
+        bounds = row.bounds(design)
+        mine = np.zeros(len(bounds.moving), dtype=bool)
+        d, T, K, _ = design.sizes
+        mine[1 + d : 1 + d + T + K] = True
+        share.append(np.where(bounds.moving, PULL, np.where(mine, SHRINK, FIRM)))
+        sizes.append(row.sizes(design))
+        amplitude.append(mine)
+    pull = np.sqrt(np.concatenate(share) * float(e @ e)) / np.concatenate(sizes)
+    return pull, np.where(np.concatenate(amplitude), 0.0, start)
 
 
 def _together(s: NarxWavelet, records: Sequence[Record], theta: Array, chunk: int) -> Estimate:
-    """All rows refined at once: free runs in which the outputs see each other's simulated past."""
+    """All rows refined at once within bounds: outputs see each other's simulated past."""
     data = [(r.u, r.y) for r in shortened(records, RUN_SAMPLES)]
     run = s.free_run()
-    plain = FreeRuns(run, data, chunk)
-    e = plain.residual(theta)
-    rows = [RowRuns(s, i, everything(records)) for i in range(s.ny)]
-    sizes = np.concatenate([r.sizes(d) for r, d in zip(rows, s.designs, strict=True)])
-    bounds = [r.bounds(d) for r, d in zip(rows, s.designs, strict=True)]
-    moving = np.concatenate([b.moving for b in bounds])
-    pull = np.sqrt(np.where(moving, PULL, FIRM) * float(e @ e)) / sizes
-    problem = FreeRuns(run, data, chunk, pull, theta)
-    unlimited = np.full(len(theta), np.inf)
+    rows = [(RowRuns(s, i, everything(records), largest(s)), d) for i, d in enumerate(s.designs)]
+    bounds = [row.bounds(d) for row, d in rows]
+    pull, aim = _prior(FreeRuns(run, data, chunk), theta, rows)
+    problem = FreeRuns(run, data, chunk, pull, aim)
+    lower, upper, free = (
+        np.concatenate([getattr(b, name) for b in bounds]) for name in ("lower", "upper", "free")
+    )
     found = levenberg_marquardt(
-        problem, theta, free=np.concatenate([b.free for b in bounds]), lower=-unlimited,
-        upper=unlimited, max_evaluations=FINAL_EVALUATIONS, tolerance=TOLERANCE,
+        problem, np.clip(theta, lower, upper), free=free, lower=lower, upper=upper,
+        max_evaluations=ROUNDS, tolerance=TOLERANCE,
     )  # fmt: skip
     return Estimate(
-        found.p, ((problem, found, problem.samples),), f"all outputs refined over {chunk} samples",
+        found.p, ((problem, found, problem.samples),), f"refined over {chunk} samples",
         found.evaluations,
     )  # fmt: skip
 

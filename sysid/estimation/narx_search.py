@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -14,14 +15,16 @@ from sysid.estimation.wavelet_frame import (
     scaled_design,
     select_products,
     select_units,
+    separate,
 )
 from sysid.structures.expressions import Signal
+from sysid.structures.narx_wavelet import NarxWavelet
 from sysid.structures.wavelet_network import DEGREE, RowDesign
 
-RUNGS = (40, 200, 1000)
+RUNGS = (50, 500)
 """Chunk lengths of the refinement, each started from the last."""
 
-ITERATIONS = 15
+ITERATIONS = 12
 PRODUCTS = (3, 8, 20)
 """Numbers of products tried, up to what generalised cross-validation allows."""
 
@@ -29,8 +32,11 @@ BELOW = 8
 """Products under a network at most."""
 
 UNITS = (3, 6, 12, 20)
-DIMENSIONS = {"outputs": 3, "all": 4}
-"""Principal components that the units see."""
+DIMENSIONS = {"each": 1, "pairs": 2, "outputs": 3, "all": 4}
+"""Entries of v that a unit sees: one regressor, two of them, or so many principal components."""
+
+PAIRED = 8
+"""Regressors among which pairs are looked for at most."""
 
 TIE = 0.01
 """Held-out errors closer than this are the same; the fewer parameters win."""
@@ -49,11 +55,21 @@ def search_row(row: RowRuns, rungs: Sequence[int], simulate: bool) -> tuple[Tria
         return best(tried), tried
     current = chosen(tried, row.structure.options_given.starts)
     refined: list[Trial] = []
-    longest = max(len(y) for _, y in row.train)
+    longest = max(len(y) for _, y in row.whole)
     for rung in dict.fromkeys(min(r, longest) for r in rungs):
         current = row.refined(current, rung, ITERATIONS)
         refined += current
     return best(refined if simulate else [*tried, *refined]), [*tried, *refined]
+
+
+def largest(s: NarxWavelet) -> tuple[int, int, int]:
+    """Most products and units of any map, and dimensions that units see."""
+    given = s.options_given
+    products = 0 if given.degree == 1 else max(PRODUCTS)
+    units = max(UNITS) if given.units is None else given.units
+    names = tuple(DIMENSIONS) if given.network == "auto" else (given.network,)
+    seen = min(max(DIMENSIONS[n] for n in names), max(len(row) for row in s.rows))
+    return products, units, seen if units else 0
 
 
 def best(trials: Sequence[Trial]) -> Trial:
@@ -108,22 +124,29 @@ def one_step_trials(row: RowRuns) -> list[Trial]:
 def _networks(row: RowRuns, below: RowDesign, degree: int) -> list[Trial]:
     given = row.structure.options_given
     found = []
-    names = ("outputs", "all") if given.network == "auto" else (given.network,)
+    names = tuple(DIMENSIONS) if given.network == "auto" else (given.network,)
     sets = {name: seen(row, name) for name in names}
-    if len(sets) == 2 and sets["outputs"] == sets["all"]:
+    if given.network == "auto" and sets["outputs"] == sets["all"]:
         del sets["outputs"]
+    if given.network == "auto" and len(row.row) == 1:
+        sets = {"each": sets["all"]}
+    if given.network == "auto" and len(row.row) == 2:
+        del sets["pairs"]
     for name, regressors in sets.items():
-        design = projected(below, row.x, regressors, DIMENSIONS[name])
+        views = groups(regressors, DIMENSIONS[name]) if name in ("each", "pairs") else ()
+        if views:
+            design = separate(below, row.x)
+        else:
+            design = projected(below, row.x, regressors, DIMENSIONS[name])
         most = given.units or max(UNITS)
-        s = select_units(design, row.x, row.y, row.estimator, most, given.seed)
+        s = select_units(design, row.x, row.y, row.estimator, most, given.seed, views)
         if given.units:
             sizes = [min(given.units, len(s.shape))]
         else:
             sizes = sorted({n for n in UNITS if n < s.most} | {min(s.most, most)})
         for n in sizes:
             if n:
-                full = replace(design, flags=tuple(int(f) for f in s.flags[:n]))
-                units = (s.shape[:n], s.place[:n], s.flags[:n])
+                full, units = s.leading(design, n)
                 words = f"degree {degree}, {n} units over {name}"
                 found.append(_trial(row, full, units, words, degree))
     return found
@@ -131,14 +154,21 @@ def _networks(row: RowRuns, below: RowDesign, degree: int) -> list[Trial]:
 
 def seen(row: RowRuns, name: str) -> list[int]:
     """Regressors the units see: the output's own lags and the newest of every input, or all."""
-    if name == "all":
-        return list(range(len(row.row)))
+    everything = list(range(len(row.row)))
+    if name in ("each", "all") or (name == "pairs" and len(everything) <= PAIRED):
+        return everything
     own = [k for k, e in enumerate(row.row) if isinstance(e, Signal) and e.kind == "y"]
     newest: dict[int, int] = {}
     for k, e in enumerate(row.row):
         if isinstance(e, Signal) and e.kind == "u" and e.channel < row.structure.nu:
             newest.setdefault(e.channel, k)
-    return sorted([*own, *newest.values()])
+    found = sorted([*own, *newest.values()])
+    return found[:PAIRED] if name == "pairs" else found
+
+
+def groups(regressors: Sequence[int], size: int) -> list[tuple[int, ...]]:
+    """Every regressor, or every pair of them; all of them where they are fewer."""
+    return list(combinations(regressors, min(size, len(regressors))))
 
 
 def _trial(row: RowRuns, design: RowDesign, units: Units | None, how: str, degree: int) -> Trial:

@@ -15,7 +15,8 @@ from sysid.estimation.holdout import HoldOut
 from sysid.estimation.pem import fit, head_window
 from sysid.estimation.search import FitOptions
 from sysid.structures.arx import ARX
-from sysid.structures.base import Focus, Structure, structure_class
+from sysid.structures.base import Focus, Structure
+from sysid.structures.registry import structure_class
 
 Progress = Callable[[int, int, str], None]
 

@@ -36,7 +36,8 @@ def fit(
         structure: what to fit.
         records: experiments with equal channels and sample time.
         options: focus, initial states, loss, constraints.
-        detrend: offsets and trends to remove and to store with the model (default none).
+        detrend: offsets and trends to remove and to store with the model (default none); a
+            physical structure takes the records as they are.
         warm: further named starts, e.g. from a neighbouring order.
 
     Raises:
@@ -47,7 +48,8 @@ def fit(
     options = options or FitOptions()
     records = tuple(records)
     check_records(structure, records)
-    detrend = detrend or Detrend.none(structure.nu, structure.ny)
+    if detrend is None or structure.physical:
+        detrend = Detrend.none(structure.nu, structure.ny)
     plain = tuple(detrend.remove(r) for r in records)
     parameters = _constrained(structure, records[0], options)
     _check_length(structure, records, parameters)

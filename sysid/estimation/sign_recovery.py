@@ -75,26 +75,49 @@ def _recovered(
     zero: float,
     lag: float,
 ) -> tuple[Array, list[Array], float]:
-    """(A, B of each input, offset) of the ARX model of sign·(y − zero) that keeps its signs."""
-    nu = records[0].nu
-    n = max(orders.nf[i])
-    terms = [
-        (j, k) for j in range(nu) for k in range(orders.nk[i][j], orders.nk[i][j] + orders.nb[i][j])
-    ]
+    """``recovered`` for one output of records."""
+    return recovered(
+        [r.u for r in records],
+        [r.y[:, i] - zero for r in records],
+        kept,
+        max(orders.nf[i]),
+        [(orders.nk[i][j], orders.nb[i][j]) for j in range(records[0].nu)],
+        lag,
+    )
+
+
+def recovered(
+    inputs: Sequence[Array],
+    sizes: Sequence[Array],
+    kept: Sequence[NDArray[np.bool_]],
+    n: int,
+    numerators: Sequence[tuple[int, int]],
+    lag: float,
+) -> tuple[Array, list[Array], float]:
+    """(A, B of each input, offset) of the ARX model of ±y that keeps its signs.
+
+    Args:
+        inputs: u of each record, (N, nu).
+        sizes: readings without sign, (N,).
+        kept: samples that may be looked at, (N,).
+        n: order of A.
+        numerators: (delay, coefficients) of B of each input.
+        lag: pole of the lag behind which the input gives the first signs.
+    """
+    terms = [(j, k) for j, (nk, nb) in enumerate(numerators) for k in range(nk, nk + nb)]
     first = max([n, *(k for _, k in terms)])
     drives = [
-        lfilter([1.0 - lag], [1.0, -lag], r.u - r.u.mean(axis=0), axis=0).sum(axis=1)
-        for r in records
+        lfilter([1.0 - lag], [1.0, -lag], u - u.mean(axis=0), axis=0).sum(axis=1) for u in inputs
     ]
     signs = [np.where(d >= 0.0, 1.0, -1.0) for d in drives]
     theta = np.zeros(n + len(terms) + 1)
     for _ in range(ROUNDS):
         grams, rights, regressors = [], [], []
-        for r, s, mask in zip(records, signs, kept, strict=True):
-            z = s * (r.y[:, i] - zero)
+        for u, y, s, mask in zip(inputs, sizes, signs, kept, strict=True):
+            z = s * y
             m = len(z)
             rows = [-z[first - k : m - k] for k in range(1, n + 1)]
-            rows += [r.u[first - k : m - k, j] for j, k in terms]
+            rows += [u[first - k : m - k, j] for j, k in terms]
             phi = np.array([*rows, np.ones(max(m - first, 0))])
             use = phi[:, mask[first:]]
             grams.append(use @ use.T)
@@ -110,6 +133,5 @@ def _recovered(
             break
         signs = new
     A = reflected(np.concatenate([[1.0], theta[:n]]), POLE_LIMIT)
-    sizes = [orders.nb[i][j] for j in range(nu)]
-    B = np.split(theta[n:-1], np.cumsum(sizes)[:-1])
+    B = np.split(theta[n:-1], np.cumsum([nb for _, nb in numerators])[:-1])
     return A, list(B), float(theta[-1])

@@ -14,12 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Array, Record
+from sysid.data.record import Array, Index, Record
 from sysid.errors import Termination
 from sysid.estimation.holdout import HoldOut
 from sysid.estimation.solvers import many_starts
+from sysid.structures.chunks import Chunks
 from sysid.structures.expressions import Signal, replaced
-from sysid.structures.narx_compiled import Chunks, Shape, chunk_functions
+from sysid.structures.narx_compiled import Shape, chunk_functions
 from sysid.structures.narx_problems import chunked, pieces, spreads
 from sysid.structures.narx_run import NarxRun
 from sysid.structures.narx_wavelet import NarxWavelet
@@ -27,14 +28,30 @@ from sysid.structures.narx_words import shapes
 from sysid.structures.regressors import columns
 from sysid.structures.wavelet_network import KINDS, Frame, RowDesign, one_hot, size, split
 
-STEP = 4
-"""Numbers of products and units are padded to multiples of this: few shapes are compiled."""
+LANES = 12
+"""Maps judged side by side."""
+
+ROWS = 3000
+"""Errors that count in a refinement: neighbouring ones are nearly the same, fewer cost less."""
+
+STRETCH = 512
+"""Samples a stretch of data that is run side by side with others."""
+
+STRETCHES = 6
+"""Stretches that a refinement looks at, evenly spread over the data."""
+
+SIZES = (1, 2, 3, 4, 6, 8, 12)
+"""Numbers of stretches, and lengths of records in them, are rounded up to these and then to powers
+of two: records of other lengths find what was compiled."""
 
 PULL = 1e-2
 """A dilation or centre one unit from its start costs this share of the start's cost."""
 
+SHRINK = 1e-2
+"""An amplitude of one spread of the output costs this share of the start's cost."""
+
 FIRM = 1e-5
-"""The same for all other parameters in units of the outputs' spread: what data leave open stays."""
+"""The same for a change of the linear part by one spread: what data leave open stays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +99,19 @@ class RowRuns:
         structure: with the ranges of the data.
         output: which output.
         data: what to fit on and what to choose on.
+        largest: most products and units that any map has, and dimensions that units see: they
+            decide what is compiled.
     """
 
-    def __init__(self, structure: NarxWavelet, output: int, data: HoldOut) -> None:
+    def __init__(
+        self,
+        structure: NarxWavelet,
+        output: int,
+        data: HoldOut,
+        largest: tuple[int, int, int],
+    ) -> None:
         self.estimator = structure.options_given.estimator
+        self.largest = largest
         self.structure, self.output = structure, output
         self.others = [j for j in range(structure.ny) if j != output]
         self.row = tuple(replaced(e, self._inward) for e in structure.rows[output])
@@ -99,6 +125,7 @@ class RowRuns:
         self.spread = spread if spread > 0.0 else 1.0
         first = self.run(RowDesign.plain(len(self.row))).window.first
         self.first = first
+        self.fitted = [~m for m in data.counted] if data.held else [m | True for m in data.counted]
         self.x = np.concatenate([columns(self.row, u, y)[first:] for u, y in self.train])
         self.y = np.concatenate([y[first:, 0] for _, y in self.train])
 
@@ -142,48 +169,53 @@ class RowRuns:
 
     def judged(self, trials: Sequence[Trial]) -> list[Trial]:
         """The trials with their free-run errors on the held-out samples of the whole records."""
-        if not trials:
-            return []
-        plain = self.run(trials[0].design)
+        plain = self.run(RowDesign.plain(len(self.row)))
         where = pieces(plain, self.whole, 10**9)
-        chunks, _ = chunked(plain, self.whole, where, np.ones(1))
+        longest = STRETCH * rounded(-(-max(b - a for _, a, b in where) // STRETCH))
+        chunks, _ = chunked(plain, self.whole, where, np.ones(1), longest)
         weight = np.zeros_like(chunks.y)
         for k, (record, a, b) in enumerate(where):
             weight[: b - a, 0, k] = self.counted[record][a:b]
-        padded = Padded(trials, KINDS[self.estimator].smooth)
-        runs = _batch_runs(padded.shape(self))(padded.theta, padded.frames, chunks)
-        errors = (np.asarray(runs) - chunks.y) * weight
         count = max(float(weight.sum()), 1.0)
-        found = np.sqrt(np.sum(errors**2, axis=(1, 2, 3)) / count) / self.spread
-        return [
-            replace(t, error=float(e) if np.isfinite(e) else np.inf)
-            for t, e in zip(trials, found, strict=True)
-        ]
+        found = []
+        for at in range(0, len(trials), LANES):
+            some = trials[at : at + LANES]
+            # every call has as many lanes: one compilation
+            padded = Padded([*some, *[some[0]] * (LANES - len(some))], self)
+            runs = _batch_runs(padded.shape(self))(padded.theta, padded.frames, chunks)
+            square = np.sum(((np.asarray(runs) - chunks.y) * weight) ** 2, axis=(1, 2, 3))
+            errors = np.sqrt(square / count) / self.spread
+            found += [
+                replace(t, error=float(e) if np.isfinite(e) else np.inf)
+                for t, e in zip(some, errors, strict=False)
+            ]
+        return found
 
     # ----------------------------------------------------------------- refining
 
     def refined(self, trials: Sequence[Trial], chunk: int, iterations: int) -> list[Trial]:
         """The trials after some iterations on free runs over chunks, judged anew."""
-        plain = self.run(trials[0].design)
-        where = pieces(plain, self.train, chunk)
-        chunks, valid = chunked(plain, self.train, where, self.scale)
-        count = int(valid.sum())
-        chunks = chunks._replace(weight=chunks.weight / np.sqrt(count))
-        padded = Padded(trials, KINDS[self.estimator].smooth)
+        lanes = self.structure.options_given.starts
+        padded = Padded([*trials, *[trials[0]] * (lanes - len(trials))], self)
+        chunks = self._chunks(chunk)
         functions = _refinement(padded.shape(self))
-        size = padded.stacked([self.sizes(t.design) for t in trials], 1.0)
-        cost = self._start_costs(padded, chunks)
-        pull = np.sqrt(2.0 * cost)[:, None] * padded.pulls()
-        z = padded.theta / size
-        each = (padded.frames, size, padded.free, z, pull)
-        ends = many_starts(
-            functions[0], z, each, chunks, iterations, tolerance=1e-9, jacobian=functions[1]
-        )
+        scale = padded.stacked([self.sizes(d) for d in padded.designs], 1.0)
+        # the cost at the start, near enough to weigh what draws the parameters
+        cost = np.array([min(t.error, 1.0) for t in trials])
+        cost = np.concatenate([cost, np.repeat(cost[:1], lanes - len(trials))])
+        pull = cost[:, None] * padded.pulls()
+        z = padded.theta / scale
+        aim = np.where(padded.amplitudes, 0.0, z)
+        lower, upper = (bound / scale for bound in padded.bounds(self))
+        each = (padded.frames, scale, padded.free, z, aim, pull, lower, upper)
+        data = thinned(chunks)
+        ends = many_starts(functions[0], z, each, data, iterations, 1e-9, functions[1])
         found = []
-        for k, (t, end) in enumerate(zip(trials, ends, strict=True)):
+        for k, (t, end) in enumerate(zip(trials, ends, strict=False)):
             theta = t.theta
             if end.cost is not None:
-                theta = padded.cut(k, np.where(padded.free[k], end.z, z[k]) * size[k])
+                moved = np.clip(end.z, lower[k], upper[k])
+                theta = padded.cut(k, np.where(padded.free[k], moved, z[k]) * scale[k])
             words = t.how.split(", refined")[0]
             found.append(
                 replace(
@@ -197,24 +229,64 @@ class RowRuns:
             )
         return self.judged(found)
 
-    def _start_costs(self, padded: "Padded", chunks: Chunks) -> Array:
-        runs = _batch_runs(padded.shape(self))(padded.theta, padded.frames, chunks)
-        return np.asarray(
-            0.5 * np.sum(((np.asarray(runs) - chunks.y) * chunks.weight) ** 2, axis=(1, 2, 3))
-        )
+    def _chunks(self, chunk: int) -> Chunks:
+        """Runs of about ``chunk`` samples over what is to be fitted, errors weighted to 1/√N.
+
+        Longer stretches side by side, with restarts inside: only the weights and the restarts
+        depend on ``chunk`` and on what is held out, so that all refinements share a compilation.
+        Runs go through what is held out without looking at it.
+        """
+        plain = self.run(RowDesign.plain(len(self.row)))
+        where = [
+            (k, at, min(at + STRETCH, b))
+            for k, a, b in pieces(plain, self.whole, 10**9)
+            for at in range(a, b, STRETCH)
+        ]
+        if len(where) > STRETCHES:
+            where = [where[k] for k in np.linspace(0, len(where) - 1, STRETCHES).astype(int)]
+        empty = [(0, self.first, self.first)] * (rounded(len(where)) - len(where))
+        where += empty
+        chunks, valid = chunked(plain, self.whole, where, self.scale, STRETCH)
+        used = valid.transpose(2, 1, 0).copy()
+        restart = chunks.restart.copy()
+        for k, (record, a, b) in enumerate(where):
+            fitted = self.fitted[record][a:b]
+            used[: b - a, 0, k] &= fitted
+            begins = np.arange(chunk, b - a, chunk)
+            restart[begins[fitted[begins - 1]], k] = True
+        weight = chunks.weight * used / np.sqrt(max(int(used.sum()), 1))
+        return chunks._replace(weight=weight, restart=restart)
+
+
+def rounded(count: int) -> int:
+    """The next of SIZES, or of the powers of two."""
+    return next((n for n in SIZES if n >= count), 1 << (count - 1).bit_length())
+
+
+def thinned(chunks: Chunks) -> tuple[Chunks, Index, Array]:
+    """At most ROWS errors, evenly spread, that stand for all of them.
+
+    Returns:
+        The chunks, the places of the errors, and 0 where a place is there for the shape only.
+    """
+    rows = np.flatnonzero(chunks.weight.ravel())
+    most = min(ROWS, chunks.weight.size)
+    if len(rows) > most:
+        kept = rows[np.linspace(0, len(rows) - 1, most).astype(int)]
+        more = np.sqrt(len(rows) / most)
+        return chunks._replace(weight=chunks.weight * more), kept, np.ones(most)
+    padding = np.zeros(most - len(rows), dtype=int)
+    return chunks, np.concatenate([rows, padding]), np.repeat([1.0, 0.0], [len(rows), len(padding)])
 
 
 class Padded:
     """Trials brought to one shape: products of ones, units of amplitude zero, columns of zeros."""
 
-    def __init__(self, trials: Sequence[Trial], smooth: bool) -> None:
-        self.smooth = smooth
+    def __init__(self, trials: Sequence[Trial], row: RowRuns) -> None:
+        self.smooth = KINDS[row.estimator].smooth
         self.designs = [t.design for t in trials]
-        d = len(self.designs[0].mean)
-        T = _padded(max(len(x.terms) for x in self.designs))
-        K = _padded(max(len(x.flags) for x in self.designs))
-        q = max(x.sizes[3] for x in self.designs)
-        self.size = (d, T, K, q)
+        T, K, q = row.largest
+        self.size = (len(row.row), T, K, q)
         self.theta = self.stacked([t.theta for t in trials], 0.0)
         self.free = self.stacked([self._free(x) for x in self.designs], 0.0) > 0.0
         frames = [self._frame(x) for x in self.designs]
@@ -228,10 +300,11 @@ class Padded:
 
     def _frame(self, x: RowDesign) -> Frame:
         f, (d, T, K, q) = x.frame(), self.size
-        Q, flag = np.zeros((d, q)), np.zeros(K)
-        Q[:, : f.Q.shape[1]], flag[: len(f.flag)] = f.Q, f.flag
+        k, m = f.Q.shape[1:]
+        Q, flag, dim = np.zeros((d, K, q)), np.zeros(K), np.zeros(K)
+        Q[:, :k, :m], flag[:k], dim[:k] = f.Q, f.flag, f.dim
         ones = ((),) * (T - len(x.terms))
-        return f._replace(factors=one_hot((*x.terms, *ones), d), Q=Q, flag=flag)
+        return f._replace(factors=one_hot((*x.terms, *ones), d), Q=Q, flag=flag, dim=dim)
 
     def stacked(self, rows: Sequence[Array], fill: float) -> Array:
         """Parameter vectors of the trials in the padded layout, (S, n)."""
@@ -250,6 +323,13 @@ class Padded:
                 into[at + 2 * K :].reshape(K, q)[:k, :m] = w.place
         return out
 
+    def bounds(self, row: RowRuns) -> tuple[Array, Array]:
+        """Lower and upper bounds in the padded layout, (S, n) each."""
+        each = [row.bounds(d) for d in self.designs]
+        lower = self.stacked([b.lower for b in each], -np.inf)
+        upper = self.stacked([b.upper for b in each], np.inf)
+        return lower, upper
+
     def cut(self, k: int, row: Array) -> Array:
         """Undo ``stacked`` for one trial."""
         _, t, units, m = self.designs[k].sizes
@@ -259,21 +339,25 @@ class Padded:
             w.place[:units, :m].ravel(),
         ])  # fmt: skip
 
+    @property
+    def amplitudes(self) -> NDArray[np.bool_]:
+        """Which entries are coefficients of products and units, (S, n): drawn to zero."""
+        d, T, K, _ = self.size
+        place = np.arange(size(*self.size))
+        return np.asarray(self.free & (place > d) & (place <= d + T + K))
+
     def pulls(self) -> Array:
         """Relative weight that draws each parameter to its start, (S, n)."""
         d, T, K, _ = self.size
         out = np.full(self.theta.shape, np.sqrt(FIRM))
         out[:, 1 + d + T + K :] = np.sqrt(PULL)
+        out[self.amplitudes] = np.sqrt(SHRINK)
         return np.where(self.free, out, 1.0)
 
     def shape(self, row: RowRuns) -> Shape:
         """What is compiled."""
         plain = row.run(self.designs[0])
         return Shape((row.row,), (self.size,), row.estimator, plain.depth, plain.before)
-
-
-def _padded(count: int) -> int:
-    return -(-count // STEP) * STEP
 
 
 @lru_cache(maxsize=64)
@@ -292,20 +376,25 @@ def _batch_runs(shape: Shape) -> Callable[..., Any]:
 def _refinement(shape: Shape) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Residual and Jacobian as ``many_starts`` takes them, in parameters of size one.
 
-    ``each`` holds frames, sizes, which parameters are free, where all start and what draws them
-    there.
+    ``each`` holds frames, sizes, which parameters are free, where all start, where the prior has
+    them and how firmly, and their bounds, outside which the map is that on the bound.
     """
     functions = chunk_functions(shape)
 
-    def residual(jnp: Any, lax: Any, z: Any, each: Any, chunks: Chunks) -> Any:
-        frames, scale, free, start, pull = each
-        theta = jnp.where(free, z, start) * scale
-        return jnp.concatenate([functions.residual(theta, frames, chunks), pull * (z - start)])
+    def residual(jnp: Any, lax: Any, z: Any, each: Any, data: Any) -> Any:
+        chunks, rows, counts = data
+        frames, scale, free, start, aim, pull, lower, upper = each
+        theta = jnp.where(free, jnp.clip(z, lower, upper), start) * scale
+        e = functions.residual(theta, frames, chunks)[rows] * counts
+        return jnp.concatenate([e, pull * (z - aim)])
 
-    def jacobian(jnp: Any, lax: Any, z: Any, each: Any, chunks: Chunks) -> Any:
-        frames, scale, free, start, pull = each
-        theta = jnp.where(free, z, start) * scale
-        J = functions.jacobian(theta, frames, chunks) * jnp.where(free, scale, 0.0)
+    def jacobian(jnp: Any, lax: Any, z: Any, each: Any, data: Any) -> Any:
+        chunks, rows, counts = data
+        frames, scale, free, start, _, pull, lower, upper = each
+        theta = jnp.where(free, jnp.clip(z, lower, upper), start) * scale
+        J = functions.jacobian(theta, frames, chunks)[rows] * counts[:, None]
+        # on a bound only what draws a parameter to its start is felt
+        J = J * jnp.where(free & (z >= lower) & (z <= upper), scale, 0.0)
         return jnp.concatenate([J, jnp.diag(pull)])
 
     return residual, jacobian

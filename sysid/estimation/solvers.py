@@ -1,5 +1,6 @@
 """Numerical solvers behind one door: the only importer of scipy.optimize and jaxopt."""
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -288,7 +289,10 @@ def _batch_solver(
     tolerance: float,
 ) -> Callable[..., Any]:
     """(starts, each, shared) → ends, costs, iterations and gradient norms, compiled."""
-    from jaxopt import LevenbergMarquardt
+    with warnings.catch_warnings():
+        # it says on import that nobody develops it further; its version is pinned here
+        warnings.simplefilter("ignore", DeprecationWarning)
+        from jaxopt import LevenbergMarquardt
 
     from sysid.structures.compiled import jax_module
 
@@ -310,7 +314,10 @@ def _batch_solver(
 
         def rule(primals: Any, tangents: Any) -> Any:
             z, own, data = primals
-            return clipped(z, own, data), slopes(z, own, data) @ tangents[0]
+            # the barrier keeps XLA from computing the Jacobian again for every tangent
+            return clipped(z, own, data), lax.optimization_barrier(slopes(z, own, data)) @ tangents[
+                0
+            ]
 
         fun.defjvp(rule)
 

@@ -37,7 +37,7 @@ def with_statics(fitted: Fitted, layer: int, statics: Sequence[Static], data: Ch
             continue
         x = np.concatenate([s[layer][c] for s in signals])
         value = np.concatenate([s[layer + 1][c] for s in signals])
-        shape = shaped(static, x, value)
+        shape = shaped(static, x, value, upright=old.last)
         p = shape.p
         if shape.gain != 1.0 and old.last:
             # gain · g(w) = g'(gain · w) for limits and kinks

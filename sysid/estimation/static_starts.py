@@ -62,43 +62,55 @@ def _stage_identity(stage: Stage, low: float, high: float) -> tuple[Stage, Array
     ends = (low, high) if stage.kind.startswith("saturation") else (middle, middle)
     inward = 0.02 if stage.kind.startswith("saturation") else -0.02
     sides = {"low": ends[0] + inward * width, "high": ends[1] - inward * width}
-    return stage, np.array([sides[n.partition("_")[2]] for n in stage.names]), low, high
+    p = np.array([sides[n.partition("_")[2]] for n in stage.names])
+    low, high = stage.value(np.array([low, high]), p).tolist()
+    return stage, p, low, high
 
 
-def shaped(static: Static, x: Array, target: Array) -> Shape:
+def shaped(static: Static, x: Array, target: Array, *, upright: bool = True) -> Shape:
     """The static's parameters with which it follows ``target`` over the samples x best.
 
-    Limits of the first stage are tried on a grid; what enters linearly is found by least squares.
+    Limits are tried on a grid, stage by stage; what enters linearly is found by least squares.
+
+    Args:
+        static: the kind to take the shape.
+        x, target: samples of the shape.
+        upright: whether the gain must be positive: that of a last static goes into its argument.
     """
     if len(x) > SHAPE_POINTS:
         pick = np.linspace(0, len(x) - 1, SHAPE_POINTS).astype(int)
         x, target = x[pick], target[pick]
     placed, start = identity_start(static, float(x.min()), float(x.max()))
-    best: tuple[float, Shape] | None = None
-    for p in (start, *_other_limits(placed, start, float(x.min()), float(x.max()))):
-        cost, shape = _followed(placed, p, x, target)
-        if best is None or cost < best[0]:
-            best = cost, shape
-    assert best is not None
+    best = _followed(placed, start, x, target, upright)
+    for k, stage in enumerate(placed.stages):
+        if stage.size:
+            continue
+        # limits of one stage after the other, where those before it have been put
+        before = Static(placed.stages[:k])
+        p = best[1].p
+        enters = before.value(x, p[: before.n])
+        for limits in _other_limits(stage, float(enters.min()), float(enters.max())):
+            q = p.copy()
+            q[before.n : before.n + len(limits)] = limits
+            trial = _followed(placed, q, x, target, upright)
+            if trial[0] < best[0]:
+                best = trial
     return best[1]
 
 
-def _other_limits(static: Static, start: Array, low: float, high: float) -> Iterator[Array]:
-    """Starts with the limits or the kink of the first stage elsewhere."""
-    if not static.stages:
-        return
-    first = static.stages[0]
+def _other_limits(stage: Stage, low: float, high: float) -> Iterator[list[float]]:
+    """Limits or kinks of a stage on a grid over what enters it."""
     places = [low + f * (high - low) for f in PLACES]
-    if len(first.names) == 1 and KINDS[first.kind].smallest == 0:
-        for a in places[1:-1]:
-            yield np.concatenate([[a], start[1:]])
-    elif KINDS[first.kind].ordered(first.size) == 2 and first.size == 0:
+    if len(stage.names) == 1:
+        yield from ([a] for a in places[1:-1])
+    elif KINDS[stage.kind].ordered(stage.size) == 2:
         for k, a in enumerate(places):
-            for b in places[k + 1 :]:
-                yield np.concatenate([[a, b], start[2:]])
+            yield from ([a, b] for b in places[k + 1 :])
 
 
-def _followed(static: Static, p: Array, x: Array, target: Array) -> tuple[float, Shape]:
+def _followed(
+    static: Static, p: Array, x: Array, target: Array, upright: bool
+) -> tuple[float, Shape]:
     """Least squares of what enters linearly: (sum of squares, shape)."""
     value, _, partials = static.evaluated(x, p)
     linear = _linear_entries(static)
@@ -120,7 +132,7 @@ def _followed(static: Static, p: Array, x: Array, target: Array) -> tuple[float,
         out[linear] = found[: len(linear)]
         return cost, Shape(static, out, 1.0, offset)
     gain = float(found[0])
-    if gain <= 0.0:
+    if gain == 0.0 or (upright and gain < 0.0):
         return np.inf, Shape(static, p, 1.0, offset)
     return cost, Shape(static, p, gain, offset)
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.estimation.term_trials import Fold, Row, Trial, fit_chunks
+from sysid.estimation.term_trials import Fold, Row, Trial, fit_chunks, fit_folds
 from sysid.structures.monomials import Term
 from sysid.structures.narmax_problems import ChunkedRuns
 
@@ -35,28 +35,33 @@ def grown(row: Row, trial: Trial, pool: Sequence[Term], most: int, evaluations: 
     """The trial with one candidate after another added, as long as held-out data gain."""
     found: list[Trial] = []
     while trial.chunk and len(trial.terms) < most:
-        better = None
-        for candidate in _promising(row, trial, pool):
-            tried = _with(row, trial, candidate, evaluations)
-            if tried.error <= (1.0 - GAIN) * (better or trial).error or (
-                better is not None and tried.error < better.error
-            ):
-                better = tried
-        if better is None:
+        candidates = _promising(row, trial, pool)
+        if not candidates:
+            break
+        zero = [np.append(theta, 0.0) for theta in trial.theta]
+        sets = [((*trial.terms, c), zero) for c in candidates]
+        better = min(_trials(row, trial, sets, evaluations, ", grown"), key=lambda t: t.error)
+        if not better.error <= (1.0 - GAIN) * trial.error:
             break
         found.append(better)
         trial = better
     return found
 
 
-def _with(row: Row, trial: Trial, candidate: Term, evaluations: int) -> Trial:
-    terms = (*trial.terms, candidate)
-    thetas = tuple(
-        fit_chunks(row, fold, terms, np.append(theta, 0.0), trial.chunk, evaluations)
-        for fold, theta in zip(row.folds, trial.theta, strict=True)
-    )
-    how = trial.how.removesuffix(", grown") + ", grown"
-    return Trial(terms, thetas, row.held_out_error(terms, thetas), how, trial.chunk)
+def _trials(
+    row: Row,
+    trial: Trial,
+    sets: Sequence[tuple[tuple[Term, ...], Sequence[Array]]],
+    evaluations: int,
+    word: str,
+) -> list[Trial]:
+    """The sets of terms, fitted and judged."""
+    how = trial.how.removesuffix(word) + word
+    fitted = fit_folds(row, sets, trial.chunk, evaluations)
+    return [
+        Trial(terms, thetas, row.held_out_error(terms, thetas), how, trial.chunk)
+        for (terms, _), thetas in zip(sets, fitted, strict=True)
+    ]
 
 
 def _promising(row: Row, trial: Trial, pool: Sequence[Term]) -> list[Term]:
@@ -95,20 +100,13 @@ def pruned(row: Row, trial: Trial, evaluations: int) -> list[Trial]:
     """Terms left out one by one, the least certain first, while the held-out error allows it."""
     found: list[Trial] = []
     while trial.chunk and len(trial.terms) > 2:
-        accepted = None
-        for out in np.argsort(_certainty(row, trial))[:2]:
+        sets = []
+        for out in np.argsort(_certainty(row, trial))[:TRIED]:
             keep = [k for k in range(len(trial.terms)) if k != out]
-            terms = tuple(trial.terms[k] for k in keep)
-            thetas = tuple(
-                fit_chunks(row, fold, terms, theta[keep], trial.chunk, evaluations)
-                for fold, theta in zip(row.folds, trial.theta, strict=True)
-            )
-            error = row.held_out_error(terms, thetas)
-            if error <= (1.0 + KEEP) * trial.error:
-                how = trial.how.removesuffix(", pruned") + ", pruned"
-                accepted = Trial(terms, thetas, error, how, trial.chunk)
-                break
-        if accepted is None:
+            sets.append((tuple(trial.terms[k] for k in keep), [t[keep] for t in trial.theta]))
+        tried = _trials(row, trial, sets, evaluations, ", pruned")
+        accepted = min(tried, key=lambda t: t.error)
+        if not accepted.error <= (1.0 + KEEP) * trial.error:
             break
         found.append(accepted)
         trial = accepted

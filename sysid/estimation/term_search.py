@@ -21,7 +21,8 @@ HIGH = 5
 HIGH_LAGS = 2
 HIGH_POOL = 300
 CLEARLY = 0.9
-"""A high degree is taken when its held-out error is below this multiple of the low ones'."""
+"""A high degree, or inputs of the same sample, are taken when the held-out error is below this
+multiple of what it is without: they win easily inside the data and for the wrong reason."""
 
 ENOUGH = 0.01
 """Held-out error below which no higher degree is looked at."""
@@ -117,7 +118,18 @@ def _search(
     grams = [gram]
     if row.folds[0].train is not row.search:
         grams = [term_gram(terms, fold.train, 0, first) for fold in row.folds]
-    tried = _err_trials(row, gram, grams, inside)
+    later = [(degree, cap, [k for k in m if not _at_once(terms[k])]) for degree, cap, m in inside]
+    if later == inside or not all(m for _, _, m in later):
+        tried = _err_trials(row, gram, grams, inside)
+    else:
+        tried = _err_trials(row, gram, grams, later)
+        more = _err_trials(row, gram, grams, inside)
+        if min(t.error for t in more) < CLEARLY * min(t.error for t in tried):
+            tried = tried + more
+        else:
+            kept = later[-1][2]
+            terms = tuple(terms[k] for k in kept)
+            gram, grams = subset(gram, kept), [subset(g, kept) for g in grams]
     if s.selection != "err":
         tried += _simulation_trials(row, gram, grams, tried)
     usable = tried
@@ -151,6 +163,11 @@ def best(row: Row, trials: Sequence[Trial]) -> Trial:
         if sound is None or row.stays_near(t):
             return t
     return order[0]
+
+
+def _at_once(t: Term) -> bool:
+    """Whether a term holds an input of the same sample."""
+    return any(f.kind == "u" and f.lag == 0 for f in t)
 
 
 def _to_refine(trials: Sequence[Trial]) -> list[Trial]:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
+from sysid.estimation.chunk_fits import ChunkFit, fit_together
 from sysid.estimation.holdout import hold_out
 from sysid.estimation.solvers import levenberg_marquardt
 from sysid.structures.monomials import Factor, Term, term
@@ -200,16 +201,37 @@ def refined(
     longest = max(len(y) for fold in row.folds for _, y in fold.train)
     for rung in ladder:
         chunk = min(rung, longest)
-        thetas = tuple(
-            fit_chunks(row, fold, trial.terms, theta, chunk, evaluations)
-            for fold, theta in zip(row.folds, thetas, strict=True)
-        )
+        (thetas,) = fit_folds(row, [(trial.terms, thetas)], chunk, evaluations)
         error = row.held_out_error(trial.terms, thetas)
         words = f"{trial.how}, refined over {chunk} samples"
         found.append(Trial(trial.terms, thetas, error, words, chunk))
         if chunk == longest:
             break
     return found
+
+
+def fit_folds(
+    row: Row,
+    sets: Sequence[tuple[tuple[Term, ...], Sequence[Array]]],
+    chunk: int,
+    evaluations: int,
+) -> list[tuple[Array, ...]]:
+    """Coefficients of several sets of terms on every fold, all fitted at once.
+
+    Args:
+        row: the output with its data.
+        sets: terms with their starts by fold.
+        chunk: samples of the free runs.
+        evaluations: limit on free runs.
+    """
+    fits = [
+        ChunkFit(terms, theta, fold.train)
+        for terms, thetas in sets
+        for fold, theta in zip(row.folds, thetas, strict=True)
+    ]
+    found = fit_together(fits, row.limits, chunk, evaluations)
+    n = len(row.folds)
+    return [tuple(found[k : k + n]) for k in range(0, len(found), n)]
 
 
 def fit_chunks(

@@ -15,23 +15,29 @@ import numpy as np
 
 from sysid.data.record import Array, Index
 from sysid.estimation.frols import Path, TermGram, forward
-from sysid.structures.wavelet_network import KINDS, RowDesign
+from sysid.structures.wavelet_network import KINDS, RowDesign, seen
 
 POOL = 400
 """Candidate products at most."""
 
-CELLS = 120
+CELLS = 80
 """Cells of one level of the frame at most; a draw decides between more."""
 
 LEVELS = 4
-SAMPLES = 2500
+SAMPLES = 2000
 """Rows that choose the units; amplitudes come from all of them."""
 
 DRAWN = 300
 """Random neurons to choose from."""
 
+UNITS = 700
+"""Candidate units of all groups at most."""
+
 SMALL = 0.02
 """Principal components below this share of the largest carry nothing but noise."""
+
+LIKELY = 0.5
+"""Usual amplitude of a unit or product in spreads of the output."""
 
 RIDGE = 1e-7
 """Ridge on columns of unit norm: amplitudes of neighbouring units must not cancel each other."""
@@ -43,7 +49,7 @@ class Selection:
 
     Attributes:
         terms: products.
-        shape, place, flags: of the units, (K,), (K, q), (K,).
+        shape, place, flags, views: of the units, (K,), (K, q), (K,), (K,).
         most: number of both together that generalised cross-validation allows.
     """
 
@@ -52,6 +58,13 @@ class Selection:
     place: Array
     flags: Array
     most: int
+    views: tuple[tuple[int, ...], ...] = ()
+
+    def leading(self, design: RowDesign, count: int) -> tuple[RowDesign, "Units"]:
+        """The design with the first ``count`` units, and these."""
+        flags = tuple(int(f) for f in self.flags[:count])
+        units = (self.shape[:count], self.place[:count], self.flags[:count])
+        return replace(design, flags=flags, views=self.views[:count]), units
 
 
 def scaled_design(x: Array, margin: float) -> RowDesign:
@@ -87,6 +100,13 @@ def projected(design: RowDesign, x: Array, seen: Sequence[int], most: int) -> Ro
     Q[where] = V
     reach = np.abs(z @ Q).max(axis=0)
     Q /= np.where(reach > 0.0, reach, 1.0)
+    return replace(design, projection=tuple(tuple(row) for row in Q.tolist()))
+
+
+def separate(design: RowDesign, x: Array) -> RowDesign:
+    """The design with Q: each regressor by itself, scaled to [−1, 1]."""
+    reach = np.abs(scaled(design, x)).max(axis=0)
+    Q = np.diag(1.0 / np.where(reach > 0.0, reach, 1.0))
     return replace(design, projection=tuple(tuple(row) for row in Q.tolist()))
 
 
@@ -197,23 +217,46 @@ def select_products(design: RowDesign, x: Array, y: Array, degree: int, most: in
 
 
 def select_units(
-    design: RowDesign, x: Array, y: Array, estimator: str, most: int, seed: int
+    design: RowDesign,
+    x: Array,
+    y: Array,
+    estimator: str,
+    most: int,
+    seed: int,
+    views: Sequence[tuple[int, ...]] = (),
 ) -> Selection:
-    """Units added to the linear part and the design's products."""
+    """Units added to the linear part and the design's products.
+
+    With ``views`` each unit sees the columns of Q that one of them names, else all.
+    """
     rows = _rows(len(y))
     z = scaled(design, x[rows])
-    v = z @ np.array(design.projection)
-    shape, place, flag = DICTIONARIES[estimator](v, np.random.default_rng(seed))
-    kind = KINDS[estimator]
-    values = kind.value(np, kind.argument(np, v, shape, place), flag, design_dimension(design))
+    v, kind = z @ np.array(design.projection), KINDS[estimator]
+    found: list[Units] = []
+    values: list[Array] = []
+    owners: list[tuple[int, ...]] = []
+    rng = np.random.default_rng(seed)
+    for view in views or [tuple(range(v.shape[1]))]:
+        part = v[:, view]
+        units = _thinned(DICTIONARIES[estimator](part, rng), max(len(views), 1), rng)
+        t = kind.argument(np, part[:, None, :], units[0], units[1])
+        values.append(kind.value(np, t, units[2], np.full(len(units[0]), float(len(view)))))
+        found.append(units)
+        owners += [view] * len(units[0])
+    shape, place, flag = (np.concatenate(parts) for parts in zip(*found, strict=True))
     given = product_columns(z, design.terms)
-    order, allowed = _ordered(z, values, y[rows], given, most)
-    return Selection(design.terms, shape[order], place[order], flag[order], allowed)
+    order, allowed = _ordered(z, np.concatenate(values, axis=1), y[rows], given, most)
+    chosen = tuple(owners[k] for k in order) if views else ()
+    return Selection(design.terms, shape[order], place[order], flag[order], allowed, chosen)
 
 
-def design_dimension(design: RowDesign) -> float:
-    """Columns of Q."""
-    return float(len(design.projection[0]))
+def _thinned(units: Units, groups: int, rng: np.random.Generator) -> Units:
+    """At most UNITS candidates in all groups together."""
+    most = max(UNITS // groups, 8)
+    if len(units[0]) <= most:
+        return units
+    kept = np.sort(rng.choice(len(units[0]), most, replace=False))
+    return units[0][kept], units[1][kept], units[2][kept]
 
 
 def _rows(count: int) -> Index:
@@ -258,8 +301,8 @@ def least_squares(design: RowDesign, estimator: str, x: Array, y: Array, units: 
     columns = [np.ones((len(x), 1)), x - np.array(design.mean), product_columns(z, design.terms)]
     if len(shape):
         kind = KINDS[estimator]
-        t = kind.argument(np, z @ np.array(design.projection), shape, place)
-        columns.append(kind.value(np, t, flag, design_dimension(design)))
+        f = design.frame()
+        columns.append(kind.value(np, kind.argument(np, seen(f.Q, z), shape, place), flag, f.dim))
     A = np.concatenate(columns, axis=1)
     norms = np.linalg.norm(A, axis=0)
     norms = np.where(norms > 0.0, norms, 1.0)
@@ -267,8 +310,18 @@ def least_squares(design: RowDesign, estimator: str, x: Array, y: Array, units: 
     n, linear = A.shape[1], 1 + x.shape[1]
     ridge = np.full(n, RIDGE)
     ridge[:linear] = 1e-14
-    G = A.T @ A + np.diag(ridge)
-    # one step of refinement: the normal equations alone lose half the digits
-    c = np.linalg.solve(G, A.T @ y)
-    c = c + np.linalg.solve(G, A.T @ (y - A @ c) - ridge * c)
+    c = _ridged(A, y, ridge)
+    if n > linear:
+        # amplitudes of about LIKELY spreads of the output are as likely as noise of the size found
+        noise = float(np.sum((y - A @ c) ** 2)) / max(len(y) - n, 1)
+        prior = noise / (LIKELY * max(float(np.std(y)), 1e-300)) ** 2
+        ridge[linear:] = np.maximum(RIDGE, prior / norms[linear:] ** 2)
+        c = _ridged(A, y, ridge)
     return np.concatenate([c / norms, shape, place.ravel()])
+
+
+def _ridged(A: Array, y: Array, ridge: Array) -> Array:
+    """argmin ‖y − A c‖² + Σ ridge c², one step of refinement after the normal equations."""
+    G = A.T @ A + np.diag(ridge)
+    c = np.linalg.solve(G, A.T @ y)
+    return np.asarray(c + np.linalg.solve(G, A.T @ (y - A @ c) - ridge * c))

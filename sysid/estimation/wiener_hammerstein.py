@@ -4,7 +4,7 @@ Short fits rank the starts (``wiener_hammerstein_starts``), the best few are fit
 winner grows in samples, in intervals of its spline and, where orders are open, in numerators.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,14 +28,21 @@ from sysid.structures.wiener_hammerstein import WienerHammerstein
 SHORT, MIDDLE, LONG = 2_500, 10_000, 40_000
 """Samples of the fits that rank, that choose and that settle; the last search sees all."""
 
-GROWTH = (8, 12, 18, 26, 38)
+GROWTH = (18, 26, 38)
 """Points of the splines tried after that of the starts."""
 
 KINDS = ("dead-zone", "saturation", "saturation-upper", "saturation-lower", "polynomial:3")
 """Kinds tried in the place of the spline."""
 
-RANKED, EACH, CHOSEN = 8, 3, 2
-"""Starts fitted longer, of every size where orders are open, and of these those settled."""
+RANKED, EACH = 8, 2
+"""Starts fitted longer: of all, and at least of every pair of orders."""
+
+FINER, CHOSEN = 4, 2
+"""Of these those that get a finer spline (besides one of every pair of orders), and of these those
+that are settled."""
+
+FINE = "spline:12"
+"""A spline that shows which start is right: on a coarse one a sharp bend hides it."""
 
 TOTALS = (2, 4, 6)
 """Poles of the best linear approximation tried when no orders are given."""
@@ -68,13 +75,11 @@ def fit(
         raise ModelError(
             f"{structure.name}: no start gives a finite error; lower the orders or check the data"
         )
-    if structure.choose_orders:
-        kept = _best_of_each_size(tried)
-    else:
-        kept = sorted(tried, key=lambda c: c.found.cost)[:RANKED]
-    longer = [_moved(c, middle, 25) for c in kept]
-    longer.sort(key=lambda c: c.found.held)
-    models = [_moved(c, settled, 40) for c in longer[:CHOSEN]]
+    longer = [_moved(c, middle, 20) for c in _best_of_each(tried, EACH, RANKED, _cost)]
+    fine = [parse_static(FINE)] * structure.nu
+    finer = [_with_static(c, fine, middle) for c in _best_of_each(longer, 1, FINER, _held)]
+    finer.sort(key=lambda c: c.found.held)
+    models = [_moved(c, settled, 40) for c in finer[:CHOSEN]]
     best = min(models, key=lambda c: c.found.held)
     if open_static:
         best, more = _grown(best, settled)
@@ -88,7 +93,7 @@ def fit(
     starts += [(name, theta) for name, theta in warm if len(theta) == best.structure.chain.n]
     reports = tuple(
         StartReport("all", c.label, None, c.found.cost, c.found.evaluations)
-        for c in (*tried, *longer, *models, *more)
+        for c in (*tried, *longer, *finer, *models, *more)
     )
     return finished(best.structure, records, options, parameters, starts, reports)
 
@@ -124,12 +129,27 @@ def _orders(structure: WienerHammerstein, samples: int) -> Iterator[WienerHammer
                 yield replace(sized, asked=None, choose_orders=False)
 
 
-def _best_of_each_size(tried: Sequence[Candidate]) -> list[Candidate]:
-    """The best few of every total order."""
-    sizes: dict[int, list[Candidate]] = {}
-    for c in sorted(tried, key=lambda c: c.found.cost):
-        sizes.setdefault(c.structure.chain.n, []).append(c)
-    return [c for group in sizes.values() for c in group[:EACH]]
+def _best_of_each(
+    tried: Sequence[Candidate], each: int, overall: int, by: Callable[[Candidate], float]
+) -> list[Candidate]:
+    """The best few of all, and of every pair of orders: short fits mislead between orders."""
+    ordered = sorted(tried, key=by)
+    kept = ordered[:overall]
+    counts: dict[str, int] = {}
+    for c in ordered:
+        name = _orders_text(c.structure)
+        counts[name] = counts.get(name, 0) + 1
+        if counts[name] <= each and c not in kept:
+            kept.append(c)
+    return kept
+
+
+def _cost(c: Candidate) -> float:
+    return c.found.cost
+
+
+def _held(c: Candidate) -> float:
+    return c.found.held
 
 
 def _moved(c: Candidate, part: Part, evaluations: int, tolerance: float = 1e-5) -> Candidate:
@@ -165,7 +185,11 @@ def _with_static(c: Candidate, statics: Sequence[Static], part: Part) -> Candida
 
 
 def _grown(best: Candidate, part: Part) -> tuple[Candidate, list[Candidate]]:
-    """Finer splines as long as they pay, then simpler kinds that do as well."""
+    """Finer splines as long as they pay, then simpler kinds that do as well.
+
+    Points moved to where the spline bends gained nothing, even for a sharp diode: what is left
+    then is what happens between the samples.
+    """
     nu = best.structure.nu
     tried = []
     for size in GROWTH:
@@ -186,38 +210,58 @@ def _grown(best: Candidate, part: Part) -> tuple[Candidate, list[Candidate]]:
 def _widened(
     best: Candidate, records: Sequence[Record], part: Part
 ) -> tuple[Candidate, list[Candidate]]:
-    """One more numerator coefficient in the first block, then in the second, where that pays.
+    """Further numerator coefficients where they pay: earlier lags first, then later ones.
 
-    Sampling a continuous-time circuit gives its blocks numerators that its poles do not limit.
+    Sampling a continuous-time circuit gives its blocks numerators that its poles do not limit, and
+    the delay of a smooth filter, as it is read off a log, is longer than the circuit's own: its
+    first coefficients are small but not zero.
     """
     tried = []
-    for name in ("nb1", "nb"):
-        s = best.structure
-        raw = s.order_values()
-        raw[name] = _one_more(raw[name])
-        wide = WienerHammerstein.from_orders(raw, s.nu, s.ny)
-        wide = replace(wide, statics=s.statics, asked=None, choose_orders=False)
-        channels = records[0].inputs, records[0].outputs
-        known = dict(
-            zip([p.name for p in s.parameters(*channels)], best.found.theta.tolist(), strict=True)
-        )
-        theta = np.array([known.get(p.name, 0.0) for p in wide.parameters(*channels)])
-        found = descend(wide.chain, theta, part.data, evaluations=40, tolerance=1e-5)
-        tried.append(Candidate(wide, found, f"{_orders_text(wide)}, one more {name}"))
-        if found.held < PAYS * best.found.held:
-            best = tried[-1]
+
+    def paid(**more: int) -> bool:
+        nonlocal best
+        wide = _wider(best, records, part, more)
+        tried.append(wide)
+        if wide.found.held < PAYS * best.found.held:
+            best = wide
+            return True
+        return False
+
+    while min(min(row) for row in best.structure.orders.nk) > 0 and paid(nk=-1, nb=1):
+        pass
+    paid(nb1=1)
+    paid(nb=1)
     return best, tried
 
 
-def _one_more(order: Any) -> Any:
+def _wider(
+    best: Candidate, records: Sequence[Record], part: Part, more: Mapping[str, int]
+) -> Candidate:
+    """The same model with some orders changed by so much, fitted again."""
+    s = best.structure
+    raw = s.order_values()
+    raw |= {name: _changed(raw[name], by) for name, by in more.items()}
+    wide = WienerHammerstein.from_orders(raw, s.nu, s.ny)
+    wide = replace(wide, statics=s.statics, asked=None, choose_orders=False)
+    channels = records[0].inputs, records[0].outputs
+    known = dict(
+        zip([p.name for p in s.parameters(*channels)], best.found.theta.tolist(), strict=True)
+    )
+    theta = np.array([known.get(p.name, 0.0) for p in wide.parameters(*channels)])
+    found = descend(wide.chain, theta, part.data, evaluations=40, tolerance=1e-5)
+    words = ", ".join(f"{name} {by:+d}" for name, by in more.items())
+    return Candidate(wide, found, f"{_orders_text(wide)}, {words}")
+
+
+def _changed(order: Any, by: int) -> Any:
     if isinstance(order, list):
-        return [_one_more(o) for o in order]
-    return order + 1
+        return [_changed(o, by) for o in order]
+    return order + by
 
 
 def _as_asked(best: Candidate, statics: Sequence[Static], part: Part) -> Candidate:
     """The statics the user asked for, by way of a finer spline."""
-    finer = [s if s.is_identity else parse_static(f"spline:{GROWTH[0]}") for s in statics]
+    finer = [s if s.is_identity else parse_static(FINE) for s in statics]
     return _with_static(_with_static(best, finer, part), statics, part)
 
 

@@ -33,6 +33,9 @@ FIRST = "spline:5"
 REAL = 1e-9
 """Imaginary parts below this are rounding."""
 
+SAME = 0.01
+"""Poles nearer than this lead to the same fit."""
+
 Poles = NDArray[np.complex128]
 
 
@@ -52,20 +55,21 @@ def ranked_starts(
     nu = structure.nu
     first = [structure.first.nf[j][j] for j in range(nu)]
     second = [max(row[j] for row in structure.orders.nf) for j in range(nu)]
-    pools = input_denominators(
-        shortened(records, BLA_SAMPLES), [a + b for a, b in zip(first, second, strict=True)]
-    )
-    deals = [
-        _deals(np.roots(pool).astype(np.complex128), a)
-        for pool, a in zip(pools, first, strict=True)
-    ]
+    degrees = [a + b for a, b in zip(first, second, strict=True)]
+    deals: list[list[tuple[Poles, Poles]]] = [[] for _ in range(nu)]
+    for refine in (True, False):
+        pools = input_denominators(shortened(records, BLA_SAMPLES), degrees, refine=refine)
+        for j, pool in enumerate(pools):
+            for dealt in _deals(np.roots(pool).astype(np.complex128), first[j]):
+                if not any(_same(dealt, known) for known in deals[j]):
+                    deals[j].append(dealt)
     count = max(len(d) for d in deals)
     found = []
     for k in range(count):
         # with several inputs the k-th deal of each: all combinations would be too many
-        dealt = [d[k % len(d)] for d in deals]
+        dealt_out = [d[k % len(d)] for d in deals]
         for zeros in range(min(3, max(structure.first.nb[j][j] for j in range(nu)))):
-            start = _started(structure, dealt, zeros, data)
+            start = _started(structure, dealt_out, zeros, data)
             if start is None:
                 continue
             label = f"{orders_text(structure.order_values())}, deal {k + 1}, numerator {zeros}"
@@ -98,6 +102,14 @@ def _deals(poles: Poles, first: int) -> list[tuple[Poles, Poles]]:
     paired = np.abs(poles - best_damped) < REAL
     paired |= np.abs(poles - np.conj(best_damped)) < REAL
     return _deals(np.where(paired, np.abs(poles) + 0j, poles), first)
+
+
+def _same(a: tuple[Poles, Poles], b: tuple[Poles, Poles]) -> bool:
+    """Whether two deals are the same up to the order of poles."""
+    return all(
+        len(x) == len(y) and np.allclose(np.sort_complex(x), np.sort_complex(y), atol=SAME)
+        for x, y in zip(a, b, strict=True)
+    )
 
 
 def _started(

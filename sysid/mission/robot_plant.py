@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.record import PWM_FULL_SCALE, Array, Channel
+from sysid.effects.ground import Ground
 from sysid.mission.simulator import ROBOT_INPUTS, ROBOT_OUTPUTS, SteppablePlant
 
 
@@ -50,6 +51,12 @@ class RobotPlant:
     def outputs(self) -> tuple[Channel, ...]:
         """``omega_l, omega_r`` [rad/s]."""
         return ROBOT_OUTPUTS
+
+    @property
+    def ground(self) -> Ground:
+        """What stands between the tracks and the ground; nothing unless the plant says so."""
+        ground: Ground = getattr(self.plant, "ground", Ground())
+        return ground.ordered(self.read) if ground and not self.twins else Ground()
 
     def initial_state(self) -> Array:
         """Return the state at rest at zero drive."""

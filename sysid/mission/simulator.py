@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from sysid.data.record import Array, Channel
+from sysid.effects.ground import Ground
 from sysid.errors import ModelError
 from sysid.mission.control import STANDSTILL, Commands, control
 from sysid.mission.guidance import InitialTurn, Pose, References, guide
@@ -45,9 +46,11 @@ _DIVERGED = 1e6
 class SteppablePlant(Protocol):
     """A sampled system that the mission simulator can run: u(k) held over [k dt, (k + 1) dt).
 
-    Two optional attributes, looked up by :func:`sysid.mission.mapping.as_robot` on plants that are
-    no robots: ``input_range``, (low, high) of each input in the data it was identified from, and
-    ``u_offset``, the value of each input around which it was identified.
+    An optional attribute ``ground`` (:class:`sysid.effects.ground.Ground`) says what the tracks
+    lose on their way to the ground. Two more optional attributes, looked up by
+    :func:`sysid.mission.mapping.as_robot` on plants that are no robots: ``input_range``,
+    (low, high) of each input in the data it was identified from, and ``u_offset``, the value of
+    each input around which it was identified.
 
     Attributes:
         dt: sample time [s].
@@ -86,7 +89,8 @@ def simulate(
 
     A reading at t = k·dt is y(k) under the command held so far. For plants whose y(k) does not
     depend on u(k) that is y(k) itself; with feed-through the logged y(k) belongs to the new u(k).
-    The vehicle moves by the kinematics (2.14), the track speeds varying linearly between samples.
+    The vehicle moves by the kinematics (2.14), the track speeds varying linearly between samples,
+    after what the plant's ``ground`` takes off them; navigation sees the wheels alone.
 
     A mission ends at the first sample where the robot has touched an obstacle (clearance ≤ 0
     anywhere on the way there), guidance reports arrival, the distance to go has shrunk by less
@@ -132,6 +136,7 @@ class _Loop:
         self.plant = plant
         self.navigation = navigation
         self.geometry = mission.vehicle.geometry
+        self.ground: Ground = getattr(plant, "ground", Ground())
         self.rows: list[tuple[float, ...]] = []
         self.path_length = 0.0
         self.clearance = math.inf
@@ -166,7 +171,8 @@ class _Loop:
             u = np.array((self.commands.pwm_l, self.commands.pwm_r))
             state, y = plant.step(state, u)
             omega = self._read(y, t)
-            now = body_velocity(*omega, self.geometry)
+            on_ground = self.ground(*omega) if self.ground else omega
+            now = body_velocity(*on_ground, self.geometry)
             before = self.pose
             if speeds is not None:
                 self._move(speeds, now, dt)

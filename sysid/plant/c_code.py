@@ -1,33 +1,61 @@
 """The plant as C99: one step function with a state struct, and a program that checks it."""
 
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Callable, Iterator
 from importlib.resources import files
 from string import Template
 
 import numpy as np
 
 from sysid import __version__
-from sysid.data.record import Array, Channel
+from sysid.data.record import Channel
 from sysid.errors import ModelError
+from sysid.plant.c_blocks import blocks
+from sysid.plant.c_grey_box import augmented, grey_box
+from sysid.plant.c_linear import linear
+from sysid.plant.c_narx import narx
+from sysid.plant.c_polynomial import polynomial
+from sysid.plant.c_writing import CBody, comment, listed, minus, number
 from sysid.plant.selftest import TOLERANCE, SelfTest
+from sysid.structures.augmented import Augmented
 from sysid.structures.base import Structure
+from sysid.structures.block_structure import BlockStructure
+from sysid.structures.grey_box import GreyBox
 from sysid.structures.model import Model
+from sysid.structures.narmax import NARMAX
+from sysid.structures.narx_wavelet import NarxWavelet
 from sysid.structures.polynomial import PolynomialStructure
-from sysid.structures.transfer import Group, TransferMatrix
+
+WRITERS: tuple[tuple[type[Structure], Callable[[Model], CBody]], ...] = (
+    (PolynomialStructure, linear),
+    (NARMAX, polynomial),
+    (NarxWavelet, narx),
+    (BlockStructure, blocks),
+    (GreyBox, grey_box),
+    (Augmented, augmented),
+)
+"""What writes each family of structures."""
 
 
 def has_c_code(structure: Structure) -> bool:
-    """Whether a structure can be written as C: those with a transfer matrix can."""
-    return isinstance(structure, PolynomialStructure)
+    """Whether there is a writer for a structure's family."""
+    return any(isinstance(structure, family) for family, _ in WRITERS)
+
+
+def why_no_c_code(model: Model) -> str:
+    """Why a model cannot be written as C, as a sentence; empty where it can."""
+    try:
+        _body(model)
+    except ModelError as error:
+        return str(error)
+    return ""
 
 
 def c_sources(model: Model, test: SelfTest, name: str = "") -> dict[str, str]:
-    """``plant.h``, ``plant.c`` and ``selftest.c`` of a linear model.
+    """``plant.h``, ``plant.c`` and ``selftest.c`` of a model.
 
-    The code runs the very difference equations of the transfer matrix, so that it agrees with
-    Python to rounding: with the state x of each group, drive v = u − u₀ and output w,
-
-        w = num₀·v + x₁,  xₖ ← xₖ₊₁ + numₖ·v − denₖ w.
+    The code computes what the structure's ``step`` computes, in double precision, so that it
+    agrees with Python to rounding.
 
     Args:
         model: a fitted model.
@@ -35,110 +63,75 @@ def c_sources(model: Model, test: SelfTest, name: str = "") -> dict[str, str]:
         name: what to call the plant; the structure's title unless given.
 
     Raises:
-        ModelError: the structure has no transfer matrix.
+        ModelError: the structure cannot be written as C.
     """
-    structure = model.structure
-    if not isinstance(structure, PolynomialStructure):
-        raise ModelError(
-            f"a {structure.name} model cannot be written as C; run its plant.json with sysid"
-        )
-    transfer = structure.transfer(model.theta)
-    title = _comment(f"{name}: {structure.title}" if name else structure.title)
+    written = _body(model)
+    title = comment(f"{name}: {model.structure.title}" if name else model.structure.title)
     common = {"title": title, "version": __version__}
-    n = transfer.n_states
+    n = written.n_states
+    storage = str(max(n, 1))  # C has no empty arrays
+    headers = ["#include <math.h>", ""] if written.mathematical else []
     return {
         "plant.h": _fill(
             "plant.h",
             **common,
-            dt=_number(model.dt),
-            nu=str(transfer.nu),
-            ny=str(transfer.ny),
+            dt=number(model.dt),
+            nu=str(len(model.inputs)),
+            ny=str(len(model.outputs)),
             n=str(n),
-            n_storage=str(max(n, 1)),  # C has no empty arrays
+            n_storage=storage,
             channels="\n".join(_channel_lines(model.inputs, model.outputs)),
         ),
         "plant.c": _fill(
             "plant.c",
             **common,
-            n_storage=str(max(n, 1)),
-            body="\n".join(_step_lines(transfer, model.detrend.u_offset, model.detrend.y_offset)),
+            words="\n".join(f" * {line}".rstrip() for line in map(comment, written.words)),
+            includes="\n".join([*headers, '#include "plant.h"']),
+            support="".join(f"{line}\n" for line in written.support),
+            n_storage=storage,
+            body="\n".join(_step_lines(model, written)),
         ),
         "selftest.c": _fill(
             "selftest.c",
             **common,
             rows=str(len(test.t)),
-            tolerance=_number(TOLERANCE),
-            data="\n".join(f"    {{{_list(row)}}}," for row in np.column_stack([test.u, test.y])),
-            scale=_list(test.scale()),
+            tolerance=number(TOLERANCE),
+            data="\n".join(f"    {{{listed(row)}}}," for row in np.column_stack([test.u, test.y])),
+            scale=listed(test.scale()),
         ),
     }
 
 
-def _step_lines(transfer: TransferMatrix, u_offset: Array, y_offset: Array) -> Iterator[str]:
+def _body(model: Model) -> CBody:
+    for family, write in WRITERS:
+        if isinstance(model.structure, family):
+            return write(model)
+    raise ModelError(
+        f"a {model.structure.name} model cannot be written as C; run its plant.json with sysid"
+    )
+
+
+def _step_lines(model: Model, written: CBody) -> Iterator[str]:
     """The body of ``plant_step``."""
-    for j, offset in enumerate(u_offset):
-        yield f"    v[{j}] = u[{j}]{_minus(offset)};"
-    for i, offset in enumerate(y_offset):
-        yield f"    out[{i}] = {_number(offset)};"
-    at = 0
-    for group in transfer.groups:
-        yield ""
-        yield from _group_lines(group, at)
-        at += group.order
-    if not transfer.groups:
-        yield "    (void)x;"
-        yield "    (void)v;"
-        yield "    (void)w;"
+    for name in ("x", "v"):
+        if not any(re.search(rf"\b{name}\b", line) for line in written.body):
+            yield f"    (void){name};"
     yield ""
-    for i in range(transfer.ny):
+    for j, offset in enumerate(model.detrend.u_offset):
+        yield f"    v[{j}] = u[{j}]{minus(offset)};"
+    for i, offset in enumerate(model.detrend.y_offset):
+        yield f"    out[{i}] = {number(offset)};"
+    yield from written.body
+    yield ""
+    for i in range(len(model.outputs)):
         yield f"    y[{i}] = out[{i}];"
-
-
-def _group_lines(group: Group, at: int) -> Iterator[str]:
-    """One transfer function; its first state is x[at]."""
-    first = [f"x[{at}]"] if group.order else []
-    yield f"    w = {_sum([*first, *_products(group, 0)])};"
-    yield f"    out[{group.output}] += w;"
-    for k in range(1, group.order + 1):
-        following = [f"x[{at + k}]"] if k < group.order else []
-        feedback = [f"{_number(-group.den[k])} * w"] if group.den[k] else []
-        yield f"    x[{at + k - 1}] = {_sum([*following, *_products(group, k), *feedback])};"
-
-
-def _products(group: Group, k: int) -> list[str]:
-    """num_k·v, without the terms that are zero."""
-    pairs = zip(group.inputs, group.num[:, k], strict=True)
-    return [f"{_number(b)} * v[{j}]" for j, b in pairs if b]
-
-
-def _sum(terms: list[str]) -> str:
-    return " + ".join(terms) if terms else "0.0"
-
-
-def _minus(offset: float) -> str:
-    return f" - ({_number(offset)})" if offset else ""
-
-
-def _number(value: float) -> str:
-    """A double literal that reads back as the same double."""
-    return repr(float(value))
-
-
-def _list(values: Iterable[float]) -> str:
-    return ", ".join(_number(v) for v in values)
 
 
 def _channel_lines(inputs: tuple[Channel, ...], outputs: tuple[Channel, ...]) -> Iterator[str]:
     for letter, channels in (("u", inputs), ("y", outputs)):
         for k, channel in enumerate(channels):
-            unit = f" [{_comment(channel.unit)}]" if channel.unit else ""
-            yield f" * {letter}[{k}]  {_comment(channel.name)}{unit}"
-
-
-def _comment(text: str) -> str:
-    """Text that cannot end a comment or continue a line."""
-    plain = "".join(c if c.isprintable() and c not in "\\?" else "_" for c in text)
-    return plain.replace("*/", "*_").replace("/*", "_*")
+            unit = f" [{comment(channel.unit)}]" if channel.unit else ""
+            yield f" * {letter}[{k}]  {comment(channel.name)}{unit}"
 
 
 def _fill(template: str, **values: str) -> str:

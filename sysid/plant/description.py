@@ -12,9 +12,9 @@ from sysid import __version__
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel
 from sysid.errors import ModelError
-from sysid.structures.base import structure_from_json
 from sysid.structures.model import Model
 from sysid.structures.plant import Plant
+from sysid.structures.registry import structure_from_json
 
 SCHEMA = "sysid-plant/1"
 BLOCKS = ("input_operating_point", "core", "output_operating_point")
@@ -64,6 +64,7 @@ def describe(model: Model, report: Mapping[str, Any], name: str) -> dict[str, An
             "outputs": {c.name: ranges.get(c.name) for c in model.outputs},
         },
         "properties": model.structure.properties(model.theta, model.dt),
+        **_ground(model),
         "fit": _fit(report),
         "termination": {"code": model.termination.code, "message": model.termination.value},
         "data": [asdict(s) for s in model.provenance.data],
@@ -74,6 +75,15 @@ def describe(model: Model, report: Mapping[str, Any], name: str) -> dict[str, An
     }
     finite: dict[str, Any] = _finite(described)
     return finite
+
+
+def _ground(model: Model) -> dict[str, Any]:
+    """What stands between tracks and ground: effect → parameter → [left, right], in order."""
+    ground = model.structure.ground(model.theta)
+    told = {
+        id: {name: v.tolist() for name, v in ground.parameters[id].items()} for id in ground.effects
+    }
+    return {"ground": told} if told else {}
 
 
 def _fit(report: Mapping[str, Any]) -> dict[str, Any] | None:

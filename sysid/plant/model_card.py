@@ -6,7 +6,7 @@ from string import Template
 from typing import Any
 
 from sysid.estimation.orders import orders_text
-from sysid.plant.c_code import has_c_code
+from sysid.plant.c_code import why_no_c_code
 from sysid.plant.selftest import TOLERANCE
 from sysid.structures.model import Model
 
@@ -39,24 +39,39 @@ def model_card(model: Model, described: Mapping[str, Any]) -> str:
         equations="\n".join(equations).replace("`", "'"),
         input_offset=_offsets("subtracts", described["inputs"], before["offset"]),
         structure=core["structure"],
-        orders=_cell(orders_text(core["orders"])),
+        orders=_cell(f"orders {orders_text(core['orders'])}" if core["orders"] else "no orders"),
         output_offset=_offsets("adds", described["outputs"], after["offset"]),
         parameters="\n".join(_parameter_rows(core["parameters"])),
-        behaviour="\n".join(f"- {line}" for line in _behaviour(described)),
+        behaviour="\n".join(f"- {x}" for x in (*_behaviour(described), *_ground(model))),
         fit="\n".join(_fit(described["fit"])),
         domain="\n".join(_domain_rows(described)),
         origin="\n".join(f"- {line}" for line in _origin(described)),
         warnings="\n".join(f"- {w}" for w in _warnings(model, described["warnings"])),
-        c_usage=_C_USAGE if has_c_code(model.structure) else "",
+        c_usage=_c_usage(model),
         folder="plant",
         tolerance=f"{TOLERANCE:g}",
     )
+
+
+def _c_usage(model: Model) -> str:
+    """How to build the code, or why there is none."""
+    why = why_no_c_code(model)
+    return f"There is no C code: {why}.\n\n" if why else _C_USAGE
 
 
 def _parameter_rows(parameters: list[dict[str, Any]]) -> Iterator[str]:
     for p in parameters:
         error = "fixed" if p["fixed"] else _number(p["std_error"], 3, "no information")
         yield f"| {_cell(p['name'])} | {_number(p['value'], 8)} | {error} | {_cell(p['unit'])} |"
+
+
+def _ground(model: Model) -> Iterator[str]:
+    effects = model.structure.ground(model.theta).effects
+    if effects:
+        yield (
+            f"The outputs are the speeds of the wheels. Between tracks and ground act "
+            f"{', '.join(effects)}: the mission simulator applies them, the C code does not."
+        )
 
 
 def _behaviour(described: Mapping[str, Any]) -> Iterator[str]:

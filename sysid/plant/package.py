@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import Any
 
 from sysid.plant import description, selftest
-from sysid.plant.c_code import c_sources, has_c_code
+from sysid.plant.c_code import c_sources, why_no_c_code
 from sysid.plant.model_card import model_card
 from sysid.plant.storage import MARK, Files, read_member, write_files
 from sysid.structures.model import Model
@@ -23,7 +23,7 @@ _NOTHING: Mapping[str, Any] = MappingProxyType({})
 def package_files(model: Model, report: Mapping[str, Any] = _NOTHING, name: str = "") -> Files:
     """The files of a package by name: plant.json, selftest.csv, README.md and the C code.
 
-    The same model and report give the same bytes. Structures without C code have no ``c/``.
+    The same model and report give the same bytes. Without C code there is no ``c/``.
 
     Args:
         model: a fitted model.
@@ -37,7 +37,7 @@ def package_files(model: Model, report: Mapping[str, Any] = _NOTHING, name: str 
         selftest.NAME: selftest.to_csv(test, model),
         CARD: model_card(model, described),
     }
-    if has_c_code(model.structure):
+    if not why_no_c_code(model):
         texts |= {f"c/{file}": text for file, text in c_sources(model, test, name).items()}
     return {file: text.encode("utf-8") for file, text in texts.items()}
 

@@ -12,6 +12,7 @@ longer than many a fit. What makes a picture reproducible:
   digit in which processors differ.
 """
 
+import html
 import io
 import re
 import warnings
@@ -48,6 +49,7 @@ __all__ = [
     "RankingPicture",
     "RankingRow",
     "StepResponse",
+    "inline_svg",
     "picture_format",
     "plot_dynamics",
     "plot_fit",
@@ -113,6 +115,33 @@ def plot_dynamics(path: Path, picture: DynamicsPicture) -> None:
     """
     size = dynamics_drawing.size_inches(picture)
     _write(path, size, lambda figure: dynamics_drawing.draw(figure, picture))
+
+
+def inline_svg(
+    name: str, size: tuple[float, float], draw: Callable[["Figure"], None], label: str
+) -> str:
+    """A picture as an ``<svg>`` element that can stand in a page beside others.
+
+    Args:
+        name: letters that no other picture of the page has: they head its ids.
+        size: width and height [in].
+        draw: draws on the figure.
+        label: what it shows, for those who do not see it.
+    """
+    svg = _render("svg", size, draw).decode()
+    svg = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", svg[svg.index("<svg") :], flags=re.S)
+    used = set(re.findall(r"url\(#([^)]+)\)|xlink:href=\"#([^\"]+)\"", svg))
+    kept = {a or b for a, b in used}
+
+    def own(match: re.Match[str]) -> str:
+        return f' id="{name}-{match[1]}"' if match[1] in kept else ""
+
+    svg = re.sub(r' id="([^"]*)"', own, svg)
+    svg = re.sub(r"url\(#", f"url(#{name}-", svg)
+    svg = re.sub(r'xlink:href="#', f'xlink:href="#{name}-', svg)
+    svg = re.sub(r"\n\s*\n+", "\n", svg)
+    described = f'<svg role="img" aria-label="{html.escape(label)}"'
+    return svg.replace("<svg", described, 1).strip()
 
 
 def _write(path: Path, size: tuple[float, float], draw: Callable[["Figure"], None]) -> None:

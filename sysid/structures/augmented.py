@@ -8,11 +8,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sysid.data.record import Array, Channel, Record
-from sysid.effects.base import Effect
+from sysid.effects.base import Effect, Place
 from sysid.effects.catalogue import chain_effects, effect
+from sysid.effects.ground import Ground
 from sysid.errors import UsageError
 from sysid.structures.base import Focus, Initial, Parameter, Problem, Structure, refuse_options
 from sysid.structures.chain import ChainState, Core, chain_step, rest_state
+from sysid.structures.given_base import GivenBase
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,7 @@ class Augmented(Structure):
         scales: full drive of each track's command.
         dt: sample time [s].
         effects: ids in order of acceptance.
+        given: a model of another structure that drives the core; None where the command does.
     """
 
     name: ClassVar[str] = "augmented"
@@ -42,6 +45,7 @@ class Augmented(Structure):
     scales: tuple[float, ...]
     dt: float
     effects: tuple[str, ...] = field(default=())
+    given: GivenBase | None = field(default=None, compare=False)
 
     @property
     def nu(self) -> int:
@@ -72,20 +76,22 @@ class Augmented(Structure):
 
     def settings(self) -> dict[str, Any]:
         """Effects, full drives and sample time."""
-        return {"effects": list(self.effects), "scales": list(self.scales), "dt": self.dt}
+        found = {"effects": list(self.effects), "scales": list(self.scales), "dt": self.dt}
+        return found if self.given is None else {**found, "given": self.given.to_json()}
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> "Augmented":
         """Undo ``to_json``."""
         s = raw["settings"]
         for id in s["effects"]:
-            effect(id)
+            effect(id)  # refuses what the catalogue does not know
         return cls(
             int(raw["orders"]["n"]),
             int(raw["orders"]["nk"]),
             tuple(float(v) for v in s["scales"]),
             float(s["dt"]),
             tuple(s["effects"]),
+            GivenBase.from_json(s["given"]) if s.get("given") else None,
         )
 
     @cached_property
@@ -110,6 +116,12 @@ class Augmented(Structure):
                     for p in e.parameters
                 ]
         return tuple(found)
+
+    def ground(self, theta: Array) -> Ground:
+        """The effects of the vehicle, which the chain leaves to those who move it."""
+        _, values = self.unpack(theta)
+        found = [id for id in self.effects if effect(id).place is Place.POSE]
+        return Ground(tuple(found), {id: values[id] for id in found})
 
     def unpack(self, theta: Array) -> tuple[Core, dict[str, dict[str, Array]]]:
         """θ as a core and as each effect's parameters, one value a track."""
@@ -151,16 +163,25 @@ class Augmented(Structure):
         return state, _flat(state, self.delay - 1, self.ny).size
 
     def n_states(self, theta: Array) -> int:
-        """Core, effects and dead time."""
-        return self._shape(theta)[1]
+        """Core, effects and dead time, before them those of the given model."""
+        return self._shape(theta)[1] + self._given_states
+
+    @property
+    def _given_states(self) -> int:
+        return 0 if self.given is None else self.given.n_states()
 
     def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
-        """Steady motion at the first measured speed; a longer head is not used."""
+        """Steady motion at the first measured speed; only a given model uses a longer head."""
         core, _ = self.unpack(theta)
         w = y[0] if len(y) else np.zeros(self.ny)
-        state = rest_state(np, self.active, core, w)
+        drive = u[0] / np.array(self.scales) if len(u) else None
+        head = np.zeros(0)
+        if self.given is not None:
+            head = self.given.fitted_state(u, y, samples)
+            drive = self.given.step()(head, u[0])[1] if len(u) else None
+        state = rest_state(np, self.active, core, w, drive)
         line = np.repeat((u[:1] / np.array(self.scales)), self.delay - 1, axis=0)
-        return _flat(state, self.delay - 1, self.ny, line)
+        return np.concatenate([head, _flat(state, self.delay - 1, self.ny, line)])
 
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
         """Free run from x0."""
@@ -174,18 +195,19 @@ class Augmented(Structure):
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
         """One sample of the chain with the accepted effects only."""
         core, parameters = self.unpack(theta)
-        template, size = self._shape(theta)
+        template, _ = self._shape(theta)
         active, lag, tracks = self.active, self.delay - 1, self.ny
-        scales, dt = np.array(self.scales), self.dt
+        scales, dt, own = np.array(self.scales), self.dt, self._given_states
+        base = None if self.given is None else self.given.step()
 
         def advance(x: Array, u: Array) -> tuple[Array, Array]:
-            state, line, clock, angle = _unflat(x, template, lag, tracks)
-            line = np.vstack([line, u / scales])
-            state, y = chain_step(np, active, core, parameters, state, line[0], clock, angle, dt)
-            following = _flat(state, lag, tracks, line[1:], float(clock) + dt, angle + dt * y)
-            return following, np.asarray(y)
+            head, drive = (x[:0], u / scales) if base is None else base(x[:own], u)
+            state, line, clock = _unflat(x[own:], template, lag, tracks)
+            line = np.vstack([line, drive])
+            state, y = chain_step(np, active, core, parameters, state, line[0], clock, dt)
+            following = _flat(state, lag, tracks, line[1:], float(clock) + dt)
+            return np.concatenate([head, following]), np.asarray(y)
 
-        assert size >= 0
         return advance
 
     def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
@@ -258,19 +280,17 @@ def _flat(
     tracks: int,
     line: Array | None = None,
     clock: float = 0.0,
-    angle: Array | None = None,
 ) -> Array:
-    """State as one vector: core, effects, delayed commands, clock, angle."""
+    """State as one vector: core, effects, delayed commands, clock."""
     parts = [np.ravel(state[0]), *(np.ravel(s) for held in state[1] for s in held)]
     parts.append(np.ravel(np.zeros((lag, tracks)) if line is None else line))
     parts.append(np.array([clock]))
-    parts.append(np.zeros(tracks) if angle is None else angle)
     return np.concatenate(parts)
 
 
 def _unflat(
     x: Array, template: ChainState, lag: int, tracks: int
-) -> tuple[ChainState, Array, Array, Array]:
+) -> tuple[ChainState, Array, Array]:
     n = template[0].size
     core, at = x[:n].reshape(template[0].shape), n
     held = []
@@ -282,4 +302,4 @@ def _unflat(
         held.append(tuple(block))
     line = x[at : at + lag * tracks].reshape(lag, tracks)
     at += lag * tracks
-    return (core, tuple(held)), line, x[at], x[at + 1 :]
+    return (core, tuple(held)), line, x[at]

@@ -1,16 +1,17 @@
-"""The abstractions of fitting: Parameter, Problem, Structure, and the registry of structures."""
+"""The abstractions of fitting: Parameter, Problem and Structure."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from importlib.metadata import entry_points
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
 
 from sysid.data.record import Array, Channel, Index, Record
-from sysid.errors import ModelError, UsageError
+from sysid.effects.ground import Ground
+from sysid.errors import UsageError
 
 
 class Focus(Enum):
@@ -90,7 +91,8 @@ class Problem(ABC):
 class Structure(ABC):
     """What to fit. Everything is a pure function of one parameter vector θ.
 
-    Subclasses are frozen dataclasses; ``name`` is what users type.
+    Subclasses are frozen dataclasses; ``name`` is what users type. Residuals of structures that
+    are not ``linear`` are tested for what a nonlinear model may have missed, too.
     """
 
     name: ClassVar[str]
@@ -99,6 +101,11 @@ class Structure(ABC):
     when: ClassVar[str]
     order_names: ClassVar[tuple[str, ...]]
     has_noise_model: ClassVar[bool]
+    options: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    """Each option that ``from_orders`` accepts, with a sentence."""
+    physical: ClassVar[bool] = False
+    """Whether θ counts from the channels' own zeros, so that nothing may be removed from data."""
+    linear: ClassVar[bool] = False
 
     @property
     @abstractmethod
@@ -206,6 +213,10 @@ class Structure(ABC):
     def properties(self, theta: Array, dt: float) -> dict[str, Any]:
         """Poles, zeros, static gain …: JSON-able facts that follow from θ."""
 
+    def ground(self, theta: Array) -> Ground:
+        """Effects between tracks and ground: they change the pose, no output; none by default."""
+        return Ground()
+
     def settings(self) -> dict[str, Any]:
         """What besides orders makes the structure: options, and what was read off the data."""
         return {}
@@ -236,48 +247,3 @@ def refuse_options(structure: str, options: Mapping[str, str] | None, known: Seq
         if name not in known:
             has = f"its options are {', '.join(known)}" if known else "it has none"
             raise UsageError(f"--option: {structure} has no option {name!r}; {has}")
-
-
-def structure_classes() -> dict[str, type[Structure]]:
-    """Every known structure by name: the built-in ones and those of other packages.
-
-    Other packages register a class under the entry-point group ``sysid.structures``.
-    """
-    from sysid.structures.armax import ARMAX
-    from sysid.structures.arx import ARX
-    from sysid.structures.bj import BJ
-    from sysid.structures.hammerstein_wiener import HammersteinWiener
-    from sysid.structures.oe import OE
-    from sysid.structures.wiener_hammerstein import WienerHammerstein
-
-    classes: dict[str, type[Structure]] = {
-        c.name: c for c in (ARX, ARMAX, OE, BJ, HammersteinWiener, WienerHammerstein)
-    }
-    for point in entry_points(group="sysid.structures"):
-        classes.setdefault(point.name, point.load())
-    return classes
-
-
-def structure_class(name: str) -> type[Structure]:
-    """The structure called ``name`` (case does not matter).
-
-    Raises:
-        UsageError: there is none of that name.
-    """
-    classes = structure_classes()
-    if name.lower() not in classes:
-        raise UsageError(f"no structure {name!r}; choose one of {', '.join(classes)}")
-    return classes[name.lower()]
-
-
-def structure_from_json(raw: Mapping[str, Any]) -> Structure:
-    """Undo ``Structure.to_json``.
-
-    Raises:
-        ModelError: the description is damaged.
-    """
-    try:
-        cls = structure_class(str(raw["structure"]))
-        return cls.from_json(raw)
-    except (KeyError, TypeError, ValueError, UsageError) as error:
-        raise ModelError(f"the model's structure cannot be read ({error}); fit it again") from None

@@ -1,15 +1,15 @@
 """The chain command → torque → speed → reading that effects act on, written once over xp."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.effects.base import Context, Effect, Place, Signal
+from sysid.effects.base import Context, Effect, Place, Signal, State
 
 Parameters = Mapping[str, Mapping[str, Signal]]
 """Effect id → parameter name → one value a track."""
 
-ChainState = tuple[Any, tuple[tuple[Signal, ...], ...]]
+ChainState = tuple[Any, tuple[State, ...]]
 """(core state (n, tracks), states of each effect)."""
 
 
@@ -31,23 +31,24 @@ class Core:
     b: Signal
 
 
-def rest_state(xp: Any, effects: Sequence[Effect], core: Core, w: Signal) -> ChainState:
-    """The state in which the tracks turn steadily with speed ``w`` (tracks,)."""
+def rest_state(
+    xp: Any, effects: Sequence[Effect], core: Core, w: Signal, drive: Signal | None = None
+) -> ChainState:
+    """The state in which the tracks turn steadily with speed ``w`` (tracks,).
+
+    Args:
+        drive: what the effects of the command have seen so far; that of the speed when None.
+    """
     n = core.f.shape[0]
     rows = [w, *(xp.sum((core.b[i:] - core.f[i:]) * w, axis=0) for i in range(1, n))]
-    drive = w / core.gain
-    states = tuple(_initial(effect, w, drive) for effect in effects)
-    return xp.stack(rows), states
+    drive = w / core.gain if drive is None else drive
+    return xp.stack(rows), tuple(_initial(e, w, drive) for e in effects)
 
 
-def _initial(effect: Effect, w: Signal, drive: Signal) -> tuple[Signal, ...]:
-    if effect.place is Place.COMMAND:
-        return (drive,) * effect.states
-    if effect.id == "backlash":
-        return (0.0 * w, w)
-    if effect.id == "thermal-fade":
-        return (0.0 * w,)
-    return (w,) * effect.states
+def _initial(effect: Effect, w: Signal, drive: Signal) -> State:
+    if effect.at_rest is not None:
+        return effect.at_rest(w, drive)
+    return (drive if effect.place is Place.COMMAND else w,) * effect.states
 
 
 def chain_step(
@@ -58,7 +59,6 @@ def chain_step(
     state: ChainState,
     drive: Signal,
     t: Signal,
-    angle: Signal,
     dt: float,
 ) -> tuple[ChainState, Signal]:
     """One sample: (state, drive (tracks,)) → (next state, reading (tracks,)).
@@ -66,6 +66,37 @@ def chain_step(
     Effects of one place act in the given order. The reading belongs to the instant at which the
     drive is applied and does not depend on it.
     """
+    sample = Sample(drive, drive, t)
+    return step_with(xp, effects, core, parameters, state, sample, dt)
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """What enters one step.
+
+    Attributes:
+        drive: command as it was given, (tracks,).
+        acting: what the effects outside this step have made of it.
+        t: time [s].
+        measured: reading of the log where it is known.
+    """
+
+    drive: Signal
+    acting: Signal
+    t: Signal
+    measured: Signal | None = None
+
+
+def step_with(
+    xp: Any,
+    effects: Sequence[Effect],
+    core: Core,
+    parameters: Parameters,
+    state: ChainState,
+    sample: Sample,
+    dt: float,
+) -> tuple[ChainState, Signal]:
+    """``chain_step`` where some effects have already acted on the command."""
     x, held = state
     w = x[0]
     n = core.f.shape[0]
@@ -74,7 +105,10 @@ def chain_step(
     memory = dict(zip((e.id for e in effects), held, strict=True))
 
     def through(place: Place, signal: Signal, torque: Signal) -> Signal:
-        context = Context(dt, t, w, w_free, core.b[0], torque, drive, angle)
+        other = torque[..., ::-1] if torque.shape[-1] > 1 else 0.0 * torque
+        context = Context(
+            dt, sample.t, w, w_free, core.b[0], torque, other, sample.drive, sample.measured
+        )
         for effect in effects:
             if effect.place is place:
                 signal, memory[effect.id] = effect.step(
@@ -82,8 +116,8 @@ def chain_step(
                 )
         return signal
 
-    reading = through(Place.READING, w, core.gain * drive)
-    acting = through(Place.COMMAND, drive, core.gain * drive)
+    reading = through(Place.READING, w, core.gain * sample.drive)
+    acting = through(Place.COMMAND, sample.acting, core.gain * sample.drive)
     wanted = core.gain * acting
     torque = through(Place.TORQUE, wanted, wanted)
     rows = [
@@ -91,3 +125,30 @@ def chain_step(
     ]
     rows[0] = through(Place.SPEED, rows[0], wanted)
     return (xp.stack(rows), tuple(memory[e.id] for e in effects)), reading
+
+
+def over_time(
+    xp: Any,
+    effects: Sequence[Effect],
+    parameters: Parameters,
+    signal: Signal,
+    past: Callable[[Signal, int], Signal],
+    sample: Sample,
+    dt: float,
+) -> Signal:
+    """Effects without memory of their own on a whole record at once.
+
+    Args:
+        effects: of the command or the reading; their states, if any, are past inputs.
+        signal: (N, tracks).
+        past: (signal, k) → the signal k samples earlier.
+        sample: drive (N, tracks) and t (N, 1).
+    """
+    nothing = 0.0 * signal
+    context = Context(
+        dt, sample.t, nothing, nothing, nothing, nothing, nothing, sample.drive, sample.measured
+    )
+    for effect in effects:
+        line = tuple(past(signal, k + 1) for k in range(effect.states))
+        signal, _ = effect.step(xp, signal, line, parameters[effect.id], context)
+    return signal

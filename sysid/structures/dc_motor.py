@@ -7,31 +7,32 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from sysid.data.record import PWM_FULL_SCALE, Array, Channel, Record
+from sysid.data.record import Array, Channel, Record
 from sysid.errors import UsageError
+from sysid.structures.dc_motor_constants import (
+    OPTIONAL_EACH,
+    bench,
+    bench_guess,
+    from_bench,
+    lumped,
+    shape,
+)
+from sysid.structures.dc_motor_motion import STEPS
 from sysid.structures.dc_motor_start import central_guesses
-from sysid.structures.dry_friction import decay, friction, sliding_rate, times
+from sysid.structures.dry_friction import decay
 from sysid.structures.grey_box import Constant, GreyBox, Rung, Signal
-
-NO_LIMIT = 1e9
-"""A command no log contains: the limit of a drive that has none."""
-
-SPLIT = 15.0
-"""Substeps in the shortest time constant: friction's errors are then below a hundredth per cent."""
 
 _CHOICES = MappingProxyType(
     {
         "input": ("auto", "pwm", "voltage"),
         "output": ("speed", "position"),
-        "integrator": ("exact", "rk4"),
+        "integrator": ("exact", "rk4", "implicit"),
         "friction": ("auto", "none", "coulomb", "stribeck", "full"),
         "parameters": ("lumped", "bench"),
     }
 )
 
 _SHARED = ("breakaway", "stribeck", "limit")
-
-_EACH = ("breakaway", "stribeck", "limit", "time_constant", "offset", "drag")
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,8 @@ class DCMotor(GreyBox):
     Attributes:
         input: ``pwm`` [µs], ``voltage`` or ``auto``: by the input's name.
         output: ``speed`` or ``position``.
-        integrator: ``exact`` (linear part by matrix exponential, friction implicit) or ``rk4``.
+        integrator: ``exact`` (linear part by matrix exponential, friction implicit, stops found
+            inside a step), ``rk4``, or ``implicit`` (as exact, but stops at the end of a step).
         friction: ``auto`` adds mechanisms as held-out data pay for them; ``none``, ``coulomb``,
             ``stribeck`` and ``full`` fix them.
         parametrisation: ``lumped`` or ``bench``.
@@ -80,13 +82,14 @@ class DCMotor(GreyBox):
             "output": "what is read: speed (default) or position",
             "friction": "none, coulomb, stribeck, full (with offset, asymmetry and drag), or auto "
             "(default): each mechanism only where held-out data pay for it",
-            "parameters": "lumped (default: gain, time constant, Coulomb …) or bench (R, Kem, Kc, "
-            "gear, inertia held at bench values; mass, yaw inertia, friction estimated)",
+            "parameters": "lumped (default: gain, time constant, Coulomb level …) or bench (R, "
+            "Kem, Kc, gear, inertia held at the bench's values; masses and friction estimated)",
             "shared": "constants with one value for both tracks, divided by commas; "
             "breakaway,stribeck,limit unless given, or none",
             "torque_constant": "stall torque or force per unit of input, if known: the equations "
             "then name inertia and friction in physical units",
-            "integrator": "exact (default: matrix exponential, implicit friction) or rk4",
+            "integrator": "exact (default: matrix exponential, friction implicit), rk4, or "
+            "implicit (cheaper: a track stops at the end of a step)",
             **GreyBox.options,
         }
     )
@@ -109,10 +112,9 @@ class DCMotor(GreyBox):
         if shared is not None:
             names = () if shared == "none" else tuple(n.strip() for n in shared.split(","))
             for n in names:
-                if n not in _EACH:
-                    raise UsageError(
-                        f"--option shared: {n!r} cannot be shared; choose of {', '.join(_EACH)}"
-                    )
+                if n not in OPTIONAL_EACH:
+                    known = ", ".join(OPTIONAL_EACH)
+                    raise UsageError(f"--option shared: {n!r} cannot be shared; choose of {known}")
             found["shared"] = names
         found["torque_per_input"] = _positive(given.get("torque_constant", "0"))
         return found
@@ -128,8 +130,8 @@ class DCMotor(GreyBox):
     def constants(self) -> tuple[Constant, ...]:
         """The lumped constants, or those of the bench, then the shape of friction."""
         return (
-            *(_bench(self) if self.parametrisation == "bench" else _lumped(self)),
-            *_shape(self),
+            *(bench(self) if self.parametrisation == "bench" else lumped(self)),
+            *shape(self),
         )
 
     @property
@@ -186,22 +188,29 @@ class DCMotor(GreyBox):
         """Speeds (and positions) after a step."""
         w = x[: self.ny]
         net = p["gain"] * (xp.minimum(xp.maximum(u, -p["limit"]), p["limit"]) - p["offset"])
-        move = _exact if self.integrator == "exact" else _runge_kutta
-        after = move(xp, p, w, net, h)
+        after = STEPS[self.integrator](xp, p, w, net, h)
         if self.output == "speed":
             return after
         return xp.concatenate([after, x[self.ny :] + 0.5 * h * (w + after)])
 
-    def prepared(self, xp: Any, p: dict[str, Signal]) -> Mapping[str, Signal]:
+    def prepared(self, xp: Any, p: dict[str, Signal], h: Signal) -> Mapping[str, Signal]:
         """The motion, and what its linear part does in a substep."""
         q = self.motion(xp, p)
-        return q | {"decay": decay(xp, q["inertia"], self.h)}
+        return q | {"decay": decay(xp, q["inertia"], h)}
+
+    def timeless(self) -> Self:
+        """The equations alone, whatever is estimated and written out."""
+        return replace(super().timeless(), friction="auto", torque_per_input=0.0)
+
+    def rough(self) -> Self:
+        """With implicit steps, a quarter of the work and of the compilation."""
+        return replace(self, integrator="implicit")
 
     def motion(self, xp: Any, p: Mapping[str, Signal]) -> dict[str, Signal]:
         """Gain, time constants, their coupling and Coulomb level [speed], with friction's shape."""
         q = dict(p)
         if self.parametrisation == "bench":
-            q |= _from_bench(self, xp, p)
+            q |= from_bench(self, xp, p)
         else:
             tau = xp.zeros((self.ny, 1)) + p["time_constant"]
             root = xp.sqrt(tau[0] * tau[-1])
@@ -248,9 +257,8 @@ class DCMotor(GreyBox):
         """From differences of the outputs over several spans."""
         found = []
         for words, gain, tau, level, load in central_guesses(records, self.output == "position"):
-            p: dict[str, Any]
             if self.parametrisation == "bench":
-                p = _bench_guess(self, gain, level)
+                p: dict[str, Any] = bench_guess(self, gain, level)
             else:
                 p = {"gain": gain, "time_constant": tau, "coulomb": level}
                 if "time_constant" in self.shared:
@@ -293,278 +301,6 @@ class DCMotor(GreyBox):
             "breakaway_command": np.ravel(level[:, None] * q["breakaway"]).tolist(),
             "position": self.output == "position",
         }
-
-
-def _exact(xp: Any, q: Mapping[str, Signal], w: Signal, net: Signal, h: float) -> Signal:
-    """One step: friction as of sliding at the step's mean speed, then what follows a stop.
-
-    Where a track stops inside the step, the step is cut there (by linear interpolation) and the
-    rest of it starts from standstill, where friction may hold the track or let it go either way.
-    """
-    g = q["decay"]
-    w_free = w + times(xp, g, net - w)
-
-    def slid(at: Signal) -> Signal:
-        """Speeds after the step if no sliding track stopped, friction as at the speeds ``at``."""
-        low, high = _levels(xp, q, at)
-        taken, stands = friction(
-            xp, g, w_free, xp.where(w > 0.0, -high, low), xp.where(w < 0.0, -low, high)
-        )
-        return xp.where(stands, 0.0, w_free - times(xp, g, taken))
-
-    first = slid(w)
-    first = slid(0.5 * (w + xp.where(first * w < 0.0, 0.0, first)))
-    crosses = first * w < 0.0
-    share = xp.min(xp.where(crosses, w / xp.where(crosses, w - first, 1.0), 1.0), axis=0)
-    cut = xp.max(xp.where(crosses, 1.0, 0.0), axis=0) > 0.0
-    stop = w + share * (first - w)
-    stop = xp.where(crosses & (stop * w <= 1e-12 * w * w), 0.0, stop)
-    left = xp.where(cut, xp.maximum(1.0 - share, 1e-9), 1.0)
-    rest = (left * g[0], left * g[1])
-    free = stop + times(xp, rest, net - stop)
-    taken, stands = friction(xp, rest, free, *_levels(xp, q, stop))
-    resumed = xp.where(stands, 0.0, free - times(xp, rest, taken))
-    return xp.where(cut, resumed, first)
-
-
-def _levels(xp: Any, q: Mapping[str, Signal], w: Signal) -> tuple[Signal, Signal]:
-    """Largest friction against backward and forward motion at the speed w [speed]."""
-    extra = 1.0 + (q["breakaway"] - 1.0) / (1.0 + (w / (q["stribeck"] + 1e-12)) ** 2)
-    dry = xp.abs(q["coulomb"]) * extra
-    drag = q["drag"] * w * w
-    back = (q["viscous_back"] - 1.0) * xp.maximum(-w, 0.0)
-    return xp.maximum(q["coulomb_back"] * dry + drag + back, 0.0), dry + drag
-
-
-def _runge_kutta(xp: Any, q: Mapping[str, Signal], w: Signal, net: Signal, h: float) -> Signal:
-    """Classical Runge-Kutta 4 in the sense in which each track slides; it ends where it stops."""
-    g = q["decay"]
-    w_free = w + times(xp, g, net - w)
-    taken, stands = friction(xp, g, w_free, *_levels(xp, q, w))
-    leaving = xp.where(stands, 0.0, xp.sign(w_free - times(xp, g, taken)))
-    sense = xp.where(w != 0.0, xp.sign(w), leaving)
-    moving = xp.abs(sense)
-
-    def rate(v: Signal) -> Signal:
-        low, high = _levels(xp, q, v)
-        taken = xp.where(sense >= 0.0, high, -low)
-        return sliding_rate(xp, q["inertia"], net - v - taken, moving)
-
-    a = rate(w)
-    b = rate(w + 0.5 * h * a)
-    c = rate(w + 0.5 * h * b)
-    d = rate(w + h * c)
-    after = w + h / 6.0 * (a + 2.0 * (b + c) + d)
-    return xp.where(after * sense < 0.0, 0.0, after)
-
-
-# --------------------------------------------------------------------- constants
-
-
-def _lumped(m: DCMotor) -> tuple[Constant, ...]:
-    two = m.ny == 2
-    return (
-        Constant(
-            "gain",
-            "{y}/{u}" if m.output == "speed" else "({y}/s)/{u}",
-            1.0,
-            each=True,
-            spread=1.5,
-            words="speed per unit of command, without friction",
-        ),
-        Constant(
-            "time_constant",
-            "s",
-            0.2,
-            0.0,
-            each="time_constant" not in m.shared,
-            words="inertia over damping",
-        ),
-        *(
-            (
-                Constant(
-                    "coupling",
-                    "",
-                    0.0,
-                    -0.95,
-                    0.95,
-                    spread=0.3,
-                    words="inertia shared through the body over a track's own",
-                ),
-            )
-            if two
-            else ()
-        ),
-        Constant(
-            "coulomb",
-            "{u}",
-            0.0,
-            0.0,
-            free=not m.held(["coulomb"]),
-            each=True,
-            words="sliding friction as the command it takes away",
-        ),
-    )
-
-
-def _shape(m: DCMotor) -> tuple[Constant, ...]:
-    pwm = m.input == "pwm"
-    each = {n: n not in m.shared for n in _EACH}
-    speed = "{y}" if m.output == "speed" else "{y}/s"
-    return (
-        Constant(
-            "breakaway",
-            "",
-            1.0,
-            1.0,
-            10.0,
-            not m.held(["breakaway"]),
-            1.5,
-            each["breakaway"],
-            "friction at standstill over sliding friction",
-        ),
-        Constant(
-            "stribeck",
-            speed,
-            1.0,
-            0.0,
-            np.inf,
-            not m.held(["stribeck"]),
-            3.0,
-            each["stribeck"],
-            "speed at which half of the extra friction is gone",
-        ),
-        Constant(
-            "limit",
-            "{u}",
-            PWM_FULL_SCALE if pwm else NO_LIMIT,
-            0.0,
-            PWM_FULL_SCALE if pwm else np.inf,
-            m.friction == "full" and pwm,
-            1.3,
-            each["limit"],
-            "command beyond which the drive gives no more",
-        ),
-        Constant(
-            "offset",
-            "{u}",
-            0.0,
-            free=m.output == "position" or not m.held(["offset"]),
-            spread=0.5,
-            each=each["offset"],
-            words="constant load as the command it takes away",
-        ),
-        Constant(
-            "coulomb_back",
-            "",
-            1.0,
-            0.0,
-            10.0,
-            not m.held(["coulomb_back"]),
-            1.5,
-            True,
-            "dry friction backward over forward",
-        ),
-        Constant(
-            "viscous_back",
-            "",
-            1.0,
-            0.1,
-            10.0,
-            not m.held(["viscous_back"]),
-            1.5,
-            True,
-            "damping backward over forward",
-        ),
-        Constant(
-            "drag",
-            "1/" + speed if m.output == "speed" else "s/{y}",
-            0.0,
-            0.0,
-            free=not m.held(["drag"]),
-            each=each["drag"],
-            words="resistance that grows with the square of speed",
-        ),
-    )
-
-
-def _bench(m: DCMotor) -> tuple[Constant, ...]:
-    """Constants of the bench (thesis §5.2, the Devastator), motor side where marked m."""
-    held: dict[str, Any] = {"free": False, "lower": 0.0}
-    body: tuple[Constant, ...] = (
-        (
-            Constant("mass", "kg", 1.5, 0.0, words="body"),
-            Constant("yaw_inertia", "kg m²", 0.065, 0.0, words="body about the vertical"),
-            Constant("sprocket_radius", "m", 0.0215, **held, words="r"),
-            Constant("track_distance", "m", 0.186, **held, words="B"),
-        )
-        if m.ny == 2
-        else (Constant("load_inertia", "kg m²", 1e-3, 0.0, words="behind the gear"),)
-    )
-    return (
-        *(
-            (Constant("supply", "V", 7.5, **held, words="at the bridge"),)
-            if m.input != "voltage"
-            else ()
-        ),
-        Constant("resistance", "Ω", 3.1, **held, words="R, armature"),
-        Constant("back_emf", "V/(rad/s)", 0.0023, **held, words="Kem, m"),
-        Constant("torque_constant", "Nm/A", 8.6626e-4, **held, words="Kc, m"),
-        Constant("motor_viscous", "Nm/(rad/s)", 1.0651e-7, **held, words="ftot, m"),
-        Constant("motor_inertia", "kg m²", 1e-7, **held, words="Jtot, m"),
-        Constant("gear", "", 120.0, **held, words="turns of the motor for one of the sprocket"),
-        *body,
-        Constant(
-            "bridge_gain",
-            "",
-            1.0,
-            0.0,
-            each=True,
-            spread=1.3,
-            words="share of the nominal voltage that reaches the motor",
-        ),
-        Constant(
-            "friction_torque",
-            "Nm",
-            0.02,
-            0.0,
-            free=not m.held(["coulomb"]),
-            each=True,
-            words="sliding friction at the sprocket, gear and track together",
-        ),
-    )
-
-
-def _from_bench(m: DCMotor, xp: Any, p: Mapping[str, Signal]) -> dict[str, Signal]:
-    """Lumped motion that follows from bench constants (2.53–2.61, L di/dt neglected)."""
-    n = p["gear"]
-    per_volt = n * p["torque_constant"] / p["resistance"]
-    damping = n * n * (p["torque_constant"] * p["back_emf"] / p["resistance"] + p["motor_viscous"])
-    volts = p["supply"] / PWM_FULL_SCALE if m.input != "voltage" else 1.0
-    rotor = n * n * p["motor_inertia"]
-    if m.ny == 2:
-        forward = p["mass"] * p["sprocket_radius"] ** 2 / 4.0
-        turning = p["yaw_inertia"] * (p["sprocket_radius"] / p["track_distance"]) ** 2
-        own, cross = rotor + forward + turning, (forward - turning) / damping
-    else:
-        own, cross = rotor + p["load_inertia"], 0.0
-    return {
-        "gain": per_volt * volts * p["bridge_gain"] / damping,
-        "inertia": (xp.zeros((m.ny, 1)) + own / damping, cross),
-        "coulomb": p["friction_torque"] / damping,
-    }
-
-
-def _bench_guess(m: DCMotor, gain: Array, level: Array) -> dict[str, Any]:
-    """Bridge gains and friction torques that give the lumped gain and Coulomb level."""
-    plain = m.unpack(np, m.pack({}))
-    q = _from_bench(m, np, plain)
-    share = np.abs(gain) / np.ravel(q["gain"])
-    damping = 1.0 / (q["coulomb"] / plain["friction_torque"])
-    return {
-        "bridge_gain": share,
-        "friction_torque": np.abs(gain) * level * np.ravel(damping),
-    }
 
 
 def _stribeck_scale(records: Sequence[Record], position: bool) -> float:

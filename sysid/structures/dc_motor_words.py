@@ -17,7 +17,8 @@ def sentences(
     """One line a track, one on friction, one on the coupling, one on physical constants."""
     p = m.unpack(np, theta)
     q = {k: v for k, v in m.motion(np, p).items() if k != "inertia"}
-    own, cross = m.motion(np, p)["inertia"]
+    own, coupling = m.motion(np, p)["inertia"]
+    cross = float(np.sum(coupling))
     each = {k: np.broadcast_to(np.ravel(v), (m.ny,)) for k, v in q.items()}
     level = each["coulomb"] / each["gain"]
     lines = []
@@ -29,13 +30,17 @@ def sentences(
         net = f"({drive}{load})" if load else drive
         lines.append(
             f"{float(own[i, 0]):.4g} s·d{w}/dt = {each['gain'][i]:.5g}·{net} - {w} - f_{w}"
-            + (f" - {float(np.sum(cross)):.3g} s·d(other)/dt" if m.ny == 2 else "")
+            + (f" {_signed(-cross)} s·d{outputs[1 - i].name}/dt" if m.ny == 2 else "")
         )
         if m.output == "position":
             lines.append(f"d{y.name}/dt = {w}")
         lines += _friction(w, u, i, each, level)
-    lines += _physical(m, p, each, own, float(np.sum(cross)), inputs)
+    lines += _physical(m, p, each, own, cross, inputs)
     return tuple(lines)
+
+
+def _signed(value: float) -> str:
+    return f"{'-' if value < 0 else '+'} {abs(value):.3g}"
 
 
 def _limited(limit: float) -> bool:
@@ -46,15 +51,15 @@ def _friction(w: str, u: Channel, i: int, e: dict[str, Any], level: Array) -> li
     unit = f" {u.unit}" if u.unit else ""
     found = []
     if level[i] > 0:
-        words = f"f_{w}: dry friction worth {level[i]:.4g}{unit} of {u.name} while sliding"
+        words = f"f_{w}: dry friction takes {level[i]:.4g}{unit} of {u.name} while sliding"
         if e["breakaway"][i] > 1.0:
             words += (
-                f", {level[i] * e['breakaway'][i]:.4g}{unit} at standstill (half of the rest is "
-                f"gone at {e['stribeck'][i]:.3g})"
+                f" and {level[i] * e['breakaway'][i]:.4g}{unit} at standstill, where it holds any "
+                f"smaller command (half of the difference is gone at {w} = {e['stribeck'][i]:.3g})"
             )
         if e["coulomb_back"][i] != 1.0:
             words += f"; backward {e['coulomb_back'][i]:.4g} times that"
-        found.append(f"{words}; it stands while the command stays below")
+        found.append(words)
     if e["viscous_back"][i] != 1.0:
         found.append(f"f_{w}: damping backward is {e['viscous_back'][i]:.4g} times that forward")
     if e["drag"][i] > 0.0:

@@ -13,11 +13,11 @@ exactly. The friction that this step needs is the solution of
 
     min ½ (f − f*)ᵀ (I − Φ)(f − f*)    −low ≤ f ≤ high    f* = (I − Φ)⁻¹ Φ w + e
 
-whose optimality conditions are Coulomb's law: w⁺_i > 0 → f_i = high_i, w⁺_i < 0 → f_i = −low_i, and
-a track stands (w⁺_i = 0) whenever an admissible f_i can hold it (Moreau 1988, implicit steps;
-Acary & Brogliato 2008, ch. 10). Nothing chatters and nothing needs a threshold speed. w⁺ is a
-continuous and piecewise smooth function of every parameter, so Gauss-Newton needs no smoothed
-substitute: the derivative of a standing track is zero, as it is in truth.
+whose optimality conditions are Coulomb's law: w⁺_i > 0 → f_i = high_i, w⁺_i < 0 → f_i = −low_i,
+and a track stands (w⁺_i = 0) whenever an admissible f_i can hold it (Moreau 1988, implicit time
+stepping; Acary & Brogliato 2008, ch. 10). Nothing chatters and nothing needs a threshold speed.
+w⁺ is a continuous and piecewise smooth function of every parameter, so Gauss-Newton needs no
+smoothed substitute: the derivative of a standing track is zero, as it is in truth.
 
 Everything works on arrays with the motors along axis 0 and any number of runs along axis 1, over
 ``xp`` = numpy or jax.numpy.

@@ -81,7 +81,7 @@ class GreyBox(Structure):
 
     order_names: ClassVar[tuple[str, ...]] = ()
     has_noise_model: ClassVar[bool] = False
-    detrend: ClassVar[str] = "none"
+    physical: ClassVar[bool] = True
     options: ClassVar[Mapping[str, str]] = {
         "substeps": "integration steps in a sample; chosen from the time constants unless given",
         "free": "constants to estimate although they are held by default, divided by commas",
@@ -119,9 +119,13 @@ class GreyBox(Structure):
         d = self.rates(xp, x + h * c, u, p)
         return x + h / 6.0 * (a + 2.0 * (b + c) + d)
 
-    def prepared(self, xp: Any, p: dict[str, Signal]) -> Mapping[str, Signal]:
-        """What ``advance`` and ``reading`` get: p, with what need be computed once a run."""
+    def prepared(self, xp: Any, p: dict[str, Signal], h: Signal) -> Mapping[str, Signal]:
+        """p for ``advance`` and ``reading``, with whatever need be computed only once a run."""
         return p
+
+    def rough(self) -> Self:
+        """The same θ with cheaper steps, if there are any, for comparing many starts."""
+        return self
 
     def state_guess(self, theta: Array, u: Array, y: Array) -> Array:
         """A state that suits the head of a record: the first outputs, and zeros."""
@@ -247,7 +251,7 @@ class GreyBox(Structure):
 
     @classmethod
     def read_options(cls, given: Mapping[str, str], nu: int, ny: int) -> dict[str, Any]:
-        """Fields of the subclass from its options; UsageError for channels it has not."""
+        """Fields of the subclass from its options; UsageError for numbers of channels it lacks."""
         return {}
 
     @classmethod
@@ -288,14 +292,24 @@ class GreyBox(Structure):
     # ----------------------------------------------------------------- runs
 
     @property
+    def steps(self) -> int:
+        """Steps in a sample, at least one."""
+        return max(self.substeps, 1)
+
+    @property
     def h(self) -> float:
         """Length of a substep [s]."""
-        return self.dt / max(self.substeps, 1)
+        return self.dt / self.steps
 
-    def sample(self, xp: Any, x: Signal, u: Signal, p: Mapping[str, Signal]) -> Signal:
-        """x one sample later, u held."""
-        steps, h = max(self.substeps, 1), self.h
-        if xp is np or steps == 1:
+    def timeless(self) -> Self:
+        """The equations alone: equal where a compilation of one serves the other."""
+        return replace(self, dt=0.0, substeps=0, opened=())
+
+    def sample(
+        self, xp: Any, x: Signal, u: Signal, p: Mapping[str, Signal], h: Signal, steps: Signal
+    ) -> Signal:
+        """x one sample later, u held for ``steps`` steps of length h."""
+        if xp is np:
             for _ in range(steps):
                 x = self.advance(xp, x, u, p, h)
             return x
@@ -331,12 +345,13 @@ class GreyBox(Structure):
 
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
         """The free run sample by sample, in NumPy: the same equations as the compiled runs."""
-        p = self.prepared(np, self.unpack(np, np.asarray(theta, dtype=np.float64)))
+        p = self.prepared(np, self.unpack(np, np.asarray(theta, dtype=np.float64)), self.h)
 
         def advance(x: Array, u: Array) -> tuple[Array, Array]:
             state = np.asarray(x, dtype=np.float64)[:, None]
             y = self.reading(np, state, p)
-            after = self.sample(np, state, np.asarray(u, dtype=np.float64)[:, None], p)
+            held = np.asarray(u, dtype=np.float64)[:, None]
+            after = self.sample(np, state, held, p, self.h, self.steps)
             return np.asarray(after)[:, 0], np.asarray(y)[:, 0]
 
         return advance
@@ -380,7 +395,7 @@ class GreyBox(Structure):
                 k: np.ravel(v).tolist() if np.ndim(v) else float(v) for k, v in p.items()
             },
             "states": list(self.state_names),
-            "substeps": max(self.substeps, 1),
+            "substeps": self.steps,
         }
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array
 from sysid.structures.base import Problem
-from sysid.structures.compiled import jax_module
+from sysid.structures.compiled import compiled, jax_module
 from sysid.structures.predictor import HUGE
 
 if TYPE_CHECKING:
@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 
 CHUNK = 256
 """Samples a compiled call runs through."""
+
+DIRECTIONS = 6
+"""Derivatives are taken along so many directions an output at once: one compilation serves every
+fit."""
 
 LARGEST = 1e12
 """Relative errors beyond this count as divergence."""
@@ -36,43 +40,109 @@ Masks = Sequence[NDArray[np.bool_]]
 Compiled = Callable[..., Any]
 
 
-@lru_cache(maxsize=32)
 def compiled_runs(structure: "GreyBox") -> tuple[Compiled, Compiled]:
-    """(θ, x, U) → (x⁺, Y) and (θ, x, Θ', X', U) → (x⁺, Y, X'⁺, Y'), compiled when first called.
+    """Run and derivative of a chunk, compiled when they are first called.
 
-    U is (samples, nu, runs), Y (samples, ny, runs); derivatives lie along axis 0.
+    Along a run δx(t+1) = A(t) δx(t) + b(t), δy(t) = C(t) δx(t) + d(t), where A, b, C and d of all
+    samples are found at once and only this recursion is run through, which is faster than
+    differentiating the run itself. The step's length and number are arguments: one compilation
+    serves every sample time.
+
+    Returns:
+        run (θ, x, U, h, steps) → (x⁺, X, Y);
+        along (θ, X, U, h, steps, δΘ, δx) → (δx⁺, δY), directions along axis 0;
+        U (samples, nu, runs), X (samples, n, runs), Y (samples, ny, runs).
     """
+    return _compiled_runs(structure.timeless())
+
+
+@lru_cache(maxsize=32)
+def _compiled_runs(structure: "GreyBox") -> tuple[Compiled, Compiled]:
     jax = jax_module()
     jnp = jax.numpy
 
-    def run(theta: Any, x: Any, inputs: Any) -> Any:
-        p = structure.prepared(jnp, structure.unpack(jnp, theta))
+    def run(theta: Any, x: Any, inputs: Any, h: Any, steps: Any) -> Any:
+        after, (states, out) = scan(structure, jnp, jax.lax, theta, x, inputs, h, steps)
+        return after, states, out
 
-        def one(x: Any, u: Any) -> Any:
-            return structure.sample(jnp, x, u, p), structure.reading(jnp, x, p)
+    def along(
+        theta: Any, states: Any, inputs: Any, h: Any, steps: Any, d_theta: Any, d_x: Any
+    ) -> Any:
+        samples, n, runs = states.shape
+        flat = states.transpose(1, 0, 2).reshape(n, samples * runs)
+        u = inputs.transpose(1, 0, 2).reshape(inputs.shape[1], -1)
 
-        return jax.lax.scan(one, x, inputs)
+        def local(theta: Any, x: Any) -> Any:
+            """One sample from each state, all samples side by side."""
+            p = structure.prepared(jnp, structure.unpack(jnp, theta), h)
+            return structure.sample(jnp, x, u, p, h, steps), structure.reading(jnp, x, p)
 
-    def tangent(theta: Any, x: Any, d_theta: Any, d_x: Any, inputs: Any) -> Any:
-        def along(dt: Any, dx: Any) -> Any:
-            return jax.jvp(lambda t, s: run(t, s, inputs), (theta, x), (dt, dx))
+        def moved(d_theta: Any, d_state: Any) -> Any:
+            every = jnp.broadcast_to(d_state[:, None], flat.shape)
+            found = jax.jvp(local, (theta, flat), (d_theta, every))[1]
+            return [v.reshape(-1, samples, runs).transpose(1, 0, 2) for v in found]
 
-        (after, out), (d_after, d_out) = jax.vmap(along, out_axes=((None, None), (0, 0)))(
-            d_theta, d_x
-        )
-        return after, out, d_after, d_out
+        # states first, then parameters: the equations are differentiated in one place only
+        count = d_theta.shape[0]
+        by_theta = jnp.concatenate([jnp.zeros((n, d_theta.shape[1])), d_theta])
+        by_state = jnp.concatenate([jnp.eye(n), jnp.zeros((count, n))])
+        ahead, out = jax.vmap(moved)(by_theta, by_state)
+        A, C = (jnp.moveaxis(v[:n], 0, 2) for v in (ahead, out))
+        b, d = jnp.moveaxis(ahead[n:], 0, 1), out[n:]
 
-    return jax.jit(run), jax.jit(tangent)
+        def one(dx: Any, parts: Any) -> Any:
+            A, b = parts
+            return jnp.sum(A * dx[:, None], axis=2) + b, dx
+
+        d_after, path = jax.lax.scan(one, d_x, (A, b))
+        return d_after, jnp.sum(C * jnp.moveaxis(path, 1, 0)[:, :, None], axis=3) + d
+
+    return compiled(run), compiled(along)
+
+
+def scan(
+    structure: "GreyBox",
+    xp: Any,
+    lax: Any,
+    theta: Any,
+    x: Any,
+    inputs: Any,
+    h: Any,
+    steps: Any,
+) -> tuple[Any, tuple[Any, Any]]:
+    """(x⁺, (X, Y)) of a run of ``steps`` steps h a sample, for tracing by JAX."""
+    p = structure.prepared(xp, structure.unpack(xp, theta), h)
+
+    def one(x: Any, u: Any) -> Any:
+        return structure.sample(xp, x, u, p, h, steps), (x, structure.reading(xp, x, p))
+
+    after, rest = lax.scan(one, x, inputs)
+    return after, rest
 
 
 def _chunks(inputs: Sequence[Array]) -> Array:
-    """Inputs of several records on one time axis: (chunks, CHUNK, nu, runs), zeros at the end."""
+    """Inputs of records under one time axis, (chunks, CHUNK, nu, runs), zeros at the end."""
     longest = max((len(u) for u in inputs), default=0)
     count = max(-(-longest // CHUNK), 1)
     out = np.zeros((count * CHUNK, inputs[0].shape[1], len(inputs)))
     for k, u in enumerate(inputs):
         out[: len(u), :, k] = u
     return out.reshape(count, CHUNK, inputs[0].shape[1], len(inputs))
+
+
+def trajectory(
+    structure: "GreyBox", theta: Array, inputs: Sequence[Array], x0: Array
+) -> tuple[list[Any], list[Array]]:
+    """States at the samples of each chunk (CHUNK, n, records), and ŷ (N, ny) of each record."""
+    run, _ = compiled_runs(structure)
+    states, parts, x = [], [], x0
+    theta = np.asarray(theta, dtype=np.float64)
+    for chunk in _chunks(inputs):
+        x, path, y = run(theta, x, chunk, structure.h, structure.steps)
+        states.append(path)
+        parts.append(np.asarray(y))
+    joined = np.concatenate(parts)
+    return states, [joined[: len(u), :, k] for k, u in enumerate(inputs)]
 
 
 def free_run(structure: "GreyBox", theta: Array, inputs: Sequence[Array], x0: Array) -> list[Array]:
@@ -84,29 +154,47 @@ def free_run(structure: "GreyBox", theta: Array, inputs: Sequence[Array], x0: Ar
         inputs: u (N, nu) of each record.
         x0: initial states, (n, records).
     """
-    run, _ = compiled_runs(structure)
-    parts, x = [], x0
+    return trajectory(structure, theta, inputs, x0)[1]
+
+
+def tangents(
+    structure: "GreyBox",
+    theta: Array,
+    inputs: Sequence[Array],
+    x0: Array,
+    wanted: NDArray[np.bool_] | None = None,
+    path: Sequence[Any] | None = None,
+) -> list[Array]:
+    """∂ŷ/∂(θ, own initial state) of each record, (n_θ + n, ny, N).
+
+    Args:
+        structure: the grey box.
+        theta: its parameters.
+        inputs: u (N, nu) of each record.
+        x0: initial states, (n, records).
+        wanted: entries of (θ, state) to differentiate by, all when None; other rows are zero.
+        path: states along the run, as ``trajectory`` gives them; found when None.
+    """
+    _, along = compiled_runs(structure)
+    path = trajectory(structure, theta, inputs, x0)[0] if path is None else path
     theta = np.asarray(theta, dtype=np.float64)
-    for chunk in _chunks(inputs):
-        x, y = run(theta, x, chunk)
-        parts.append(np.asarray(y))
-    joined = np.concatenate(parts)
-    return [joined[: len(u), :, k] for k, u in enumerate(inputs)]
-
-
-def tangents(structure: "GreyBox", theta: Array, inputs: Sequence[Array], x0: Array) -> list[Array]:
-    """∂ŷ/∂(θ, own initial state) of each record, (n_θ + n, ny, N)."""
-    _, tangent = compiled_runs(structure)
     n_theta, (n, records) = len(theta), x0.shape
-    seeds = np.eye(n_theta + n)[:, :n_theta]
-    d_x = np.zeros((n_theta + n, n, records))
-    d_x[n_theta:] = np.eye(n)[:, :, None]
-    parts, x, moved = [], x0, d_x
-    theta = np.asarray(theta, dtype=np.float64)
-    for chunk in _chunks(inputs):
-        x, _, moved, dy = tangent(theta, x, seeds, moved, chunk)
-        parts.append(np.asarray(dy))
-    joined = np.concatenate(parts, axis=1)
+    width = n_theta + n
+    rows = np.arange(width) if wanted is None else np.flatnonzero(wanted)
+    at_once = DIRECTIONS * structure.ny
+    blocks = [rows[k : k + at_once] for k in range(0, len(rows), at_once)]
+    seeds = [np.zeros((at_once, width)) for _ in blocks]
+    for seed, some in zip(seeds, blocks, strict=True):
+        seed[np.arange(len(some)), some] = 1.0
+    moved = [np.repeat(seed[:, n_theta:, None], records, axis=2) for seed in seeds]
+    chunks = _chunks(inputs)
+    out = np.zeros((width, len(chunks), CHUNK, structure.ny, records))
+    h, steps = structure.h, structure.steps
+    for at, (chunk, states) in enumerate(zip(chunks, path, strict=True)):
+        for k, (seed, some) in enumerate(zip(seeds, blocks, strict=True)):
+            moved[k], found = along(theta, states, chunk, h, steps, seed[:, :n_theta], moved[k])
+            out[some, at] = np.asarray(found)[: len(some)]
+    joined = out.reshape(width, len(chunks) * CHUNK, structure.ny, records)
     return [joined[:, : len(u), :, k].transpose(0, 2, 1) for k, u in enumerate(inputs)]
 
 
@@ -120,6 +208,8 @@ class GreyErrors(Problem):
         kept: samples that count, by experiment; all when None. The run goes through the others,
             which is how data are held out without cutting a record.
         scales: divisor of each output's errors; their standard deviation when None.
+        wanted: entries of θ that will be moved, all when None: other columns of the Jacobian are
+            zero and cost nothing.
     """
 
     def __init__(
@@ -129,8 +219,9 @@ class GreyErrors(Problem):
         estimate_initial: bool,
         kept: Masks | None = None,
         scales: Array | None = None,
+        wanted: NDArray[np.bool_] | None = None,
     ) -> None:
-        self.structure, self.data = structure, list(data)
+        self.structure, self.data, self.wanted = structure, list(data), wanted
         self.n_theta = len(structure.by_entry(lambda c: c.value))
         self.index = np.arange(self.n_theta)
         self.states_each = len(structure.state_names) if estimate_initial else 0
@@ -139,6 +230,7 @@ class GreyErrors(Problem):
         self.scales = output_scales([y for _, y in data]) if scales is None else scales
         self.lengths = tuple(int(k.sum()) for k in self.kept for _ in range(structure.ny))
         self.channels = tuple(i for _ in data for i in range(structure.ny))
+        self._last: tuple[bytes, tuple[list[Any], list[Array]]] = (b"", ([], []))
 
     def states(self, p: Array) -> Array:
         """Initial states (n, records) in p."""
@@ -147,11 +239,18 @@ class GreyErrors(Problem):
             return np.zeros((n, len(self.data)))
         return np.ascontiguousarray(p[self.n_theta :].reshape(len(self.data), n).T)
 
+    def _run(self, p: Array) -> tuple[list[Any], list[Array]]:
+        """``trajectory`` at p, kept until another p is asked for: the Jacobian needs it again."""
+        key = p.tobytes()
+        if self._last[0] != key:
+            inputs = [u for u, _ in self.data]
+            found = trajectory(self.structure, p[: self.n_theta], inputs, self.states(p))
+            self._last = (key, found)
+        return self._last[1]
+
     def residual(self, p: Array) -> Array:
         """Errors, experiment after experiment, output after output."""
-        runs = free_run(
-            self.structure, p[: self.n_theta], [u for u, _ in self.data], self.states(p)
-        )
+        _, runs = self._run(p)
         parts = [
             ((y - run)[kept] / self.scales).T.ravel()
             for run, (_, y), kept in zip(runs, self.data, self.kept, strict=True)
@@ -163,11 +262,19 @@ class GreyErrors(Problem):
 
     def jacobian(self, p: Array) -> Array:
         """∂ε/∂p, (M, len(p))."""
+        n = self.n_theta
+        states = np.full(len(self.structure.state_names), self.states_each > 0)
+        moved = np.ones(n, dtype=bool) if self.wanted is None else self.wanted
         found = tangents(
-            self.structure, p[: self.n_theta], [u for u, _ in self.data], self.states(p)
+            self.structure,
+            p[:n],
+            [u for u, _ in self.data],
+            self.states(p),
+            np.concatenate([moved, states]),
+            self._run(p)[0],
         )
         out = np.zeros((sum(self.lengths), len(p)))
-        at, n = 0, self.n_theta
+        at = 0
         for k, (D, kept) in enumerate(zip(found, self.kept, strict=True)):
             first = n + k * self.states_each
             for i, scale in enumerate(self.scales):
@@ -205,8 +312,10 @@ def fitted_state(structure: "GreyBox", theta: Array, u: Array, y: Array, samples
     scale = np.maximum(np.std(y, axis=0), 1e-300)
     prior, size = x.copy(), np.where(np.abs(x) > 0, np.abs(x), 1.0)
 
+    states = np.arange(len(theta) + n) >= len(theta)
+
     def slopes(x: Array) -> Array:
-        D = tangents(structure, theta, [u[:k]], x[:, None])[0][len(theta) :]
+        D = tangents(structure, theta, [u[:k]], x[:, None], states)[0][len(theta) :]
         rows = (D / -scale[:, None]).reshape(n, -1).T
         return np.vstack([rows, PULL * np.diag(1.0 / size)])
 

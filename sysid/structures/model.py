@@ -13,8 +13,9 @@ from sysid.data.files import write_atomic
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import ModelError, Termination
-from sysid.structures.base import Parameter, Structure, structure_from_json
+from sysid.structures.base import Parameter, Structure
 from sysid.structures.plant import Plant
+from sysid.structures.registry import structure_from_json
 
 SCHEMA = "sysid-model/1"
 

@@ -123,11 +123,16 @@ class NARMAX(Structure):
     def candidate_orders(
         cls, nu: int, ny: int, samples: int, delay: Any
     ) -> tuple[Mapping[str, Any], ...]:
-        """Two pools of lags: fitting drops what it does not need."""
+        """One pool of lags: fitting tries smaller ones inside it and drops what it does not need.
+
+        With one input and no delay beyond the hold's the pool holds u(t), too: a record whose input
+        was sampled and not held may need it, and the fit takes it up only where it clearly helps.
+        """
         largest = 5 if nu * ny == 1 else 3 if nu * ny <= 4 else 2
-        largest = max(1, min(largest, samples // (40 * (nu + ny))))
-        sizes = sorted({max(largest - 2, 1), largest})
-        return tuple({"na": n, "nb": n, "nk": delay} for n in sizes)
+        largest = max(1, min(largest, samples // (30 * (nu + ny))))
+        if nu * ny == 1 and int(np.max(delay)) <= 1:
+            return ({"na": largest, "nb": largest + 1, "nk": 0},)
+        return ({"na": largest, "nb": largest, "nk": delay},)
 
     @classmethod
     def applies(cls, record: Record) -> bool:

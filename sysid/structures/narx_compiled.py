@@ -13,8 +13,9 @@ network through every step for every parameter, some twenty times slower.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
+from sysid.structures.chunks import Chunks
 from sysid.structures.expressions import Signal, evaluate, signals
 from sysid.structures.regressors import Row, lag_of
 from sysid.structures.wavelet_network import KINDS, Frame, gradients, size, split, value
@@ -39,24 +40,6 @@ class Shape:
     kind: str
     depth: int
     before: int
-
-
-class Chunks(NamedTuple):
-    """Stretches of data side by side.
-
-    Attributes:
-        u: inputs with what came before them, (before + L, nu, B).
-        past: outputs before each stretch, (depth, ny, B).
-        y: measured outputs, (L, ny, B).
-        weight: what each error counts, 0 where a stretch has ended, (L, ny, B).
-        limits: lowest and highest output, (ny, 2).
-    """
-
-    u: Values
-    past: Values
-    y: Values
-    weight: Values
-    limits: Values
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,30 +93,39 @@ def chunk_functions(shape: Shape) -> ChunkFunctions:
 
         return jnp.stack([evaluate(e, lookup, jnp) for e in row], axis=-1)
 
-    def outputs(theta: Values, frames: list[Frame], data: Chunks) -> Values:
+    def runs(theta: Values, frames: list[Frame], data: Chunks) -> tuple[Values, Values]:
+        """ŷ (L, ny, B) and the past outputs it was computed from, (L, slots, B)."""
         weights = parts(theta)
 
-        def sample(ys: Values, us: Values) -> tuple[Values, Values]:
+        def sample(carry: tuple[Values, Values], now: Any) -> tuple[Any, Any]:
+            ys, measured = carry
+            us, y_now, restart = now
+            ys = jnp.where(restart, measured, ys)
             known = {s: ys[-lag_of(s), s.channel] for s in slots}
             found = [
                 value(jnp, kind, f, w, regressors(row, known, us))
                 for row, f, w in zip(shape.rows, frames, weights, strict=True)
             ]
             y = jnp.clip(jnp.stack(found), data.limits[:, :1], data.limits[:, 1:])
-            return jnp.concatenate([ys[1:], y[None]]), y
+            used = jnp.stack([known[s] for s in slots]) if slots else y[:0]
+            after = jnp.concatenate([ys[1:], y[None]])
+            return (after, jnp.concatenate([measured[1:], y_now[None]])), (y, used)
 
-        return jax.lax.scan(sample, data.past, input_signals(data.u))[1]
+        xs = (input_signals(data.u), data.y, data.restart)
+        found: tuple[Values, Values] = jax.lax.scan(sample, (data.past, data.past), xs)[1]
+        return found
+
+    def outputs(theta: Values, frames: list[Frame], data: Chunks) -> Values:
+        return runs(theta, frames, data)[0]
 
     def residual(theta: Values, frames: list[Frame], data: Chunks) -> Values:
         return ((data.y - outputs(theta, frames, data)) * data.weight).ravel()
 
     def jacobian(theta: Values, frames: list[Frame], data: Chunks) -> Values:
-        run = outputs(theta, frames, data)
-        length, _, batch = run.shape
-        full = jnp.concatenate([data.past, run])
+        run, used = runs(theta, frames, data)
+        batch = run.shape[2]
         us, weights = input_signals(data.u), parts(theta)
-        at = shape.depth
-        ys = {s: full[at - lag_of(s) :][:length, s.channel] for s in slots}
+        ys = {s: used[:, k] for k, s in enumerate(slots)}
         inside = (run > data.limits[:, :1]) & (run < data.limits[:, 1:])
         explicit, pulls = [], []
         for i, (row, f, w) in enumerate(zip(shape.rows, frames, weights, strict=True)):
@@ -142,22 +134,20 @@ def chunk_functions(shape: Shape) -> ChunkFunctions:
             explicit.append(
                 jnp.pad(to_theta * gate, ((0, 0), (0, 0), (ends[i], ends[ny] - ends[i + 1])))
             )
-            pulls.append(
-                [to_slot(row, s, ys, us, to_x) * inside[:, i] for s in slots] if slots else []
-            )
+            pulls.append([to_slot(row, s, ys, us, to_x) * inside[:, i] for s in slots])
         S0 = jnp.zeros((shape.depth, ny, batch, ends[ny]))
 
         def advance(S: Values, now: Any) -> tuple[Values, Values]:
-            new = now[0]
+            new, pull, restart = now
+            S = jnp.where(restart[:, None], 0.0, S)
             for k, s in enumerate(slots):
-                new = new + now[1][:, k, :, None] * S[-lag_of(s), s.channel]
+                new = new + pull[:, k, :, None] * S[-lag_of(s), s.channel]
             return jnp.concatenate([S[1:], new[None]]), new
 
+        out = jnp.stack(explicit, axis=1)
         if slots:
-            xs = (jnp.stack(explicit, axis=1), jnp.stack([jnp.stack(p, 1) for p in pulls], 1))
+            xs = (out, jnp.stack([jnp.stack(p, 1) for p in pulls], 1), data.restart)
             out = jax.lax.scan(advance, S0, xs)[1]
-        else:
-            out = jnp.stack(explicit, axis=1)
         out = -out * data.weight[..., None]
         # a chunk in which the model is locally unstable must not flood the solver with infinities
         return jnp.nan_to_num(jnp.clip(out, -HUGE, HUGE)).reshape(-1, ends[ny])

@@ -14,7 +14,7 @@ from sysid.structures.wavelet_network import DEGREE, KINDS, RowDesign
 
 MARGIN = 0.15
 MAX_UNITS = 200
-SUBSETS = ("auto", "outputs", "all")
+SUBSETS = ("auto", "each", "pairs", "outputs", "all")
 
 OPTIONS: Mapping[str, str] = {
     "estimator": "wavelet, piecewise-constant, fourier, neural, or polynomial for none of them; "
@@ -24,11 +24,12 @@ OPTIONS: Mapping[str, str] = {
     "unless given",
     "regressors": 'expressions added to the lags, such as "|u(t-1)|, y*sign(u)" (outputs divided '
     "by ;); none unless given",
-    "network": "what the units see: outputs (past outputs first, the newest input), all, or auto, "
-    "the better on held-out data (default)",
+    "network": "what a unit sees: each (one regressor: the network is a sum of curves), pairs of "
+    "them, outputs (past outputs and the newest inputs), all, or auto, the best on held-out data "
+    "(default)",
     "refine": "samples of free run over which everything is refined: auto (default), none for "
     "one-step least squares only, or their number",
-    "starts": "starts of the refinement side by side, 1 to 16; 4 unless given",
+    "starts": "starts of the refinement side by side, 1 to 16; 3 unless given",
     "seed": "seed of what is drawn at random; 0 unless given",
     "margin": "how far outside the training range the free run may go, as a share of it; 0.15 "
     "unless given",
@@ -47,7 +48,7 @@ class NarxOptions:
     degree: int | None = None
     network: str = "auto"
     refine: int | None = None
-    starts: int = 4
+    starts: int = 3
     seed: int = 0
     margin: float = MARGIN
 
@@ -84,7 +85,7 @@ def read(given: Mapping[str, str]) -> NarxOptions:
         _whole(given, "degree", 1, DEGREE),
         _choice(given, "network", SUBSETS, "auto"),
         refine,
-        _whole(given, "starts", 1, 16) or 4,
+        _whole(given, "starts", 1, 16) or 3,
         _whole(given, "seed", 0, 2**31 - 1) or 0,
         _share(given, "margin", MARGIN),
     )
@@ -157,6 +158,7 @@ def design_to_json(d: RowDesign) -> dict[str, Any]:
         "terms": [list(t) for t in d.terms],
         "projection": [list(row) for row in d.projection],
         "flags": list(d.flags),
+        "views": [list(v) for v in d.views],
     }
 
 
@@ -173,6 +175,7 @@ def design_from_json(raw: Mapping[str, Any]) -> RowDesign:
         tuple(tuple(int(k) for k in t) for t in raw["terms"]),
         tuple(tuple(float(v) for v in row) for row in raw["projection"]),
         tuple(int(f) for f in raw["flags"]),
+        tuple(tuple(int(k) for k in v) for v in raw.get("views", ())),
     )
 
 
@@ -191,6 +194,10 @@ def check_designs(rows: Sequence[Row], designs: Sequence[RowDesign]) -> None:
         projected = not d.flags or (
             len(d.projection) == len(row) and len({len(q) for q in d.projection}) == 1
         )
+        if d.views:
+            most = len(d.projection[0]) if d.projection else 0
+            projected &= len(d.views) == len(d.flags) and len({len(v) for v in d.views}) == 1
+            projected &= all(0 <= k < most for v in d.views for k in v)
         positive = all(s > 0.0 and np.isfinite(s) for s in d.scale)
         if lengths != {len(row)} or not (inside and degrees and projected and positive):
             raise ValueError("a design does not fit its regressors")

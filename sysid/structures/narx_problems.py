@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array, Index
 from sysid.structures.base import Problem
-from sysid.structures.narx_compiled import Chunks, Shape, chunk_functions
+from sysid.structures.chunks import Chunks
+from sysid.structures.narx_compiled import Shape, chunk_functions
 from sysid.structures.narx_run import NarxRun
 from sysid.structures.regressors import columns
 from sysid.structures.wavelet_network import gradients, value
@@ -133,10 +134,14 @@ def pieces(run: NarxRun, data: Data, length: int) -> list[tuple[int, int, int]]:
 
 
 def chunked(
-    run: NarxRun, data: Data, where: Sequence[tuple[int, int, int]], scale: Array
+    run: NarxRun,
+    data: Data,
+    where: Sequence[tuple[int, int, int]],
+    scale: Array,
+    longest: int | None = None,
 ) -> tuple[Chunks, NDArray[np.bool_]]:
-    """Chunks side by side, and which samples (B, ny, L) are theirs."""
-    longest = max((b - a for _, a, b in where), default=0)
+    """Chunks of ``longest`` samples side by side, and which samples (B, ny, L) are theirs."""
+    longest = longest or max((b - a for _, a, b in where), default=0)
     batch, ny = len(where), run.ny
     u = np.zeros((run.before + longest, run.nu, batch))
     past = np.zeros((run.depth, ny, batch))
@@ -150,7 +155,8 @@ def chunked(
         y[: b - a, :, k] = outputs[a:b]
         valid[k, :, : b - a] = True
     weight = valid.transpose(2, 1, 0) / scale[:, None]
-    return Chunks(u, past, y, weight, np.array(run.limits)), valid
+    restart = np.zeros((longest, batch), dtype=bool)
+    return Chunks(u, past, y, weight, restart, np.array(run.limits)), valid
 
 
 def windows(

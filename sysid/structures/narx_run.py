@@ -261,7 +261,7 @@ class Point:
         factors: list[list[int]] = []
         products: list[tuple[int, float]] = []
         slopes, offsets, flags, dims, amplitudes = [], [], [], [], []
-        at_zero = [run.kind.argument(np, np.zeros(w.place.shape[1]), w.shape, w.place)
+        at_zero = [run.kind.argument(np, np.zeros(w.place.shape), w.shape, w.place)
                    for w in weights]  # fmt: skip
         width = max(t.shape[1] for t in at_zero)
         for i, (f, w, design) in enumerate(zip(frames, weights, run.designs, strict=True)):
@@ -281,7 +281,7 @@ class Point:
                 slopes.append(slope)
                 offsets.append(offset)
                 flags.append(f.flag)
-                dims.append(np.full(K, f.dim))
+                dims.append(f.dim)
                 amplitudes.append(amplitude)
         self._factors = np.array(factors, dtype=int).reshape(len(factors), 3).T
         self._products = np.zeros((ny, len(products)))

@@ -86,11 +86,16 @@ class NarxWavelet(Structure):
     def candidate_orders(
         cls, nu: int, ny: int, samples: int, delay: Any
     ) -> tuple[Mapping[str, Any], ...]:
-        """Few: each is a whole fit that leaves out what it does not need."""
-        largest = 4 if nu * ny == 1 else 2
-        largest = max(1, min(largest, samples // (60 * (nu + ny))))
-        sizes = sorted({max(largest // 2, 1), largest})
-        return tuple({"na": n, "nb": n, "nk": delay} for n in sizes)
+        """Few: each is a whole fit that leaves out what it does not need.
+
+        Several outputs: each by its own past at two samples, or by that of all at one, which is
+        enough where the outputs are the states.
+        """
+        largest = max(1, min(4 if nu * ny == 1 else 2, samples // (60 * (nu + ny))))
+        if ny > 1:
+            own = {"na": largest, "nb": largest, "nk": delay}
+            return (own, {"na": [[1] * ny] * ny, "nb": 1, "nk": delay})
+        return tuple({"na": n, "nb": n, "nk": delay} for n in range(min(2, largest), largest + 1))
 
     @classmethod
     def applies(cls, record: Record) -> bool:
@@ -285,9 +290,8 @@ class NarxWavelet(Structure):
                     "products": len(d.terms),
                     "units": len(d.flags),
                     "scaling_functions": sum(1 - f for f in d.flags),
-                    "network_regressors": [
-                        written(e) for e, q in zip(row, d.projection, strict=False) if any(q)
-                    ],
+                    "network_regressors": [written(row[k]) for k in d.in_sight()],
+                    "regressors_a_unit": d.sizes[3] if d.views else len(d.in_sight()),
                 }
                 for row, d in zip(self.rows, self.maps, strict=True)
             ],

@@ -89,11 +89,10 @@ def equation(
         parts.append(_signed(float(v), "·".join(f"z[{named(row[k], inputs, outputs)}]" for k in t)))
     text = " ".join(parts).removeprefix("+ ")
     if d.flags:
-        seen = ", ".join(
-            named(e, inputs, outputs) for e, q in zip(row, d.projection, strict=True) if any(q)
-        )
+        seen = ", ".join(named(row[k], inputs, outputs) for k in d.in_sight())
+        each = f"each of {d.sizes[3]} of " if d.views else "of "
         plural = "" if len(d.flags) == 1 else "s"
-        text += f" + {len(d.flags)} {kind.unit}{plural} of ({seen})"
+        text += f" + {len(d.flags)} {kind.unit}{plural} {each}({seen})"
     error = "e(t)" if len(outputs) == 1 else f"e_{name}(t)"
     return f"{name}(t) = {text} + {error}"
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel
+from sysid.effects.ground import Ground
 from sysid.structures.base import Structure
 
 Step = Callable[[Array, Array], tuple[Array, Array]]
@@ -28,6 +29,7 @@ class Plant:
         input_range: lowest and highest value of each input seen in the data: inside it the
             plant was identified, outside it extrapolates.
         rest_state: state of the core in which nothing moves at the operating point.
+        ground: effects between tracks and ground, for whoever moves a vehicle by the outputs.
     """
 
     dt: float
@@ -39,6 +41,7 @@ class Plant:
     y_offset: Array
     input_range: tuple[tuple[float, float], ...] = ()
     rest_state: Array = field(default_factory=lambda: np.zeros(0))
+    ground: Ground = field(default_factory=Ground)
 
     @staticmethod
     def of_structure(
@@ -62,6 +65,7 @@ class Plant:
             y_offset=np.asarray(detrend.y_offset, dtype=np.float64),
             input_range=tuple((float(a), float(b)) for a, b in ranges[: len(inputs)]),
             rest_state=np.zeros(n),
+            ground=structure.ground(theta),
         )
 
     def initial_state(self) -> Array:

@@ -36,6 +36,7 @@ class PolynomialStructure(Structure):
 
     orders: Orders
     letters: ClassVar[str]
+    linear: ClassVar[bool] = True
 
     @property
     def nu(self) -> int:

@@ -31,8 +31,9 @@ Row = tuple[Expression, ...]
 
 
 def standard(orders: Orders, output: int) -> Row:
-    """The lagged signals that the orders name for one output, outputs first."""
-    past = [Signal("y", j, k) for j, n in enumerate(orders.na[output]) for k in range(1, n + 1)]
+    """The lagged signals that the orders name for one output: its own past, that of others, u."""
+    first = sorted(range(orders.ny), key=lambda j: j != output)
+    past = [Signal("y", j, k) for j in first for k in range(1, orders.na[output][j] + 1)]
     around = [
         Signal("u", j, orders.nk[output][j] + k)
         for j, n in enumerate(orders.nb[output])

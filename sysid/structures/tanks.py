@@ -1,4 +1,4 @@
-"""Two tanks in cascade: the example of a grey box, in the few lines a user's own would have."""
+"""Two tanks in cascade: the example of a grey box, as a user would write his own."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,9 +23,10 @@ class Tanks(GreyBox):
         y  =  h2 ≤ limit2
 
     (Schoukens, Mattsson, Wigren & Noël 2016, "Cascaded tanks benchmark"; Torricelli's law has
-    a1 = a2 = ½.) Levels are in the units of the sensor; the upper one counts from its outlet
-    and in water that would raise the lower one as much, because no other zero and unit could be
-    told from these. d2 is the depth of the lower outlet below the sensor's zero.
+    a1 = a2 = ½, laminar flow 1.) Levels are in the units of the sensor; that of the upper tank
+    counts from its outlet and in water that would raise the lower one as much, because no other
+    zero and unit could be told from these. d2 is the depth of the lower outlet below the sensor's
+    zero.
     """
 
     name: ClassVar[str] = "tanks"
@@ -61,8 +62,8 @@ class Tanks(GreyBox):
             Constant("share", "", 0.5, 0.0, 1.0, words="overflow that is caught below"),
             Constant("limit2", "{y}", 1e3, 0.0, free=False, words="highest level below"),
             Constant("d2", "{y}", 0.0, spread=0.5, free=False, words="lower outlet below zero"),
-            Constant("a1", "", 0.5, 0.2, 1.5, free=False, words="exponent of the upper outflow"),
-            Constant("a2", "", 0.5, 0.2, 1.5, free=False, words="exponent of the lower outflow"),
+            Constant("a1", "", 0.5, 0.3, 1.0, spread=1.3, words="exponent of the upper outflow"),
+            Constant("a2", "", 0.5, 0.3, 1.0, spread=1.3, words="exponent of the lower outflow"),
         )
 
     @property
@@ -71,12 +72,11 @@ class Tanks(GreyBox):
         return ("h1", "h2")
 
     def ladder(self) -> tuple[Rung, ...]:
-        """Beyond Torricelli's law without overflow."""
+        """What a rig may have or not."""
         return (
             Rung("overflow of the lower tank", ("limit2",)),
             Rung("depth of the lower outlet", ("d2",)),
             Rung("inflow without command", ("k4",)),
-            Rung("free exponents", ("a1", "a2")),
         )
 
     def rung_starts(self, theta: Array, rung: Rung, records: Sequence[Record]) -> tuple[Array, ...]:
@@ -130,8 +130,11 @@ class Tanks(GreyBox):
         return tuple(found)
 
     def state_guess(self, theta: Array, u: Array, y: Array) -> Array:
-        """Both tanks at the first level read."""
-        return np.full(2, float(y[0, 0]))
+        """The lower tank at the first level read, the upper one where it keeps it there."""
+        p = self.unpack(np, theta)
+        out = p["k2"] * float(_outflow(np, y[0, 0] + p["d2"], p["a2"]))
+        upper = (max(out, 1e-12) / max(float(p["k1"]), 1e-12)) ** (1.0 / float(p["a1"]))
+        return np.array([min(upper, float(p["limit1"])), float(y[0, 0])])
 
     def time_scale(self, theta: Array) -> float:
         """A quarter of a sample: within one the upper tank may begin to overflow."""

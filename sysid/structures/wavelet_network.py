@@ -9,6 +9,8 @@ their principal components,
 (Zhang 1997, "Using wavelet network in nonparametric estimation", IEEE TNN 8(2), eq. 7). Outside the
 data only the linear part goes on; everything else stays at its value on the edge. Other kinds of
 unit stand in the places of f and g: boxes (piecewise constant), cosines, hyperbolic tangents.
+Units may also see single entries of v, Q then being diagonal: an additive network, a curve for each
+regressor, in which far fewer data suffice.
 Everything here is written over an array namespace, numpy or jax.numpy.
 """
 
@@ -38,8 +40,8 @@ class Kind:
         shape: what its shape parameter is called.
         place: what the vector that places it is called.
         smooth: whether shape and place can be refined by a gradient.
-        argument: (xp, v (…, q), s (K,), c (K, q)) → t, affine in v, (…, K, m).
-        value: (xp, t, flag (K,), dim) → unit values (…, K).
+        argument: (xp, v (…, K, q), s (K,), c (K, q)) → t, affine in v, (…, K, m).
+        value: (xp, t, flag (K,), dim (K,)) → unit values (…, K).
         slopes: (xp, v, s, c, flag, dim) → values, ∂/∂s (…, K), ∂/∂c and ∂/∂v (…, K, q).
         words: what it is.
     """
@@ -56,12 +58,12 @@ class Kind:
 
 def _moved(xp: Any, v: Values, s: Values, c: Values) -> Values:
     """b (v − c), (…, K, q)."""
-    return s[:, None] * (v[..., None, :] - c)
+    return s[:, None] * (v - c)
 
 
 def _projected(xp: Any, v: Values, s: Values, c: Values) -> Values:
     """v cᵀ + s, (…, K, 1)."""
-    return (v @ c.T + s)[..., None]
+    return (xp.sum(v * c, axis=-1) + s)[..., None]
 
 
 def _radial(xp: Any, t: Values, flag: Values, dim: Values) -> Values:
@@ -70,7 +72,7 @@ def _radial(xp: Any, t: Values, flag: Values, dim: Values) -> Values:
 
 
 def _radial_slopes(xp: Any, v: Values, s: Values, c: Values, flag: Values, dim: Values) -> Slopes:
-    away = v[..., None, :] - c
+    away = v - c
     square = xp.sum(away**2, axis=-1)
     r = s**2 * square
     e = xp.exp(-0.5 * r)
@@ -88,9 +90,9 @@ def _ridge_slopes(
     function: Callable[..., Values], slope: Callable[..., Values]
 ) -> Callable[..., Slopes]:
     def slopes(xp: Any, v: Values, s: Values, c: Values, flag: Values, dim: Values) -> Slopes:
-        q = v @ c.T + s
+        q = xp.sum(v * c, axis=-1) + s
         d = slope(xp, q)
-        return function(xp, q), d, d[..., None] * v[..., None, :], d[..., None] * c
+        return function(xp, q), d, d[..., None] * v, d[..., None] * c
 
     return slopes
 
@@ -154,9 +156,9 @@ class Frame(NamedTuple):
         low, high: support of z, (d,).
         factors: factors of the products as rows of an identity of size d + 1 (the last entry is
             the constant 1), (3, T, d + 1).
-        Q: projection, (d, q).
+        Q: what each unit sees, (d, K, q).
         flag: 1 for a wavelet, 0 for a scaling function, (K,).
-        dim: dimension of v that counts.
+        dim: number of entries of v that each unit sees, (K,).
     """
 
     mean: Values
@@ -211,15 +213,21 @@ def value(xp: Any, kind: Kind, f: Frame, w: Weights, x: Values) -> Values:
             w.products
         )
     if K:
-        t = kind.argument(xp, z @ f.Q, w.shape, w.place)
+        t = kind.argument(xp, seen(f.Q, z), w.shape, w.place)
         out = out + kind.value(xp, t, f.flag, f.dim) @ w.amplitude
     return out
+
+
+def seen(Q: Values, z: Values) -> Values:
+    """v of every unit for scaled regressors z (…, d), (…, K, q)."""
+    d, K, q = Q.shape
+    return (z @ Q.reshape(d, K * q)).reshape(*z.shape[:-1], K, q)
 
 
 def gradients(xp: Any, kind: Kind, f: Frame, w: Weights, x: Values) -> tuple[Values, Values]:
     """∂ŷ/∂θ (…, n) in the order of ``split``, and ∂ŷ/∂x (…, d)."""
     away = x - f.mean
-    T, K, q = f.factors.shape[1], f.flag.shape[0], f.Q.shape[1]
+    T, K, q = f.factors.shape[1], f.flag.shape[0], f.Q.shape[2]
     head = x.shape[:-1]
     parts = [xp.ones((*head, 1)), away]
     to_z = xp.zeros_like(x)
@@ -233,9 +241,10 @@ def gradients(xp: Any, kind: Kind, f: Frame, w: Weights, x: Values) -> tuple[Val
         pulls = pulls + (w.products * a * c) @ f.factors[1] + (w.products * a * b) @ f.factors[2]
         to_z = to_z + pulls[..., :-1]
     if K:
-        h, to_s, to_c, to_v = kind.slopes(xp, z @ f.Q, w.shape, w.place, f.flag, f.dim)
+        h, to_s, to_c, to_v = kind.slopes(xp, seen(f.Q, z), w.shape, w.place, f.flag, f.dim)
         parts += [h, to_s * w.amplitude, (to_c * w.amplitude[:, None]).reshape(*head, K * q)]
-        to_z = to_z + xp.sum(to_v * w.amplitude[:, None], axis=-2) @ f.Q.T
+        pull = (to_v * w.amplitude[:, None]).reshape(*head, K * q)
+        to_z = to_z + pull @ f.Q.reshape(-1, K * q).T
     inside = (free > f.low) & (free < f.high)
     return xp.concatenate(parts, axis=-1), w.linear + xp.where(inside, to_z, 0.0) / f.scale
 
@@ -249,6 +258,7 @@ class RowDesign:
         terms: products as indices of their regressors, ascending, two or three each.
         projection: Q row by row; empty rows where there are no units.
         flags: 1 for a wavelet, 0 for a scaling function, one a unit.
+        views: columns of Q that each unit sees, equally many; empty where all see all.
     """
 
     mean: tuple[float, ...]
@@ -258,6 +268,7 @@ class RowDesign:
     terms: tuple[tuple[int, ...], ...] = ()
     projection: tuple[tuple[float, ...], ...] = ()
     flags: tuple[int, ...] = ()
+    views: tuple[tuple[int, ...], ...] = ()
 
     @staticmethod
     def plain(d: int) -> "RowDesign":
@@ -266,8 +277,8 @@ class RowDesign:
 
     @property
     def sizes(self) -> tuple[int, int, int, int]:
-        """Regressors d, products T, units K, dimension q of v."""
-        q = len(self.projection[0]) if self.flags else 0
+        """Regressors d, products T, units K, entries q of v that a unit sees."""
+        q = len(self.views[0] if self.views else self.projection[0]) if self.flags else 0
         return len(self.mean), len(self.terms), len(self.flags), q
 
     @property
@@ -277,26 +288,29 @@ class RowDesign:
 
     def frame(self) -> Frame:
         """The same as arrays."""
-        d, _, _, q = self.sizes
+        d, _, K, q = self.sizes
+        Q = np.zeros((d, K, q))
+        if K:
+            P = np.array(self.projection)
+            Q[:] = P[:, list(self.views)] if self.views else P[:, None, :]
         return Frame(
             np.array(self.mean),
             np.array(self.scale),
             np.array(self.low),
             np.array(self.high),
             one_hot(self.terms, d),
-            np.array(self.projection).reshape(d, q) if q else np.zeros((d, 0)),
+            Q,
             np.array(self.flags, dtype=np.float64),
-            float(used_dimensions(self.projection)) if q else 0.0,
+            np.any(Q != 0.0, axis=0).sum(axis=1).astype(np.float64),
         )
+
+    def in_sight(self) -> list[int]:
+        """Regressors that some unit sees."""
+        return np.flatnonzero(np.any(self.frame().Q != 0.0, axis=(1, 2))).tolist()
 
     def weights(self, theta: Array) -> Weights:
         """A row's parameter vector in parts."""
         return split(theta, *self.sizes)
-
-
-def used_dimensions(projection: Sequence[Sequence[float]]) -> int:
-    """Columns of Q that are not zero throughout."""
-    return int(np.sum(np.any(np.array(projection) != 0.0, axis=0)))
 
 
 def one_hot(terms: Sequence[Sequence[int]], d: int) -> Array:

@@ -1,0 +1,190 @@
+"""``sysid diagnose``: where model and log disagree, what is missing, and the proof once added."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sysid.errors import DataError, UsageError
+
+from . import reading, render
+from .diagnose_files import keep_models, write_results
+from .diagnose_report import show
+from .workspace import StoredModel, Workspace
+
+if TYPE_CHECKING:
+    from sysid.data.preparation import Preparation
+    from sysid.data.read_options import ReadOptions
+    from sysid.data.record import Record
+    from sysid.discrepancy.diagnosis import Diagnosis
+
+_JUDGING = "Judging"
+_MISSION = "On a mission's log"
+
+
+def diagnose(
+    logs: reading.Logs,
+    model: Annotated[
+        str | None,
+        typer.Option(
+            "--model",
+            metavar="ID",
+            help="Model to doubt [the workspace's best for these channels, else the plainest].",
+        ),
+    ] = None,
+    val: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--val",
+            metavar="LOG",
+            rich_help_panel=_JUDGING,
+            help="Log to prove it on; the logs are split unless given. Again for more.",
+        ),
+    ] = None,
+    mission: Annotated[
+        Path | None,
+        typer.Option(
+            "--mission",
+            metavar="M.yaml",
+            rich_help_panel=_MISSION,
+            help="Mission that the log was driven on; also names effects of the vehicle.",
+        ),
+    ] = None,
+    plant: Annotated[
+        Path | None,
+        typer.Option(
+            "--plant",
+            metavar="PATH",
+            rich_help_panel=_MISSION,
+            help="Plant package that the mission was planned with.",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="DIR", help="Where to write [WORKSPACE/diagnosis]."),
+    ] = None,
+    trim: reading.Trim = None,
+    low_pass: reading.LowPass = None,
+    decimate: reading.Decimate = 1,
+    inputs: reading.Inputs = None,
+    outputs: reading.Outputs = None,
+    time: reading.Time = None,
+    ts: reading.SampleTime = None,
+    units: reading.Units = None,
+    pwm_max: reading.PwmMax = None,
+    delimiter: reading.Delimiter = None,
+    decimal: reading.Decimal = None,
+    resample: reading.Resample = "auto",
+    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
+    json: reading.Json = False,
+) -> None:
+    """Find where a model and a log disagree, name the missing effect, add it, prove the gap shrank.
+
+    Both models stay in the workspace; diagnosis.json, a page (index.html) and schedules of the
+    experiments that would tell more (next_*.csv) are written to a folder.
+    """
+    place = Workspace(workspace)
+    folder = _folder(output or place.diagnosis_dir, logs, val or [])
+    _mission_files(mission, plant)
+    given = place.load(model) if model is not None else None
+    read = reading.read_options(
+        inputs, outputs, time, ts, units, pwm_max, delimiter, decimal, resample
+    )
+    steps = reading.preparation(trim, low_pass, decimate)
+    read, steps = _as_fitted(given, read, steps)
+    estimation = _records(logs, read, steps)
+    held = _records(val, read, steps) if val else None
+    _apart(estimation, held)
+    base = given or place.best_for(estimation[0])
+    found = _run(estimation, held, base, mission, plant)
+    origin = {"files": [str(p.resolve()) for p in logs], "read": read.to_json()}
+    before, after = keep_models(place, found, base, origin | {"prepare": steps.to_json()})
+    document = write_results(folder, found, before, after)
+    if json:
+        render.document(document)
+        return
+    show(found, before, after, folder)
+
+
+def _folder(folder: Path, logs: list[Path], val: list[Path]) -> Path:
+    """Where the results go, refused early where that cannot be."""
+    if folder.exists() and not folder.is_dir():
+        raise UsageError(f"{folder} is a file; name a folder with -o")
+    for log in (*logs, *val):
+        ours = log.name in ("diagnosis.json", "index.html") or log.match("next_*.csv")
+        if ours and folder.is_dir() and log.exists() and log.resolve().parent == folder.resolve():
+            raise UsageError(f"-o {folder} could overwrite the log {log}; name another folder")
+    return folder
+
+
+def _mission_files(mission: Path | None, plant: Path | None) -> None:
+    if plant is not None and mission is None:
+        raise UsageError("--plant is of use only with --mission; name the mission of the log")
+    for path, option in ((mission, "--mission"), (plant, "--plant")):
+        if path is not None and not path.exists():
+            raise UsageError(f"there is no {path}; check the path after {option}")
+
+
+def _as_fitted(
+    given: StoredModel | None, read: "ReadOptions", steps: "Preparation"
+) -> "tuple[ReadOptions, Preparation]":
+    """Read and prepared as the data of the model to doubt were, unless the line says how."""
+    from sysid.data.preparation import Preparation
+    from sysid.data.read_options import ReadOptions
+
+    if given is None:
+        return read, steps
+    options = given.model.provenance.options
+    if read == ReadOptions():
+        read = ReadOptions.from_json(options.get("read", {}))
+    if steps == Preparation():
+        steps = Preparation.from_json(options.get("prepare", {}))
+    return read, steps
+
+
+def _records(logs: list[Path], read: "ReadOptions", steps: "Preparation") -> "list[Record]":
+    from sysid.data.io import read_logs
+    from sysid.data.quality import require_usable
+
+    records = [steps.apply(r) for r in read_logs(logs, read)]
+    require_usable(records)
+    return records
+
+
+def _apart(estimation: "list[Record]", held: "list[Record] | None") -> None:
+    """Refuse held-out logs that prove nothing or belong to something else."""
+    first = estimation[0]
+    for r in held or []:
+        if (r.input_names, r.output_names) != (first.input_names, first.output_names):
+            raise DataError(
+                f"{r.name} has {', '.join(r.input_names)} -> {', '.join(r.output_names)} but "
+                f"{first.name} has {', '.join(first.input_names)} -> "
+                f"{', '.join(first.output_names)}; choose the columns with --input and --output"
+            )
+        if any(r.sha256 == e.sha256 for e in estimation):
+            raise UsageError(
+                f"{r.name} is both a log and a --val log and would prove nothing; leave --val "
+                "away and the log is split"
+            )
+
+
+def _run(
+    estimation: "list[Record]",
+    held: "list[Record] | None",
+    base: StoredModel | None,
+    mission: Path | None,
+    plant: Path | None,
+) -> "Diagnosis":
+    from sysid.discrepancy.diagnose import diagnose
+
+    doubted = base.model if base else None
+    for record in (*estimation, *(held or ())):
+        if doubted is not None:
+            doubted.check(record)
+    driven: dict[str, Any] = {"mission": mission} if mission else {}
+    if plant:
+        from sysid.plant.package import load_plant
+
+        driven["plant"] = load_plant(plant)
+    with render.stages("Diagnosing") as progress:
+        return diagnose(estimation, held, model=doubted, progress=progress, **driven)

@@ -1,0 +1,104 @@
+"""What ``sysid diagnose`` leaves behind: two models, a document, a page and schedules."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from . import documents
+from .workspace import StoredModel, Workspace
+
+if TYPE_CHECKING:
+    from sysid.discrepancy.diagnosis import Diagnosis, Experiment
+    from sysid.structures.model import Model
+
+
+def keep_models(
+    place: Workspace, found: "Diagnosis", base: StoredModel | None, origin: Mapping[str, Any]
+) -> tuple[str, str]:
+    """Keep the models before and after; return their ids.
+
+    Args:
+        place: the workspace.
+        found: the diagnosis.
+        base: the stored model that was doubted, whose id is then that of the model before.
+        origin: how the data were read, so that they can be read again.
+    """
+    if base is not None and (found.before is base.model or _same(found.before, base.model)):
+        before = base.id
+    else:
+        before = _keep(place, found.before, found, origin)
+    same = found.after is found.before or _same(found.after, found.before)
+    return before, before if same else _keep(place, found.after, found, origin)
+
+
+def write_results(folder: Path, found: "Diagnosis", before: str, after: str) -> dict[str, Any]:
+    """Write schedules, page and document; return the document.
+
+    Raises:
+        UsageError, DataError: the folder cannot be written.
+    """
+    from sysid.data.files import write_atomic
+    from sysid.report.html import diagnosis_page
+
+    found = replace(found, next_experiments=_named(found.next_experiments))
+    document: dict[str, Any] = documents.plain(found.to_json(before, after))
+    files = {e.file: schedule_text(e) for e in found.next_experiments if e.file}
+    files["index.html"] = diagnosis_page(found, before, after)
+    files["diagnosis.json"] = documents.text(document)
+    for name, content in files.items():
+        write_atomic(folder / name, content)
+    return document
+
+
+def schedule_text(experiment: "Experiment") -> str:
+    """A schedule as CSV: ``t`` [s] and one command a track, one row at each change."""
+    rows = [",".join(f"{v:.9g}" for v in row) for row in experiment.rows]
+    return "\n".join([",".join(experiment.columns), *rows]) + "\n"
+
+
+def _named(experiments: "tuple[Experiment, ...]") -> "tuple[Experiment, ...]":
+    """Every schedule with a file name of its own, ``next_*.csv``."""
+    taken: set[str] = set()
+    found = []
+    for k, e in enumerate(experiments, start=1):
+        name = Path(e.file).name if e.rows else ""
+        if e.rows and (not name or name in taken):
+            name = f"next_{k}_{e.effects[0]}.csv" if e.effects else f"next_{k}.csv"
+        taken.add(name)
+        found.append(replace(e, file=name))
+    return tuple(found)
+
+
+def _keep(place: Workspace, model: "Model", found: "Diagnosis", origin: Mapping[str, Any]) -> str:
+    report = _report(model, found)
+    options = {"made_by": "diagnose", **origin, **model.provenance.options}
+    model = replace(model, provenance=replace(model.provenance, options=options))
+    return place.save(model, report).id
+
+
+def _report(model: "Model", found: "Diagnosis") -> dict[str, Any]:
+    """The figures that a fit would report, so that the model is listed and compared like one."""
+    from dataclasses import asdict
+
+    from sysid.estimation.assessment import DataFigures
+    from sysid.report.diagnosis_words import free_run_figures
+
+    def figures(role: str) -> dict[str, Any] | None:
+        traces = [t for t in found.traces if t.role == role]
+        if not traces:
+            return None
+        free = free_run_figures(traces, after=model is not found.before)
+        return DataFigures(free, replace(free, horizon=1)).to_json()
+
+    return {
+        "estimation": figures("estimation") or figures("held-out"),
+        "validation": figures("held-out"),
+        "criteria": asdict(model.criteria),
+        "seconds": found.seconds,
+        "warnings": list(model.warnings),
+    }
+
+
+def _same(a: "Model", b: "Model") -> bool:
+    return bool(documents.plain(a.to_json()) == documents.plain(b.to_json()))

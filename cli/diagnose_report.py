@@ -1,0 +1,148 @@
+"""What ``sysid diagnose`` tells a person, in four sections: where, what, added, shrunk."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from . import render
+
+if TYPE_CHECKING:
+    from sysid.discrepancy.diagnosis import Diagnosis
+
+_MOST = 5
+"""Regimes and candidates shown; the page has them all."""
+
+
+def show(found: "Diagnosis", before: str, after: str, folder: Path) -> None:
+    """Print the story and what to do next."""
+    from sysid.report.diagnosis_words import headline, story
+
+    render.say(headline(found), "bold")
+    if story(found):
+        render.say(story(found))
+    _where(found)
+    _what(found)
+    _added(found, before, after)
+    _shrunk(found)
+    for sentence in found.warnings:
+        render.warn(f"! {sentence}")
+    _next(found, before, after, folder)
+
+
+def _section(name: str) -> None:
+    render.say("")
+    render.say(name, "bold cyan")
+
+
+def _where(found: "Diagnosis") -> None:
+    from sysid.report.diagnosis_words import leading_regions, region_sentence
+
+    _section("Where")
+    regions = leading_regions(found, _MOST)
+    if not regions:
+        render.say("No error above the noise floor stands out.")
+        return
+    render.say(region_sentence(regions[0]))
+    rows = [
+        [
+            r.region,
+            f"{100 * r.share_of_excess:.0f} %",
+            f"{100 * r.interval[0]:.0f}–{100 * r.interval[1]:.0f} %",
+            f"{100 * r.share_of_samples:.0f} %",
+        ]
+        for r in regions
+    ]
+    render.table(["where", "of excess", "90 %", "of samples"], rows)
+
+
+def _what(found: "Diagnosis") -> None:
+    from sysid.report.diagnosis_words import evidence_sentence, score_words, tie_sentence
+
+    _section("What")
+    for k, e in enumerate(found.effects, start=1):
+        where = f" on {', '.join(e.channels)}" if e.channels else ""
+        render.say(f"{k}. {e.id} ({e.stage}){where}", "bold")
+        for sentence in (e.sentence, f"Evidence: {evidence_sentence(e)}.", tie_sentence(e)):
+            if sentence:
+                render.say(f"   {sentence}")
+    if not found.effects:
+        named = found.verdict == "unexplained"
+        render.say("No effect of the catalogue explains it." if named else "No effect is missing.")
+    if found.description:
+        render.say(f"What remains: {found.description}")
+    if found.minor:
+        render.say(f"Minor or unproven, not added: {', '.join(found.minor)}.")
+    if found.candidates:
+        best = (f"{id} {score_words(s)}" for id, s in found.candidates[:_MOST])
+        render.say(f"Tried first, by score: {', '.join(best)}.", "dim")
+
+
+def _added(found: "Diagnosis", before: str, after: str) -> None:
+    _section("Added")
+    if not found.effects:
+        render.say(f"Nothing; the model stays {before}: {found.base_words}.")
+        return
+    render.say(f"{after} is {before} ({found.base_words}) with:")
+    rows: list[list[Any]] = [
+        [e.id if k == 0 else "", p.name, p.value, render.number(p.std_error, 2), p.unit]
+        for e in found.effects
+        for k, p in enumerate(e.parameters)
+    ]
+    render.table(["effect", "parameter", "value", "± std. error", "unit"], rows)
+
+
+def _shrunk(found: "Diagnosis") -> None:
+    from sysid.report.diagnosis_words import (
+        channel_lines,
+        gap_sentence,
+        residual_sentence,
+    )
+    from sysid.report.style import percent as fit_words
+
+    _section("Shrunk")
+    render.say(gap_sentence(found) if found.effects else "Nothing was added, so nothing shrank.")
+    rows = [
+        [
+            c.name,
+            _change(found, render.number(c.rmse_before, 4), render.number(c.rmse_after, 4)),
+            render.number(c.noise_floor, 4),
+            _change(found, fit_words(c.fit_before), fit_words(c.fit_after)),
+        ]
+        for c in channel_lines(found)
+    ]
+    render.table(["output", "RMSE, held out", "noise floor", "fit, held out"], rows)
+    for test in found.residuals:
+        sentence = residual_sentence(test)
+        render.say(f"{sentence[:1].upper()}{sentence[1:]}.", "dim")
+    _path(found)
+
+
+def _path(found: "Diagnosis") -> None:
+    from sysid.report.diagnosis_words import path_table
+
+    rows = [[cell if cell is None else _short(cell) for cell in r] for r in path_table(found.path)]
+    if rows:
+        render.table(
+            [str(found.path.get("mission", "mission")), "measured", "before", "after"], rows
+        )
+    if found.path.get("sentence"):
+        render.say(found.path["sentence"])
+
+
+def _short(cell: Any) -> str:
+    return render.number(cell, 4) if isinstance(cell, float) else str(cell)
+
+
+def _change(found: "Diagnosis", before: str, after: str) -> str:
+    return f"{before} → {after}" if found.effects else before
+
+
+def _next(found: "Diagnosis", before: str, after: str, folder: Path) -> None:
+    render.say("")
+    for e in found.next_experiments:
+        written = f" Schedule: {folder / e.file}." if e.file else ""
+        render.say(f"To tell {', '.join(e.effects)}: {e.purpose}{written}")
+    render.say(f"Page: {folder / 'index.html'}, all figures: {folder / 'diagnosis.json'}.")
+    if found.effects:
+        render.say(f"Next: sysid compare {before} {after}, sysid export --model {after}.", "bold")
+    else:
+        render.say(f"Next: sysid export --model {after}.", "bold")

@@ -1,0 +1,243 @@
+"""What a nonlinear model's residuals still contain: Billings & Voon's correlation tests.
+
+Whiteness and independence from the input are not enough for a nonlinear model: residuals that hold
+u² or u(t−1) e(t−1) may pass both. Billings & Voon (1986) ask in addition whether
+
+    φ_ε(εu)(τ) = E ε(t) ε(t−τ) u(t−τ)        products of past errors and inputs predict ε,
+    φ_(u²)'ε(τ) = E (u²(t−τ) − mean) ε(t)    even functions of the input predict ε,
+    φ_(u²)'ε²(τ) = E (u²(t−τ) − mean) ε²(t)  the input predicts the size of ε,
+
+beside φ_εε and φ_uε. Each is decided by one portmanteau number over all lags and inputs, in the
+score form of ``residuals.py``: the model's Jacobian is projected out of the instruments, and the
+covariance of the correlations comes from an AR(20) fit of ε (of ε² for its size), so that neither
+what the parameters took nor coloured noise is mistaken for a nonlinearity. The band ±2.58/√N of
+the literature holds for white inputs and residuals only. Of u² only what is left beside its best
+straight line in u is taken. In φ_(u²)'ε² errors beyond 2.58 σ count as 2.58 σ: with heavy-tailed
+noise a few of them would rule the sum.
+
+Bands from simulated residuals of the fitted colour were tried and alarmed twice as often (lagged
+outputs in the Jacobian hold past errors, which surrogates do not know); the score form holds its
+level: ``reports/nonlinear_tests.md``.
+
+Sources: Billings & Voon (1986), Int. J. Control 44; Billings (2013), §5.2.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.special import chdtrc
+
+from sysid.criteria.coloured import AutoRegression, ar_fit
+from sysid.criteria.correlation import centred, inputs_of, one_output
+from sysid.criteria.fit import Array, Signals, as_records
+from sysid.criteria.portmanteau import Mask, Trial, score
+from sysid.criteria.residuals import ResidualTest, independence_test, whiteness_test
+from sysid.errors import DataError
+
+LARGE = 2.58
+"""Errors beyond so many standard deviations count as that many in their size."""
+
+CONSTANT = 1e-10
+"""Share of its power below which nothing is left of the square of an input."""
+
+FEWEST = 20
+
+FURTHER = ("error products", "input squares", "error size")
+NAMES = ("whiteness", "independence", *FURTHER)
+
+
+def nonlinear_tests(
+    errors: Signals,
+    inputs: Signals,
+    jacobian: Signals | None = None,
+    *,
+    lags: int = 25,
+    level: float = 0.99,
+    noise_model: bool = True,
+    output_name: str = "the output",
+    input_names: Sequence[str] = (),
+) -> tuple[ResidualTest, ...]:
+    """Billings & Voon's five tests of one output's residuals, in the order of ``NAMES``.
+
+    The first two are those of ``residuals.py``; arguments and errors as in
+    :func:`further_tests`.
+    """
+    es = one_output(errors)
+    white = whiteness_test(
+        es, jacobian, lags=lags, level=level, judged=noise_model, output_names=(output_name,)
+    )
+    independent = independence_test(
+        es,
+        inputs,
+        jacobian,
+        lags=lags,
+        level=level,
+        output_name=output_name,
+        input_names=input_names,
+    )
+    further = further_tests(
+        es,
+        inputs,
+        jacobian,
+        lags=lags,
+        level=level,
+        noise_model=noise_model,
+        output_name=output_name,
+        input_names=input_names,
+    )
+    return (white, independent, *further)
+
+
+def further_tests(
+    errors: Signals,
+    inputs: Signals,
+    jacobian: Signals | None = None,
+    *,
+    lags: int = 25,
+    level: float = 0.99,
+    noise_model: bool = True,
+    output_name: str = "the output",
+    input_names: Sequence[str] = (),
+) -> tuple[ResidualTest, ...]:
+    """The three tests that nonlinear models must stand beside the linear ones, as in ``FURTHER``.
+
+    Args:
+        errors: residuals of one output, (N,), or one such array a record; NaN are left out.
+        inputs: all inputs, (N, nu), or one such array a record.
+        jacobian: ∂ŷ/∂θ of that output, (N, n), or one such array a record. Without it a model
+            fitted to these data passes too easily.
+        lags: largest lag; lowered where there are fewer than 10 samples a correlation.
+        level: confidence level of each test.
+        noise_model: False for structures without one: products of errors are then reported but
+            not judged (coloured residuals fail).
+        output_name: name for the sentences.
+        input_names: names for the sentences.
+
+    Raises:
+        DataError: shapes do not fit, an input is not finite, or fewer than 20 residuals.
+    """
+    es = one_output(errors)
+    us = [centred(u) for u in inputs_of(inputs, [len(e) for e in es])]
+    js = [np.zeros((len(e), 0)) for e in es]
+    if jacobian is not None:
+        js = list(as_records(jacobian, "jacobian"))
+    names = tuple(input_names) or tuple(f"input {i + 1}" for i in range(us[0].shape[1]))
+    missing = [np.isnan(np.column_stack([e, j])).any(axis=1) for e, j in zip(es, js, strict=True)]
+    keep: list[Mask] = [np.asarray(~m) for m in missing]
+    samples = sum(int(k.sum()) for k in keep)
+    if samples < FEWEST:
+        raise DataError(
+            f"{samples} residuals of {output_name} are too few to test; at least {FEWEST} needed"
+        )
+    lags = max(1, min(lags, samples // (10 * len(names))))
+    known = [centred(np.where(k, e, np.nan)) for k, e in zip(keep, es, strict=True)]
+    filled = [np.nan_to_num(e) for e in known]
+    squares = _squares(us)
+    products = [e[:, None] * u for e, u in zip(filled, us, strict=True)]
+    sizes = _sizes(known)
+    none = [np.zeros((len(e), 0)) for e in es]
+    found = []
+    for name, target, signals, jacobians, first, noise in (
+        ("error products", filled, products, js, 1, None),
+        ("input squares", filled, squares, js, 0, ar_fit(known)),
+        # the size is flat in θ where ε is independent of the past: nothing to project out
+        ("error size", [np.nan_to_num(s) for s in sizes], squares, none, 0, ar_fit(sizes)),
+    ):
+        trial = _trial(target, signals, jacobians, keep, range(first, lags + 1), noise)
+        judged = noise_model or name != "error products"
+        found.append(_verdict(name, trial, level, judged, output_name, names))
+    return tuple(found)
+
+
+def _squares(us: Sequence[Array]) -> list[Array]:
+    """u² less its best straight line in u, zero where nothing is left of it (two levels).
+
+    The square of an input that is not symmetric holds the input itself: what is linear would then
+    be mistaken for even.
+    """
+    squares = [centred(u**2) for u in us]
+    power = sum(np.sum(u**2, axis=0) for u in us)
+    slope = sum(np.sum(s * u, axis=0) for s, u in zip(squares, us, strict=True))
+    slope = np.divide(slope, power, out=np.zeros_like(slope), where=power > 0.0)
+    found = [s - slope * u for s, u in zip(squares, us, strict=True)]
+    left = sum(np.sum(f**2, axis=0) for f in found)
+    whole = sum(np.sum(u**4, axis=0) for u in us)
+    return [f * (left > CONSTANT * whole) for f in found]
+
+
+def _sizes(known: Sequence[Array]) -> list[Array]:
+    """ε² with large errors cut, each record's mean removed, NaN where missing."""
+    every = np.concatenate([e[~np.isnan(e)] for e in known])
+    largest = LARGE**2 * float(np.mean(every**2))
+    return [centred(np.minimum(e**2, largest)) for e in known]
+
+
+def _trial(
+    target: Sequence[Array],
+    signals: Sequence[Array],
+    jacobians: Sequence[Array],
+    keep: Sequence[Mask],
+    tested: range,
+    noise: AutoRegression | None,
+) -> Trial:
+    rows = [np.asarray(k & (np.arange(len(k)) >= tested[-1])) for k in keep]
+    return Trial(
+        errors=target,
+        signals=signals,
+        jacobian=jacobians,
+        keep=keep,
+        rows=rows,
+        tested=tested,
+        nuisance=range(0),
+        centred=True,
+        noise=noise,
+    )
+
+
+_SAYS = {
+    "error products": (
+        "Products of past residuals and inputs do not predict {output} ({p}).",
+        "Past residuals of {output} times {signal} predict it ({p}), most {lag} samples earlier: "
+        "products of output and input are missing, or noise terms with the input.",
+        "No product of residual and input is left to test on {output}.",
+    ),
+    "input squares": (
+        "The residuals of {output} do not depend on squares of past inputs ({p}).",
+        "The residuals of {output} still depend on the square of {signal} ({p}), most {lag} "
+        "samples earlier: even terms of the input are missing (a square, an absolute value).",
+        "The squares of the inputs are constant (two levels): they cannot be tested on {output}.",
+    ),
+    "error size": (
+        "The size of the residuals of {output} does not depend on the inputs ({p}).",
+        "The residuals of {output} are of another size where {signal} is large ({p}), most {lag} "
+        "samples earlier: a nonlinear term is missing, or the noise depends on the input.",
+        "The squares of the inputs are constant (two levels): the size of the residuals of "
+        "{output} cannot be tested.",
+    ),
+}
+
+
+def _verdict(
+    name: str, trial: Trial, level: float, judged: bool, output: str, inputs: Sequence[str]
+) -> ResidualTest:
+    outcome = score(trial)
+    p_value = float(chdtrc(outcome.dof, outcome.statistic)) if outcome.dof else 1.0
+    passed = p_value >= 1.0 - level
+    signal = inputs[outcome.worst[0]] if outcome.worst else None
+    lag = outcome.worst[1] if outcome.worst else None
+    right, wrong, empty = _SAYS[name]
+    text = empty if outcome.dof == 0 else right if passed else wrong
+    p = f"p = {p_value:.2g}" if p_value >= 1e-12 else "p < 1e-12"
+    return ResidualTest(
+        name=name,
+        output=output,
+        statistic=outcome.statistic,
+        dof=outcome.dof,
+        p_value=p_value,
+        passed=passed,
+        level=level,
+        worst_lag=lag,
+        worst_signal=signal,
+        judged=judged,
+        sentence=text.format(output=output, signal=signal, lag=lag, p=p),
+    )

@@ -1,0 +1,177 @@
+"""Next experiments: command schedules that a robot can run and that tell what this log cannot.
+
+``schedules.py`` holds the candidate programmes. For one effect its own programme is written. For a
+tie the tied models are run on the programmes of all of them, and the one on which they differ most
+against the noise is taken.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.data.record import Array, Record
+from sysid.discrepancy.diagnosis import Experiment
+from sysid.discrepancy.naming import NamingSearch, Node
+from sysid.discrepancy.schedules import Row, programme, programmes_of
+from sysid.discrepancy.supermodel import prepare
+from sysid.effects.catalogue import catalogue
+
+CLEAR = 1.0
+"""Models that differ by so many noise standard deviations (RMS) are told apart at a glance."""
+
+FAINT = 0.2
+"""Below this even a whole schedule hardly tells them apart."""
+
+
+def experiment_for(id: str, record: Record, scales: Array) -> Experiment:
+    """The schedule that would show one effect.
+
+    Args:
+        id: in the catalogue.
+        record: the log; its command range, sample time and channel names are kept to.
+        scales: full drive of each input.
+    """
+    known = catalogue().get(id)
+    text = known.experiment if known is not None else _SAMPLES.get(id, "")
+    purpose = f"To see whether there is any {id}: {_lower(text)}"
+    return _written(purpose, (id,), programme(programmes_of(id)[0]), record, scales)
+
+
+def experiment_between(
+    search: NamingSearch,
+    tied: Mapping[str, Node],
+    floor: Array,
+    scales: Array,
+    delay: int,
+) -> Experiment:
+    """The schedule that separates models which explain the log equally well.
+
+    Args:
+        search: the search around the models.
+        tied: the model with each of the tied effects, by id.
+        floor: noise of each output, (ny,).
+        scales: full drive of each input.
+        delay: dead time of the base in samples.
+    """
+    ids = tuple(tied)
+    record = search.estimation[0]
+    names = list(dict.fromkeys(name for id in ids for name in programmes_of(id)))
+    best, least = names[0], -1.0
+    for name in names:
+        apart = _apart(search, list(tied.values()), programme(name), floor, (scales, delay))
+        if apart > least * 1.1:
+            best, least = name, apart
+    purpose = f"To tell {_listed(ids)} apart: {_lower(_WORDS[best])}"
+    if least >= 0.0:
+        clear = "clear" if least > CLEAR else "enough" if least > FAINT else "hardly enough"
+        purpose += f" The models then differ by {least:.2g} times the noise, which is {clear}."
+    return _written(purpose, ids, programme(best), record, scales)
+
+
+def next_experiments(
+    record: Record, scales: Array, undetectable: Sequence[str], most: int = 3
+) -> tuple[Experiment, ...]:
+    """Schedules for effects that the log cannot show; effects of one programme share it."""
+    grouped: dict[str, list[str]] = {}
+    for id in undetectable:
+        if id in catalogue() or id in _SAMPLES:
+            grouped.setdefault(programmes_of(id)[0], []).append(id)
+    found = []
+    for name, ids in sorted(grouped.items(), key=lambda item: -len(item[1]))[:most]:
+        purpose = f"This log cannot show {_listed(ids)}; {_lower(_WORDS[name])}"
+        found.append(_written(purpose, tuple(ids), programme(name), record, scales))
+    return tuple(found)
+
+
+def _apart(
+    search: NamingSearch,
+    nodes: Sequence[Node],
+    rows: Sequence[Row],
+    floor: Array,
+    chain: tuple[Array, int],
+) -> float:
+    """Smallest RMS difference of any two models on a schedule, in noise standard deviations.
+
+    The schedule is filled up with rest to the length of the log, for which the super-model is
+    already compiled.
+    """
+    record = search.estimation[0]
+    scales, delay = chain
+    u = sampled(rows, record, scales)[: len(search.data.drive)]
+    whole = np.concatenate([u, np.zeros((len(search.data.drive) - len(u), record.nu))])
+    drive = replace(record, u=whole, y=np.zeros((len(whole), record.ny)), pose=None, sha256="")
+    data = prepare([drive], scales, delay, search.model.depth)
+    runs = search.model.run(np.array([n.q for n in nodes]), data)[:, : len(u)]
+    sizes = np.maximum(floor, 1e-9 * np.max(np.abs(runs), initial=1e-9))
+    return min(
+        float(np.sqrt(np.nanmean(((a - b) / sizes) ** 2)))
+        for k, a in enumerate(runs)
+        for b in runs[:k]
+    )
+
+
+def sampled(rows: Sequence[Row], record: Record, scales: Array) -> Array:
+    """A schedule at the log's sample time, (N, nu), within the log's command range."""
+    steps = _scaled(rows, record, scales)
+    t = record.dt * np.arange(int(np.ceil(steps[-1][0] / record.dt)) + 1)
+    at = np.searchsorted([r[0] for r in steps], t + 1e-9, side="right") - 1
+    return np.array([r[1:] for r in steps])[at]
+
+
+def _scaled(rows: Sequence[Row], record: Record, scales: Array) -> tuple[tuple[float, ...], ...]:
+    """Rows in the log's commands: shares of the largest command that the log uses, on its grid.
+
+    Commands that were never negative stay positive.
+    """
+    robot = record.is_robot_log
+    low, high = record.u.min(axis=0), record.u.max(axis=0)
+    largest = np.maximum(np.maximum(np.abs(low), np.abs(high)), 0.05 * scales)
+    found: list[tuple[float, ...]] = []
+    for t, *shares in rows:
+        values = []
+        for j in range(record.nu):
+            value = shares[min(j, 1)] * largest[j]
+            if low[j] >= 0.0 and not robot:
+                value = abs(value)
+            values.append(float(round(value)) if robot else float(np.round(value, 6)))
+        found.append((float(np.round(np.round(t / record.dt) * record.dt, 9)), *values))
+    return tuple(found)
+
+
+def _written(
+    purpose: str, ids: tuple[str, ...], rows: Sequence[Row], record: Record, scales: Array
+) -> Experiment:
+    columns = ("t", *record.input_names)
+    return Experiment(
+        purpose, ids, columns, _scaled(rows, record, scales), f"try_{'_'.join(ids[:3])}.csv"
+    )
+
+
+def _listed(ids: Sequence[str]) -> str:
+    return ids[0] if len(ids) == 1 else f"{', '.join(ids[:-1])} and {ids[-1]}"
+
+
+def _lower(text: str) -> str:
+    return text[:1].lower() + text[1:]
+
+
+_SAMPLES = {
+    "quantisation": "Hold several slow speeds and look at the readings' digits.",
+    "dropouts": "Drive fast and steadily and look for readings that jump to zero or repeat.",
+}
+
+_WORDS = {
+    "staircase": "climb a slow staircase through zero in both directions, both tracks in turn.",
+    "levels": "step to many levels in both directions, with rests between.",
+    "one_and_other": "hold one track at a constant command while the other steps, then swap.",
+    "repeat": "run the same short sequence at the beginning and at the end of a long run.",
+    "hot": "drive hard for 40 s between two equal test sequences, then rest and test again.",
+    "reversals": "reverse often, at several speeds and at irregular instants.",
+    "ramps": "ramp up slowly from rest and down to rest again, in both directions.",
+    "coasting": "let go from several speeds, and step down to lower ones for comparison.",
+    "cruise": "hold several constant speeds for a long time.",
+    "top": "step to the highest commands, in small and in large steps.",
+    "turns": "drive straight, turn at several radii, and turn on the spot, in both directions.",
+    "rests": "rest for ten seconds between equal steps in both directions.",
+}

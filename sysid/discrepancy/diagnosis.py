@@ -1,0 +1,211 @@
+"""Diagnosis: what a diagnosis found, as frozen nouns and as JSON."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from sysid.data.record import Array, Record
+from sysid.discrepancy.localise import Region
+from sysid.discrepancy.verify import Gap
+from sysid.structures.model import Model
+
+VERDICTS = ("effects-found", "no-missing-effect", "unexplained")
+
+
+@dataclass(frozen=True)
+class Value:
+    """One number of a named effect; ``std_error`` is None where the log does not tell it."""
+
+    name: str
+    value: float
+    std_error: float | None
+    unit: str
+
+    def to_json(self) -> dict[str, Any]:
+        """{name, value, std_error, unit}."""
+        return {
+            "name": self.name,
+            "value": self.value,
+            "std_error": self.std_error,
+            "unit": self.unit,
+        }
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """One accepted effect.
+
+    Attributes:
+        id: in the catalogue.
+        stage: actuator, motor, vehicle, sensor or any.
+        channels: outputs on which it shows.
+        parameters: its numbers with standard errors.
+        delta_bic, p_value, heldout_gain: evidence; the gain is the share of the held-out RMSE that
+            went when the effect came.
+        indistinguishable: other effects that explain this log as well.
+        sentence: what it is and how large, in plain words.
+    """
+
+    id: str
+    stage: str
+    channels: tuple[str, ...]
+    parameters: tuple[Value, ...]
+    delta_bic: float
+    p_value: float
+    heldout_gain: float
+    indistinguishable: tuple[str, ...]
+    sentence: str
+
+    def to_json(self) -> dict[str, Any]:
+        """{id, stage, channels, parameters, evidence, indistinguishable, sentence}."""
+        return {
+            "id": self.id,
+            "stage": self.stage,
+            "channels": list(self.channels),
+            "parameters": [p.to_json() for p in self.parameters],
+            "evidence": {
+                "delta_bic": self.delta_bic,
+                "p_value": self.p_value,
+                "heldout_gain": self.heldout_gain,
+            },
+            "indistinguishable": list(self.indistinguishable),
+            "sentence": self.sentence,
+        }
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A run that would tell what this log cannot.
+
+    Attributes:
+        purpose: what it would tell, in a sentence.
+        effects: ids that it is about.
+        columns: ``t`` [s] and one command a track, as the log calls them.
+        rows: the schedule, one row at each change: (time, command, command, …).
+        file: name under which the schedule is written beside the diagnosis, empty when it is not.
+    """
+
+    purpose: str
+    effects: tuple[str, ...]
+    columns: tuple[str, ...]
+    rows: tuple[tuple[float, ...], ...]
+    file: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """{purpose, effects, columns, schedule, file}."""
+        return {
+            "purpose": self.purpose,
+            "effects": list(self.effects),
+            "columns": list(self.columns),
+            "schedule": [list(r) for r in self.rows],
+            "file": self.file,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """A record with the free runs of both models on it, for pictures and words.
+
+    Attributes:
+        record: what was measured.
+        before, after: readings of both models, (N, ny).
+        role: ``estimation`` or ``held-out``.
+        counted: samples that count in this role, (N,) of 0 and 1.
+    """
+
+    record: Record
+    before: Array
+    after: Array
+    role: str
+    counted: Array
+
+
+@dataclass(frozen=True)
+class ResidualVerdict:
+    """Whether the errors of a model on held-out data still depend on what is known.
+
+    Attributes:
+        model: ``before`` or ``after``.
+        p_value: of no dependence on commands, speeds and their products, over all outputs.
+        share: share of the squared error above the floor that such a dependence predicts.
+    """
+
+    model: str
+    p_value: float
+    share: float
+
+    def to_json(self) -> dict[str, Any]:
+        """{model, p_value, share}."""
+        return {"model": self.model, "p_value": self.p_value, "share": self.share}
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """Where a model and a log disagree, what is missing, and the proof.
+
+    Attributes:
+        verdict: one of ``VERDICTS``.
+        story: why this verdict, in a sentence.
+        base_words: what the model before is, in words.
+        effects: accepted effects, in order of acceptance.
+        minor: effects too small to matter or unproven.
+        candidates: (id, score) of every effect tried first, best first.
+        where: regimes of the excess error before.
+        where_after: the same afterwards.
+        gap: the proof on held-out data.
+        detectable: per effect the smallest size this log would have shown, None where it cannot.
+        next_experiments: runs that would tell more.
+        before, after: the models.
+        residuals: residual tests before and after.
+        description: a sparse description of what no effect explains, empty without one.
+        warnings: sentences.
+        traces: records with both runs.
+        path: proof on a mission's path, JSON-able, empty without one.
+        seconds: time taken.
+    """
+
+    verdict: str
+    story: str
+    base_words: str
+    effects: tuple[NamedEffect, ...]
+    minor: tuple[str, ...]
+    candidates: tuple[tuple[str, float], ...]
+    where: tuple[Region, ...]
+    where_after: tuple[Region, ...]
+    gap: Gap
+    detectable: dict[str, float | None]
+    next_experiments: tuple[Experiment, ...]
+    before: Model
+    after: Model
+    residuals: tuple[ResidualVerdict, ...] = ()
+    description: str = ""
+    warnings: tuple[str, ...] = ()
+    traces: tuple[Trace, ...] = ()
+    path: dict[str, Any] = field(default_factory=dict)
+    seconds: float = 0.0
+
+    def to_json(self, before: str = "", after: str = "") -> dict[str, Any]:
+        """The document ``diagnosis.json``.
+
+        Args:
+            before, after: ids under which the models are kept in the workspace.
+        """
+        return {
+            "verdict": self.verdict,
+            "story": self.story,
+            "base": self.base_words,
+            "effects": [e.to_json() for e in self.effects],
+            "minor": list(self.minor),
+            "candidates": [{"id": k, "score": v} for k, v in self.candidates],
+            "where": [r.to_json() for r in self.where],
+            "where_after": [r.to_json() for r in self.where_after],
+            "gap": self.gap.to_json(),
+            "detectable": self.detectable,
+            "next_experiments": [e.to_json() for e in self.next_experiments],
+            "model_before": before,
+            "model_after": after,
+            "residual_tests": [r.to_json() for r in self.residuals],
+            "description": self.description,
+            "warnings": list(self.warnings),
+            "path": self.path,
+            "seconds": self.seconds,
+        }

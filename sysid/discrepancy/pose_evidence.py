@@ -1,0 +1,112 @@
+"""What speaks for an effect in increments of the pose, whose noise is known; and the proof."""
+
+import math
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.discrepancy.evidence import Errors, Evidence
+from sysid.discrepancy.pose_fit import Fitted
+from sysid.discrepancy.pose_windows import CHANNELS, OVERLAP
+from sysid.discrepancy.verify import REPLICATES, ChannelGap, Gap
+
+TOUCHED = 1.0 / 3.0
+"""A window counts as touched where an effect moves it by this share of the most."""
+
+
+def evidence_of(before: Fitted, after: Fitted, tried: int) -> Evidence:
+    """What speaks for the numbers that ``after`` has in addition, as in ``evidence``, but for this:
+
+    The noise of an increment is known and an effect may show in the few windows of one turn, so
+    that neither blocks nor a coloured residual's sample size tell chance from effect. G, the fall
+    of the white squared error over both parts with numbers from the estimation part, is χ² with
+    one degree of freedom where nothing is there: its root is t, of as many degrees of freedom as
+    windows do not overlap, because no more tell how large the noise is. Blocks and held-out
+    error count the windows that the effect moves.
+    """
+    from scipy.stats import t as student
+
+    new = len(after.free) - len(before.free)
+    n = sum(a.size for a, _ in _pairs(before.white, after.white))
+    gain = sum(float(np.sum(a**2) - np.sum(b**2)) for a, b in _pairs(before.white, after.white))
+    gain /= max(after.cost, 1.0)
+    t = math.sqrt(max(gain, 0.0))
+    freedom = max(n / (len(CHANNELS) * OVERLAP) - new, 1.0)
+    pairs = _pairs(before.errors, after.errors)
+    moved = [_moved(a, b) for a, b in pairs]
+    most = max(float(m.max()) for m in moved)
+    falls, held_old, held_now = [], 0.0, 0.0
+    for i, ((a, b), m) in enumerate(zip(pairs, moved, strict=True)):
+        touched = m >= TOUCHED * most
+        x, y = (a[touched] ** 2).sum(axis=1), (b[touched] ** 2).sum(axis=1)
+        falls += [
+            float(x[k : k + OVERLAP].sum() - y[k : k + OVERLAP].sum())
+            for k in range(0, len(x), OVERLAP)
+        ]
+        if i >= len(before.errors.estimation):
+            held_old, held_now = held_old + float(x.sum()), held_now + float(y.sum())
+    return Evidence(
+        delta_bic=new * math.log(n) - gain,
+        t=t,
+        share_better=float(np.mean(np.array(falls) > 0)) if falls else 0.0,
+        ratio=math.sqrt(held_now / held_old) if held_old > 0 else 1.0,
+        p_value=min(1.0, 2.0 * float(student.sf(t, freedom)) * tried),
+    )
+
+
+def apart(best: Fitted, other: Fitted) -> float:
+    """Standard errors by which rivals differ: D/(2 σ ‖d‖) of what they predict differently, d.
+
+    D is how much larger the other's squared error is; with the best model true it has the mean
+    ‖d‖² and the standard deviation 2 σ ‖d‖ (Vuong 1989, for known noise).
+    """
+    if other is best:
+        return 0.0
+    pairs = _pairs(best.white, other.white)
+    more = sum(float(np.sum(b**2) - np.sum(a**2)) for a, b in pairs)
+    apart = sum(float(np.sum((a - b) ** 2)) for a, b in pairs)
+    return more / (2.0 * math.sqrt(max(best.cost, 1.0) * apart) + 1e-300)
+
+
+def _moved(a: Array, b: Array) -> Array:
+    """How far each window's prediction differs, in units of the floor, (W,)."""
+    return np.asarray(np.linalg.norm(a - b, axis=1))
+
+
+def _pairs(before: Errors, after: Errors) -> list[tuple[Array, Array]]:
+    old, now = (*before.estimation, *before.held), (*after.estimation, *after.held)
+    return list(zip(old, now, strict=True))
+
+
+def pose_gap(base: Fitted, final: Fitted, floor: Array, seed: int = 0) -> Gap:
+    """Errors beyond the noise on held-out windows that the effects move, in units of the noise.
+
+    The interval is a bootstrap over groups of windows that overlap.
+    """
+    pairs = list(zip(base.errors.held, final.errors.held, strict=True))
+    most = max(float(_moved(a, b).max()) for a, b in pairs)
+    old, new = (np.concatenate([p[i][_moved(*p) >= TOUCHED * most] for p in pairs]) for i in (0, 1))
+    groups = np.arange(len(old)) // OVERLAP
+    excess = np.array(
+        [
+            [np.sum(e[groups == g] ** 2 - 1.0) for e in (old, new)]
+            for g in range(int(groups[-1]) + 1)
+        ]
+    )
+    drawn = np.random.default_rng(seed).integers(0, len(excess), (REPLICATES, len(excess)))
+    sums = excess[drawn].sum(axis=1)
+    shares = [100.0 * (1.0 - max(b, 0.0) / a) if a > 0 else 0.0 for a, b in sums]
+    before, after = (excess.sum(axis=0) / len(old)).tolist()
+    low, high = np.quantile(shares, [0.05, 0.95]).tolist()
+    rms = [np.sqrt(np.mean(e**2, axis=0)) * floor for e in (old, new)]
+    return Gap(
+        before=max(before, 0.0),
+        after=after,
+        noise_floor=float(len(CHANNELS)),
+        closed_percent=100.0 * (1.0 - max(after, 0.0) / before) if before > 0 else 0.0,
+        interval=(low, high),
+        channels={
+            name: ChannelGap(float(rms[0][i]), float(rms[1][i]), float(floor[i]))
+            for i, name in enumerate(CHANNELS)
+        },
+    )

@@ -1,0 +1,252 @@
+"""Maximum likelihood of vehicle effects from increments of the pose of known noise."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from sysid.data.record import Array, Index
+from sysid.discrepancy.evidence import Errors
+from sysid.discrepancy.pose_windows import Noise, Track
+from sysid.effects.catalogue import effect
+from sysid.effects.ground import Ground
+from sysid.estimation.solvers import levenberg_marquardt
+from sysid.structures.base import Problem
+from sysid.vehicle.kinematics import Geometry
+
+LEFT, RIGHT = 0, 1
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One number that a fit may free.
+
+    Attributes:
+        owner: effect, or what competes with the effects without being one.
+        name: of the parameter.
+        side: track it belongs to, −1 where both share it.
+        null, lower, upper: value at which it does nothing, and bounds.
+        start: where a search begins; the increments are all but linear in every number, so
+            that one start serves.
+    """
+
+    owner: str
+    name: str
+    side: int
+    null: float
+    lower: float
+    upper: float
+    start: float
+
+
+def _of_effect(id: str, sides: Sequence[int]) -> tuple[Slot, ...]:
+    p = effect(id).parameters[0]
+    return tuple(Slot(id, p.name, s, p.null, p.lower, p.upper, p.starts[0]) for s in sides)
+
+
+BOTH_RADII = "both-radii"
+SPEED_OFFSET = "speed-offset"
+SLOTS = (
+    *_of_effect("track-slip", (-1,)),
+    *_of_effect("radius-mismatch", (LEFT, RIGHT)),
+    *_of_effect("track-width", (-1,)),
+    Slot(BOTH_RADII, "scale", -1, 1.0, 0.5, 2.0, 0.95),
+    *(Slot(SPEED_OFFSET, "offset", s, 0.0, -5.0, 5.0, 0.0) for s in (LEFT, RIGHT)),
+)
+"""Every number; those of the last two owners compete with the effects so that a radius that the
+geometry has wrong, or a sensor that does not read zero at rest, lends its name to none."""
+
+NULL = np.array([s.null for s in SLOTS])
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """What may be freed together.
+
+    Attributes:
+        key: unique.
+        id: effect, empty for what competes without being one.
+        slots: its entries of ``SLOTS``.
+    """
+
+    key: str
+    id: str
+    slots: tuple[int, ...]
+
+
+CANDIDATES = (
+    Candidate("track-slip", "track-slip", (0,)),
+    Candidate("radius-mismatch left", "radius-mismatch", (1,)),
+    Candidate("radius-mismatch right", "radius-mismatch", (2,)),
+    Candidate("track-width", "track-width", (3,)),
+    Candidate(BOTH_RADII, "", (4,)),
+    Candidate(SPEED_OFFSET, "", (5, 6)),
+)
+
+
+def ground_of(q: Array) -> Ground:
+    """The effects whose numbers are off their null values."""
+    found: dict[str, dict[str, Array]] = {}
+    for slot, value in zip(SLOTS, q, strict=True):
+        if slot.owner in (BOTH_RADII, SPEED_OFFSET) or value == slot.null:
+            continue
+        both = found.setdefault(slot.owner, {}).setdefault(slot.name, np.full(2, slot.null))
+        if slot.side < 0:
+            both[:] = value
+        else:
+            both[slot.side] = value
+    return Ground(tuple(found), found)
+
+
+def geometry_of(q: Array, geometry: Geometry) -> Geometry:
+    """The geometry with the common scale of both radii."""
+    return Geometry(geometry.r * float(q[4]), geometry.B)
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """Numbers found for a set of candidates.
+
+    Attributes:
+        keys: what was freed, in order of acceptance.
+        q: every number, (slots,).
+        covariance: of the free ones in the order of ``free``.
+        free: indices of the free ones.
+        errors: errors of the increments of both parts in units of their floor, (W, 3) a record.
+        white: the same as independent ones of variance one.
+        at_bound: whether a number ended on its bound.
+    """
+
+    keys: tuple[str, ...]
+    q: Array
+    covariance: Array
+    free: tuple[int, ...]
+    errors: Errors
+    white: Errors
+    at_bound: bool
+
+    @property
+    def cost(self) -> float:
+        """Mean squared white error over both parts; 1 where nothing but noise is left."""
+        return float(np.mean(np.concatenate([*self.white.estimation, *self.white.held]) ** 2))
+
+    def std_error(self, slot: int) -> float | None:
+        """Standard error of a number, None where it was not free."""
+        if slot not in self.free:
+            return None
+        k = self.free.index(slot)
+        return float(np.sqrt(max(self.covariance[k, k], 0.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class PoseProblem(Problem):
+    """White errors of the increments as a function of every number."""
+
+    tracks: tuple[Track, ...]
+    geometry: Geometry
+    noise: Noise
+    free: tuple[int, ...] = tuple(range(len(SLOTS)))
+
+    @cached_property
+    def _measured(self) -> tuple[Array, ...]:
+        return tuple(t.measured(self.geometry) for t in self.tracks)
+
+    @cached_property
+    def _white(self) -> tuple[Callable[[Array], Array], ...]:
+        return tuple(self.noise.whitener(t) for t in self.tracks)
+
+    @property
+    def index(self) -> Index:  # type: ignore[override]
+        """All of θ."""
+        return np.arange(len(SLOTS))
+
+    @property
+    def n_initial(self) -> int:  # type: ignore[override]
+        """No initial states: every window begins at its own origin."""
+        return 0
+
+    @property
+    def lengths(self) -> tuple[int, ...]:  # type: ignore[override]
+        """Residuals of each record."""
+        return tuple(3 * len(m) for m in self._measured)
+
+    @property
+    def channels(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The increments of a record count as one output."""
+        return (0,) * len(self.tracks)
+
+    def freeing(self, free: tuple[int, ...]) -> "PoseProblem":
+        """The same problem with other free numbers; what was computed once is kept."""
+        other = replace(self, free=free)
+        other.__dict__.update(_measured=self._measured, _white=self._white)
+        return other
+
+    def errors(self, q: Array) -> tuple[Array, ...]:
+        """Measured less predicted, (W, 3) of each record [m, m, rad]."""
+        ground, geometry, offset = ground_of(q), geometry_of(q, self.geometry), q[5:7]
+        return tuple(
+            m - t.predicted(ground, geometry, offset)
+            for m, t in zip(self._measured, self.tracks, strict=True)
+        )
+
+    def whitened(self, errors: Sequence[Array]) -> tuple[Array, ...]:
+        """Errors of each record as independent ones of variance one."""
+        return tuple(w(e) for w, e in zip(self._white, errors, strict=True))
+
+    def residual(self, p: Array) -> Array:
+        """All white errors in a row."""
+        return np.concatenate([e.ravel() for e in self.whitened(self.errors(p))])
+
+    def jacobian(self, p: Array) -> Array:
+        """Central differences in the free numbers; other columns are zero."""
+        J = np.zeros((sum(self.lengths), len(SLOTS)))
+        for k in self.free:
+            h = 1e-5 * max(SLOTS[k].upper - SLOTS[k].lower, 1.0)
+            up, down = p.copy(), p.copy()
+            up[k] += h
+            down[k] -= h
+            J[:, k] = (self.residual(up) - self.residual(down)) / (2.0 * h)
+        return J
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSearch:
+    """Fits on the estimation part, judged on both.
+
+    Attributes:
+        estimation, held: the problem of each part.
+    """
+
+    estimation: PoseProblem
+    held: PoseProblem
+
+    def fit(self, candidates: Sequence[Candidate]) -> Fitted:
+        """The numbers of all candidates together, estimated anew.
+
+        The standard errors come from the Jacobian and the known noise, or the errors left where
+        these are larger.
+        """
+        free = tuple(sorted(k for c in candidates for k in c.slots))
+        keys = tuple(c.key for c in candidates)
+        mask = np.zeros(len(SLOTS), dtype=bool)
+        mask[list(free)] = True
+        best = levenberg_marquardt(
+            self.estimation.freeing(free),
+            np.array([s.start if k in free else s.null for k, s in enumerate(SLOTS)]),
+            free=mask,
+            lower=np.array([s.lower for s in SLOTS]),
+            upper=np.array([s.upper for s in SLOTS]),
+            max_evaluations=30,
+        )
+        J = best.jacobian[:, list(free)]
+        variance = max(float(np.mean(best.residual**2)), 1.0)
+        parts = self.estimation.errors(best.p), self.held.errors(best.p)
+        floor = self.estimation.noise.floor
+        errors = Errors(*(tuple(e / floor for e in part) for part in parts))
+        white = Errors(self.estimation.whitened(parts[0]), self.held.whitened(parts[1]))
+        bound = any(k in free for k in best.at_bound)
+        covariance = np.zeros((len(free), len(free)))
+        if free:
+            covariance[:] = variance * np.linalg.pinv(J.T @ J, hermitian=True)
+        return Fitted(keys, best.p, covariance, free, errors, white, bound)

@@ -1,0 +1,240 @@
+"""Increments of the pose over windows: what was measured, and what wheel speeds say.
+
+A window of two seconds is short enough that errors of the heading hardly turn its path, and long
+enough that noise of the pose, which enters at its two ends only, is small against the way. In the
+body frame at the window's start an increment is (forward [m], lateral [m], turn [rad]); the
+measured heading serves for that frame. Speeds run linearly between samples.
+"""
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Array, Record
+from sysid.effects.ground import Ground
+from sysid.vehicle.kinematics import Geometry, body_velocity, wrap_angle
+
+WINDOW = 2.0
+"""Length of a window [s]."""
+
+OVERLAP = 4
+"""Windows begin this many times in a window's length."""
+
+BLOCK = 3.0
+"""Length of the stretches [s] that go to the estimation and to the held-out part in turn, where
+there is no other log to judge; windows that cross from one to the next are left out."""
+
+CHANNELS = ("x", "y", "psi")
+"""Increments: forward, lateral, turn."""
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A record as the vehicle stage sees it.
+
+    Attributes:
+        omega: measured wheel speeds, left and right, (N, 2) [rad/s].
+        pose: x, y [m], ψ [rad], (N, 3).
+        dt: sample time [s].
+        part: 0 for windows in the first, third … stretch, 1 for the others, None for all.
+    """
+
+    omega: Array
+    pose: Array
+    dt: float
+    part: int | None = None
+
+    @cached_property
+    def span(self) -> int:
+        """Samples in a window."""
+        return max(2, round(WINDOW / self.dt))
+
+    @cached_property
+    def starts(self) -> NDArray[np.intp]:
+        """First samples of the windows whose numbers are all there."""
+        if len(self.omega) <= self.span:
+            return np.zeros(0, dtype=np.intp)
+        first = np.arange(0, len(self.omega) - self.span, max(1, self.span // OVERLAP))
+        there: NDArray[np.bool_] = np.asarray(np.isfinite(self.pose).all(axis=1))
+        lost = np.concatenate([[0], np.cumsum(~np.isfinite(self.omega).all(axis=1))])
+        good = there[first] & there[first + self.span]
+        if self.part is not None:
+            block = np.floor(first * self.dt / BLOCK + 1e-9)
+            inside = (first + self.span) * self.dt <= (block + 1.0) * BLOCK + 1e-9
+            good &= inside & (block % 2 == self.part)
+        return np.asarray(first[good & (lost[first + self.span + 1] == lost[first])])
+
+    def measured(self, geometry: Geometry) -> Array:
+        """Increments of the measured pose, (W, 3).
+
+        The turn is the one next to that of the wheels, so that a wrapped heading does no harm.
+        """
+        a, b = self.pose[self.starts], self.pose[self.starts + self.span]
+        change = _turned_back(b[:, :2] - a[:, :2], a[:, 2])
+        rolled = self.predicted(Ground(), geometry)[:, 2]
+        turn = rolled + wrap_angle(b[:, 2] - a[:, 2] - rolled)
+        return np.column_stack([change, turn])
+
+    def predicted(self, ground: Ground, geometry: Geometry, offset: Array | None = None) -> Array:
+        """Increments that the wheel speeds make, (W, 3).
+
+        Args:
+            ground: effects between tracks and ground.
+            geometry: lengths of the vehicle.
+            offset: of the speed sensors, taken off the readings, (2,) [rad/s].
+        """
+        x, y, psi = self.path(ground, geometry, offset).T
+        a, b = self.starts, self.starts + self.span
+        change = np.column_stack([x[b] - x[a], y[b] - y[a]])
+        return np.column_stack([_turned_back(change, psi[a]), psi[b] - psi[a]])
+
+    def path(self, ground: Ground, geometry: Geometry, offset: Array | None = None) -> Array:
+        """x, y, ψ from the origin by the wheel speeds (missing ones count as rest), (N, 3)."""
+        return path_of(
+            np.nan_to_num(self.omega - (0.0 if offset is None else offset)),
+            self.dt,
+            ground,
+            geometry,
+        )
+
+
+def path_of(
+    omega: Array, dt: float, ground: Ground, geometry: Geometry, start: Array | None = None
+) -> Array:
+    """x, y, ψ (not wrapped) that wheel speeds (N, 2) make from ``start``, (N, 3).
+
+    Arcs of constant speed between samples, at the mean of the speeds at both ends.
+    """
+    rolled = ground.rolled(omega)
+    forward, yaw_rate = body_velocity(rolled[:, 0], rolled[:, 1], geometry)
+    along = 0.5 * dt * (forward[1:] + forward[:-1])
+    turn = 0.5 * dt * (yaw_rate[1:] + yaw_rate[:-1])
+    x, y, psi = np.zeros(3) if start is None else start
+    heading = psi + np.concatenate([[0.0], np.cumsum(turn)])
+    chord = along * np.sinc(turn / (2.0 * np.pi))
+    middle = heading[:-1] + 0.5 * turn
+    return np.column_stack(
+        [
+            x + np.concatenate([[0.0], np.cumsum(chord * np.cos(middle))]),
+            y + np.concatenate([[0.0], np.cumsum(chord * np.sin(middle))]),
+            heading,
+        ]
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """Noise of the increments (forward, lateral, turn), each a variance of shape (3,).
+
+    Attributes:
+        end: of the pose at either end; windows that share a reading share it.
+        start: what the heading at the start adds, of each window alone.
+        walk: of the speeds summed over a window; windows share what they overlap.
+    """
+
+    end: Array
+    start: Array
+    walk: Array
+
+    @cached_property
+    def floor(self) -> Array:
+        """Standard deviation of an increment, (3,)."""
+        return np.maximum(np.sqrt(2.0 * self.end + self.start + self.walk), 1e-9)
+
+    def whitener(self, track: Track) -> Callable[[Array], Array]:
+        """(W, 3) errors of a record's windows → independent ones of variance one.
+
+        E = L⁻¹ e with LLᵀ the covariance of overlapping windows, which is banded.
+        """
+        from scipy.linalg import cholesky_banded, solve_banded
+
+        first, span = track.starts, track.span
+        width = min(OVERLAP + 1, len(first) - 1)
+        factors = []
+        for i in range(3):
+            band = np.zeros((width + 1, len(first)))
+            band[0] = 2.0 * self.end[i] + self.start[i] + self.walk[i] + 1e-18
+            for k in range(1, width + 1):
+                later = first[k:] - first[:-k]
+                shared = self.walk[i] * np.maximum(1.0 - later / span, 0.0)
+                band[k, : len(later)] = shared - self.end[i] * (later == span)
+            factors.append(cholesky_banded(band, lower=True))
+
+        def white(errors: Array) -> Array:
+            columns = [
+                solve_banded((width, 0), factor, errors[:, i]) for i, factor in enumerate(factors)
+            ]
+            return np.column_stack(columns)
+
+        return white
+
+
+def increments_noise(tracks: Sequence[Track], geometry: Geometry) -> Noise:
+    """Noise of the increments, from the data.
+
+    σ of pose and speeds by third differences (a smooth signal has none; their median passes over
+    transients), the pose's after the way of the wheels is taken off. The noise of the ends is
+    added to that of the speeds summed over the window; a wrong heading at the start turns the way.
+    """
+    third, ways = [], []
+    for track in tracks:
+        path = track.path(Ground(), geometry)
+        lost = np.unwrap(np.nan_to_num(track.pose[:, 2] - path[:, 2]))
+        turned = np.nan_to_num(track.pose[:, 2])
+        middle = 0.5 * (turned[1:] + turned[:-1])
+        mean = 0.25 * geometry.r * track.dt * (track.omega[1:] + track.omega[:-1]).sum(axis=1)
+        gone = np.nan_to_num(mean)[:, None] * np.column_stack([np.cos(middle), np.sin(middle)])
+        rolled = np.concatenate([np.zeros((1, 2)), np.cumsum(gone, axis=0)])
+        columns = np.column_stack([track.pose[:, :2] - rolled, lost, track.omega])
+        third.append(np.diff(columns, n=3, axis=0))
+        ways.append(track.predicted(Ground(), geometry)[:, 0])
+    sigma = 1.4826 * np.nanmedian(np.abs(np.concatenate(third)), axis=0) / np.sqrt(20.0)
+    place, psi = float(np.mean(sigma[:2] ** 2)), float(sigma[2] ** 2)
+    wheel = float(np.mean(sigma[3:] ** 2)) * tracks[0].dt ** 2 * tracks[0].span
+    way = float(np.mean(np.concatenate(ways) ** 2))
+    yaw = 2.0 * (geometry.r / geometry.B) ** 2 * wheel
+    return Noise(
+        end=np.array([place, place, psi]),
+        start=np.array([0.0, way * psi, 0.0]),
+        walk=np.array([0.5 * geometry.r**2 * wheel, way * yaw / 3.0, yaw]),
+    )
+
+
+def _turned_back(change: Array, psi: Array) -> Array:
+    c, s = np.cos(psi), np.sin(psi)
+    return np.column_stack(
+        [c * change[:, 0] + s * change[:, 1], c * change[:, 1] - s * change[:, 0]]
+    )
+
+
+def track_channels(record: Record) -> tuple[int, int] | None:
+    """Outputs of the left and of the right track: by name, else the only two in order."""
+    if any(c.unit not in ("rad/s", "") for c in record.outputs):
+        return None
+    sides = []
+    for words in (("l", "left"), ("r", "right")):
+        hits = [
+            i
+            for i, name in enumerate(record.output_names)
+            if set(re.findall(r"[a-z]+", name.lower())) & set(words)
+        ]
+        sides.append(hits[0] if len(hits) == 1 else -1)
+    if min(sides) >= 0:
+        return sides[0], sides[1]
+    return (0, 1) if record.ny == 2 and record.is_robot_log else None
+
+
+def tracks_of(
+    records: Sequence[Record], channels: tuple[int, int], part: int | None = None
+) -> tuple[Track, ...]:
+    """The records that have a pose, with the left and the right speed by index."""
+    found = [
+        Track(r.y[:, list(channels)], r.pose, r.dt, part)
+        for r in records
+        if r.pose is not None and len(r)
+    ]
+    return tuple(t for t in found if len(t.starts))

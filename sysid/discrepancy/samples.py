@@ -1,0 +1,235 @@
+"""Effects that are read off the samples themselves: coarse readings and lost readings.
+
+Quantisation: all readings lie on a lattice whose step is larger than the noise. A finer lattice
+(any converter has one) does not matter and is not named.
+
+Dropouts: readings that jump to exactly zero and back between two neighbours alike, or that repeat
+the last reading to the last digit while the speed moves on. They are masked, with a sentence that
+says how many samples that hides. What is no dropout: rest, where the neighbours are near zero too;
+a reversal, whose neighbours have opposite signs; a clipped sensor, which repeats its largest value.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Array, Record
+
+Mask = NDArray[np.bool_]
+
+ON_LATTICE = 0.98
+"""Share of the readings that must lie on the lattice."""
+
+COARSE = 1.2
+"""A step matters when it is at least this many standard deviations of the readings' noise."""
+
+VISIBLE = 0.015
+"""… and at least this share of the largest reading (95 % quantile)."""
+
+LONGEST = 8
+"""Longest burst of lost readings [samples]."""
+
+FEWEST = 3
+FEWEST_SHARE = 0.002
+"""Fewer clear bursts than this, or than this share of the samples, are chance."""
+
+
+@dataclass(frozen=True)
+class Coarse:
+    """Quantisation of one output: step in its unit, and the step over the noise."""
+
+    output: str
+    step: float
+    over_noise: float
+
+    @property
+    def sentence(self) -> str:
+        """What it is and how large."""
+        return f"{self.output} is read in steps of {self.step:.4g}."
+
+
+@dataclass(frozen=True)
+class Lost:
+    """Dropouts of one output: share of samples, bursts, and whether the last reading is held."""
+
+    output: str
+    share: float
+    bursts: int
+    holds: bool
+
+    @property
+    def sentence(self) -> str:
+        """What it is, how much, and what was done."""
+        how = "repeat the last one" if self.holds else "are exactly zero"
+        return (
+            f"{100 * self.share:.1f} % of the readings of {self.output} {how} in {self.bursts} "
+            "bursts while it moves on; they are left out."
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SampleEffects:
+    """What inspecting the samples found.
+
+    Attributes:
+        coarse: outputs with quantisation.
+        lost: outputs with dropouts.
+        weights: 0 where a reading was lost, 1 elsewhere, (N, ny) a record.
+    """
+
+    coarse: tuple[Coarse, ...]
+    lost: tuple[Lost, ...]
+    weights: tuple[Array, ...]
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Ids of the catalogue that were found."""
+        return (("quantisation",) if self.coarse else ()) + (("dropouts",) if self.lost else ())
+
+    @property
+    def hidden(self) -> int:
+        """Number of readings that the mask hides."""
+        return int(sum(np.sum(w == 0.0) for w in self.weights))
+
+
+def inspect_samples(records: Sequence[Record]) -> SampleEffects:
+    """Quantisation and dropouts of every output, and the mask of lost readings.
+
+    Args:
+        records: with the same channels.
+    """
+    weights = [np.ones(r.y.shape) for r in records]
+    coarse: list[Coarse] = []
+    lost: list[Lost] = []
+    total = sum(len(r) for r in records)
+    for i, name in enumerate(records[0].output_names):
+        series = [r.y[:, i] for r in records]
+        step = lattice(np.concatenate(series))
+        masks = [np.zeros(len(y), dtype=bool) for y in series]
+        for holds in (False, True):
+            sure = [_bursts(r, i, step, holds, strict=True) for r in records]
+            count = sum(int(np.sum(np.diff(m.astype(int), prepend=0) == 1)) for m in sure)
+            if count < max(FEWEST, FEWEST_SHARE * total):
+                continue
+            found = [_bursts(r, i, step, holds, strict=False) for r in records]
+            found = [a | b for a, b in zip(found, sure, strict=True)]
+            bursts = sum(int(np.sum(np.diff(m.astype(int), prepend=0) == 1)) for m in found)
+            share = sum(int(m.sum()) for m in found) / total
+            lost.append(Lost(name, share, bursts, holds))
+            masks = [a | b for a, b in zip(masks, found, strict=True)]
+        for w, m in zip(weights, masks, strict=True):
+            w[m, i] = 0.0
+        kept = np.concatenate([y[~m] for y, m in zip(series, masks, strict=True)])
+        if step > 0.0:
+            noise = max(reading_noise(series), step / np.sqrt(12.0))
+            size = float(np.quantile(np.abs(kept), 0.95)) or 1.0
+            if step >= COARSE * noise and step >= VISIBLE * size:
+                coarse.append(Coarse(name, step, step / noise))
+    return SampleEffects(tuple(coarse), tuple(lost), tuple(weights))
+
+
+def smallest_named(records: Sequence[Record]) -> dict[str, float | None]:
+    """The smallest quantum (mean over the outputs) and share of dropouts that would be named."""
+    steps, total = [], sum(len(r) for r in records)
+    for i in range(records[0].ny):
+        series = [r.y[:, i] for r in records]
+        size = float(np.quantile(np.abs(np.concatenate(series)), 0.95))
+        steps.append(max(COARSE * reading_noise(series), VISIBLE * size))
+    share = max(FEWEST, FEWEST_SHARE * total) / max(total, 1)
+    return {"quantisation": float(np.mean(steps)), "dropouts": float(share)}
+
+
+def reading_noise(series: Sequence[Array]) -> float:
+    """Standard deviation of white reading noise, from third differences (median of |Δ³y|)."""
+    third = np.concatenate([np.diff(y, n=3) for y in series if len(y) > 3] or [np.zeros(1)])
+    return float(1.4826 * np.median(np.abs(third)) / np.sqrt(20.0))
+
+
+def lattice(y: Array) -> float:
+    """Step of the lattice on which the readings lie; 0 when there is none.
+
+    The step is the median distance of neighbouring distinct values; it is one only when nearly all
+    readings are whole multiples of it apart and the values are used over and over.
+    """
+    values, counts = np.unique(np.round(y[np.isfinite(y)], 9), return_counts=True)
+    if len(values) < 4 or len(values) > 0.35 * counts.sum():
+        return 0.0
+    often = values[counts >= max(2.0, 0.1 * float(np.median(counts)))]
+    if len(often) < 4:
+        return 0.0
+    # files carry a fixed number of digits: distances below a thousandth of the median are rounding
+    gaps = np.diff(often)
+    gaps = gaps[gaps > 1e-3 * float(np.median(gaps))]
+    step = float(np.median(gaps))
+    near = gaps[np.abs(gaps - step) < 0.2 * step]
+    step = float(np.mean(near)) if len(near) else step
+    whole = np.round((often - often[0]) / step)
+    if whole[-1] > 0:
+        step = float(np.polyfit(whole, often, 1)[0])
+    offset = (y - often[0]) / step
+    close = np.abs(offset - np.round(offset)) < 0.05
+    return step if float(np.mean(close)) >= ON_LATTICE else 0.0
+
+
+def _bursts(record: Record, i: int, step: float, holds: bool, strict: bool) -> Mask:
+    """Samples of one output that were lost.
+
+    Args:
+        strict: only bursts that can hardly be anything else; else what is likely a lost reading
+            once it is known that readings do get lost.
+    """
+    y = record.y[:, i]
+    found = np.zeros(len(y), dtype=bool)
+    if len(y) < 8:
+        return found
+    ordinary = step > 0.0 or _repeats_by_chance(y)
+    noise = max(reading_noise([y]), 1e-9)
+    size = float(np.quantile(np.abs(y), 0.95)) or 1.0
+    least = max(8.0 * noise, 3.0 * step, (0.1 if holds else 0.25) * size)
+    if holds and not ordinary and _resolution(y) < 0.1 * noise:
+        least = 0.0  # noise this far above the last digit never repeats a reading
+    elif not strict:
+        least = max(4.0 * noise, 2.0 * step, 0.05 * size)
+    again = np.diff(y, prepend=np.nan) == 0.0
+    candidate = again & (y != 0.0) if holds else y == 0.0
+    top = 0.98 * float(np.max(np.abs(y)))
+    edges = np.flatnonzero(np.diff(candidate.astype(int), prepend=0, append=0))
+    for k, stop in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        if k < 2 or stop >= len(y) or stop - k > LONGEST or abs(y[k]) >= top:
+            continue
+        left, right = float(y[k - 1]), float(y[stop])
+        if not holds:
+            found[k:stop] = left * right > 0.0 and min(abs(left), abs(right)) > least
+        elif abs(right - left) > least or not (strict or ordinary):
+            found[k:stop] = not ordinary or _moved_before(record, i, k, stop, least)
+    return found
+
+
+def _resolution(y: Array) -> float:
+    """Smallest change of neighbouring readings; infinite when there is none."""
+    change = np.round(np.abs(np.diff(y)), 9)
+    return float(np.min(change[change > 0.0], initial=np.inf))
+
+
+def _repeats_by_chance(y: Array) -> bool:
+    """Whether readings repeat hardly more often than they change by one last digit either way."""
+    change = np.round(np.abs(np.diff(y)), 9)
+    near = float(np.sum((change > 0.0) & (change < 1.5 * _resolution(y)))) / 2.0
+    return float(np.sum(change == 0.0)) <= 3.0 * near + 5.0
+
+
+def _moved_before(record: Record, i: int, k: int, stop: int, least: float) -> bool:
+    """Whether the speed must have moved while it was read as constant from k to stop − 1.
+
+    It was moving the same way before, or the command had changed early enough to show by then.
+    """
+    y, u = record.y[:, i], record.u[:, min(i, record.nu - 1)]
+    jump = float(y[stop] - y[k - 1])
+    moving = float(y[k - 1] - y[k - 2])
+    if moving * jump > 0.0 and abs(moving) > 0.5 * least:
+        return True
+    late = abs(float(u[stop - 1] - u[stop - 2]))
+    early = float(np.max(np.abs(np.diff(u[k - 2 : stop - 1])), initial=0.0))
+    return early > 0.1 * float(np.max(np.abs(u))) and late < 0.2 * early

@@ -1,0 +1,186 @@
+"""Programmes of commands that show one kind of effect each, as shares of the largest command.
+
+A programme is a list of rows (time [s], left share, right share); each holds until the next. All
+begin with a second of rest, end at rest, and last at most two minutes.
+"""
+
+from collections.abc import Callable, Sequence
+
+Row = tuple[float, float, float]
+Block = tuple[float, float, float]
+"""(seconds, left share, right share)."""
+
+LONGEST = 120.0
+
+PROGRAMMES_OF: dict[str, tuple[str, ...]] = {
+    "dead-zone": ("staircase", "ramps", "coasting"),
+    "input-saturation": ("top", "levels"),
+    "concave-gain": ("levels", "one_and_other", "coasting"),
+    "direction-asymmetry": ("levels", "coasting"),
+    "input-delay": ("reversals", "levels"),
+    "rate-limit": ("top", "reversals"),
+    "actuator-lag": ("reversals", "top"),
+    "supply-sag": ("one_and_other", "levels"),
+    "battery-discharge": ("repeat", "hot"),
+    "backlash": ("reversals", "ramps"),
+    "coulomb-friction": ("staircase", "coasting", "ramps"),
+    "stiction": ("ramps", "staircase"),
+    "quadratic-drag": ("levels", "coasting"),
+    "load-bias": ("rests", "coasting"),
+    "coast-asymmetry": ("coasting", "levels"),
+    "freewheel": ("coasting", "levels"),
+    "viscous-asymmetry": ("levels", "coasting"),
+    "cross-coupling": ("one_and_other", "reversals"),
+    "thermal-fade": ("hot", "repeat"),
+    "speed-ripple": ("cruise", "levels"),
+    "track-slip": ("turns",),
+    "radius-mismatch": ("turns",),
+    "track-width": ("turns",),
+    "sensor-lag": ("reversals", "top"),
+    "unsigned-speed": ("reversals", "levels"),
+    "sensor-saturation": ("top", "coasting"),
+    "sensor-bias": ("rests", "coasting"),
+    "changed-parameter": ("levels", "repeat"),
+    "quantisation": ("cruise",),
+    "dropouts": ("cruise",),
+}
+"""Programmes that show each effect, the best first."""
+
+
+def programmes_of(id: str) -> tuple[str, ...]:
+    """Names of the programmes for an effect; ``levels`` for effects of other packages."""
+    return PROGRAMMES_OF.get(id, ("levels", "reversals"))
+
+
+def programme(name: str) -> tuple[Row, ...]:
+    """Rows of a programme.
+
+    Raises:
+        KeyError: there is none of that name.
+    """
+    return _rows(_PROGRAMMES[name]())
+
+
+def _rows(blocks: Sequence[Block]) -> tuple[Row, ...]:
+    """Blocks one after the other, a second of rest before and a rest at the end."""
+    t, rows = 1.0, [(0.0, 0.0, 0.0)]
+    for seconds, left, right in blocks:
+        if t + seconds > LONGEST - 1.0:
+            break
+        rows.append((round(t, 6), left, right))
+        t += seconds
+    return (*rows, (round(t, 6), 0.0, 0.0), (round(t + 1.0, 6), 0.0, 0.0))
+
+
+def _staircase() -> list[Block]:
+    """±40 % in steps of 4 %, one track two steps ahead of the other."""
+    up = [0.04 * k for k in range(11)]
+    path = [*up, *up[-2::-1], *(-v for v in up[1:]), *(-v for v in up[-2::-1])]
+    other = [*path[2:], 0.0, 0.0]
+    return [(2.0, round(a, 4), round(b, 4)) for a, b in zip(path, other, strict=True)]
+
+
+def _levels() -> list[Block]:
+    """Eight sizes in both directions in mixed order, the right track through another order."""
+    left = (0.5, -0.25, 1.0, -0.75, 0.12, -1.0, 0.75, -0.5, 0.25, -0.12, 0.9, -0.35)
+    right = (-0.75, 0.5, -0.12, 1.0, -0.5, 0.25, -1.0, 0.12, 0.75, -0.25, -0.9, 0.6)
+    blocks: list[Block] = []
+    for k, (a, b) in enumerate(zip(left, right, strict=True)):
+        blocks += [(2.5, a, b)] + ([(1.5, 0.0, 0.0)] if k % 3 == 2 else [])
+    return blocks * 2
+
+
+def _one_and_other() -> list[Block]:
+    blocks: list[Block] = []
+    steps = (0.0, 1.0, 0.0, -1.0, 0.5, -0.5, 0.0)
+    for hold in (0.6, -0.6, 0.0):
+        blocks += [(2.5, hold, s) for s in steps]
+        blocks += [(2.5, s, hold) for s in steps]
+    return blocks
+
+
+def _test() -> list[Block]:
+    return [(2.0, 0.8, 0.8), (1.5, 0.0, 0.0), (2.0, -0.8, -0.8), (1.5, 0.0, 0.0), (2.0, 0.4, 0.4)]
+
+
+def _repeat() -> list[Block]:
+    between: list[Block] = [(4.0, 0.5, 0.5), (4.0, -0.5, -0.5)] * 11
+    return [*_test(), *between, *_test()]
+
+
+def _hot() -> list[Block]:
+    full: list[Block] = [(5.0, 1.0, 1.0), (5.0, -1.0, -1.0)] * 4
+    return [*_test(), *full, *_test(), (40.0, 0.0, 0.0), *_test()]
+
+
+def _reversals() -> list[Block]:
+    """Irregular holds of 0.3 to 1.1 s, both tracks reversing at different instants."""
+    holds = (0.3, 0.7, 0.4, 1.1, 0.5, 0.9, 0.35, 0.6)
+    blocks: list[Block] = []
+    for size in (1.0, 0.5, 0.25, 0.75):
+        sign = 1.0
+        for k, hold in enumerate(holds * 2):
+            sign = -sign
+            other = size if k % 4 < 2 else -size
+            blocks.append((hold, sign * size, other))
+    return blocks
+
+
+def _ramps() -> list[Block]:
+    """Triangles of ±35 % in steps of 1 % every 0.3 s, the right track backward."""
+    up = [0.01 * k for k in range(1, 36)]
+    path = [*up, *up[-2::-1], 0.0, 0.0, *(-v for v in up), *(-v for v in up[-2::-1]), 0.0, 0.0]
+    return [(0.3, round(v, 4), round(-v, 4)) for v in path * 2]
+
+
+def _coasting() -> list[Block]:
+    blocks: list[Block] = []
+    for size in (1.0, 0.7, 0.4, 0.2):
+        for sign in (1.0, -1.0):
+            v = sign * size
+            blocks += [(2.0, v, v), (2.0, 0.0, 0.0), (2.0, v, -v), (2.0, 0.4 * v, -0.4 * v)]
+            blocks += [(2.0, 0.0, 0.0)]
+    return blocks
+
+
+def _cruise() -> list[Block]:
+    levels = (0.3, 0.5, 0.7, 0.9, -0.4, -0.6, -0.8)
+    return [(14.0, v, v) for v in levels]
+
+
+def _top() -> list[Block]:
+    blocks: list[Block] = []
+    for size in (0.6, 0.8, 0.9, 1.0):
+        blocks += [(2.5, size, -size), (2.0, 0.0, 0.0), (2.5, -size, size), (2.0, 0.0, 0.0)]
+        blocks += [(1.0, size, 0.5 * size), (1.0, -size, -0.5 * size), (1.5, 0.2, -0.2)]
+    return blocks
+
+
+def _turns() -> list[Block]:
+    blocks: list[Block] = []
+    for left, right in ((0.6, 0.6), (0.6, 0.3), (0.3, 0.6), (0.6, 0.0), (0.0, 0.6), (0.5, -0.5)):
+        blocks += [(4.0, left, right), (1.5, 0.0, 0.0), (4.0, -left, -right), (1.5, 0.0, 0.0)]
+    return blocks
+
+
+def _rests() -> list[Block]:
+    blocks: list[Block] = []
+    for size in (0.7, 0.3):
+        blocks += [(10.0, 0.0, 0.0), (3.0, size, -size), (10.0, 0.0, 0.0), (3.0, -size, size)]
+    return [*blocks, (10.0, 0.0, 0.0)]
+
+
+_PROGRAMMES: dict[str, Callable[[], list[Block]]] = {
+    "staircase": _staircase,
+    "levels": _levels,
+    "one_and_other": _one_and_other,
+    "repeat": _repeat,
+    "hot": _hot,
+    "reversals": _reversals,
+    "ramps": _ramps,
+    "coasting": _coasting,
+    "cruise": _cruise,
+    "top": _top,
+    "turns": _turns,
+    "rests": _rests,
+}

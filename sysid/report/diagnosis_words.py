@@ -1,0 +1,277 @@
+"""A diagnosis in words and figures, as the terminal and the page both say it."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.discrepancy.diagnosis import Diagnosis, NamedEffect, ResidualVerdict, Trace, Value
+from sysid.discrepancy.localise import Region
+from sysid.estimation.figures import Figures
+
+CLEAR = 0.01
+"""Residual tests are called failed below this p-value."""
+
+MOVED = 4.0
+"""A parameter has moved when it left its old value by so many standard errors."""
+
+
+@dataclass(frozen=True)
+class ChannelLine:
+    """One output on held-out data: errors, floor, fits [%] and the share of its gap closed [%]."""
+
+    name: str
+    unit: str
+    rmse_before: float
+    rmse_after: float
+    noise_floor: float
+    fit_before: float
+    fit_after: float
+    closed_percent: float
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A parameter of the base before and after; ``steps`` is the move in standard errors."""
+
+    name: str
+    unit: str
+    before: float
+    after: float
+    std_error: float
+    steps: float
+
+
+def headline(found: Diagnosis) -> str:
+    """The verdict in a few words."""
+    if found.verdict == "effects-found":
+        return f"Missing: {', '.join(e.id for e in found.effects)}"
+    if found.verdict == "no-missing-effect":
+        return "Nothing is missing that this log could show"
+    if found.effects:
+        return f"Missing: {', '.join(e.id for e in found.effects)}, and more that has no name here"
+    return "Something is missing, but no effect of the catalogue explains it"
+
+
+def held_out(found: Diagnosis) -> tuple[Trace, ...]:
+    """The traces that prove: those on held-out data, or all where there are none."""
+    return tuple(t for t in found.traces if t.role == "held-out") or found.traces
+
+
+def channel_lines(found: Diagnosis) -> tuple[ChannelLine, ...]:
+    """The figures of every output before and after."""
+    traces = held_out(found)
+    outputs = traces[0].record.outputs if traces else found.before.outputs
+    units = {c.name: c.unit for c in outputs}
+    lines = []
+    for name, c in found.gap.channels.items():
+        at = [c.name for c in outputs].index(name) if name in units else -1
+        gap = c.rmse_before**2 - c.noise_floor**2
+        left = c.rmse_after**2 - c.noise_floor**2
+        closed = 100.0 * (1.0 - left / gap) if gap > 0.0 else math.nan
+        lines.append(
+            ChannelLine(
+                name,
+                units.get(name, ""),
+                c.rmse_before,
+                c.rmse_after,
+                c.noise_floor,
+                _fit(traces, at, after=False),
+                _fit(traces, at, after=True),
+                min(closed, 100.0),
+            )
+        )
+    return tuple(lines)
+
+
+def counted(traces: Sequence[Trace], *, after: bool) -> tuple[Array, Array]:
+    """Readings and one model's free run over the samples that count, (N, ny) each."""
+    readings, runs = [], []
+    for t in traces:
+        run = t.after if after else t.before
+        kept = (t.counted > 0) & np.isfinite(run).all(axis=1) & np.isfinite(t.record.y).all(axis=1)
+        readings.append(t.record.y[kept])
+        runs.append(run[kept])
+    return np.concatenate(readings), np.concatenate(runs)
+
+
+def _fit(traces: Sequence[Trace], i: int, *, after: bool) -> float:
+    """100 (1 − ‖y − ŷ‖ / ‖y − ȳ‖) over the counted samples; NaN where undefined."""
+    if i < 0 or not traces:
+        return math.nan
+    y, run = (part[:, i] for part in counted(traces, after=after))
+    spread = float(np.linalg.norm(y - y.mean())) if len(y) else 0.0
+    return 100.0 * (1.0 - float(np.linalg.norm(y - run)) / spread) if spread > 0 else math.nan
+
+
+def moved(found: Diagnosis) -> tuple[Moved, ...]:
+    """Parameters that both models have, with how far the added effects moved them."""
+    before = {p.name: p for p in found.before.parameter_table()}
+    lines = []
+    for p in found.after.parameter_table():
+        old = before.get(p.name)
+        if old is None or old.fixed or p.fixed:
+            continue
+        error = math.hypot(old.std_error, p.std_error)
+        steps = abs(p.value - old.value) / error if 0.0 < error < math.inf else math.nan
+        lines.append(Moved(p.name, p.unit, old.value, p.value, p.std_error, steps))
+    return tuple(lines)
+
+
+def gap_sentence(found: Diagnosis) -> str:
+    """How much of the gap is closed."""
+    low, high = found.gap.interval
+    return (
+        f"{percent(found.gap.closed_percent)} of the gap is closed on held-out data "
+        f"(90 % interval {percent(low)} to {percent(high)})."
+    )
+
+
+def residual_sentence(test: ResidualVerdict) -> str:
+    """What the residual tests found on one model."""
+    still = "still " if test.model == "after" else ""
+    verdict = f"they {still}depend" if test.p_value < CLEAR else "not shown to depend"
+    share = f"{percent(100 * max(test.share, 0.0))} of what is above the noise"
+    return (
+        f"errors {test.model}: {verdict} on commands and speeds "
+        f"({p_words(test.p_value)}; predictable: {share})"
+    )
+
+
+def evidence_sentence(effect: NamedEffect) -> str:
+    """Why an effect was accepted."""
+    return (
+        f"held out, {percent(100 * effect.heldout_gain)} of the error went; "
+        f"ΔBIC {_whole(effect.delta_bic)}, {p_words(effect.p_value)}"
+    )
+
+
+def story(found: Diagnosis) -> str:
+    """The sentence below the headline, unless it says the same."""
+    return "" if found.story.rstrip(".") == headline(found) else found.story
+
+
+def score_words(score: float) -> str:
+    """A score of a candidate."""
+    return _whole(score) if abs(score) >= 100.0 else f"{score:.3g}"
+
+
+def _whole(value: float) -> str:
+    """A number without needless digits: whole where it is large."""
+    return f"{value:.0f}" if math.isfinite(value) and abs(value) >= 100.0 else f"{value:.3g}"
+
+
+def tie_sentence(effect: NamedEffect) -> str:
+    """What cannot be told from an effect, or nothing."""
+    if not effect.indistinguishable or "cannot tell" in effect.sentence:
+        return ""
+    others = ", ".join(effect.indistinguishable)
+    return f"This log cannot tell it from {others}."
+
+
+def leading_regions(found: Diagnosis, most: int = 6) -> tuple[Region, ...]:
+    """Regimes that hold clearly more of the excess error than of the samples."""
+    lifted = [r for r in found.where if r.share_of_excess > 1.15 * r.share_of_samples]
+    return tuple((lifted or list(found.where))[:most])
+
+
+def region_sentence(region: Region) -> str:
+    """The finding as a person would say it, the output named first."""
+    output, sign, where = region.region.partition(": ")
+    if not sign:
+        return region.sentence
+    low, high = (f"{100 * v:.0f}" for v in region.interval)
+    joint = "in" if where.endswith("of the log") else "where"
+    return (
+        f"{100 * region.share_of_excess:.0f} % of the excess error of {output} lies in the "
+        f"{100 * region.share_of_samples:.0f} % of samples {joint} {where} "
+        f"(90 % interval {low} to {high} %)."
+    )
+
+
+def relative(value: Value) -> str:
+    """The standard error in per cent of the value."""
+    if value.std_error is None or not value.value or not math.isfinite(value.std_error):
+        return "–"
+    share = 100.0 * value.std_error / abs(value.value)
+    return "> 100 %" if share > 100.0 else f"{share:.2g} %"
+
+
+def steps_words(steps: float) -> str:
+    """How far a parameter moved."""
+    if not math.isfinite(steps):
+        return "–"
+    return "> 1000 s.e." if steps > 1000 else f"{steps:.1f} s.e."
+
+
+def free_run_figures(traces: Sequence[Trace], *, after: bool) -> Figures:
+    """Fit and RMSE of one of the models over the counted samples of some traces."""
+    names = traces[0].record.output_names
+    y, run = counted(traces, after=after)
+    rms = np.sqrt(np.mean((y - run) ** 2, axis=0)) if len(y) else np.full(len(names), np.nan)
+    return Figures(
+        data=", ".join(dict.fromkeys(t.record.name for t in traces)),
+        horizon=None,
+        initial_state="as in the diagnosis",
+        samples=len(y),
+        fit_percent={n: _fit(traces, i, after=after) for i, n in enumerate(names)},
+        rmse=dict(zip(names, rms.tolist(), strict=True)),
+    )
+
+
+def p_words(p: float) -> str:
+    """A p-value; tiny ones are only bounded."""
+    return "p < 1e-6" if p < 1e-6 else f"p = {p:.2g}"
+
+
+def percent(value: float) -> str:
+    """A share in per cent, with the digits that matter; near 100 % more of them."""
+    if not math.isfinite(value):
+        return "–"
+    digits = 2 if 99.0 <= value < 100.0 else 1 if abs(value) < 10.0 or 90.0 <= value < 99.0 else 0
+    return f"{value:.{digits}f} %"
+
+
+def path_table(path: Mapping[str, Any]) -> tuple[tuple[str, Any, Any, Any], ...]:
+    """(what, measured, before, after) of a mission: driven again, and replayed."""
+    rows: list[tuple[str, Any, Any, Any]] = []
+    runs = path.get("closed_loop") or {}
+    for key, label in _DRIVEN.items():
+        measured, old, new = (
+            (runs.get(name) or {}).get(key) for name in ("measured", "before", "after")
+        )
+        if (measured, old, new) != (None, None, None):
+            rows.append((f"driven again: {label}", measured, old, new))
+    for log in path.get("open_loop") or ():
+        for key, label in _REPLAYED.items():
+            if f"{key}_before_m" in log:
+                old, new = log[f"{key}_before_m"], log[f"{key}_after_m"]
+                rows.append((f"{log['record']} replayed: {label}", None, old, new))
+    return tuple(rows)
+
+
+_DRIVEN = {
+    "outcome": "outcome",
+    "time_s": "time [s]",
+    "path_length_m": "path length [m]",
+    "min_clearance_m": "clearance [m]",
+    "path_error_rms_m": "off the measured path, RMS [m]",
+}
+_REPLAYED = {"rms": "off the measured path, RMS [m]", "end": "at the end [m]"}
+
+
+def path_lines(path: Mapping[str, Any]) -> tuple[tuple[str, tuple[tuple[str, Array], ...]], ...]:
+    """(record, ((run, points (N, 2)), …)) of the replayed paths under ``traces``."""
+    found = []
+    for trace in path.get("traces") or ():
+        lines = tuple(
+            (name, np.array(trace[name], dtype=np.float64)[:, :2])
+            for name in ("measured", "before", "after")
+            if len(trace.get(name) or ()) > 1
+        )
+        if lines:
+            found.append((str(trace.get("record", "")), lines))
+    return tuple(found)

@@ -1,0 +1,175 @@
+"""The page of a diagnosis: one HTML file that needs nothing beside it."""
+
+import re
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.discrepancy.diagnosis import Diagnosis
+from sysid.report import diagnosis_bars, diagnosis_drawing, diagnosis_picture, style
+from sysid.report import diagnosis_words as words
+from sysid.report.plots import inline_svg
+
+_TEMPLATE = "diagnosis.html.j2"
+
+
+def diagnosis_page(found: Diagnosis, before: str, after: str) -> str:
+    """The page as text.
+
+    Args:
+        found: the diagnosis, its experiments with the names of their files.
+        before, after: ids of the models in the workspace.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    place = Environment(
+        loader=PackageLoader("sysid.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    place.filters |= {"number": _number, "percent": words.percent, "fit": style.percent}
+    text = place.get_template(_TEMPLATE).render(
+        found=found,
+        words=words,
+        look=style,
+        headline=words.headline(found),
+        channels=words.channel_lines(found),
+        moved=words.moved(found),
+        regions=words.leading_regions(found, 10),
+        logs=_logs(found),
+        before=before,
+        after=after,
+        picture=_pictures(found),
+        experiments=_experiments(found),
+        path_rows=words.path_table(found.path),
+        detectable=sorted(found.detectable.items()),
+        equations=_equations(found),
+    )
+    return re.sub(r"(?<=\d) %(?!\w)", "\N{NO-BREAK SPACE}%", text)
+
+
+def _pictures(found: Diagnosis) -> dict[str, Any]:
+    """Every picture by name; those whose data are missing are left out."""
+    shown = words.leading_regions(found, 10)
+    drawn: dict[str, Any] = {"channels": [], "regions": "", "candidates": "", "gap": ""}
+    if shown:
+        drawn["regions"] = inline_svg(
+            "regions",
+            diagnosis_drawing.regions_size(shown),
+            lambda figure: diagnosis_drawing.draw_regions(figure, shown),
+            "Shares of the excess error by regime",
+        )
+    lines = words.channel_lines(found)
+    if found.effects:
+        drawn["gap"] = inline_svg(
+            "gap",
+            diagnosis_bars.gap_size(lines),
+            lambda figure: diagnosis_bars.draw_gap(figure, lines),
+            "Errors before and after by output, with the noise floor",
+        )
+    if found.candidates:
+        accepted = tuple(e.id for e in found.effects)
+        tied = tuple(i for e in found.effects for i in e.indistinguishable)
+        drawn["candidates"] = inline_svg(
+            "candidates",
+            diagnosis_bars.candidates_size(found.candidates),
+            lambda figure: diagnosis_bars.draw_candidates(figure, found.candidates, accepted, tied),
+            "Candidates by score",
+        )
+    drawn["paths"] = [_path(k, *entry) for k, entry in enumerate(words.path_lines(found.path))]
+    if words.held_out(found):
+        drawn["channels"] = [_channel(found, k) for k in range(len(lines))]
+    return drawn
+
+
+def _channel(found: Diagnosis, i: int) -> dict[str, str]:
+    """The pictures of one output."""
+    record = words.held_out(found)[0].record
+    channel = record.outputs[i]
+    floor = found.gap.channels[channel.name].noise_floor
+    windows = diagnosis_picture.worst_windows(found, i)
+    profiles = diagnosis_picture.profiles(found, i)
+    regimes = diagnosis_picture.regime_lines(found, i)
+    unit, changed = channel.unit, bool(found.effects)
+    return {
+        "name": channel.name,
+        "worst": inline_svg(
+            f"worst{i}",
+            diagnosis_drawing.worst_size(windows),
+            lambda figure: diagnosis_drawing.draw_worst(figure, windows, changed=changed),
+            f"{channel.name} where the model before is worst",
+        ),
+        "profiles": inline_svg(
+            f"profiles{i}",
+            diagnosis_drawing.profiles_size(profiles),
+            lambda figure: diagnosis_drawing.draw_profiles(
+                figure, profiles, unit, floor, changed=changed
+            ),
+            f"Residuals of {channel.name} against the regime variables",
+        ),
+        "regimes": inline_svg(
+            f"regimes{i}",
+            diagnosis_drawing.regimes_size(regimes),
+            lambda figure: diagnosis_drawing.draw_regimes(
+                figure, regimes, unit, floor, changed=changed
+            ),
+            f"Errors of {channel.name} by regime before and after",
+        ),
+    }
+
+
+def _path(k: int, record: str, lines: tuple[tuple[str, Array], ...]) -> dict[str, str]:
+    """The picture of one replayed path."""
+    picture = inline_svg(
+        f"path{k}",
+        diagnosis_drawing.PATH_SIZE,
+        lambda figure: diagnosis_drawing.draw_path(figure, lines),
+        f"Paths of {record}: measured, and by both models under its commands",
+    )
+    return {"record": record, "picture": picture}
+
+
+def _experiments(found: Diagnosis) -> list[dict[str, Any]]:
+    shown = []
+    for k, e in enumerate(found.next_experiments):
+        rows = np.array(e.rows, dtype=np.float64)
+        picture = ""
+        if len(rows) > 1:
+            picture = inline_svg(
+                f"next{k}",
+                diagnosis_drawing.SCHEDULE_SIZE,
+                lambda figure, e=e, rows=rows: diagnosis_drawing.draw_schedule(  # type: ignore[misc]
+                    figure, e.columns, rows
+                ),
+                f"Schedule of the experiment for {', '.join(e.effects)}",
+            )
+        shown.append({"it": e, "picture": picture})
+    return shown
+
+
+def _logs(found: Diagnosis) -> list[tuple[str, str]]:
+    """(role, names) of the records."""
+    roles = dict.fromkeys(t.role for t in found.traces)
+    return [(r, ", ".join(dict.fromkeys(_names(found, r)))) for r in roles]
+
+
+def _names(found: Diagnosis, role: str) -> Iterable[str]:
+    return (t.record.name for t in found.traces if t.role == role)
+
+
+def _equations(found: Diagnosis) -> tuple[str, ...]:
+    m = found.after
+    return tuple(m.structure.equations(m.theta, m.inputs, m.outputs))
+
+
+def _number(value: Any, digits: int = 4) -> str:
+    """A number with so many significant digits; a dash where there is none; words as they are."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if value is None or (isinstance(value, float) and not np.isfinite(value)):
+        return "–"
+    return f"{value:.{digits}g}".replace("-", "−") if isinstance(value, int | float) else str(value)

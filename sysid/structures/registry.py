@@ -1,0 +1,72 @@
+"""The registry of structures: every name users can type, and how a saved one is read again."""
+
+from collections.abc import Mapping
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import Any
+
+from sysid.errors import ModelError, UsageError
+from sysid.structures.base import Structure
+
+BUILT_IN = {
+    "arx": "arx:ARX",
+    "armax": "armax:ARMAX",
+    "oe": "oe:OE",
+    "bj": "bj:BJ",
+    "narx-wavelet": "narx_wavelet:NarxWavelet",
+    "narmax": "narmax:NARMAX",
+    "hammerstein-wiener": "hammerstein_wiener:HammersteinWiener",
+    "wiener-hammerstein": "wiener_hammerstein:WienerHammerstein",
+    "dc-motor": "dc_motor:DCMotor",
+    "tanks": "tanks:Tanks",
+}
+"""Module and class of the structures that come with the package, imported when asked for."""
+
+MADE = {"augmented": "augmented:Augmented"}
+"""Structures that a workflow makes and a file may hold, but that nobody fits by name."""
+
+
+def _load(place: str) -> type[Structure]:
+    module, name = place.split(":")
+    found: type[Structure] = getattr(import_module(f"sysid.structures.{module}"), name)
+    return found
+
+
+def structure_classes() -> dict[str, type[Structure]]:
+    """Every structure that can be fitted, by name: the built-in ones and those of other packages.
+
+    Other packages register a class under the entry-point group ``sysid.structures``.
+    """
+    classes = {name: _load(place) for name, place in BUILT_IN.items()}
+    for point in entry_points(group="sysid.structures"):
+        classes.setdefault(point.name, point.load())
+    return classes
+
+
+def structure_class(name: str) -> type[Structure]:
+    """The structure called ``name`` (case does not matter).
+
+    Raises:
+        UsageError: there is none of that name.
+    """
+    key = name.lower()
+    if key in BUILT_IN:
+        return _load(BUILT_IN[key])
+    classes = structure_classes()
+    if key not in classes:
+        raise UsageError(f"no structure {name!r}; choose one of {', '.join(classes)}")
+    return classes[key]
+
+
+def structure_from_json(raw: Mapping[str, Any]) -> Structure:
+    """Undo ``Structure.to_json``.
+
+    Raises:
+        ModelError: the description is damaged.
+    """
+    try:
+        name = str(raw["structure"])
+        cls = _load(MADE[name]) if name in MADE else structure_class(name)
+        return cls.from_json(raw)
+    except (KeyError, TypeError, ValueError, UsageError) as error:
+        raise ModelError(f"the model's structure cannot be read ({error}); fit it again") from None

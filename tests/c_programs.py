@@ -1,0 +1,70 @@
+"""Building and running the C code of a plant, for tests."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sysid.data.record import Array
+from sysid.plant.c_code import c_sources
+from sysid.plant.selftest import make_selftest
+from sysid.structures.model import Model
+
+COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler (cc, gcc, clang) here")
+
+FLAGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wconversion", "-O2"]
+
+# Steps the plant through rows of inputs on stdin and prints every output in full; u and y share
+# one array, which plant_step allows.
+DRIVER = r"""
+#include <stdio.h>
+#include "plant.h"
+#define WIDTH (PLANT_INPUTS > PLANT_OUTPUTS ? PLANT_INPUTS : PLANT_OUTPUTS)
+int main(void)
+{
+    plant_state state;
+    double both[WIDTH];
+    int j;
+    plant_init(&state);
+    for (;;) {
+        for (j = 0; j < PLANT_INPUTS; j++)
+            if (scanf("%lf", &both[j]) != 1)
+                return 0;
+        plant_step(&state, both, both);
+        for (j = 0; j < PLANT_OUTPUTS; j++)
+            printf("%.17g ", both[j]);
+        printf("\n");
+    }
+}
+"""
+
+
+def build(folder: Path, model: Model, *mains: str) -> dict[str, Path]:
+    """Compile the plant with each main; return the programs."""
+    for name, text in c_sources(model, make_selftest(model)).items():
+        (folder / name).write_text(text, encoding="utf-8")
+    (folder / "driver.c").write_text(DRIVER)
+    programs = {}
+    for main in mains:
+        programs[main] = folder / main
+        command = [str(COMPILER), *FLAGS, "-o", main, "plant.c", f"{main}.c", "-lm"]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+    return programs
+
+
+def driven(program: Path, u: Array) -> Array:
+    """Outputs (N, ny) of a built driver for inputs (N, nu)."""
+    rows = "\n".join(" ".join(f"{v:.17g}" for v in row) for row in u)
+    done = subprocess.run([program], input=rows, capture_output=True, text=True, check=True)
+    return np.array([line.split() for line in done.stdout.splitlines()], dtype=float)
+
+
+def worst_error(program: Path) -> float:
+    """What a built self-test prints; it must pass."""
+    done = subprocess.run([program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    return float(done.stdout)

@@ -1,0 +1,70 @@
+"""Schedules: runnable, within the log's range, and the one that separates a tie."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_model_error import SCALES, SIGMA, logged
+
+from sysid.discrepancy.advise import (
+    experiment_between,
+    experiment_for,
+    next_experiments,
+    sampled,
+)
+from sysid.discrepancy.base_model import plain_base
+from sysid.discrepancy.schedules import PROGRAMMES_OF, programme
+from sysid.effects.catalogue import catalogue, effect
+
+RECORD, _ = logged("steps", 3, "white", 1200)
+SLOW = replace(RECORD, u=np.rint(0.3 * RECORD.u), sha256="")
+
+
+@pytest.mark.parametrize("id", [*catalogue(), "changed-parameter", "quantisation", "dropouts"])
+def test_every_effect_has_a_schedule_a_robot_can_run(id: str) -> None:
+    assert id in PROGRAMMES_OF
+    found = experiment_for(id, SLOW, SCALES)
+    rows = np.array(found.rows)
+    assert found.columns == ("t", "pwm_l", "pwm_r")
+    assert found.effects == (id,)
+    assert id in found.purpose
+    assert rows[0].tolist() == [0.0, 0.0, 0.0]
+    assert rows[-1, 1:].tolist() == [0.0, 0.0]
+    assert np.all(np.diff(rows[:, 0]) > 0.0)
+    assert rows[-1, 0] <= 120.0
+    assert np.max(np.abs(rows[:, 1:])) <= np.max(np.abs(SLOW.u))
+    assert np.all(np.ptp(rows[:, 1:], axis=0) > 0.0)
+    # on the log's clock
+    assert rows[:, 0] / SLOW.dt == pytest.approx(np.round(rows[:, 0] / SLOW.dt))
+
+
+def test_a_schedule_is_sampled_as_the_robot_would_run_it() -> None:
+    rows = programme("levels")
+    u = sampled(rows, RECORD, SCALES)
+    assert len(u) == round(rows[-1][0] / RECORD.dt) + 1
+    assert u[0].tolist() == [0.0, 0.0]
+    k = round(rows[1][0] / RECORD.dt)
+    assert np.all(u[k - 1] == 0.0)
+    assert np.all(u[k] != 0.0)
+
+
+def test_effects_that_cannot_be_shown_share_schedules() -> None:
+    found = next_experiments(RECORD, SCALES, ["dead-zone", "coulomb-friction", "cross-coupling"])
+    assert [e.effects for e in found] == [("dead-zone", "coulomb-friction"), ("cross-coupling",)]
+    assert next_experiments(RECORD, SCALES, []) == ()
+    assert next_experiments(RECORD, SCALES, ["no-such-effect"]) == ()
+
+
+def test_a_tie_gets_the_schedule_on_which_the_models_differ_most() -> None:
+    effects = tuple(effect(i) for i in ("supply-sag", "concave-gain", "cross-coupling"))
+    ordered = [e for e in catalogue().values() if e in effects]
+    base = plain_base([RECORD], [RECORD], ordered)
+    model, node = base.search.model, base.node
+    q1, q2 = node.q.copy(), node.q.copy()
+    q1[list(model.of("supply-sag"))] = 0.2
+    q2[list(model.of("concave-gain"))] = 0.2
+    tied = {"supply-sag": replace(node, q=q1), "concave-gain": replace(node, q=q2)}
+    found = experiment_between(base.search, tied, np.array([SIGMA, SIGMA]), SCALES, base.delay)
+    assert found.effects == ("supply-sag", "concave-gain")
+    assert "one track at a constant command while the other steps" in found.purpose
+    assert "which is clear" in found.purpose

@@ -1,0 +1,297 @@
+"""``sysid diagnose``: the story, the files, the document, the models kept, and what is refused."""
+
+import json
+import re
+import sys
+import types
+from dataclasses import replace
+from html.parser import HTMLParser
+from inspect import signature
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import quick_diagnosis
+from command_line import Run, contents, robot_log, run, write_log
+from quick_diagnosis import dead_zone_log
+
+from sysid.discrepancy.diagnosis import Diagnosis
+
+KEYS = {
+    "verdict", "effects", "minor", "candidates", "where", "gap", "detectable",
+    "next_experiments", "model_before", "model_after", "seconds",
+}  # fmt: skip
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with two logs, and an engine that need not search."""
+    monkeypatch.chdir(tmp_path)
+    dead_zone_log(tmp_path / "log.csv")
+    dead_zone_log(tmp_path / "other.csv", seed=2)
+    engine("diagnose", monkeypatch)
+    return tmp_path
+
+
+def engine(answer: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the command get one of the quick answers."""
+    stub = types.ModuleType("sysid.discrepancy.diagnose")
+    stub.diagnose = getattr(quick_diagnosis, answer)  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, stub.__name__, stub)
+
+
+def no_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures take seconds; tests that look at something else go without."""
+    monkeypatch.setattr("sysid.report.html.diagnosis_page", lambda *_: "<html></html>")
+
+
+def diagnosed(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any]:
+    """The document of a run with ``--json``."""
+    return run(capsys, "diagnose", "log.csv", "--json", *arguments).document
+
+
+class Ids(HTMLParser):
+    """Ids, references and outside addresses of a page; open tags that nobody closes."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.ids: list[str] = []
+        self.outside: list[str] = []
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        for name, value in attrs:
+            if name == "id":
+                self.ids.append(value or "")
+            if name in ("src", "href") and re.match(r"(https?:)?//", value or ""):
+                self.outside.append(value or "")
+        if tag not in ("meta", "link", "br", "img"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+# What it leaves behind ----------------------------------------------------------------------------
+
+
+def test_story_files_and_page(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    told = run(capsys, "diagnose", "log.csv")
+    assert told.code == 0, told.err
+    heads = [told.out.index(f"\n{word}\n") for word in ("Where", "What", "Added", "Shrunk")]
+    assert heads == sorted(heads)
+    for words in (
+        "of the excess error of omega_",
+        "dead-zone (actuator)",
+        "± std. error",
+        "cannot tell it from stiction",
+        "of the gap is closed",
+        "sysid export --model",
+    ):
+        assert words in told.out
+    assert max(map(len, told.out.splitlines())) < 200
+    folder = here / ".sysid" / "diagnosis"
+    names = {p.name for p in folder.iterdir()}
+    assert names == {"diagnosis.json", "index.html", "next_1_dead-zone.csv"}
+    rows = (folder / "next_1_dead-zone.csv").read_text().splitlines()
+    assert rows == ["t,pwm_l,pwm_r", "0,0,0", "1,2000,2000", "2,0,0"]
+    page = (folder / "index.html").read_text(encoding="utf-8")
+    parser = Ids()
+    parser.feed(page)
+    assert parser.open == []
+    assert parser.outside == []
+    assert len(parser.ids) == len(set(parser.ids))
+    referred = set(re.findall(r"url\(#([^)]+)\)|href=\"#([^\"]+)\"", page))
+    assert {a or b for a, b in referred} <= set(parser.ids)
+    assert page.count("<svg") == 10  # regions, gap, candidates, one schedule, three an output
+    assert "next_1_dead-zone.csv" in page
+    assert len(page) < 1_500_000
+
+
+@pytest.mark.parametrize("answer", ["nothing", "unexplained"])
+def test_page_and_story_without_an_effect(
+    answer: str, here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    engine(answer, monkeypatch)
+    told = run(capsys, "diagnose", "log.csv", "-o", "out")
+    assert told.code == 0, told.err
+    said = {
+        "nothing": ("Nothing is missing", "No effect is missing."),
+        "unexplained": ("no effect of the catalogue explains it", "0.3 sin(pwm_l)"),
+    }[answer]
+    page = (here / "out" / "index.html").read_text(encoding="utf-8")
+    for words in said:
+        assert words in told.out
+    assert said[0] in page
+    document = json.loads((here / "out" / "diagnosis.json").read_text())
+    assert document["model_before"] == document["model_after"]
+    assert document["effects"] == []
+
+
+def test_document(
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    no_page(monkeypatch)
+    found = diagnosed(capsys, "--val", "other.csv", "-o", "out")
+    assert found.keys() >= KEYS
+    assert found == json.loads((here / "out" / "diagnosis.json").read_text())
+    (effect,) = found["effects"]
+    assert set(effect) == {
+        "id", "stage", "channels", "parameters", "evidence", "indistinguishable", "sentence",
+    }  # fmt: skip
+    assert set(effect["parameters"][0]) == {"name", "value", "std_error", "unit"}
+    assert set(effect["evidence"]) == {"delta_bic", "p_value", "heldout_gain"}
+    assert found["candidates"][0] == {"id": "dead-zone", "score": 0.9}
+    assert {"region", "share_of_excess", "share_of_samples"} <= set(found["where"][0])
+    gap = found["gap"]
+    assert {"before", "after", "noise_floor", "closed_percent", "interval", "channels"} <= set(gap)
+    assert set(gap["channels"]["omega_l"]) == {"rmse_before", "rmse_after", "noise_floor"}
+    assert gap["closed_percent"] > 95
+    assert found["detectable"] == {"dead-zone": 0.01, "backlash": None}
+    assert found["next_experiments"][0]["file"] == "next_1_dead-zone.csv"
+    assert found["next_experiments"][1]["file"] == ""
+
+
+def test_both_models_are_ordinary_models(
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    no_page(monkeypatch)
+    found = diagnosed(capsys)
+    ids = [found["model_before"], found["model_after"]]
+    listed = run(capsys, "models", "--json").document["models"]
+    assert [m["model"] for m in listed] == ids
+    assert listed[1]["fit_percent"]["omega_r"] > 95
+    ranked = run(capsys, "compare", *ids, "--val", "other.csv", "--json").document
+    assert ranked["best"] == found["model_after"]
+    exported = run(capsys, "export", "--model", found["model_after"], "--json").document
+    assert exported["selftest"]["max_error"] < 1e-6
+
+
+def test_a_mission_is_told_and_drawn(
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Paths and figures of a mission reach the story and the page; the engine gets the file."""
+    (here / "mission.yaml").write_text("goal: [3, 1]\n")
+    line = [[0.0, 0.0, 0.0], [1.0, 0.5, 0.2], [3.0, 1.0, 0.1]]
+    path = {
+        "mission": "mission.yaml",
+        "sentence": "The path is off by 0.40 m before and by 20 mm after.",
+        "open_loop": [{"record": "log.csv", "rms_before_m": 0.4, "rms_after_m": 0.02}],
+        "closed_loop": {"measured": {"time_s": 12.0}, "before": {"time_s": 10.0}},
+        "warnings": ["The mission cannot be driven by the model after."],
+        "traces": [{"record": "log.csv", "measured": line, "before": line[:2], "after": line}],
+    }
+    asked: list[Path] = []
+
+    def on_mission(*logs: Any, mission: Path, **facts: Any) -> Diagnosis:
+        asked.append(mission)
+        return replace(quick_diagnosis.nothing(*logs, **facts), path=path)
+
+    monkeypatch.setattr(sys.modules["sysid.discrepancy.diagnose"], "diagnose", on_mission)
+    told = run(capsys, "diagnose", "log.csv", "--mission", "mission.yaml")
+    assert told.code == 0, told.err
+    assert asked == [Path("mission.yaml")]
+    assert "driven again: time [s]" in told.out
+    assert "off by 0.40 m before" in told.out
+    page = (here / ".sysid" / "diagnosis" / "index.html").read_text(encoding="utf-8")
+    assert "log.csv: the measured path" in page
+    assert "cannot be driven by the model after" in page
+
+
+def test_the_engine_takes_what_the_command_gives() -> None:
+    from sysid.discrepancy.diagnose import diagnose
+
+    assert {"estimation", "held", "model", "progress"} <= set(signature(diagnose).parameters)
+
+
+# Which model is doubted ---------------------------------------------------------------------------
+
+
+def test_the_best_model_of_these_channels_is_doubted(
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    no_page(monkeypatch)
+    one = write_log(here / "single.csv", ["u", "y"], np.random.default_rng(1).normal(size=(2, 90)))
+    fitted = run(
+        capsys, "fit", "log.csv", "--structure", "oe", "--orders", "nb=1 nf=1 nk=1", "--json"
+    ).document["model"]
+    run(capsys, "fit", one, "--structure", "arx", "--orders", "na=1 nb=1 nk=1", "--json")
+    first = diagnosed(capsys)
+    assert first["model_before"] == fitted
+    # what a diagnosis made is not doubted by the next one, unless a comparison put it first
+    assert diagnosed(capsys)["model_before"] == fitted
+    run(capsys, "compare", fitted, first["model_after"], "--val", "other.csv")
+    assert diagnosed(capsys)["model_before"] == first["model_after"]
+    assert diagnosed(capsys, "--model", fitted)["model_before"] == fitted
+
+
+def test_nothing_is_lost(
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A page that cannot be written leaves the models, the logs and an older diagnosis alone."""
+    no_page(monkeypatch)
+    diagnosed(capsys)
+    before = contents(here)
+
+    def broken(*_: object) -> str:
+        raise MemoryError
+
+    monkeypatch.setattr("sysid.report.html.diagnosis_page", broken)
+    assert run(capsys, "diagnose", "log.csv").code == 1
+    after = contents(here)
+    state = {k for k in after if "models/" in k or k.endswith("index.json")}
+    assert {k: v for k, v in after.items() if k not in state} == {
+        k: v for k, v in before.items() if k not in state
+    }
+    assert set(before) == set(after)
+
+
+# What is refused ----------------------------------------------------------------------------------
+
+
+def refused(told: Run, code: int, *words: str) -> None:
+    assert told.code == code
+    assert told.out == ""
+    assert len(told.err.strip().splitlines()) == 1
+    for w in words:
+        assert w in told.err
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "words"),
+    [
+        ("log.csv --model oe-000000", 2, ("no model 'oe-000000'",)),
+        ("missing.csv", 2, ("no file missing.csv",)),
+        ("silent.csv", 1, ("output",)),
+        ("log.csv --val single.csv", 1, ("single.csv",)),
+        ("log.csv --val log.csv", 2, ("would prove nothing", "leave --val")),
+        ("log.csv --plant plant", 2, ("--plant", "--mission")),
+        ("log.csv --mission none.yaml", 2, ("none.yaml",)),
+        ("log.csv -o log.csv", 2, ("is a file",)),
+        ("index.html -o .", 2, ("could overwrite",)),
+        ("log.csv --nope", 2, ("sysid diagnose --help",)),
+    ],
+)
+def test_refusals(
+    line: str, code: int, words: tuple[str, ...], here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_log(here / "silent.csv", ["pwm_l", "pwm_r"], np.ones((2, 50)))
+    write_log(here / "single.csv", ["u", "y"], np.random.default_rng(1).normal(size=(2, 90)))
+    dead_zone_log(here / "index.html")
+    before = contents(here)
+    refused(run(capsys, "diagnose", *line.split()), code, *words)
+    assert contents(here) == before
+
+
+def test_a_model_of_other_channels_is_refused(
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = write_log(here / "single.csv", ["u", "y"], np.random.default_rng(1).normal(size=(2, 90)))
+    line = ("fit", one, "--structure", "arx", "--orders", "na=1 nb=1 nk=1", "--json")
+    other = run(capsys, *line).document["model"]
+    refused(run(capsys, "diagnose", "log.csv", "--model", other), 1, "u", "y", "pwm_l")
+    slow = robot_log(here / "slow.csv")  # another sample time
+    line = ("fit", slow, "--structure", "arx", "--orders", "na=1 nb=1 nk=1", "--json")
+    other = run(capsys, *line).document["model"]
+    refused(run(capsys, "diagnose", "log.csv", "--model", other), 1, "0.1 s", "0.05 s")

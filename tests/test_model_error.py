@@ -1,0 +1,143 @@
+"""The model of the errors: silent on noise of any colour, loud on structure; and feedback."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from sysid_datasets.driving import STYLES, speed_loop
+
+from sysid.data.record import Array, Channel, Record
+from sysid.discrepancy.closed_loop import in_closed_loop
+from sysid.discrepancy.model_error import structure_left
+from sysid.errors import DataError
+
+DT, FULL, SIGMA = 0.05, 20000.0, 0.2
+SCALES = np.array([FULL, FULL])
+GAIN, POLE = np.array([20.0, 21.5]), np.array([0.8, 0.78])
+CHANNELS = {
+    "inputs": (Channel("pwm_l", "µs"), Channel("pwm_r", "µs")),
+    "outputs": (Channel("omega_l", "rad/s"), Channel("omega_r", "rad/s")),
+}
+
+
+def noise(rng: np.random.Generator, kind: str, n: int) -> Array:
+    """White or AR(1) readings' noise, or the speed that a wandering load adds to white noise."""
+    white = SIGMA * rng.standard_normal((n, 2))
+    if kind == "ar":
+        return np.asarray(lfilter([np.sqrt(1 - 0.81)], [1.0, -0.9], white, axis=0))
+    if kind == "walk":
+        load = 5 * SIGMA / np.sqrt(n) * np.cumsum(rng.standard_normal((n, 2)), axis=0)
+        return white + np.asarray(lfilter([0.2], [1.0, -0.8], load, axis=0))
+    return white
+
+
+def simulate(drive: Array) -> Array:
+    """First-order tracks."""
+    columns = [
+        lfilter([0.0, k * (1 - a)], [1.0, -a], d)
+        for k, a, d in zip(GAIN, POLE, drive.T, strict=True)
+    ]
+    return np.column_stack(columns)
+
+
+def logged(style: str, seed: int, kind: str, n: int = 1200) -> tuple[Record, Array]:
+    """(record of a plain robot, its noise-free readings)."""
+    rng = np.random.default_rng([seed, 7])
+    u = STYLES[style](rng, n, DT).astype(np.float64)
+    clean = simulate(u / FULL)
+    return Record(u=u, y=clean + noise(rng, kind, n), dt=DT, **CHANNELS), clean
+
+
+def left(record: Record, clean: Array, extra: Array | None = None) -> tuple[float, float]:
+    """(p-value, share) of the errors of the plain model, with an error of it added."""
+    errors = record.y - clean + (0.0 if extra is None else extra)
+    found = structure_left([record], [errors], [clean], np.array([SIGMA, SIGMA]), SCALES)
+    return found.p_value, found.share
+
+
+@pytest.mark.parametrize("kind", ["white", "ar", "walk"])
+def test_noise_of_any_colour_is_not_structure(kind: str) -> None:
+    trials = [left(*logged(list(STYLES)[s % 5], s, kind)) for s in range(4)]
+    # nominal 1 %: one of four below 0.01 has a chance of 4 %, below 0.001 one of 0.4 %
+    assert min(p for p, _ in trials) > 1e-3
+    assert sum(p < 0.01 for p, _ in trials) <= 1
+
+
+@pytest.mark.parametrize(
+    ("name", "share"),
+    [("dead-zone", 0.7), ("drag", 0.7), ("coupling", 0.7), ("bias", 0.7), ("delay", 0.6)],
+)
+def test_structure_is_found_with_its_share(name: str, share: float) -> None:
+    record, clean = logged("steps", 3, "white")
+    d = record.u / FULL
+    extra = {
+        "dead-zone": simulate(np.sign(d) * np.minimum(np.abs(d), 0.1)) * -1.0,
+        "drag": -0.003 * clean * np.abs(clean),
+        "coupling": -0.1 * simulate(d[:, ::-1]),
+        "bias": np.full(clean.shape, 0.8),
+        "delay": np.vstack([clean[:1], clean[:-1]]) - clean,
+    }[name]
+    # as a fitted model would: a change of its gain is not left in the errors
+    if name != "bias":
+        extra = extra - clean * np.sum(clean * extra, axis=0) / np.sum(clean**2, axis=0)
+    p, found = left(record, clean, extra)
+    assert p < 1e-6
+    assert share < found <= 1.0
+
+
+def test_a_ripple_over_the_wheels_angle_is_found() -> None:
+    record, clean = logged("steps", 4, "white")
+    angle = np.cumsum(record.y, axis=0) * DT
+    ripple = 0.4 * np.sin(2.0 * np.vstack([angle[:1], angle[:-1]]) + 1.0)
+    assert left(record, clean, ripple)[0] < 1e-6
+
+
+def test_what_the_models_own_numbers_can_follow_is_no_structure() -> None:
+    record, clean = logged("steps", 5, "white")
+    errors = record.y - 0.95 * clean
+    floor = np.array([SIGMA, SIGMA])
+    refitted = structure_left([record], [errors], [0.95 * clean], floor, SCALES)
+    given = structure_left(
+        [record], [errors], [0.95 * clean], floor, SCALES, [np.zeros((len(record), 2, 0))]
+    )
+    assert refitted.p_value > 1e-3
+    assert given.p_value < 1e-6
+    assert given.verdict("before").to_json()["model"] == "before"
+
+
+def test_samples_that_do_not_count_are_left_out() -> None:
+    record, clean = logged("steps", 3, "white")
+    d = record.u / FULL
+    errors = record.y - clean
+    errors[::50] = 100.0
+    errors[:400] = 100.0
+    masked = np.where(errors == 100.0, np.nan, errors)
+    floor = np.array([SIGMA, SIGMA])
+    assert structure_left([record], [masked], [clean], floor, SCALES).p_value > 1e-3
+    missing = masked - 0.1 * simulate(d[:, ::-1])
+    assert structure_left([record], [missing], [clean], floor, SCALES).p_value < 1e-6
+
+
+def test_wrong_shapes_and_short_records_are_refused() -> None:
+    record, clean = logged("steps", 6, "white")
+    with pytest.raises(DataError, match="shapes"):
+        structure_left([record], [clean[:, :1]], [clean], np.ones(2), SCALES)
+    short = record.rows(0, 50)
+    with pytest.raises(DataError, match="at least 100"):
+        structure_left([short], [clean[:50]], [clean[:50]], np.ones(2), SCALES)
+
+
+@pytest.mark.parametrize("style", ["steps", "driving", "multisine"])
+@pytest.mark.parametrize("loop", [True, False])
+def test_feedback_is_told_from_open_loop(style: str, loop: bool) -> None:
+    rng = np.random.default_rng(11)
+    n = 1500
+    reference = STYLES[style](rng, n, DT)
+    driver = speed_loop(reference, (float(GAIN[0]), float(GAIN[1])), DT)
+    y, u, state = np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(2)
+    e = noise(rng, "white", n)
+    for k in range(n):
+        y[k] = state + e[k]
+        command = driver(k, (float(y[k, 0]), float(y[k, 1]))) if loop else reference[k]
+        u[k] = np.asarray(command, dtype=np.float64)
+        state = POLE * state + GAIN * (1 - POLE) * u[k] / FULL
+    assert in_closed_loop([Record(u=u, y=y, dt=DT, **CHANNELS)]) is loop

@@ -1,0 +1,87 @@
+"""Coarse and lost readings are seen in the samples, and nothing else is taken for them."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from sysid_datasets.hidden_logs import NOISE, TYPICAL_SPEED, Request, hide
+
+from sysid.data.record import Channel, Record
+from sysid.discrepancy.samples import inspect_samples, smallest_named
+
+
+@cache
+def logs(effects: tuple[str, ...], seed: int, noise: str = "low", style: str = "steps") -> Record:
+    """The estimation log of a hidden effect."""
+    request = Request(effects=effects, seed=seed, noise=noise, style=style, duration=40.0)
+    rows = [line.split(",") for line in hide(request).files["est.csv"].splitlines()[1:]]
+    a = np.array(rows, dtype=np.float64)
+    return Record(
+        u=a[:, 1:3],
+        y=a[:, 3:5],
+        dt=0.05,
+        inputs=(Channel("pwm_l"), Channel("pwm_r")),
+        outputs=(Channel("omega_l"), Channel("omega_r")),
+    )
+
+
+@pytest.mark.parametrize(("noise", "style"), [("low", "steps"), ("high", "driving")])
+@pytest.mark.parametrize("effect", ["quantisation", "dropouts"])
+def test_both_are_found(effect: str, noise: str, style: str) -> None:
+    assert inspect_samples([logs((effect,), 1, noise, style)]).ids == (effect,)
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        (),
+        ("sensor-saturation",),
+        ("unsigned-speed",),
+        ("dead-zone",),
+        ("stiction",),
+        ("freewheel",),
+    ],
+)
+def test_nothing_else_is_taken_for_them(effects: tuple[str, ...]) -> None:
+    assert inspect_samples([logs(effects, 2, style="pulses")]).ids == ()
+
+
+def test_the_step_is_measured() -> None:
+    record = logs((), 3)
+    coarse = Record(u=record.u, y=0.8 * np.round(record.y / 0.8), dt=0.05)
+    found = inspect_samples([coarse]).coarse
+    assert [c.output for c in found] == ["y1", "y2"]
+    assert [c.step for c in found] == pytest.approx([0.8, 0.8], rel=1e-6)
+
+
+def test_a_fine_converter_does_not_matter() -> None:
+    record = logs((), 3)
+    fine = 0.5 * NOISE["low"] * TYPICAL_SPEED
+    rounded = Record(u=record.u, y=fine * np.round(record.y / fine), dt=0.05)
+    assert inspect_samples([rounded]).ids == ()
+
+
+@pytest.mark.parametrize("holds", [True, False])
+def test_the_mask_hides_what_was_lost(holds: bool) -> None:
+    record = logs((), 3)
+    y = record.y.copy()
+    rng = np.random.default_rng(1)
+    lost = np.zeros(len(y), dtype=bool)
+    for k in rng.choice(np.arange(20, len(y) - 5, 8), 40, replace=False):
+        lost[k : k + 2] = True
+    for k in np.flatnonzero(lost):
+        y[k, 0] = y[k - 1, 0] if holds else 0.0
+    found = inspect_samples([Record(u=record.u, y=y, dt=0.05)])
+    assert [entry.holds for entry in found.lost] == [holds]
+    mask = found.weights[0][:, 0] == 0.0
+    moving = lost & (np.abs(record.y[:, 0]) > 3.0)
+    assert np.mean(mask[moving]) > 0.8
+    # at most a few repeats by chance of four written digits
+    assert int(np.sum(mask & ~lost)) <= 3
+    assert found.hidden == int(mask.sum())
+
+
+def test_the_smallest_that_would_be_named() -> None:
+    sizes = smallest_named([logs((), 3)])
+    assert 0.05 < (sizes["quantisation"] or 0.0) < 1.0
+    assert 0.0 < (sizes["dropouts"] or 0.0) < 0.01
