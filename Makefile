@@ -6,7 +6,7 @@ DEMO   := demo_out
 SYSID  := $(BIN)/sysid
 LOGS   := datasets/devastator
 
-.PHONY: demo test bench reports study datasets clean help
+.PHONY: demo test bench reports study study-diagnose datasets clean help
 
 help:  ## List what make can do
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
@@ -58,6 +58,9 @@ study: $(VENV)/.installed-test  ## Slow studies: coverage, alarm rates, every st
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_residual_tests.py
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_block_oriented.py
 	$(BIN)/python benchmarks/study_nonlinear.py
+
+study-diagnose: $(VENV)/.installed-test  ## Slow study: what sysid diagnose names on hidden effects, blind
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_diagnose.py
 
 reports: $(VENV)/.installed  ## The tour's pictures and tables again, byte-identical
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/make_reports.py

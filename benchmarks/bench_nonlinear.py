@@ -81,7 +81,8 @@ def make_data(folder: Path) -> None:
 def measure(name: str, folder: Path) -> dict[str, Any]:
     """Fit and judge one contestant, in this process."""
     import numpy as np
-    from nonlinear_peers import CONTESTANTS, HEAD, quiet
+    from nonlinear_peers import CONTESTANTS, HEAD
+    from peers import quiet
 
     with np.load(folder / "data.npz") as data:
         u, y, u_test, y_test, truth = (

@@ -11,13 +11,14 @@ from records import TRIALS, Trial
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
 from sysid.errors import SysidError
-from sysid.estimation.contest import LINEAR, Entry, run_contest
+from sysid.estimation.contest import LINEAR, run_contest
 from sysid.estimation.figures import Start, outputs
 from sysid.estimation.holdout import hold_out
 from sysid.estimation.identify import choose_detrend
 from sysid.estimation.orders import free_run_error, orders_text
 from sysid.estimation.pem import fit
 from sysid.estimation.search import FitOptions
+from sysid.estimation.standings import Entry
 from sysid.structures.base import Structure
 from sysid.structures.block_structure import BlockStructure
 from sysid.structures.grey_box import GreyBox

@@ -5,12 +5,7 @@ are any, and returns what runs freely on a second record, of which only the inpu
 samples are given.
 """
 
-import contextlib
-import io
-import os
-import sys
-import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -46,22 +41,6 @@ class Contestant:
     distribution: str
     load: Callable[[], Fit]
     words: str
-
-
-@contextlib.contextmanager
-def quiet() -> Iterator[None]:
-    """No warnings, and nothing on stdout: neither from Python nor from compiled code."""
-    sys.stdout.flush()
-    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 1)
-    try:
-        with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        os.dup2(kept, 1)
-        os.close(kept)
-        os.close(nowhere)
 
 
 def ours(

@@ -1,14 +1,12 @@
 """``sysid fit``: models of a log, judged, ranked and kept in the workspace."""
 
-import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sysid.errors import UsageError
-
-from . import reading, render
+from . import fit_options, reading, render
 from .fit_report import show
 from .workspace import StoredModel, Workspace
 
@@ -30,7 +28,7 @@ def fit(
             "--structure",
             metavar="NAME",
             rich_help_panel=_FITTING,
-            help="arx, armax, oe, bj …; several as a,b. All that apply unless given.",
+            help="oe, narx-wavelet …; several as a,b. The four linear ones unless given.",
         ),
     ] = None,
     orders: Annotated[
@@ -184,9 +182,10 @@ def fit(
 ) -> None:
     """Fit models to a log, judge them, and keep them in the workspace.
 
-    Without --structure every structure that applies is fitted with a small order search, and the
-    one that is ahead in free run on a held-out part of the estimation data comes first.
+    Without --structure every linear structure is fitted with a small order search. The one that is
+    ahead in free run on a held-out part of the estimation data comes first.
     """
+    from sysid.estimation.identify import Request
     from sysid.report.plots import picture_format
 
     if plot is not None:
@@ -195,26 +194,19 @@ def fit(
         inputs, outputs, time, ts, units, pwm_max, delimiter, decimal, resample
     )
     steps = reading.preparation(trim, low_pass, decimate)
-    request = _request(
-        structure,
-        orders,
-        focus,
-        criteria,
-        detrend,
-        initial,
-        fix,
-        bound,
-        option,
-        robust,
-        stable,
-        initial_state,
-        skip,
-        horizon,
-        split,
-        jobs,
-        read,
-        steps,
-        logs,
+    origin = {"files": [str(p.resolve()) for p in logs], "read": read.to_json()}
+    options = fit_options.estimation(
+        focus, initial, fix or [], bound or [], option or [], origin | {"prepare": steps.to_json()}
+    )
+    request = Request(
+        structures=fit_options.structures(structure),
+        orders=orders,
+        options=replace(options, robust=robust, stable=stable),
+        detrend=detrend,
+        criterion=criteria,
+        split=split,
+        policy=fit_options.judging(initial_state, skip, horizon or []),
+        jobs=jobs,
     )
     found = _identify(logs, val or [], read, steps, request)
     place = Workspace(workspace)
@@ -225,84 +217,6 @@ def fit(
 
         draw_fit(plot, stored[0].id, found)
     _document(stored, found) if json else show(stored, found, plot)
-
-
-def _request(
-    structure: str | None,
-    orders: str | None,
-    focus: str,
-    criteria: str,
-    detrend: str,
-    initial: str,
-    fix: list[str] | None,
-    bound: list[str] | None,
-    option: list[str] | None,
-    robust: bool,
-    stable: bool,
-    initial_state: str,
-    skip: int,
-    horizon: list[int] | None,
-    split: float | None,
-    jobs: int,
-    read: "ReadOptions",
-    steps: "Preparation",
-    logs: list[Path],
-) -> "Request":
-    """The options as the library takes them."""
-    from sysid.estimation.assessment import Policy
-    from sysid.estimation.figures import Start
-    from sysid.estimation.identify import Request
-    from sysid.estimation.search import FitOptions
-    from sysid.structures.base import Focus, Initial
-
-    fixed = {}
-    for item in fix or []:
-        name, value = _pair(item, "--fix", "a1=-0.9")
-        fixed[name] = _number(value, item, "--fix")
-        if math.isinf(fixed[name]):
-            raise UsageError(f"--fix cannot hold {name} at {value!r}; give a finite number")
-    bounds = {}
-    for item in bound or []:
-        name, value = _pair(item, "--bound", "a1=-1:0")
-        low, sign, high = value.partition(":")
-        if not sign:
-            raise UsageError(f"--bound cannot read {item!r}; write NAME=LOW:HIGH such as a1=-1:0")
-        bounds[name] = (_number(low, item, "--bound"), _number(high, item, "--bound"))
-    options = FitOptions(
-        focus=Focus(reading.choice(focus, [f.value for f in Focus], "--focus")),
-        initial=Initial(reading.choice(initial, [i.value for i in Initial], "--initial")),
-        robust=robust,
-        stable=stable,
-        fixed=fixed,
-        bounds=bounds,
-        structure_options=dict(_pair(item, "--option", "units=20") for item in option or []),
-        extra={
-            "files": [str(p.resolve()) for p in logs],
-            "read": read.to_json(),
-            "prepare": steps.to_json(),
-        },
-    )
-    start = Start(reading.choice(initial_state, [s.value for s in Start], "--initial-state"))
-    names = tuple(n.strip().lower() for n in (structure or "").split(",") if n.strip())
-    policy = Policy(start, skip, tuple(sorted(set(horizon or []))))
-    return Request(names, orders, options, detrend, criteria, split, policy, jobs)
-
-
-def _pair(item: str, option: str, example: str) -> tuple[str, str]:
-    name, sign, value = (part.strip() for part in item.partition("="))
-    if not (name and sign and value):
-        raise UsageError(f"{option} cannot read {item!r}; write it like {example}")
-    return name, value
-
-
-def _number(text: str, item: str, option: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if value != value:
-        raise UsageError(f"{option} cannot read {item!r}: {text!r} is not a number")
-    return value
 
 
 def _identify(

@@ -52,7 +52,9 @@ def show(stored: "Sequence[StoredModel]", found: "Identification", plot: Path | 
         best.model.theta, best.model.inputs, best.model.outputs
     ):
         render.say(f"  {line}")
-    render.say(best.model.termination.value, "dim")
+    ending = best.model.termination.value
+    if ending not in best.warnings:
+        render.say(ending, "dim")
     for sentence in best.warnings:
         render.warn(f"! {sentence}")
     if plot is not None:

@@ -109,7 +109,8 @@ def _show(stored: "StoredModel") -> None:
         render.say(f"  {line}")
     table = [(p["name"], p["value"], p["std_error"], p["unit"]) for p in _parameters(stored)]
     render.table(("parameter", "value", "± std. error", "unit"), table)
-    render.say(model.termination.value)
+    if model.termination.value not in model.warnings:
+        render.say(model.termination.value)
     for warning in model.warnings:
         render.say(f"Warning: {warning}", "yellow")
     render.say(f"Stored in {stored.path}", "dim")

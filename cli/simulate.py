@@ -141,4 +141,4 @@ def _show(name: str, facts: dict[str, Any]) -> None:
         render.warn(f"! {warning}")
     render.say(f"Log: {facts['log']}")
     if "plot" in facts:
-        render.say(f"Plot: {facts['plot']}")
+        render.say(f"Picture: {facts['plot']}")

@@ -1,18 +1,17 @@
 """The documentation is tested like code: commands parse, links resolve, nothing is left out."""
 
 import importlib
-import importlib.util
 import inspect
 import pkgutil
 import re
 import runpy
 import shlex
-import sys
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import pytest
+import studies
 import typer
 from pydantic import BaseModel
 from sysid_cli.app import app
@@ -74,19 +73,6 @@ def anchors(page: Path) -> set[str]:
     return {anchor(h) for h in re.findall(r"^#+ (.+)$", text, re.MULTILINE)}
 
 
-def generator() -> ModuleType:
-    """docs/generate_commands.py as a module."""
-    spec = importlib.util.spec_from_file_location(
-        "generate_commands", DOCS / "generate_commands.py"
-    )
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
-
-
 def public(module: ModuleType) -> list[tuple[str, Any]]:
     """Public classes and functions that a module defines itself."""
     return [
@@ -140,14 +126,14 @@ def test_every_page_is_linked_from_the_index() -> None:
 
 
 def test_command_page_is_up_to_date() -> None:
-    fresh = generator().page()
+    fresh = studies.load("docs/generate_commands.py").page()
     stored = (DOCS / "commands.md").read_text(encoding="utf-8")
     assert stored == fresh, "run python docs/generate_commands.py"
 
 
 def test_every_command_and_option_has_help() -> None:
     silent = []
-    for command in generator().commands():
+    for command in studies.load("docs/generate_commands.py").commands():
         if not command.help:
             silent.append(command.name)
         silent += [f"{command.name} {p.names}" for p in command.parameters if not p.help]

@@ -154,7 +154,7 @@ def test_freewheel_decays_in_a_straight_line() -> None:
 
 def test_slip_shortens_turns_only() -> None:
     slip = effect("track-slip")
-    context = Context(DT, *(np.zeros(2),) * 8)
+    context = Context(DT, *(np.zeros(2),) * 9)
     turned, _ = slip.step(np, np.array([-5.0, 5.0]), (), {"share": np.array(0.2)}, context)
     straight, _ = slip.step(np, np.array([5.0, 5.0]), (), {"share": np.array(0.2)}, context)
     np.testing.assert_allclose(turned, [-4.0, 4.0])

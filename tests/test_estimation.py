@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import studies
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from polynomial_cases import SYSTEMS, System
@@ -703,26 +704,12 @@ def test_the_pole_grid_finds_poles_of_any_kind() -> None:
 @pytest.mark.parametrize("name", ["ARX", "ARMAX", "OE, white noise", "OE, AR(1) noise 0.9", "BJ"])
 def test_intervals_cover_the_truth(name: str) -> None:
     """The fast part of the coverage study: 60 records, intervals over all parameters pooled."""
-    study = coverage_study()
+    study = studies.load("benchmarks/study_coverage.py")
     case = next(c for c in study.CASES if c.name == name)
     found = study.outcome(replace(case, samples=500), records=60)
     # 240 intervals and more, those of one record alike: 95 % with a standard deviation of 2
     assert 89.0 <= found.pooled <= 99.5
     assert found.beyond <= 0.5
-
-
-def coverage_study():  # type: ignore[no-untyped-def]
-    import importlib.util
-    import sys
-
-    path = Path(__file__).parent.parent / "benchmarks" / "study_coverage.py"
-    spec = importlib.util.spec_from_file_location("study_coverage", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["study_coverage"] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 def test_more_data_mean_smaller_errors() -> None:

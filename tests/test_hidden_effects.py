@@ -1,6 +1,5 @@
 """Logs with a hidden effect: each is the equation it claims, shows, and the truth tells it."""
 
-import ast
 import json
 import math
 from dataclasses import replace
@@ -552,19 +551,3 @@ def test_the_catalogue_is_complete() -> None:
         "radius-mismatch",
         "track-width",
     ]
-
-
-@pytest.mark.parametrize(
-    "module",
-    ["effect_robot", "effect_twin", "outside_effects", "driving", "hidden_effects", "hidden_logs"],
-)
-def test_the_twin_shares_no_code_with_the_workbench(module: str) -> None:
-    source = Path(generate.__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
-    imported = {
-        name.split(".")[0]
-        for node in ast.walk(ast.parse(source))
-        if isinstance(node, ast.Import | ast.ImportFrom)
-        for name in ([node.module or ""] if isinstance(node, ast.ImportFrom) else [])
-        + ([alias.name for alias in node.names] if isinstance(node, ast.Import) else [])
-    }
-    assert not imported & {"sysid", "sysid_cli", "scipy"}

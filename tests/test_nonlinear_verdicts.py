@@ -3,14 +3,11 @@
 The full table of rates is ``reports/nonlinear_tests.md``; the same simulations run here in small.
 """
 
-import importlib.util
 import json
-import sys
-from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
+import studies
 
 from sysid.criteria.nonlinear import FURTHER, NAMES, further_tests, nonlinear_tests
 from sysid.criteria.residuals import independence_test, whiteness_test
@@ -23,19 +20,7 @@ from sysid.estimation.search import FitOptions
 from sysid.structures.narmax import NARMAX
 from sysid.structures.registry import structure_class
 
-
-def _load_study() -> ModuleType:
-    path = Path(__file__).parents[1] / "benchmarks" / "study_nonlinear_tests.py"
-    spec = importlib.util.spec_from_file_location("study_nonlinear_tests", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
-
-
-study = _load_study()
+study = studies.load("benchmarks/study_nonlinear_tests.py")
 RIGHT = {c.name: c for c in study.RIGHT}
 WRONG = {c.name: c for c in study.WRONG}
 

@@ -3,14 +3,11 @@
 The full table of rates is ``reports/residual_tests.md``; the same simulations run here in small.
 """
 
-import importlib.util
 import json
-import sys
-from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
+import studies
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import toeplitz
@@ -32,19 +29,7 @@ from sysid.errors import DataError
 laws = settings(max_examples=12, deadline=None, derandomize=True)
 seeds = st.integers(0, 10_000)
 
-
-def _load_study() -> ModuleType:
-    path = Path(__file__).parents[1] / "benchmarks" / "study_residual_tests.py"
-    spec = importlib.util.spec_from_file_location("study_residual_tests", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
-
-
-study = _load_study()
+study = studies.load("benchmarks/study_residual_tests.py")
 RIGHT = {c.name: c for c in study.RIGHT}
 WRONG = {c.name: c for c in study.WRONG}
 

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from sysid.data.impulse import bic, long_regression, regressors
+from sysid.data.impulse import chosen_order, regressors
 from sysid.data.record import Array, Record
 from sysid.errors import DataError
 
@@ -36,7 +36,6 @@ ROWS = 6_000
 """Samples looked at, as evenly spread pieces of the log: more would only find trifles."""
 
 PIECES = 4
-ORDERS = (2, 4, 8, 12, 16)
 BLOCKS = 10
 LEARNED = 3
 """Blocks that only teach; each later one is tested with what all before it have taught."""
@@ -253,15 +252,7 @@ def _pieces(records: Sequence[Record]) -> list[Record]:
 
 def _order(records: Sequence[Record]) -> int:
     """More lags than BIC asks for, so that no linear dynamics are left; 16 rows a coefficient."""
-    best, found = np.inf, 0
-    for order in ORDERS:
-        try:
-            fit = long_regression(records, order)
-        except DataError:
-            break
-        score = bic(fit, fit.samples)
-        if score < best:
-            best, found = score, order
+    found = chosen_order(records)
     if not found:
         return 0
     samples = sum(len(r) for r in records)

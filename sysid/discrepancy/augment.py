@@ -18,7 +18,6 @@ from sysid.errors import Termination
 from sysid.structures.augmented import Augmented
 from sysid.structures.model import Model, Provenance, Source
 
-
 DRY = ("coulomb-friction", "stiction")
 
 

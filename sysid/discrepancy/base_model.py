@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid.data.impulse import feedback_tests
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
+from sysid.discrepancy.closed_loop import in_closed_loop
 from sysid.discrepancy.evidence import PROVEN, PROVEN_IN_LOOP
 from sysid.discrepancy.naming import NamingSearch, Node
+from sysid.discrepancy.samples import inspect_samples
 from sysid.discrepancy.supermodel import SuperModel
 from sysid.effects.base import Effect
 from sysid.errors import DataError, ModelError
@@ -25,9 +26,6 @@ LARGEST_ORDER = 3
 FULL_DRIVE = 20000.0
 """Pulse width of full drive of a robot log [µs]."""
 
-IN_LOOP = 1e-3
-"""p-value of the test for feedback below which a log counts as recorded in closed loop."""
-
 
 @dataclass(frozen=True, eq=False)
 class Parts:
@@ -35,27 +33,30 @@ class Parts:
 
     Attributes:
         estimation, held: records; the same ones where blocks of them are held out.
-        weights: weight of each sample of both, None where every sample counts.
+        weights: weight of each sample of both, (N, ny) a record.
         words: how the data were divided.
     """
 
     estimation: tuple[Record, ...]
     held: tuple[Record, ...]
-    weights: tuple[tuple[Array, ...], tuple[Array, ...]] | None
+    weights: tuple[tuple[Array, ...], tuple[Array, ...]]
     words: str
 
 
 def divided(estimation: Sequence[Record], held: Sequence[Record] | None) -> Parts:
     """With logs to judge on, those; else interleaved blocks of the estimation logs.
 
-    Both parts are then scored on free runs from the beginning of each record.
+    Both parts are then scored on free runs from the beginning of each record. Lost readings do
+    not count in either.
     """
+    mine = inspect_samples(estimation).weights
     if held:
-        return Parts(tuple(estimation), tuple(held), None, "the validation data")
+        theirs = inspect_samples(held).weights
+        return Parts(tuple(estimation), tuple(held), (mine, theirs), "the validation data")
     cut = hold_out(estimation)
-    ny = estimation[0].ny
-    theirs = tuple(np.repeat(m[:, None].astype(np.float64), ny, axis=1) for m in cut.counted)
-    mine = tuple(1.0 - w for w in theirs)
+    masks = [m[:, None].astype(np.float64) for m in cut.counted]
+    theirs = tuple(w * m for w, m in zip(mine, masks, strict=True))
+    mine = tuple(w * (1.0 - m) for w, m in zip(mine, masks, strict=True))
     whole = tuple(cut.whole)
     return Parts(whole, whole, (mine, theirs), cut.words)
 
@@ -65,6 +66,7 @@ class Base:
     """The base of a diagnosis.
 
     Attributes:
+        parts: what is fitted and what judges.
         search: the naming search around it.
         node: the base itself.
         scales: full drive of each track's command.
@@ -75,6 +77,7 @@ class Base:
         given: the model that was given, as the chain sees it; None for the plain base.
     """
 
+    parts: Parts
     search: NamingSearch
     node: Node
     scales: Array
@@ -109,7 +112,7 @@ def plain_base(
         words = f"output error of order {order} with {late} of delay"
         words += " and a level" if level else ""
     model = SuperModel(effects, order, first.ny, typical_speed(estimation), first.dt)
-    in_loop = recorded_in_loop(estimation)
+    in_loop = in_closed_loop(estimation)
     search = NamingSearch(
         model,
         parts.estimation,
@@ -123,7 +126,7 @@ def plain_base(
     node = search.base(_starts(model, estimation, scales))
     if not np.isfinite(node.held_rmse):
         raise ModelError("the base model cannot be simulated on this log; look at sysid inspect")
-    return Base(search, node, scales, delay, level, words, in_loop)
+    return Base(parts, search, node, scales, delay, level, words, in_loop)
 
 
 def given_base(
@@ -164,7 +167,7 @@ def given_base(
     def driven(r: Record) -> Record:
         return replace(r, u=given.drive(runs[id(r)]))
 
-    in_loop = recorded_in_loop(estimation)
+    in_loop = in_closed_loop(estimation)
     found = NamingSearch(
         plain,
         [driven(r) for r in parts.estimation],
@@ -182,7 +185,7 @@ def given_base(
         q[plain.place["core", "f1", i]] = pole[i]
     node = found.node((), q, ())
     words = f"the {model.structure.name} model, as it is"
-    return Base(found, node, np.ones(first.nu), 1, False, words, in_loop, given)
+    return Base(parts, found, node, np.ones(first.nu), 1, False, words, in_loop, given)
 
 
 def full_drive(records: Sequence[Record]) -> Array:
@@ -211,14 +214,6 @@ def may_lack_sign(records: Sequence[Record]) -> bool:
     both = np.all((u.min(axis=0) < -0.2 * u.max(axis=0)) & (u.max(axis=0) > 0.0))
     size = np.quantile(np.abs(y), 0.95, axis=0)
     return bool(both and np.all(y.min(axis=0) > -0.05 * size))
-
-
-def recorded_in_loop(records: Sequence[Record]) -> bool:
-    """Whether the commands answer surprises of the outputs."""
-    try:
-        return min(t.p_value for t in feedback_tests(records)) < IN_LOOP
-    except DataError:
-        return False
 
 
 def _require_tracks(records: Sequence[Record]) -> Record:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Array
 from sysid.discrepancy.supermodel import Data, SuperModel
@@ -164,7 +165,7 @@ class _Search:
             H += part @ part.T
         return g, H
 
-    def advance(self, active: Array) -> None:
+    def advance(self, active: NDArray[np.int64]) -> None:
         """One step of every active lane."""
         trial = self.q[active].copy()
         for q, k in zip(trial, active, strict=True):

@@ -2,20 +2,51 @@
 
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from sysid.data.record import Array, Record
-from sysid.discrepancy.augment import model_of, values_of
-from sysid.discrepancy.base_model import Base, given_base, plain_base
-from sysid.discrepancy.diagnosis import Diagnosis, NamedEffect, Trace
+from sysid.discrepancy import findings
+from sysid.discrepancy.advise import experiment_between, next_experiments
+from sysid.discrepancy.augment import model_of
+from sysid.discrepancy.base_model import Base, full_drive, given_base, plain_base
+from sysid.discrepancy.detectable import detectable
+from sysid.discrepancy.diagnosis import Diagnosis, Experiment, Trace
 from sysid.discrepancy.evidence import noise_floor
-from sysid.discrepancy.localise import Region, localise
-from sysid.discrepancy.naming import Named, Naming, Node, Progress
-from sysid.discrepancy.verify import measure_gap
-from sysid.effects.base import Effect
-from sysid.effects.catalogue import CHANGED, about, chain_effects
+from sysid.discrepancy.explain import described, explain
+from sysid.discrepancy.ground_model import with_ground
+from sysid.discrepancy.localise import localise
+from sysid.discrepancy.mission_proof import prove_on_mission
+from sysid.discrepancy.model_error import FEWEST, Left, structure_left
+from sysid.discrepancy.naming import Naming, Progress
+from sysid.discrepancy.pose import PoseDiagnosis, diagnose_pose
+from sysid.discrepancy.pose_windows import track_channels
+from sysid.discrepancy.samples import inspect_samples
+from sysid.discrepancy.slopes import slopes
+from sysid.discrepancy.verify import Gap, measure_gap
+from sysid.effects.catalogue import CHANGED, chain_effects
+from sysid.errors import DataError
+from sysid.mission.spec import load_mission
 from sysid.structures.model import Model
+from sysid.vehicle.kinematics import Geometry
+
+DEPENDENT = 1e-3
+"""p-value of the model-error model below which errors count as structured."""
+
+MOST_OF_THE_GAP = 55.0
+"""Names that together close less of the gap [%] are not the cause: the verdict is unexplained."""
+
+MINOR = 1.0
+"""An effect that would close less of the gap [%] is too small to matter."""
+
+WORTHLESS = 0.6
+"""A base whose errors exceed this share of the outputs' spread follows nothing."""
+
+PATH_ROWS = 400
+"""Points of a path kept for the picture."""
 
 
 def diagnose(
@@ -23,6 +54,8 @@ def diagnose(
     held: Sequence[Record] | None = None,
     *,
     model: Model | None = None,
+    mission: Path | None = None,
+    plant: Any = None,
     progress: Progress | None = None,
     seed: int = 0,
 ) -> Diagnosis:
@@ -32,6 +65,10 @@ def diagnose(
         estimation: logs that effects are searched on.
         held: logs that judge; None holds out blocks of the estimation logs.
         model: the model that disagrees; None fits the plainest base first.
+        mission: the mission that the logs drove: its geometry moves the robot, and both models
+            drive it again.
+        plant: plant package (``load_plant``) that the mission was planned with: the model before,
+            where no ``model`` is given and the package holds one.
         progress: told what is being done and how far it is.
         seed: of every bootstrap.
 
@@ -42,84 +79,255 @@ def diagnose(
     started = time.perf_counter()
     say = progress or (lambda text, share: None)
     say("the model before", 0.02)
+    model = model if model is not None else getattr(plant, "model", None)
     effects = chain_effects()
     if model is None:
         base = plain_base(estimation, held, effects)
     else:
         base = given_base(model, estimation, held, effects)
         effects = (*effects, CHANGED)
-    naming = base.search.run(base.node, effects, lambda text, share: say(text, 0.1 + 0.7 * share))
-    say("the proof", 0.85)
-    floor = noise_floor(base.search.held)
-    names = estimation[0].output_names
-    gap = measure_gap(naming.base.errors.held, naming.final.errors.held, floor, names, seed)
-    before = model if model is not None else model_of(base, naming.base)
-    after = model_of(base, naming.final) if naming.named else before
-    return Diagnosis(
-        verdict="effects-found" if naming.named else "no-missing-effect",
-        story=_story(naming),
-        base_words=base.words,
-        effects=tuple(_named(base, naming, n) for n in naming.named),
-        minor=tuple(id for id, _ in naming.minor),
-        candidates=naming.candidates,
-        where=_where(base, naming.base, floor, seed),
-        where_after=_where(base, naming.final, floor, seed),
-        gap=gap,
-        detectable={},
-        next_experiments=(),
-        before=before,
-        after=after,
-        traces=_traces(base, naming),
-        seconds=time.perf_counter() - started,
-    )
+    study = _Study(base, noise_floor(base.parts.held), full_drive(estimation), seed)
+    say("is there anything to explain?", 0.06)
+    nothing = Naming(base.node, base.node, (), (), ())
+    before = study.left(nothing, after=False)
+    naming = nothing
+    if before is None or before.p_value < DEPENDENT or not study.follows():
+        naming = base.search.run(
+            base.node,
+            effects,
+            lambda text, share: say(text, 0.1 + 0.6 * share),
+            lambda node: study.remains(replace(nothing, final=node)),
+        )
+    say("the proof", 0.72)
+    naming = study.believed(naming)
+    geometry = load_mission(mission).vehicle.geometry if mission is not None else None
+    told = _pose(base, geometry)
+    after = before if not naming.named else study.left(naming, after=True)
+    result = study.result(model, naming, told, before, after)
+    if mission is not None:
+        say("the mission again with both models", 0.9)
+        whole = (*estimation, *(held or ()))
+        result = replace(result, path=_path(mission, whole, result))
+    say("done", 1.0)
+    return replace(result, seconds=time.perf_counter() - started)
 
 
-def _story(naming: Naming) -> str:
-    if naming.named:
-        return "Missing: " + ", ".join(n.id for n in naming.named) + "."
-    return "No effect of the catalogue lowers the held-out error beyond doubt."
+def _pose(base: Base, geometry: Geometry | None) -> PoseDiagnosis | None:
+    held = () if base.parts.held is base.parts.estimation else base.parts.held
+    if base.parts.estimation[0].pose is None:
+        return None
+    return diagnose_pose(base.parts.estimation, held, geometry)
 
 
-def _named(base: Base, naming: Naming, n: Named) -> NamedEffect:
-    e = about(n.id)
-    names = base.search.estimation[0].output_names
-    return NamedEffect(
-        n.id,
-        e.stage,
-        tuple(names[i] for i in np.flatnonzero(n.touched)),
-        values_of(base, naming.final, n.id),
-        n.evidence.delta_bic,
-        n.evidence.p_value,
-        1.0 - n.evidence.ratio,
-        n.ties,
-        _sentence(e, n, naming),
-    )
+@dataclass(frozen=True, eq=False)
+class _Study:
+    """One diagnosis in the making.
 
+    Attributes:
+        base: base and search.
+        floor: measurement noise of each output.
+        scales: full drive of each input.
+        seed: of every bootstrap.
+    """
 
-def _sentence(e: Effect, n: Named, naming: Naming) -> str:
-    text = e.sentence
-    if n.ties:
-        text += f" This log cannot tell it from {', '.join(n.ties)}."
-    return text
+    base: Base
+    floor: Array
+    scales: Array
+    seed: int
 
+    def left(self, naming: Naming, after: bool) -> Left | None:
+        """What the errors on the held-out data still depend on; None where it cannot be told."""
+        base, node = self.base, naming.final if after else naming.base
+        runs = self._runs(findings.traces(base, naming), after)
+        own = slopes(base.search, node, held=True) if node.free else None
+        if own is None:
+            own = tuple(np.zeros((*r.y.shape, 0)) for r in base.parts.held)
+        if sum(len(e) for e in node.errors.held) < FEWEST:
+            return None
+        try:
+            return structure_left(
+                base.parts.held, node.errors.held, runs, self.floor, self.scales, own
+            )
+        except DataError:
+            return None
 
-def _where(base: Base, node: Node, floor: Array, seed: int) -> tuple[Region, ...]:
-    errors = [np.nan_to_num(e) for e in node.errors.held]
-    return localise(base.search.held, errors, floor, base.scales, seed)
+    def remains(self, naming: Naming) -> bool:
+        """Whether the model after leaves anything to explain."""
+        left = self.left(naming, after=True)
+        return left is None or left.p_value < DEPENDENT
 
+    def follows(self) -> bool:
+        """Whether the base follows the data at all: else its errors tell nothing."""
+        y = np.concatenate([r.y for r in self.base.parts.held])
+        errors = np.concatenate(self.base.node.errors.held)
+        size = np.sqrt(np.nanmean(errors**2, axis=0))
+        return bool(np.all(size < WORTHLESS * np.std(y, axis=0)))
 
-def _traces(base: Base, naming: Naming) -> tuple[Trace, ...]:
-    found = []
-    for role, records, data, a, b in (
-        ("estimation", base.search.estimation, base.search.data, "estimation", "estimation"),
-        ("held-out", base.search.held, base.search.held_data, "held", "held"),
-    ):
-        del a, b
-        before = data.split(base.search.model.run(naming.base.q, data)[0])
-        after = data.split(base.search.model.run(naming.final.q, data)[0])
-        weights = data.split(data.weight)
-        found += [
-            Trace(r, x, y, role, np.asarray(w.max(axis=1) > 0.0, dtype=np.float64))
-            for r, x, y, w in zip(records, before, after, weights, strict=True)
+    @staticmethod
+    def _runs(traces: Sequence[Trace], after: bool) -> list[Array]:
+        return [t.after if after else t.before for t in traces if t.role == "held-out"]
+
+    def gap(self, naming: Naming) -> Gap:
+        """The gap on held-out data before and after."""
+        return measure_gap(
+            naming.base.errors.held,
+            naming.final.errors.held,
+            self.floor,
+            self.base.parts.estimation[0].output_names,
+            self.seed,
+        )
+
+    def believed(self, naming: Naming) -> Naming:
+        """No names where all of them together leave most of the gap: they are not the cause."""
+        if not naming.named or self.gap(naming).closed_percent >= MOST_OF_THE_GAP:
+            return naming
+        left = self.left(naming, after=True)
+        if left is not None and left.p_value >= DEPENDENT:
+            return naming
+        minor = (*((n.id, n.evidence) for n in naming.named), *naming.minor)
+        return replace(naming, final=naming.base, named=(), minor=minor)
+
+    def result(
+        self,
+        model: Model | None,
+        naming: Naming,
+        told: PoseDiagnosis | None,
+        left_before: Left | None,
+        left_after: Left | None,
+    ) -> Diagnosis:
+        """Everything but the mission."""
+        base, first = self.base, self.base.parts.estimation[0]
+        samples = inspect_samples(base.parts.estimation)
+        effects = (
+            *(findings.named_effect(base, naming, n) for n in naming.named),
+            *(told.effects if told is not None else ()),
+            *findings.sample_effects(samples),
+        )
+        traces = findings.traces(base, naming)
+        gap = self.gap(naming)
+        structured = left_after is not None and left_after.p_value < DEPENDENT
+        description = ""
+        if structured and (not effects or gap.closed_percent < 90.0):
+            runs = self._runs(traces, after=True)
+            description = described(
+                explain(base.parts.held, naming.final.errors.held, runs, self.floor, self.scales)
+            )
+        verdict = (
+            "effects-found" if effects else "unexplained" if structured else ("no-missing-effect")
+        )
+        before = model if model is not None else model_of(base, naming.base)
+        after = model_of(base, naming.final) if naming.named else before
+        if told is not None and told.effects:
+            after = model_of(base, naming.final)
+            channels = track_channels(first) or (0, 1)
+            after = with_ground(after, told.ground, told.std_errors, tracks=channels)
+            gap = gap if naming.named else told.gap
+        unseen = self._unseen(naming, told, [e.id for e in effects])
+        return Diagnosis(
+            verdict=verdict,
+            story=_story(verdict, [e.id for e in effects], gap, structured),
+            base_words=base.words,
+            effects=effects,
+            minor=tuple(dict.fromkeys(id for id, _ in naming.minor)),
+            candidates=(*naming.candidates, *(told.candidates if told is not None else ())),
+            where=self._where(naming, after=False),
+            where_after=self._where(naming, after=True),
+            gap=gap,
+            detectable=unseen,
+            next_experiments=self._next(naming, unseen),
+            before=before,
+            after=after,
+            residuals=tuple(
+                r.verdict(name)
+                for name, r in (("before", left_before), ("after", left_after))
+                if r is not None
+            ),
+            description=description,
+            warnings=self._warnings(naming, told, samples.hidden, unseen),
+            traces=traces,
+        )
+
+    def _where(self, naming: Naming, after: bool) -> Any:
+        node = naming.final if after else naming.base
+        errors = [np.nan_to_num(e) for e in node.errors.held]
+        return localise(self.base.parts.held, errors, self.floor, self.scales, self.seed)
+
+    def _unseen(
+        self, naming: Naming, told: PoseDiagnosis | None, named: Sequence[str]
+    ) -> dict[str, float | None]:
+        rest = [e.id for e in chain_effects() if e.id not in named]
+        rest += [id for id in ("quantisation", "dropouts") if id not in named]
+        if self.base.level:
+            rest = [id for id in rest if id not in ("load-bias", "sensor-bias")]
+        found = detectable(self.base.search, naming.final, rest)
+        if told is not None:
+            found |= {k: v for k, v in told.detectable.items() if k not in named}
+        else:
+            found |= dict.fromkeys(("track-slip", "radius-mismatch", "track-width"))
+        return found
+
+    def _next(self, naming: Naming, unseen: dict[str, float | None]) -> tuple[Experiment, ...]:
+        base, first = self.base, self.base.parts.estimation[0]
+        found = [
+            experiment_between(base.search, n.rivals, self.floor, base.scales, base.delay)
+            for n in naming.named
+            if len(n.rivals) > 1 and CHANGED.id not in n.rivals
         ]
-    return tuple(found)
+        vehicle = ("track-slip", "radius-mismatch", "track-width")
+        blind = [id for id, size in unseen.items() if size is None and id not in vehicle]
+        more = next_experiments(first, self.scales, blind) if first.is_robot_log or blind else ()
+        return (*found, *more)
+
+    def _warnings(
+        self,
+        naming: Naming,
+        told: PoseDiagnosis | None,
+        hidden: int,
+        unseen: dict[str, float | None],
+    ) -> tuple[str, ...]:
+        found = list(findings.absorbed(self.base, naming))
+        if self.base.in_loop:
+            found.append(
+                "The log was recorded in closed loop: the command answers disturbances, which can "
+                "look like an effect. The held-out error must therefore fall below 70 %."
+            )
+        flat = findings.two_levels(self.base.parts.estimation, self.scales)
+        if flat:
+            found.append(
+                f"{', '.join(flat)} has only two levels: a dead zone, a saturation or any other "
+                "static curve is not identifiable from this log, because each looks like "
+                "another gain."
+            )
+        if hidden:
+            found.append(f"{hidden} lost readings are left out of every figure.")
+        return (*found, *(told.warnings if told is not None else ()))
+
+
+def _story(verdict: str, ids: Sequence[str], gap: Gap, structured: bool) -> str:
+    if verdict == "effects-found":
+        text = f"Missing: {', '.join(ids)}."
+        if structured and gap.closed_percent < 90.0:
+            text += (
+                f" {100.0 - gap.closed_percent:.0f} % of the gap remains and is structured: "
+                "something else is missing, too."
+            )
+        return text
+    if verdict == "unexplained":
+        return (
+            "The errors depend on what is known, so something is missing, but most of it is "
+            "unexplained by every effect of the catalogue."
+        )
+    return "Nothing is missing that this log could show: the errors look like noise."
+
+
+def _path(mission: Path, records: Sequence[Record], result: Diagnosis) -> dict[str, Any]:
+    proof = prove_on_mission(mission, records, result.before, result.after)
+    traces = []
+    for t in proof.traces:
+        stride = max(len(t.t) // PATH_ROWS, 1)
+        rows = {
+            name: np.round(getattr(t, name)[::stride, :2], 4).tolist()
+            for name in ("measured", "before", "after")
+        }
+        traces.append({"record": t.name, **rows})
+    return {**proof.facts, "traces": traces}

@@ -1,6 +1,6 @@
 """Naming: which effects of the catalogue are missing, found one at a time with proof."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from sysid.discrepancy.evidence import (
     difference,
     effective_samples,
 )
-from sysid.discrepancy.starts import free_slots, starts_of
+from sysid.discrepancy.starts import free_slots, repeats_at_top, starts_of
 from sysid.discrepancy.supermodel import Data, SuperModel, prepare
 from sysid.effects.base import Effect
 from sysid.effects.catalogue import CHANGED, about
@@ -45,6 +45,9 @@ KNOWN_TIE = 1.04
 
 PROMISING = 0.95
 """A candidate is fitted in full when its first steps bring some track's cost below this share."""
+
+MOST_ABSORBED = 3.0
+"""A base does not absorb so much that its gain were wrong by more than this factor."""
 
 PHASES = 24
 """Phases of a ripple that are tried on a record of its own."""
@@ -81,12 +84,21 @@ class Node:
 
 @dataclass(frozen=True, eq=False)
 class Named:
-    """An accepted effect: its evidence and what cannot be told from it."""
+    """An accepted effect: its evidence and what cannot be told from it.
+
+    Attributes:
+        id: in the catalogue.
+        evidence: against the model without it.
+        ties: effects that cannot be told from it.
+        touched: outputs on which it shows.
+        rivals: the fitted models of it and of its ties, by id.
+    """
 
     id: str
     evidence: Evidence
     ties: tuple[str, ...]
     touched: NDArray[np.bool_]
+    rivals: Mapping[str, Node]
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +164,8 @@ class NamingSearch:
         self.estimation, self.held = tuple(estimation), tuple(held)
         mine, theirs = weights if weights is not None else (None, None)
         self.data = prepare(self.estimation, scales, delay, model.depth, mine)
-        self.held_data = prepare(self.held, scales, delay, model.depth, theirs)
+        rows = len(self.data.drive)
+        self.held_data = prepare(self.held, scales, delay, model.depth, theirs, rows)
         owners = ("core", "load-bias") if level else ("core",)
         core = tuple(k for k, s in enumerate(model.slots) if s.owner in owners)
         self.core = () if fixed_core else core
@@ -171,7 +184,7 @@ class NamingSearch:
             for k, slot in enumerate(self.model.slots):
                 if slot.track == i:
                     out[k] = q[best, k]
-        return out
+        return np.asarray(out)
 
     def node(
         self,
@@ -184,7 +197,7 @@ class NamingSearch:
         every = np.ones(self.model.tracks, dtype=bool)
         errors = Errors(
             self._errors(q, self.data),
-            self._errors(self._in_phase(q, effects), self.held_data),
+            self._errors(self.in_phase(q, effects), self.held_data),
         )
         return Node(effects, q, tuple(free), errors, every if touched is None else touched)
 
@@ -192,7 +205,7 @@ class NamingSearch:
         run = self.model.run(q, data)[0]
         return data.split(np.where(data.weight > 0.0, data.y - run, np.nan))
 
-    def _in_phase(self, q: Array, effects: Sequence[str]) -> Array:
+    def in_phase(self, q: Array, effects: Sequence[str]) -> Array:
         """The ripple's phase belongs to a record: turned to suit the held-out one."""
         if "speed-ripple" not in effects or self.held_data.back is self.data.back:
             return q
@@ -210,9 +223,20 @@ class NamingSearch:
         return self._best_tracks(rows, np.nan_to_num(cost, nan=np.inf))
 
     def run(
-        self, base: Node, effects: Sequence[Effect], progress: Progress | None = None
+        self,
+        base: Node,
+        effects: Sequence[Effect],
+        progress: Progress | None = None,
+        left: Callable[[Node], bool] | None = None,
     ) -> Naming:
-        """Grow one effect at a time in a small beam while the rule accepts, then drop and swap."""
+        """Grow one effect at a time in a small beam while the rule accepts, then drop.
+
+        Args:
+            base: the model before.
+            effects: those to try.
+            progress: told what is being done.
+            left: whether a model leaves anything to explain; growth ends where it does not.
+        """
         say = progress or (lambda text, share: None)
         say("trying every effect", 0.0)
         self.origin = base.q
@@ -222,7 +246,7 @@ class NamingSearch:
         if not beam:
             return Naming(base, base, (), self._minor(judged), first)
         best, minor = beam[0].node, self._minor(judged)
-        while beam and len(best.effects) < MOST_EFFECTS:
+        while beam and len(best.effects) < MOST_EFFECTS and (left is None or left(best)):
             say(f"{', '.join(best.effects)}: looking for more", 0.2 * len(best.effects))
             grown: list[tuple[float, Node]] = []
             for entry in beam:
@@ -243,12 +267,37 @@ class NamingSearch:
                     nodes.append(node)
             best = nodes[0]
             beam = [_Judged(n, self.evidence(base, n, len(effects)), 0.0) for n in nodes[:BEAM]]
-        best = self.polished(best)
+        best = self._with_seen_clip(base, self.polished(best), judged)
         say("dropping and swapping", 0.85)
-        best = self.reordered(base, self.pruned(base, best))
+        best = self.pruned(base, best)
         named = self.account(base, best, effects, judged)
+        while len(named) > 1 and not all(n.evidence.significant for n in named):
+            # the effect that the others need least; what remains is fitted and judged again
+            weakest = max(named, key=lambda n: n.evidence.delta_bic)
+            best = self.without(best, weakest.id)
+            named = self.account(base, best, effects, judged)
         say("done", 1.0)
         return Naming(base, best, named, minor, first)
+
+    def _with_seen_clip(self, base: Node, best: Node, judged: Sequence[_Judged]) -> Node:
+        """A clip that is seen in the readings belongs to the model unless it makes it worse.
+
+        It comes first: it needs no inference, and what else is named has to go with it.
+        """
+        data, id = self.data, "sensor-saturation"
+        clipped = [
+            repeats_at_top(data.y[data.weight[:, i] > 0.0, i]) for i in range(self.model.tracks)
+        ]
+        seen = next((j for j in judged if j.id == id and j.evidence.accepted), None)
+        if seen is None or not any(clipped):
+            return best
+        q = best.q.copy()
+        for k in self.model.of(id):
+            q[k] = seen.node.q[k]
+        rest = tuple(e for e in best.effects if e != id)
+        found, _ = search(self.model, q[None], [best.free], data, POLISH)
+        node = self.node((id, *rest), found[0], best.free)
+        return node if self.total(base, node) >= self.total(base, best) else best
 
     def polished(self, node: Node) -> Node:
         """The node fitted to the end."""
@@ -262,7 +311,7 @@ class NamingSearch:
         if not passed:
             return []
         close = [j for j in passed if self._tied(passed[0].node, j.node)]
-        lead = min(close, key=lambda j: (len(j.node.free), -j.score))
+        lead = min(close, key=lambda j: (len(j.node.free), about(j.id).shared, -j.score))
         ordered = [lead, *(j for j in passed if j is not lead)]
         return [self._with_excluded(j, passed) for j in ordered[:BEAM]] + ordered[BEAM:]
 
@@ -300,6 +349,9 @@ class NamingSearch:
                 lanes.append(row)
                 owners.append(e)
         q, cost = self._search(node, np.array(lanes), owners, FIRST_STEPS)
+        core = [k for k, e in enumerate(owners) if e.id == "unsigned-speed"]
+        if core:  # a whole core is found anew, from starts far apart
+            q[core], cost[core] = self._search(node, q[core], [owners[k] for k in core], FULL_STEPS)
         tried = list({e.id: e for e in owners}.values())
         rows = [[k for k, e in enumerate(owners) if e.id == t.id] for t in tried]
         starts = [self._joined(q[r], cost[r], t) for r, t in zip(rows, tried, strict=True)]
@@ -401,8 +453,13 @@ class NamingSearch:
         """Whether the newest effect's numbers are away from their null and from their bounds."""
         id = node.effects[-1]
         mine = [k for k in node.free if self.model.slots[k].owner == id]
-        if id in ("unsigned-speed", CHANGED.id):
-            return True
+        gains = [k for k in node.free if self.model.slots[k].name == "gain"]
+        if id not in ("unsigned-speed", CHANGED.id) and "unsigned-speed" not in node.effects:
+            moved = np.abs(node.q[gains] / self.origin[gains])
+            if np.any((moved > MOST_ABSORBED) | (moved < 1.0 / MOST_ABSORBED)):
+                return False
+        if id in ("unsigned-speed", "sensor-saturation", CHANGED.id):
+            return True  # no number is searched, or the core's own are
         if id == "input-delay":
             return any(node.q[k] > self.model.dt for k in mine)
         first = about(id).parameters[0].name
@@ -446,17 +503,6 @@ class NamingSearch:
             node = best
         return node
 
-    def reordered(self, base: Node, node: Node) -> Node:
-        """Effects in the order in which they would be accepted: the largest share first."""
-        if len(node.effects) < 2:
-            return node
-        loss = {
-            id: self.total(base, node) - self.total(base, self.without(node, id))
-            for id in node.effects
-        }
-        order = tuple(sorted(node.effects, key=lambda id: -loss[id]))
-        return replace(node, effects=order)
-
     def account(
         self, base: Node, node: Node, effects: Sequence[Effect], first: Sequence[_Judged]
     ) -> tuple[Named, ...]:
@@ -466,8 +512,8 @@ class NamingSearch:
             if len(node.effects) == 1:
                 judged: Sequence[_Judged] = first
             else:
-                rivals = [e for e in effects if e.id == id or e.id not in node.effects]
-                judged = self.candidates(self.without(node, id), rivals, most=4)
+                others = [e for e in effects if e.id == id or e.id not in node.effects]
+                judged = self.candidates(self.without(node, id), others, most=4)
             mine = next((j for j in judged if j.id == id), None)
             if mine is None:
                 continue
@@ -479,5 +525,6 @@ class NamingSearch:
                 and self.admissible(j.node)
                 and self._tied(mine.node, j.node)
             )
-            named.append(Named(id, mine.evidence, ties, mine.node.touched))
+            rivals = {j.id: j.node for j in judged if j.id in (id, *ties)}
+            named.append(Named(id, mine.evidence, ties, mine.node.touched, rivals))
         return tuple(named)

@@ -89,7 +89,6 @@ def _signless(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]
 
     One start for each first guess of the signs, track by track (see ``sign_recovery``).
     """
-    counted = data.weight > 0.0
     found = []
     for lag in LAGS:
         row = q.copy()
@@ -98,7 +97,7 @@ def _signless(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]
             A, (B,), _ = recovered(
                 drives,
                 [np.abs(y) for y in sizes],
-                data.split(counted[:, i]),
+                [w > 0.0 for w in data.split(data.weight[:, i])],
                 model.order,
                 [(1, model.order)],
                 lag,
@@ -114,6 +113,27 @@ def _signless(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]
                 row[model.place["core", f"b{k + 1}", i]] = float(B[k]) / gain
             row[model.place[e.id, "on", i]] = 1.0
         found.append(row)
+    return found + (_ringing(model, e, q, data) if model.order == 3 else [])
+
+
+def _ringing(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]:
+    """Third-order cores with a resonance, where signs that change fast cannot be put back."""
+    found = []
+    for turn in (0.3, 0.6, 1.0):
+        for radius in (0.9, 0.97):
+            for real in (0.85, 0.96):
+                row = q.copy()
+                poles = [real, radius * np.exp(1j * turn), radius * np.exp(-1j * turn)]
+                f = np.real(np.poly(poles))
+                for i in range(model.tracks):
+                    y, d = np.abs(data.y[:, i]), np.abs(data.drive[:, i])
+                    row[model.place["core", "gain", i]] = float(y.mean()) / max(d.mean(), 1e-9)
+                    for k in range(3):
+                        row[model.place["core", f"f{k + 1}", i]] = float(f[k + 1])
+                    for k in range(1, 3):
+                        row[model.place["core", f"b{k + 1}", i]] = 0.0
+                    row[model.place[e.id, "on", i]] = 1.0
+                found.append(row)
     return found
 
 
@@ -138,10 +158,8 @@ def clip_level(y: Array) -> float:
     below it.
     """
     size = np.abs(y)
-    values, counts = np.unique(size, return_counts=True)
-    again = counts[-1] / len(size)
-    if len(values) > 8 and again > REPEATED and counts[-1] > 4.0 * np.mean(counts[-5:-1]):
-        return float(values[-1])
+    if repeats_at_top(size):
+        return float(size.max())
     top = float(np.quantile(size, 0.995))
     if top <= 0.0:
         return np.inf
@@ -156,44 +174,62 @@ def clip_level(y: Array) -> float:
     return float(np.median(size[size > top - width]))
 
 
+def repeats_at_top(y: Array) -> bool:
+    """Whether one and the same largest reading comes again and again: a clip that is seen."""
+    values, counts = np.unique(np.abs(y), return_counts=True)
+    return bool(
+        len(values) > 8
+        and counts[-1] > REPEATED * len(y)
+        and counts[-1] > 4.0 * np.mean(counts[-5:-1])
+    )
+
+
 def _from_waves(model: SuperModel, e: Effect, q: Array, errors: Array, data: Data) -> list[Array]:
     """The strongest waves of the errors over the wheel's angle, track by track.
 
     The angle comes from the readings, or from the model where the readings drift at rest.
     """
-    counted = (np.cumsum(data.y, axis=0) - data.y) * model.dt
     run = data.y - errors
     simulated = (np.cumsum(run, axis=0) - 0.5 * run) * model.dt
     found = []
-    for rank in range(2):
-        for angle in (counted, simulated):
+    for of_wheel, angle in ((0.0, data.counted), (1.0, simulated)):
+        waves = [
+            _waves(angle[:, i], errors[:, i] * data.weight[:, i], data.weight[:, i])
+            for i in range(model.tracks)
+        ]
+        for rank in range(2):
             row = q.copy()
             for i in range(model.tracks):
-                weight = data.weight[:, i]
-                line, cosine, sine = _wave(angle[:, i], errors[:, i] * weight, weight, rank)
-                for name, value in (("cosine", cosine), ("sine", sine), ("per_turn", line)):
+                line, cosine, sine = waves[i][rank]
+                for name, value in (
+                    ("cosine", cosine),
+                    ("sine", sine),
+                    ("per_turn", line),
+                    ("of_wheel", of_wheel),
+                ):
                     row[model.place[e.id, name, i]] = value
-            for of_wheel in (0.0, 1.0):
-                found.append(row.copy())
-                for i in range(model.tracks):
-                    found[-1][model.place[e.id, "of_wheel", i]] = of_wheel
+            found.append(row)
     return found
 
 
-def _wave(angle: Array, errors: Array, weight: Array, rank: int) -> tuple[float, float, float]:
+def _waves(angle: Array, errors: Array, weight: Array) -> list[tuple[float, float, float]]:
+    """(waves a rad, cosine, sine) of the two strongest."""
     total = max(float(np.sum(weight)), 1.0)
-    phases = LINES[:, None] * angle
-    c, s = np.cos(phases) @ errors * 2.0 / total, np.sin(phases) @ errors * 2.0 / total
-    power = c**2 + s**2
-    best = int(np.argmax(power))
-    if rank:
-        power = np.where(np.abs(np.log(LINES / LINES[best])) < 0.1, 0.0, power)
-        best = int(np.argmax(power))
-    fine = LINES[best] * np.linspace(0.97, 1.03, 61)
-    phases = fine[:, None] * angle
-    c, s = np.cos(phases) @ errors * 2.0 / total, np.sin(phases) @ errors * 2.0 / total
-    k = int(np.argmax(c**2 + s**2))
-    return float(fine[k]), float(c[k]), float(s[k])
+
+    def power(lines: Array) -> tuple[Array, Array, Array]:
+        turned = np.exp(1j * lines[:, None] * angle) @ errors * (2.0 / total)
+        return np.abs(turned), turned.real, turned.imag
+
+    size, _, _ = power(LINES)
+    found = []
+    for _ in range(2):
+        best = LINES[int(np.argmax(size))]
+        fine = best * np.linspace(0.97, 1.03, 61)
+        at, c, s = power(fine)
+        k = int(np.argmax(at))
+        found.append((float(fine[k]), float(c[k]), float(s[k])))
+        size = np.where(np.abs(np.log(LINES / best)) < 0.1, 0.0, size)
+    return found
 
 
 def free_slots(model: SuperModel, e: Effect, tracks: Sequence[int]) -> tuple[int, ...]:

@@ -8,7 +8,7 @@ What has no memory of its own is computed for a whole record at once; only the m
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -18,10 +18,19 @@ from numpy.typing import NDArray
 from sysid.data.record import Array, Record
 from sysid.effects.base import Effect, Place
 from sysid.effects.catalogue import CHANGED
-from sysid.structures.chain import Core, Sample, over_time, rest_state, step_with
+from sysid.structures.chain import (
+    Core,
+    Sample,
+    first_speed,
+    over_time,
+    rest_state,
+    step_with,
+    with_constants,
+)
 
-LANES = (8, 64)
-"""Simulations that run side by side in one call: the fewest of these that suffice."""
+LANES = (16, 64)
+"""Simulations that run side by side in one call; what does not fill the larger number goes in
+portions of the smaller one."""
 
 LENGTHS = (512, 1024, 1536, 2048, 3072, 4096, 5120, 6144, 8192)
 """Records are padded to one of these (then to multiples of the last), so that one compilation
@@ -56,8 +65,10 @@ class Data:
 
     Attributes:
         drive, y: commands in units of full drive and readings, (M, tracks).
+        counted: angle integrated from the readings before each, (M, tracks).
         t: time since the start of the record, (M, 1).
         reset: 1 at a record's start, (M,).
+        first: row of the record's start, (M,).
         back: row of k samples earlier, at most back to the record's start, (depth + 1, M).
         weight: 0 where a sample does not count, (M, tracks).
         lengths: samples of each record.
@@ -65,21 +76,21 @@ class Data:
 
     drive: Array
     y: Array
+    counted: Array
     t: Array
     reset: Array
+    first: NDArray[np.int64]
     back: NDArray[np.int64]
     weight: Array
     lengths: tuple[int, ...]
 
+    @cached_property
     def arrays(self) -> dict[str, Any]:
-        """What the compiled functions take."""
-        return {
-            "drive": self.drive,
-            "y": self.y,
-            "t": self.t,
-            "reset": self.reset,
-            "back": self.back,
-        }
+        """What the compiled functions take, handed over once."""
+        from sysid.structures.compiled import jax_module
+
+        names = ("drive", "y", "counted", "t", "reset", "first", "back")
+        return {name: jax_module().device_put(getattr(self, name)) for name in names}
 
     def split(self, whole: Array) -> tuple[Array, ...]:
         """Rows of each record of an array (M, …)."""
@@ -101,6 +112,7 @@ def prepare(
     delay: int,
     depth: int,
     weights: Sequence[Array] | None = None,
+    least: int = 0,
 ) -> Data:
     """Stack records.
 
@@ -110,6 +122,7 @@ def prepare(
         delay: whole samples of dead time.
         depth: samples that the longest delay line looks back.
         weights: weight of each sample of each record, (N, tracks).
+        least: rows at least, so that two parts of the data share one compilation.
     """
     drive: list[Array] = []
     for r in records:
@@ -126,7 +139,7 @@ def prepare(
     rows = np.arange(total)
     back = np.array([np.maximum(rows - k, first) for k in range(depth + 1)], dtype=np.int64)
     weight = [np.ones(r.y.shape) for r in records] if weights is None else list(weights)
-    pad = padded_length(total) - total
+    pad = max(padded_length(total), least) - total
 
     def stacked(parts: Sequence[Array]) -> Array:
         whole = np.concatenate(parts)
@@ -135,8 +148,10 @@ def prepare(
     return Data(
         stacked(drive),
         stacked([r.y for r in records]),
+        stacked([(np.cumsum(r.y, axis=0) - r.y) * r.dt for r in records]),
         stacked([r.dt * np.arange(len(r), dtype=np.float64)[:, None] for r in records]),
         np.concatenate([reset, np.zeros(pad)]),
+        np.concatenate([first, np.full(pad, total - 1)]).astype(np.int64),
         np.concatenate([back, np.full((depth + 1, pad), total - 1)], axis=1),
         stacked(weight),
         lengths,
@@ -233,7 +248,7 @@ class SuperModel:
     @cached_property
     def _readings(self) -> Callable[..., Any]:
         """(q (lanes, slots), data) → readings (lanes, M, tracks), compiled."""
-        from sysid.structures.compiled import jax_module
+        from sysid.structures.compiled import compiled, jax_module
 
         jax = jax_module()
         jnp = jax.numpy
@@ -242,7 +257,9 @@ class SuperModel:
 
         def readings(q: Any, data: dict[str, Any]) -> Any:
             core, parameters = self._unpack(jnp, q)
-            whole = Sample(data["drive"], data["drive"], data["t"])
+            parameters = with_constants(jnp, self.effects, parameters, dt)
+            nothing = jnp.zeros_like(data["drive"])
+            whole = Sample(data["drive"], data["drive"], data["t"], nothing, data["counted"])
 
             def past(signal: Any, k: int) -> Any:
                 return signal[data["back"][k]]
@@ -251,28 +268,33 @@ class SuperModel:
 
             def body(state: Any, x: tuple[Any, ...]) -> tuple[Any, Any]:
                 drive, now, t, y, reset = x
-                fresh = rest_state(jnp, inside, core, y, now)
+                w = first_speed(after, parameters, y)
+                fresh = rest_state(jnp, inside, core, w, now)
                 state = jax.tree.map(lambda a, b: jnp.where(reset > 0.0, a, b), fresh, state)
-                sample = Sample(drive, now, t, y)
+                sample = Sample(drive, now, t, 0.0 * y, 0.0 * y)
                 return step_with(jnp, inside, core, parameters, state, sample, dt)
 
             zero = jnp.zeros(tracks)
             start = rest_state(jnp, inside, core, zero, zero)
             x = (data["drive"], acting, data["t"], data["y"], data["reset"])
             read = jax.lax.scan(body, start, x)[1]
+            sums = dt * (jnp.cumsum(read, axis=0) - 0.5 * read)
+            whole = replace(whole, turned=sums - sums[data["first"]])
             return over_time(jnp, after, parameters, read, past, whole, dt)
 
-        return jax.jit(jax.vmap(readings, in_axes=(0, None)))  # type: ignore[no-any-return]
+        return compiled(jax.vmap(readings, in_axes=(0, None)))  # type: ignore[no-any-return]
 
     def run(self, q: Array, data: Data) -> Array:
         """Readings for parameter vectors q (lanes, slots), shape (lanes, M, tracks)."""
-        rows, arrays, out = np.atleast_2d(q), data.arrays(), []
-        for low in range(0, len(rows), LANES[-1]):
-            part = rows[low : low + LANES[-1]]
-            size = next(n for n in LANES if n >= len(part))
+        rows, out, at = np.atleast_2d(q), [], 0
+        small, large = LANES
+        while at < len(rows):
+            size = large if len(rows) - at > large - small else small
+            part = rows[at : at + size]
             fill = np.repeat(part[-1:], size - len(part), axis=0)
-            run = np.asarray(self._readings(np.concatenate([part, fill]), arrays))
+            run = np.asarray(self._readings(np.concatenate([part, fill]), data.arrays))
             out.append(run[: len(part)])
+            at += size
         return np.concatenate(out)
 
 

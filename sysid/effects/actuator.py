@@ -36,13 +36,15 @@ def _rate_limit(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal,
     return s[0] + limited * (1.0 - lost), (s[0] + limited,)
 
 
+def _lagging(xp: Any, p: P, dt: float) -> dict[str, Signal]:
+    # exact for a held input; within the sample the lagged drive averages less than it reaches
+    share = 1.0 - xp.exp(-dt / xp.maximum(p["lag"], 1e-9))
+    return {"share": share, "short": share * p["lag"] / dt}
+
+
 def _lag(xp: Any, x: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    # exact for a held input; at lag 0 the state is passed over
-    share = 1.0 - xp.exp(-c.dt / xp.maximum(p["lag"], 1e-9))
-    reached = s[0] + share * (x - s[0])
-    # within the sample the lagged drive averages less than what it reaches at its end
-    mean = x - (x - s[0]) * share * p["lag"] / c.dt
-    return mean, (reached,)
+    behind = x - s[0]
+    return x - behind * p["short"], (s[0] + p["share"] * behind,)
 
 
 def _sag(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
@@ -182,6 +184,7 @@ EFFECTS = (
         "Fast reversals sampled fast.",
         (EffectParameter("lag", "s", 0.0, 0.0, 20.0, (0.5, 1.5), "dt"),),
         _lag,
+        _lagging,
         states=1,
         ties=("sensor-lag",),
     ),

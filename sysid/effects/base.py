@@ -35,7 +35,8 @@ class Context:
         torque: torque of the step, in units of steady speed (T = K d).
         torque_other: that of the other track (zero where there is none).
         drive: command as it was given, before any effect.
-        measured: reading of the log where it is known, else None.
+        turned: angle of the wheel, integrated from its speed [rad].
+        counted: angle integrated from the readings before this one [rad].
     """
 
     dt: float
@@ -46,7 +47,8 @@ class Context:
     torque: Signal
     torque_other: Signal
     drive: Signal
-    measured: Signal | None
+    turned: Signal
+    counted: Signal
 
 
 @dataclass(frozen=True)
@@ -91,11 +93,15 @@ class Effect:
         experiment: what a robot should do to show it.
         parameters: its numbers.
         step: the one implementation, over numpy and jax.numpy alike.
+        constants: (xp, parameters, dt) → further numbers that the step reads beside the
+            parameters and that do not change from step to step.
         states: how many states it carries.
         past_inputs: whether these are simply its own last inputs, newest first.
         at_rest: (speed, drive) → its states in steady motion; None where every state then equals
             the signal the effect acts on.
         shared: whether all tracks share its parameters.
+        undone: (reading, parameters) → the reading without the effect, where that is known: what
+            a first reading says of the speed.
         ties: effects that many logs cannot tell from it.
     """
 
@@ -108,8 +114,10 @@ class Effect:
     experiment: str
     parameters: tuple[EffectParameter, ...]
     step: Step
+    constants: Callable[[Any, Mapping[str, Signal], float], dict[str, Signal]] | None = None
     states: int = 0
     past_inputs: bool = False
     at_rest: Callable[[Signal, Signal], State] | None = None
     shared: bool = False
+    undone: Callable[[Signal, Mapping[str, Signal]], Signal] | None = None
     ties: tuple[str, ...] = ()

@@ -54,9 +54,12 @@ def _coupling(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Sign
     return torque - p["share"] * c.torque_other, s
 
 
+def _warming(xp: Any, p: P, dt: float) -> dict[str, Signal]:
+    return {"warming": 1.0 - xp.exp(-dt / p["time"])}
+
+
 def _thermal(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    share = 1.0 - xp.exp(-c.dt / p["time"])
-    heat = s[0] + share * (c.drive**2 - s[0])
+    heat = s[0] + p["warming"] * (c.drive**2 - s[0])
     return torque * (1.0 - p["loss"] * s[0]), (heat,)
 
 
@@ -104,25 +107,8 @@ def _last_command(w: Signal, d: Signal) -> State:
 
 
 def _ripple(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    # s: angle and what it is integrated from, one sample before: the reading (by turns counted)
-    # or the speed of the wheel, which is the reading less the ripple
-    angle, rate = s
-
-    def wave(a: Signal) -> Signal:
-        turned = p["per_turn"] * a
-        return p["cosine"] * xp.cos(turned) + p["sine"] * xp.sin(turned)
-
-    ahead = angle + c.dt * rate
-    speed = w if c.measured is None else c.measured - wave(ahead)
-    of_wheel = p["of_wheel"] > 0.5
-    now = xp.where(of_wheel, angle + 0.5 * c.dt * (rate + speed), ahead)
-    reading = w + wave(now)
-    counted = reading if c.measured is None else c.measured
-    return reading, (now, xp.where(of_wheel, speed, counted))
-
-
-def _no_turn(w: Signal, d: Signal) -> State:
-    return (0.0 * w, 0.0 * w)
+    turned = p["per_turn"] * xp.where(p["of_wheel"] > 0.5, c.turned, c.counted)
+    return w + p["cosine"] * xp.cos(turned) + p["sine"] * xp.sin(turned), s
 
 
 EFFECTS = (
@@ -150,6 +136,7 @@ EFFECTS = (
             EffectParameter("time", "s", 30.0, 5.0, 300.0, (20.0, 60.0), "one"),
         ),
         _thermal,
+        _warming,
         states=1,
         at_rest=_cold,
     ),
@@ -277,7 +264,5 @@ EFFECTS = (
             EffectParameter("of_wheel", "", 1.0, 0.0, 1.0, (1.0, 0.0), choice=True),
         ),
         _ripple,
-        states=2,
-        at_rest=_no_turn,
     ),
 )

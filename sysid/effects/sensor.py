@@ -8,12 +8,17 @@ from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, 
 P = Mapping[str, Signal]
 
 
-def _lag(xp: Any, y: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    # exact for a speed that runs straight between samples; s: last reading, last speed
-    x = c.dt / xp.maximum(p["lag"], 1e-12)
+def _lagging(xp: Any, p: P, dt: float) -> dict[str, Signal]:
+    # exact for a speed that runs straight between samples
+    x = dt / xp.maximum(p["lag"], 1e-12)
     decay = xp.exp(-x)
     ramp = (1.0 - decay) / x
-    read = decay * s[0] + (ramp - decay) * s[1] + (1.0 - ramp) * y
+    return {"decay": decay, "earlier": ramp - decay, "now": 1.0 - ramp}
+
+
+def _lag(xp: Any, y: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    # s: last reading, last speed
+    read = p["decay"] * s[0] + p["earlier"] * s[1] + p["now"] * y
     return read, (read, y)
 
 
@@ -40,6 +45,7 @@ EFFECTS = (
         "Fast reversals sampled fast.",
         (EffectParameter("lag", "s", 0.0, 0.0, 20.0, (0.5, 1.5), "dt"),),
         _lag,
+        _lagging,
         states=2,
         ties=("actuator-lag",),
     ),
@@ -62,7 +68,7 @@ EFFECTS = (
         "The sensor reads no more than its limit.",
         "Readings pile up at one largest value.",
         "Full drive, compared with an independent measurement of speed.",
-        (EffectParameter("limit", "speed", 1e6, 0.1, 2.0, (0.7, 0.9), "speed"),),
+        (EffectParameter("limit", "speed", 1e6, 0.1, 2.0, (0.7, 0.9), "speed", choice=True),),
         _saturation,
         ties=("input-saturation",),
     ),
@@ -76,6 +82,7 @@ EFFECTS = (
         "A rest of ten seconds.",
         (EffectParameter("bias", "speed", 0.0, -0.5, 0.5, (0.03, -0.03), "speed"),),
         _bias,
+        undone=lambda y, p: y - p["bias"],
         ties=("load-bias",),
     ),
 )

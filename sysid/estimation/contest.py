@@ -5,9 +5,6 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
-import numpy as np
-
-from sysid.criteria.information import information_criteria, on_common_samples
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
 from sysid.errors import DataError, ModelError, SysidError, UsageError
@@ -15,17 +12,15 @@ from sysid.estimation.delays import choose_delay
 from sysid.estimation.grid import default_grid
 from sysid.estimation.holdout import HoldOut, hold_out, shortened
 from sysid.estimation.orders import (
-    ERROR_CRITERIA,
     OrderSearch,
     bounded_run,
-    free_run_error,
-    orders_text,
     ranked,
     search_orders,
     tie_margin,
 )
-from sysid.estimation.pem import fit, head_window
+from sysid.estimation.pem import fit
 from sysid.estimation.search import FitOptions
+from sysid.estimation.standings import Entry, in_order, reason
 from sysid.structures.base import Structure
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
@@ -36,35 +31,9 @@ SEARCH_SAMPLES = 12_000
 PARALLEL_WORK = 400_000
 """Candidates × samples from which a second process pays for its start (about a second)."""
 
-FOLLOWS = 1.5
-"""A model whose free run over all data errs by more than so many times the best one's does not
-lead: its search saw a good fit that the fit to all data did not find again."""
-
 LINEAR = ("arx", "armax", "oe", "bj")
 
 Progress = Callable[[float, str], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Entry:
-    """One structure's model and how its orders were found.
-
-    Attributes:
-        model: fitted to all estimation data.
-        search: the order search, or None when the orders were given.
-        seconds: time of search and fit.
-        notes: what was changed on the way, for the user.
-    """
-
-    model: Model
-    search: OrderSearch | None
-    seconds: float
-    notes: tuple[str, ...] = ()
-
-    @property
-    def error(self) -> float | None:
-        """Free-run error on the held-out part of the estimation data, relative to its spread."""
-        return None if self.search is None else self.search.best.error
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,8 +116,10 @@ def run_contest(
         raise DataError("; ".join(failed.values()) or "no structure could be fitted")
     if progress:
         progress(1.0, "done")
-    order = _in_order(entries, records, options, criterion, tie_margin(data.held))
-    return Contest(order.entries, _reason(order, criterion, data.words), failed)
+    order = in_order(entries, records, options, criterion, tie_margin(data.held))
+    return Contest(
+        order.entries, reason(order, criterion, data.words, given=grid is not None), failed
+    )
 
 
 def _fitted(
@@ -279,121 +250,3 @@ def _distinct(values: Sequence[Any]) -> list[Any]:
         if v not in found:
             found.append(v)
     return found
-
-
-@dataclass(frozen=True, eq=False)
-class _Order:
-    """Entries, the leading one first.
-
-    Attributes:
-        entries: all of them.
-        sound: those that may lead.
-        margin: fraction within which held-out errors tie.
-        rule: what decided among equals: the name of a criterion, or ``size``.
-    """
-
-    entries: tuple[Entry, ...]
-    sound: tuple[Entry, ...]
-    margin: float
-    rule: str
-
-
-def _in_order(
-    entries: Sequence[Entry],
-    records: Sequence[Record],
-    options: FitOptions,
-    criterion: str,
-    margin: float,
-) -> _Order:
-    """Entries by held-out error; of those within ``margin`` of the best the lowest BIC leads.
-
-    Free runs of different structures tie more often than not: what then tells them apart is
-    how well they predict with how many parameters, and BIC finds the true one (Schwarz 1978).
-    Under an information criterion that one ranks alone. Models that cannot lead come last: those
-    whose free run is unbounded, and those whose fit to all data follows them much worse than
-    another one does.
-    """
-    counted = [np.ones(len(r), dtype=bool) for r in records]
-    follows = {
-        id(e): free_run_error(
-            e.model.structure, e.model.theta, _seen(e, records), counted, options.robust
-        )
-        for e in entries
-    }
-    limit = FOLLOWS * min(follows.values())
-    sound = [
-        e
-        for e in entries
-        if bounded_run(e.model.structure, e.model.theta) and follows[id(e)] <= limit
-    ]
-    sound = sound or [e for e in entries if follows[id(e)] <= limit] or list(entries)
-    searched = all(e.error is not None for e in entries)
-    rule = criterion if criterion not in ERROR_CRITERIA else "bic" if searched else "aic"
-    values = _information(entries, records, rule)
-    score = {id(e): (v, _size(e)) for e, v in zip(entries, values, strict=True)}
-    ahead: tuple[Entry, ...] = ()
-    if searched and criterion in ERROR_CRITERIA:
-        errors = {id(e): (float(e.error or 0.0), _size(e)) for e in entries}
-        close = (1.0 + margin) * min(errors[id(e)][0] for e in sound)
-        tied = [e for e in sound if errors[id(e)][0] <= close]
-        # outliers rule the likelihood: a robust fit goes by size alone
-        ahead = (min(tied, key=lambda e: _size(e) if options.robust else score[id(e)]),)
-        score = errors
-    rest = sorted(
-        (e for e in entries if e not in ahead), key=lambda e: (e not in sound, score[id(e)])
-    )
-    decided = "size" if options.robust and ahead else rule
-    return _Order((*ahead, *rest), tuple(sound), margin, decided)
-
-
-def _seen(entry: Entry, records: Sequence[Record]) -> list[Record]:
-    """The records as the model sees them."""
-    return [entry.model.detrend.remove(r) for r in records]
-
-
-def _information(entries: Sequence[Entry], records: Sequence[Record], name: str) -> list[float]:
-    """A criterion of every entry from one-step errors on the samples that all of them predict."""
-    errors = []
-    for e in entries:
-        s, theta = e.model.structure, e.model.theta
-        window = head_window(s, theta)
-        errors.append([s.errors(theta, r.u, r.y, window) for r in _seen(e, records)])
-    found = []
-    for e, common in zip(entries, on_common_samples(errors), strict=True):
-        value = float(getattr(information_criteria(common, e.model.n_estimated), name))
-        found.append(value if np.isfinite(value) else np.inf)
-    return found
-
-
-def _size(entry: Entry) -> int:
-    """Parameters to estimate; initial states belong to the record, not to the model."""
-    return sum(p.fixed is None for p in entry.model.parameters)
-
-
-def _reason(order: _Order, criterion: str, words: str) -> str:
-    first = order.entries[0]
-    name, values = first.model.structure.name, first.model.structure.order_values()
-    text = f"{name} {orders_text(values)}".rstrip()
-    if first.error is None:
-        return (
-            f"{text}: {'fitted with the orders given' if values else 'fitted; it has no orders'}."
-            if len(order.entries) == 1
-            else f"{text} is ahead by {order.rule.upper()} on the estimation data."
-        )
-    if criterion not in ERROR_CRITERIA:
-        return f"{text} is ahead by {criterion} over one-step errors on the estimation data."
-    share = 100.0 * (1.0 - first.error)
-    if len(order.entries) == 1:
-        return f"{text} was chosen by {criterion} on {words}: {share:.2f} % in free run."
-    second = order.entries[1]
-    said = (
-        f"{text} is ahead: {share:.2f} % free-run fit on {words} with {_size(first)} parameters; "
-        f"next {second.model.structure.name} with {100.0 * (1.0 - (second.error or 0.0)):.2f} % "
-        f"and {_size(second)}"
-    )
-    if second not in order.sound:
-        return f"{said}, which does not hold in a free run over all estimation data."
-    if (second.error or 0.0) <= (1.0 + order.margin) * first.error:
-        rule = "the smallest leads" if order.rule == "size" else "the lowest BIC leads"
-        return f"{said} (errors within {100.0 * order.margin:.2g} % tie; of those {rule})."
-    return f"{said}."

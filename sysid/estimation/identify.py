@@ -8,11 +8,12 @@ from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
 from sysid.errors import DataError, UsageError
 from sysid.estimation.assessment import Assessment, Policy, assess
-from sysid.estimation.contest import LINEAR, Entry, run_contest
+from sysid.estimation.contest import LINEAR, run_contest
 from sysid.estimation.figures import require_left
 from sysid.estimation.grid import parse_grid
 from sysid.estimation.orders import check_criterion, orders_text
 from sysid.estimation.search import FitOptions
+from sysid.estimation.standings import Entry
 from sysid.structures.model import SAME_CLOCK
 from sysid.structures.registry import structure_class
 
@@ -26,7 +27,7 @@ class Request:
     """What is to be identified and how.
 
     Attributes:
-        structures: names; empty for all that apply.
+        structures: names; empty for the four linear ones.
         orders: text such as ``na=2 nb=2 nk=1`` or ``na=1:4 nb=1:4 nk=1``; None to search.
         options: how to fit.
         detrend: ``auto`` removes means except from robot logs, whose zeros are physical;

@@ -9,7 +9,6 @@ from sysid.data.record import Array, Record
 from sysid.errors import DataError, ModelError, Termination, UsageError
 from sysid.estimation.holdout import HoldOut, hold_out, shortened
 from sysid.estimation.narx_search import RUNGS, largest, search_row
-from sysid.estimation.orders import free_run_error
 from sysid.estimation.search import FitOptions
 from sysid.estimation.simulation_error import FIRM, PULL, SHRINK, RowRuns, Trial
 from sysid.estimation.solvers import Solution, levenberg_marquardt
@@ -18,7 +17,7 @@ from sysid.estimation.uncertainty import uncertainty
 from sysid.estimation.wavelet_frame import least_squares
 from sysid.structures.base import Parameter, Problem, Structure
 from sysid.structures.model import StartReport
-from sysid.structures.narx_problems import FreeRuns, OneStepRow
+from sysid.structures.narx_problems import FreeRuns, OneStepRow, spreads
 from sysid.structures.narx_wavelet import NarxWavelet
 from sysid.structures.wavelet_network import RowDesign
 
@@ -29,9 +28,12 @@ RUN_SAMPLES = 40_000
 """Samples over which free runs are refined at last, at most."""
 
 ROUNDS = 20
-"""Iterations on all data."""
+"""Evaluations on all data."""
 
 TOLERANCE = 1e-6
+
+COMPILED_FROM = 2_000
+"""Samples from which the free runs at last are compiled: JAX is loaded anyway."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +217,7 @@ def _together(s: NarxWavelet, records: Sequence[Record], theta: Array, chunk: in
     )
     found = levenberg_marquardt(
         problem, np.clip(theta, lower, upper), free=free, lower=lower, upper=upper,
-        max_evaluations=ROUNDS, tolerance=TOLERANCE,
+        max_evaluations=ROUNDS, tolerance=TOLERANCE, regular=True,
     )  # fmt: skip
     return Estimate(
         found.p, ((problem, found, problem.samples),), f"refined over {chunk} samples",
@@ -238,10 +240,11 @@ def _outcome(
     estimates: Sequence[Estimate],
     starts: Sequence[StartReport],
 ) -> Outcome:
-    counted = [np.ones(len(r), dtype=bool) for r in records]
-    errors = [free_run_error(s, e.theta, records, counted) for e in estimates]
+    runs = [_free_runs(s, e.theta, records) for e in estimates]
+    errors = [_error(s, records, found) for found in runs]
     # least squares stays a candidate to the end; a refined model wins by its free run
-    chosen = estimates[int(np.argmin(errors))]
+    best = int(np.argmin(errors))
+    chosen = estimates[best]
     reports = [
         StartReport("all", f"all data, {e.how}", None, error if np.isfinite(error) else None,
                     e.evaluations)
@@ -264,7 +267,7 @@ def _outcome(
         termination=max(endings, key=order.index),
         at_bound=tuple(p.name for p, hit in zip(parameters, near, strict=True) if hit),
         starts=(*starts, *reports),
-        warnings=_warnings(s, records, chosen.theta),
+        warnings=_warnings(s, records, runs[best]),
     )
 
 
@@ -304,19 +307,31 @@ def _worth(s: NarxWavelet, chosen: Estimate, free: Array) -> tuple[Array, Array]
     return covariance, np.array(null).T if null else np.zeros((n, 0))
 
 
-def _warnings(s: NarxWavelet, records: Sequence[Record], theta: Array) -> tuple[str, ...]:
-    run, found = s.free_run(), []
+def _free_runs(s: NarxWavelet, theta: Array, records: Sequence[Record]) -> list[Array]:
+    """Free runs through whole records from their first measured samples."""
+    run = s.free_run()
     first = run.window.first
-    shares = np.zeros(s.ny)
-    for r in records:
-        if len(r) > first:
-            x0 = run.state(r.y[:first], r.u[:first])
-            shares = np.maximum(shares, s.at_limits(run.simulate(theta, r.u[first:], x0)))
-    for channel, share in zip(records[0].outputs, shares, strict=True):
-        if share > 0.0:
-            found.append(
-                f"In free run {channel.name} is held at the limit of its range at "
-                f"{100.0 * share:.2g} % of the samples of one record: lower the orders or the "
-                "number of units."
-            )
-    return tuple(found)
+    return [
+        run.simulate(theta, r.u[first:], run.state(r.y[:first], r.u[:first]), COMPILED_FROM)
+        for r in records
+        if len(r) > first
+    ]
+
+
+def _error(s: NarxWavelet, records: Sequence[Record], runs: Sequence[Array]) -> float:
+    """Root mean square of free-run errors over the spread of the outputs."""
+    measured = np.concatenate([r.y[s.first_sample() :] for r in records])
+    with np.errstate(over="ignore", invalid="ignore"):
+        e = (measured - np.concatenate(runs)) / spreads([measured])
+        found = float(np.sqrt(np.mean(e**2)))
+    return found if np.isfinite(found) else float("inf")
+
+
+def _warnings(s: NarxWavelet, records: Sequence[Record], runs: Sequence[Array]) -> tuple[str, ...]:
+    shares = np.max([s.at_limits(r) for r in runs], axis=0, initial=0.0)
+    return tuple(
+        f"In free run {channel.name} is held at the limit of its range at {100.0 * share:.2g} % of "
+        "the samples of one record: lower the orders or the number of units."
+        for channel, share in zip(records[0].outputs, shares, strict=True)
+        if share > 0.0
+    )

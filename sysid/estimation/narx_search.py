@@ -1,6 +1,6 @@
 """Which products and units the map of one output gets: a grid of starts, judged and refined."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -9,7 +9,9 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.estimation.simulation_error import RowRuns, Trial
 from sysid.estimation.wavelet_frame import (
+    Dictionary,
     Units,
+    dictionary,
     least_squares,
     projected,
     scaled_design,
@@ -25,6 +27,11 @@ RUNGS = (50, 500)
 """Chunk lengths of the refinement, each started from the last."""
 
 ITERATIONS = 12
+FEWER = 6
+SHORT = 2_000
+"""Iterations of the refinement on each rung: on records of at least SHORT samples fewer, because
+all their data together refine the winner once more."""
+
 PRODUCTS = (3, 8, 20)
 """Numbers of products tried, up to what generalised cross-validation allows."""
 
@@ -55,9 +62,10 @@ def search_row(row: RowRuns, rungs: Sequence[int], simulate: bool) -> tuple[Tria
         return best(tried), tried
     current = chosen(tried, row.structure.options_given.starts)
     refined: list[Trial] = []
+    iterations = ITERATIONS if len(row.y) < SHORT else FEWER
     longest = max(len(y) for _, y in row.whole)
     for rung in dict.fromkeys(min(r, longest) for r in rungs):
-        current = row.refined(current, rung, ITERATIONS)
+        current = row.refined(current, rung, iterations)
         refined += current
     return best(refined if simulate else [*tried, *refined]), [*tried, *refined]
 
@@ -97,6 +105,7 @@ def one_step_trials(row: RowRuns) -> list[Trial]:
     plain = scaled_design(row.x, given.margin)
     degrees = (given.degree,) if given.degree else range(1, DEGREE + 1)
     found: list[Trial] = []
+    books = _dictionaries(row, plain) if given.units != 0 else {}
     for degree in degrees:
         terms: tuple[tuple[int, ...], ...] = ()
         if degree == 1:
@@ -115,15 +124,18 @@ def one_step_trials(row: RowRuns) -> list[Trial]:
             if not terms:
                 continue
         if given.units != 0:
-            found += _networks(row, replace(plain, terms=terms), degree)
+            found += _networks(row, terms, degree, books)
     if not found:
         found.append(_trial(row, plain, None, "linear", 1))
     return found
 
 
-def _networks(row: RowRuns, below: RowDesign, degree: int) -> list[Trial]:
+Books = Mapping[str, tuple[RowDesign, Dictionary]]
+"""For each kind of network a design with its Q and no products, and candidate units over it."""
+
+
+def _dictionaries(row: RowRuns, plain: RowDesign) -> Books:
     given = row.structure.options_given
-    found = []
     names = tuple(DIMENSIONS) if given.network == "auto" else (given.network,)
     sets = {name: seen(row, name) for name in names}
     if given.network == "auto" and sets["outputs"] == sets["all"]:
@@ -132,14 +144,26 @@ def _networks(row: RowRuns, below: RowDesign, degree: int) -> list[Trial]:
         sets = {"each": sets["all"]}
     if given.network == "auto" and len(row.row) == 2:
         del sets["pairs"]
+    books = {}
     for name, regressors in sets.items():
         views = groups(regressors, DIMENSIONS[name]) if name in ("each", "pairs") else ()
         if views:
-            design = separate(below, row.x)
+            design = separate(plain, row.x)
         else:
-            design = projected(below, row.x, regressors, DIMENSIONS[name])
-        most = given.units or max(UNITS)
-        s = select_units(design, row.x, row.y, row.estimator, most, given.seed, views)
+            design = projected(plain, row.x, regressors, DIMENSIONS[name])
+        books[name] = design, dictionary(design, row.x, row.estimator, given.seed, views)
+    return books
+
+
+def _networks(
+    row: RowRuns, terms: tuple[tuple[int, ...], ...], degree: int, books: Books
+) -> list[Trial]:
+    given = row.structure.options_given
+    most = given.units or max(UNITS)
+    found = []
+    for name, (plain, book) in books.items():
+        design = replace(plain, terms=terms)
+        s = select_units(design, row.x, row.y, book, most)
         if given.units:
             sizes = [min(given.units, len(s.shape))]
         else:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sysid.criteria.information import CRITERIA, from_loss, information_criteria
 from sysid.data.record import Array, Record
 from sysid.errors import DataError, ModelError, UsageError
-from sysid.estimation import normal_equations as ne
+from sysid.estimation.arx_at_once import promising, solved_at_once
 from sysid.estimation.holdout import HoldOut
 from sysid.estimation.pem import fit, head_window
 from sysid.estimation.search import FitOptions
@@ -40,9 +40,6 @@ SEARCH_PATIENCE = 6
 
 OUTLYING = 3.0
 """Errors beyond this many (robust) standard deviations are outliers to a robust score."""
-
-SIMULATED = 16
-"""ARX candidates, best one-step first, whose free run is looked at."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +121,7 @@ def search_orders(
     nu, ny = data.whole[0].nu, data.whole[0].ny
     structures = [cls.from_orders(dict(o), nu, ny, options.structure_options) for o in grid]
     if cls is ARX and options.focus is Focus.PREDICTION and _unconstrained(options):
-        found = _arx_in_one_pass(structures, data, criterion)
+        found = _arx_at_once(structures, data, criterion)
         if progress:
             progress(len(grid), len(grid), f"{name}: {len(grid)} orders in one pass")
     else:
@@ -264,75 +261,20 @@ def free_run_error(
     return relative if np.isfinite(relative) else float("inf")
 
 
-def _arx_in_one_pass(
-    structures: Sequence[Structure],
-    data: HoldOut,
-    criterion: str,
-) -> list[Candidate]:
-    """Every ARX candidate from two Gram matrices: sub-matrices of the largest one."""
-    layouts = [[s.layout(i) for i in range(s.ny)] for s in structures if isinstance(s, ARX)]
-    lags = max(lay.start for rows in layouts for lay in rows)
-    inside, outside = ne.lag_gram(data.train, lags), ne.lag_gram(data.held, lags)
-    if inside.samples == 0 or outside.samples == 0:
-        return []
-    scored: list[tuple[float, float, Structure, Array, int]] = []
-    for s, rows in zip(structures, layouts, strict=True):
-        ny = s.ny
-        weights = np.zeros((ny, len(inside.matrix)))
-        theta = []
-        for i, lay in enumerate(rows):
-            columns = [inside.column(j, k) for j, n in enumerate(lay.na) for k in range(1, n + 1)]
-            split = len(columns)
-            for j, (nb, nk) in enumerate(zip(lay.nb, lay.nk, strict=True)):
-                columns += inside.columns(ny + j, nk, nb)
-            row = _solve_gram(inside, inside.column(i, 0), columns)
-            weights[i, inside.column(i, 0)] = 1.0
-            weights[i, columns] -= row
-            theta.append(np.concatenate([-row[:split], row[split:]]))
-        covariance = weights @ inside.matrix @ weights.T / inside.samples
-        held_covariance = weights @ outside.matrix @ weights.T / outside.samples
-        n = sum(len(t) for t in theta)
-        value = _score(covariance, inside.samples, n, criterion)
-        scored.append((value, _log_det(held_covariance), s, np.concatenate(theta), n))
-    if criterion in ERROR_CRITERIA:
-        scored.sort(key=lambda item: item[1])
-        # the best one-step models, and the best of each size: a free run prefers other orders
-        sizes = {item[4]: k for k, item in reversed(list(enumerate(scored)))}
-        shown = sorted(set(range(min(SIMULATED, len(scored)))) | set(sizes.values()))
-        scored = [scored[k] for k in shown]
+def _arx_at_once(structures: Sequence[Structure], data: HoldOut, criterion: str) -> list[Candidate]:
+    """Every ARX candidate from two Gram matrices, free runs of the promising ones only."""
+    solved = solved_at_once([s for s in structures if isinstance(s, ARX)], data)
     found = []
-    for value, _, s, theta_all, n in scored:
-        error = np.nan
+    for a in promising(solved) if criterion in ERROR_CRITERIA else solved:
+        s, n = a.structure, len(a.theta)
         if criterion in ERROR_CRITERIA:
-            error = free_run_error(s, theta_all, data.whole, data.counted)
-        score = error if criterion in ERROR_CRITERIA else value
+            score = error = free_run_error(s, a.theta, data.whole, data.counted)
+        else:
+            loss = from_loss(float(np.exp(a.log_det)), a.samples, n, s.ny)
+            score, error = float(getattr(loss, criterion)), float("nan")
         if np.isfinite(score):
-            stable = bounded_run(s, theta_all)
-            found.append(Candidate(s.order_values(), n, float(score), float(error), stable))
+            found.append(Candidate(s.order_values(), n, score, error, bounded_run(s, a.theta)))
     return found
-
-
-def _solve_gram(gram: ne.LagGram, target: int, columns: Sequence[int]) -> Array:
-    solved = ne.solve(gram, target, columns)
-    if solved is not None:
-        return solved.theta
-    H = gram.matrix[np.ix_(columns, columns)]
-    scale = np.sqrt(np.maximum(np.diag(H), 1e-300))
-    right = gram.matrix[list(columns), target] / scale
-    return np.asarray(np.linalg.lstsq(H / np.outer(scale, scale), right, rcond=1e-12)[0] / scale)
-
-
-def _log_det(covariance: Array) -> float:
-    sign, value = np.linalg.slogdet(covariance)
-    return float(value) if sign > 0 else float("-inf")
-
-
-def _score(covariance: Array, samples: int, n: int, criterion: str) -> float:
-    if criterion in ERROR_CRITERIA:
-        return 0.0
-    ny = len(covariance)
-    loss = float(np.exp(_log_det(covariance)))
-    return float(getattr(from_loss(loss, samples, n, ny), criterion))
 
 
 def orders_text(orders: Mapping[str, Any]) -> str:

@@ -44,6 +44,10 @@ SIZES = (1, 2, 3, 4, 6, 8, 12)
 """Numbers of stretches, and lengths of records in them, are rounded up to these and then to powers
 of two: records of other lengths find what was compiled."""
 
+PRODUCT_STEPS, VIEW_STEPS = (0, 8), (2,)
+"""Numbers of products and of dimensions that units see for which a refinement is compiled, besides
+the largest."""
+
 PULL = 1e-2
 """A dilation or centre one unit from its start costs this share of the start's cost."""
 
@@ -196,7 +200,8 @@ class RowRuns:
     def refined(self, trials: Sequence[Trial], chunk: int, iterations: int) -> list[Trial]:
         """The trials after some iterations on free runs over chunks, judged anew."""
         lanes = self.structure.options_given.starts
-        padded = Padded([*trials, *[trials[0]] * (lanes - len(trials))], self)
+        some = [*trials, *[trials[0]] * (lanes - len(trials))]
+        padded = Padded(some, self, self.compact(trials))
         chunks = self._chunks(chunk)
         functions = _refinement(padded.shape(self))
         scale = padded.stacked([self.sizes(d) for d in padded.designs], 1.0)
@@ -228,6 +233,17 @@ class RowRuns:
                 )
             )
         return self.judged(found)
+
+    def compact(self, trials: Sequence[Trial]) -> tuple[int, int, int]:
+        """``largest`` without what none of these maps needs, in few steps: each is compiled."""
+        T, K, q = self.largest
+        sizes = [t.design.sizes for t in trials]
+        products, seen = max(x[1] for x in sizes), max(x[3] for x in sizes)
+        return (
+            next((n for n in PRODUCT_STEPS if products <= n < T), T),
+            K,
+            next((n for n in VIEW_STEPS if seen <= n < q), q),
+        )
 
     def _chunks(self, chunk: int) -> Chunks:
         """Runs of about ``chunk`` samples over what is to be fitted, errors weighted to 1/√N.
@@ -282,10 +298,12 @@ def thinned(chunks: Chunks) -> tuple[Chunks, Index, Array]:
 class Padded:
     """Trials brought to one shape: products of ones, units of amplitude zero, columns of zeros."""
 
-    def __init__(self, trials: Sequence[Trial], row: RowRuns) -> None:
+    def __init__(
+        self, trials: Sequence[Trial], row: RowRuns, largest: tuple[int, int, int] | None = None
+    ) -> None:
         self.smooth = KINDS[row.estimator].smooth
         self.designs = [t.design for t in trials]
-        T, K, q = row.largest
+        T, K, q = largest or row.largest
         self.size = (len(row.row), T, K, q)
         self.theta = self.stacked([t.theta for t in trials], 0.0)
         self.free = self.stacked([self._free(x) for x in self.designs], 0.0) > 0.0

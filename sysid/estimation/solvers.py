@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array
 from sysid.errors import Termination
+from sysid.estimation.bounded_marquardt import bounded_marquardt
 from sysid.estimation.marquardt import marquardt
 from sysid.structures.base import Problem
 
@@ -57,11 +58,12 @@ def levenberg_marquardt(
     max_evaluations: int = 200,
     tolerance: float = TOLERANCE,
     patience: int | None = None,
+    regular: bool = False,
 ) -> Solution:
     """Minimise ½‖r(p)‖² over the free entries of p.
 
     Levenberg-Marquardt (Moré 1978); with bounds or the Huber loss SciPy's bounded trust region
-    instead.
+    instead, or normal equations within the bounds where the problem is ``regular``.
 
     Args:
         problem: residuals and Jacobian.
@@ -74,6 +76,8 @@ def levenberg_marquardt(
         patience: stop after so many evaluations in a row that lowered the cost by less than
             ``tolerance``; None for the solver's own criteria alone. Along directions that the
             data hardly show these go on for long without any gain.
+        regular: every parameter has a prior among the residuals, so that the Jacobian's squared
+            condition does no harm; not with the Huber loss.
     """
     if not free.any():
         return _ended(problem, p0, Termination.NO_FREE_PARAMETERS, 1, huber)
@@ -86,7 +90,9 @@ def levenberg_marquardt(
     bounded = bool(np.any(np.isfinite(lower[free])) or np.any(np.isfinite(upper[free])))
     start = p0[free]
     plain = not bounded and huber is None
-    if not plain:
+    if regular and huber is None:
+        start = np.clip(start, lower[free], upper[free])
+    elif not plain:
         start = _inside(start, lower[free], upper[free])
 
     best = _Best()
@@ -110,6 +116,8 @@ def levenberg_marquardt(
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             search = marquardt if plain else _trust_region(lower[free], upper[free], huber)
+            if regular and huber is None:
+                search = _regular(lower[free], upper[free])
             x, evaluations, termination = search(
                 residual, start, jacobian, tolerance, max_evaluations
             )
@@ -151,6 +159,17 @@ class _Best:
 Function = Callable[[Array], Array]
 Search = Callable[[Function, Array, Function, float, int], tuple[Array, int, Termination]]
 """(residual, start, Jacobian, tolerance, limit) → where it ended, evaluations, why."""
+
+
+def _regular(lower: Array, upper: Array) -> Search:
+    """Normal equations within bounds."""
+
+    def search(
+        residual: Function, start: Array, jacobian: Function, tolerance: float, limit: int
+    ) -> tuple[Array, int, Termination]:
+        return bounded_marquardt(residual, start, jacobian, (lower, upper), tolerance, limit)
+
+    return search
 
 
 def _trust_region(lower: Array, upper: Array, huber: float | None) -> Search:
@@ -303,26 +322,23 @@ def _batch_solver(
         r = jnp.nan_to_num(residual(jnp, lax, z, own, data), nan=CLIPPED)
         return jnp.clip(r, -CLIPPED, CLIPPED)
 
-    # compiled on its own, it is traced once although jaxopt calls it in many places
+    # compiled on their own, they are traced once although jaxopt calls them in many places
     clipped = jax.jit(clipped)
-    fun = clipped
+    slopes = None
     if jacobian is not None:
         slopes = jax.jit(lambda z, own, data: jacobian(jnp, lax, z, own, data))
-        # jaxopt differentiates forward-mode: told how, it takes our Jacobian (its own option for
-        # that does not work where it also keeps the Jacobian)
-        fun = jax.custom_jvp(clipped)
 
-        def rule(primals: Any, tangents: Any) -> Any:
-            z, own, data = primals
-            # the barrier keeps XLA from computing the Jacobian again for every tangent
-            return clipped(z, own, data), lax.optimization_barrier(slopes(z, own, data)) @ tangents[
-                0
-            ]
+    class Solver(LevenbergMarquardt):  # type: ignore[misc]
+        """jaxopt's: with the Jacobian kept, as here, it forgets to take ``jac_fun``."""
 
-        fun.defjvp(rule)
+        def __post_init__(self) -> None:
+            super().__post_init__()
+            if self.jac_fun is not None:
+                self._jac_fun = self.jac_fun
 
-    solver = LevenbergMarquardt(
-        residual_fun=fun,
+    solver = Solver(
+        residual_fun=clipped,
+        jac_fun=slopes,
         materialize_jac=True,
         solver="cholesky",
         damping_parameter=1e-3,

@@ -39,6 +39,9 @@ SMALL = 0.02
 LIKELY = 0.5
 """Usual amplitude of a unit or product in spreads of the output."""
 
+NOTHING = 1e-10
+"""Share of a candidate's power that the linear part must leave for it to be of use."""
+
 RIDGE = 1e-7
 """Ridge on columns of unit norm: amplitudes of neighbouring units must not cancel each other."""
 
@@ -118,7 +121,13 @@ Units = tuple[Array, Array, Array]
 
 def _cells(v: Array, width: float, rng: np.random.Generator) -> Array:
     """Centres of the grid cells of this width that hold data, (M, q)."""
-    found, count = np.unique(np.round(v / width).astype(int), axis=0, return_counts=True)
+    codes = np.round(v / width).astype(int)
+    low = codes.min(axis=0)
+    spans = codes.max(axis=0) - low + 1
+    # one number a cell, in the same order: numpy finds unique rows far more slowly
+    flat = np.ravel_multi_index(tuple((codes - low).T), tuple(spans.tolist()))
+    cells, count = np.unique(flat, return_counts=True)
+    found = np.stack(np.unravel_index(cells, tuple(spans.tolist())), axis=1) + low
     enough = found[count >= max(3, len(v) // 1000)]
     if len(enough) > CELLS:
         enough = enough[np.sort(rng.choice(len(enough), CELLS, replace=False))]
@@ -212,25 +221,56 @@ def select_products(design: RowDesign, x: Array, y: Array, degree: int, most: in
         return Selection((), *nothing, 0)
     rows = _rows(len(y))
     z = scaled(design, x[rows])
-    order, allowed = _ordered(z, product_columns(z, pool), y[rows], (), most)
+    columns = Candidates.of(product_columns(z, pool))
+    order, allowed = _ordered(z, columns, y[rows], (), most)
     return Selection(tuple(pool[k] for k in order), *nothing, allowed)
 
 
-def select_units(
-    design: RowDesign,
-    x: Array,
-    y: Array,
-    estimator: str,
-    most: int,
-    seed: int,
-    views: Sequence[tuple[int, ...]] = (),
-) -> Selection:
-    """Units added to the linear part and the design's products.
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """Columns to select from.
 
-    With ``views`` each unit sees the columns of Q that one of them names, else all.
+    Attributes:
+        values: on the rows that choose, (rows, M).
+        products: valuesᵀ values, (M, M).
     """
-    rows = _rows(len(y))
-    z = scaled(design, x[rows])
+
+    values: Array
+    products: Array
+
+    @staticmethod
+    def of(values: Array) -> "Candidates":
+        """With their products."""
+        return Candidates(values, values.T @ values)
+
+
+@dataclass(frozen=True, eq=False)
+class Dictionary:
+    """Candidate units and their values.
+
+    Attributes:
+        shape, place, flag: of the units, (M,), (M, q), (M,).
+        owners: columns of Q that each unit sees.
+        columns: their values.
+        separate: whether units see different columns.
+    """
+
+    shape: Array
+    place: Array
+    flag: Array
+    owners: tuple[tuple[int, ...], ...]
+    columns: Candidates
+    separate: bool
+
+
+def dictionary(
+    design: RowDesign, x: Array, estimator: str, seed: int, views: Sequence[tuple[int, ...]] = ()
+) -> Dictionary:
+    """Candidate units over the design's Q; with ``views`` each sees the columns one of them names.
+
+    It does not depend on the products of the design: one serves maps of all degrees.
+    """
+    z = scaled(design, x[_rows(len(x))])
     v, kind = z @ np.array(design.projection), KINDS[estimator]
     found: list[Units] = []
     values: list[Array] = []
@@ -244,10 +284,20 @@ def select_units(
         found.append(units)
         owners += [view] * len(units[0])
     shape, place, flag = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    columns = Candidates.of(np.concatenate(values, axis=1))
+    return Dictionary(shape, place, flag, tuple(owners), columns, bool(views))
+
+
+def select_units(design: RowDesign, x: Array, y: Array, book: Dictionary, most: int) -> Selection:
+    """Units added to the linear part and the design's products."""
+    rows = _rows(len(y))
+    z = scaled(design, x[rows])
     given = product_columns(z, design.terms)
-    order, allowed = _ordered(z, np.concatenate(values, axis=1), y[rows], given, most)
-    chosen = tuple(owners[k] for k in order) if views else ()
-    return Selection(design.terms, shape[order], place[order], flag[order], allowed, chosen)
+    order, allowed = _ordered(z, book.columns, y[rows], given, most)
+    chosen = tuple(book.owners[k] for k in order) if book.separate else ()
+    return Selection(
+        design.terms, book.shape[order], book.place[order], book.flag[order], allowed, chosen
+    )
 
 
 def _thinned(units: Units, groups: int, rng: np.random.Generator) -> Units:
@@ -266,7 +316,7 @@ def _rows(count: int) -> Index:
 
 
 def _ordered(
-    z: Array, candidates: Array, y: Array, given: Array | tuple[()], most: int
+    z: Array, candidates: "Candidates", y: Array, given: Array | tuple[()], most: int
 ) -> tuple[list[int], int]:
     """Candidates in the order chosen, and how many generalised cross-validation allows."""
     fixed = [np.ones((len(z), 1)), z]
@@ -276,13 +326,16 @@ def _ordered(
     Q, R = np.linalg.qr(base)
     Q = Q[:, np.abs(np.diag(R)) > 1e-10 * np.abs(R).max(initial=1e-300)]
     # what the linear part explains is taken out first: it is always there
-    rest = candidates - Q @ (Q.T @ candidates)
+    taken = Q.T @ candidates.values
     target = y - Q @ (Q.T @ y)
-    norms = np.linalg.norm(rest, axis=0)
-    usable = norms > 1e-6 * np.linalg.norm(candidates, axis=0)
-    rest = rest / np.where(usable, norms, 1.0)
-    power = float(target @ target)
-    gram = TermGram((), norms, rest.T @ rest, rest.T @ target, power, len(y))
+    whole = np.diag(candidates.products)
+    products = candidates.products - taken.T @ taken
+    left = np.maximum(np.diag(products), 0.0)
+    usable = left > NOTHING * whole
+    norms = np.sqrt(np.where(usable, left, 1.0))
+    products = products / np.outer(norms, norms)
+    right = (candidates.values.T @ target) / norms
+    gram = TermGram((), norms, products, right, float(target @ target), len(y))
     path = forward(gram, np.flatnonzero(usable).tolist(), min(most, len(y) // 4))
     return path.order.tolist(), cross_validated_size(path, Q.shape[1], len(y))
 

@@ -11,7 +11,7 @@ from sysid.errors import ModelError
 from sysid.plant.c_trace import TRACE, Cell, Program, Traced, assigned
 from sysid.plant.c_writing import CBody
 from sysid.structures.augmented import Augmented
-from sysid.structures.chain import chain_step
+from sysid.structures.chain import Sample, step_with, with_constants
 from sysid.structures.grey_box import GreyBox
 from sysid.structures.model import Model
 
@@ -62,8 +62,8 @@ def grey_box(model: Model) -> CBody:
 def augmented(model: Model) -> CBody:
     """The code of a linear core with effects: one step of the chain.
 
-    The states are the core's, those of the effects, the drives still on their way and the time,
-    as in Python.
+    The states are the core's, those of the effects, the drives still on their way, the time and the
+    angles, as in Python.
 
     Raises:
         ModelError: another model drives the core, or an effect cannot be written as C.
@@ -86,14 +86,17 @@ def augmented(model: Model) -> CBody:
     held = tuple(tuple(taken(tracks) for _ in range(e.states)) for e in active)
     line = [taken(tracks) for _ in range(lag)]
     clock = taken(1)[0]
+    turned, counted = taken(tracks), taken(tracks)
     line.append(program.inputs("v", (tracks,)) / np.array(structure.scales))
+    sample = Sample(line[0], line[0], clock, turned, counted)
+    whole = with_constants(np, active, parameters, structure.dt)
+    speed = x[0]
     try:
-        (x, held), y = chain_step(
-            TRACE, active, core, parameters, (x, held), line[0], clock, structure.dt
-        )
+        (x, held), y = step_with(TRACE, active, core, whole, (x, held), sample, structure.dt)
     except (ModelError, TypeError, AttributeError, ValueError) as error:
         raise _refused(model, str(error)) from None
     moved = [x, *(s for states in held for s in states), *line[1:], clock + structure.dt]
+    moved += [turned + 0.5 * structure.dt * (speed + x[0]), counted + structure.dt * y]
     after, out = [c for part in moved for c in _row(part)], _row(y)
     if len(after) != structure.n_states(model.theta):
         raise _refused(model, "its states are not those of the chain")
@@ -102,7 +105,7 @@ def augmented(model: Model) -> CBody:
     return CBody(
         at,
         (
-            "x holds the states of the core and of the effects, drives on their way and the time;",
+            "x holds the states of the core and of the effects, drives on their way, time, angles;",
             "v the inputs.",
         ),
         tuple(f"    {line}" for line in lines),

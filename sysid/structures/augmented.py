@@ -13,7 +13,7 @@ from sysid.effects.catalogue import chain_effects, effect
 from sysid.effects.ground import Ground
 from sysid.errors import UsageError
 from sysid.structures.base import Focus, Initial, Parameter, Problem, Structure, refuse_options
-from sysid.structures.chain import ChainState, Core, chain_step, rest_state
+from sysid.structures.chain import ChainState, Core, chain_step, first_speed, rest_state
 from sysid.structures.given_base import GivenBase
 
 
@@ -172,8 +172,10 @@ class Augmented(Structure):
 
     def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
         """Steady motion at the first measured speed; only a given model uses a longer head."""
-        core, _ = self.unpack(theta)
-        w = y[0] if len(y) else np.zeros(self.ny)
+        core, parameters = self.unpack(theta)
+        w = np.zeros(self.ny)
+        if len(y):
+            w = first_speed(self.active, parameters, y[0])
         drive = u[0] / np.array(self.scales) if len(u) else None
         head = np.zeros(0)
         if self.given is not None:
@@ -202,10 +204,13 @@ class Augmented(Structure):
 
         def advance(x: Array, u: Array) -> tuple[Array, Array]:
             head, drive = (x[:0], u / scales) if base is None else base(x[:own], u)
-            state, line, clock = _unflat(x[own:], template, lag, tracks)
+            state, line, clock, angles = _unflat(x[own:], template, lag, tracks)
             line = np.vstack([line, drive])
-            state, y = chain_step(np, active, core, parameters, state, line[0], clock, dt)
-            following = _flat(state, lag, tracks, line[1:], float(clock) + dt)
+            speed = state[0][0]
+            state, y = chain_step(np, active, core, parameters, state, line[0], clock, dt, angles)
+            turned = angles[0] + 0.5 * dt * (speed + state[0][0])
+            counted = angles[1] + dt * y
+            following = _flat(state, lag, tracks, line[1:], float(clock) + dt, (turned, counted))
             return np.concatenate([head, following]), np.asarray(y)
 
         return advance
@@ -280,17 +285,19 @@ def _flat(
     tracks: int,
     line: Array | None = None,
     clock: float = 0.0,
+    angles: tuple[Array, Array] | None = None,
 ) -> Array:
-    """State as one vector: core, effects, delayed commands, clock."""
+    """State as one vector: core, effects, delayed commands, clock, angles."""
     parts = [np.ravel(state[0]), *(np.ravel(s) for held in state[1] for s in held)]
     parts.append(np.ravel(np.zeros((lag, tracks)) if line is None else line))
     parts.append(np.array([clock]))
+    parts.extend(angles if angles is not None else (np.zeros(tracks), np.zeros(tracks)))
     return np.concatenate(parts)
 
 
 def _unflat(
     x: Array, template: ChainState, lag: int, tracks: int
-) -> tuple[ChainState, Array, Array]:
+) -> tuple[ChainState, Array, Array, tuple[Array, Array]]:
     n = template[0].size
     core, at = x[:n].reshape(template[0].shape), n
     held = []
@@ -302,4 +309,4 @@ def _unflat(
         held.append(tuple(block))
     line = x[at : at + lag * tracks].reshape(lag, tracks)
     at += lag * tracks
-    return (core, tuple(held)), line, x[at]
+    return (core, tuple(held)), line, x[at], (x[at + 1 : at + 1 + tracks], x[at + 1 + tracks :])

@@ -45,6 +45,14 @@ def rest_state(
     return xp.stack(rows), tuple(_initial(e, w, drive) for e in effects)
 
 
+def first_speed(effects: Sequence[Effect], parameters: Parameters, y: Signal) -> Signal:
+    """The speed that a first reading tells of."""
+    for effect in reversed(effects):
+        if effect.undone is not None:
+            y = effect.undone(y, parameters[effect.id])
+    return y
+
+
 def _initial(effect: Effect, w: Signal, drive: Signal) -> State:
     if effect.at_rest is not None:
         return effect.at_rest(w, drive)
@@ -60,14 +68,30 @@ def chain_step(
     drive: Signal,
     t: Signal,
     dt: float,
+    angles: tuple[Signal, Signal] | None = None,
 ) -> tuple[ChainState, Signal]:
     """One sample: (state, drive (tracks,)) → (next state, reading (tracks,)).
 
     Effects of one place act in the given order. The reading belongs to the instant at which the
     drive is applied and does not depend on it.
+
+    Args:
+        angles: (turned, counted) of the wheels; zero when None.
     """
-    sample = Sample(drive, drive, t)
-    return step_with(xp, effects, core, parameters, state, sample, dt)
+    turned, counted = angles if angles is not None else (0.0 * drive, 0.0 * drive)
+    sample = Sample(drive, drive, t, turned, counted)
+    whole = with_constants(xp, effects, parameters, dt)
+    return step_with(xp, effects, core, whole, state, sample, dt)
+
+
+def with_constants(
+    xp: Any, effects: Sequence[Effect], parameters: Parameters, dt: float
+) -> Parameters:
+    """The parameters with what the steps read besides and what does not change."""
+    return {
+        e.id: {**parameters[e.id], **(e.constants(xp, parameters[e.id], dt) if e.constants else {})}
+        for e in effects
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,13 +102,14 @@ class Sample:
         drive: command as it was given, (tracks,).
         acting: what the effects outside this step have made of it.
         t: time [s].
-        measured: reading of the log where it is known.
+        turned, counted: angles of the wheels from their speeds and from the readings [rad].
     """
 
     drive: Signal
     acting: Signal
     t: Signal
-    measured: Signal | None = None
+    turned: Signal
+    counted: Signal
 
 
 def step_with(
@@ -96,7 +121,11 @@ def step_with(
     sample: Sample,
     dt: float,
 ) -> tuple[ChainState, Signal]:
-    """``chain_step`` where some effects have already acted on the command."""
+    """``chain_step`` where some effects have already acted on the command.
+
+    Args:
+        parameters: ``with_constants``.
+    """
     x, held = state
     w = x[0]
     n = core.f.shape[0]
@@ -107,7 +136,16 @@ def step_with(
     def through(place: Place, signal: Signal, torque: Signal) -> Signal:
         other = torque[..., ::-1] if torque.shape[-1] > 1 else 0.0 * torque
         context = Context(
-            dt, sample.t, w, w_free, core.b[0], torque, other, sample.drive, sample.measured
+            dt,
+            sample.t,
+            w,
+            w_free,
+            core.b[0],
+            torque,
+            other,
+            sample.drive,
+            sample.turned,
+            sample.counted,
         )
         for effect in effects:
             if effect.place is place:
@@ -142,12 +180,11 @@ def over_time(
         effects: of the command or the reading; their states, if any, are past inputs.
         signal: (N, tracks).
         past: (signal, k) → the signal k samples earlier.
-        sample: drive (N, tracks) and t (N, 1).
+        sample: drive and angles (N, tracks), t (N, 1).
     """
     nothing = 0.0 * signal
-    context = Context(
-        dt, sample.t, nothing, nothing, nothing, nothing, nothing, sample.drive, sample.measured
-    )
+    angles = (sample.turned, sample.counted)
+    context = Context(dt, sample.t, *(nothing,) * 5, sample.drive, *angles)
     for effect in effects:
         line = tuple(past(signal, k + 1) for k in range(effect.states))
         signal, _ = effect.step(xp, signal, line, parameters[effect.id], context)

@@ -72,11 +72,13 @@ class NarxRun:
 
     # ----------------------------------------------------------------- one run
 
-    def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
-        """Free run for inputs (N, nu) from a state, (N, ny)."""
+    def simulate(
+        self, theta: Array, u: Array, x0: Array | None = None, compiled_from: int = LONG
+    ) -> Array:
+        """Free run for inputs (N, nu) from a state, (N, ny); compiled from so many samples."""
         if not self.window.feeds_back:
             return self._static(theta, u, x0)
-        if len(u) >= LONG:
+        if len(u) >= compiled_from:
             return self._compiled(theta, u, x0)
         point = Point(self, theta)
         past_y, past_u = self.past(x0)

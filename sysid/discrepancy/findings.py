@@ -1,0 +1,136 @@
+"""What a search has found, as the nouns and sentences of a diagnosis."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.data.record import Array, Record
+from sysid.discrepancy.augment import covariance_of, values_of
+from sysid.discrepancy.base_model import Base
+from sysid.discrepancy.diagnosis import NamedEffect, Trace, Value
+from sysid.discrepancy.naming import Named, Naming
+from sysid.discrepancy.samples import SampleEffects
+from sysid.effects.catalogue import about
+
+ABSORBED = (5.0, 0.05)
+"""A number of the base counts as having absorbed an effect when it moves by more standard errors,
+and by a larger share of itself, once the effect is added."""
+
+
+def named_effect(base: Base, naming: Naming, n: Named) -> NamedEffect:
+    """An accepted effect of the chain."""
+    e = about(n.id)
+    names = base.parts.estimation[0].output_names
+    values = values_of(base, naming.final, n.id)
+    return NamedEffect(
+        n.id,
+        e.stage,
+        tuple(names[i] for i in np.flatnonzero(n.touched)),
+        values,
+        n.evidence.delta_bic,
+        n.evidence.p_value,
+        1.0 - n.evidence.ratio,
+        n.ties,
+        _sentence(e.sentence, values, n.ties),
+    )
+
+
+def _sentence(text: str, values: Sequence[Value], ties: Sequence[str]) -> str:
+    shown = [v for v in values if v.std_error is not None][:4]
+    if shown:
+        numbers = ", ".join(
+            f"{v.name} = {v.value:.3g} ± {v.std_error:.1g}{f' {v.unit}' if v.unit else ''}"
+            for v in shown
+        )
+        text += f" Here {numbers}."
+    return text + (f" This log cannot tell it from {', '.join(ties)}." if ties else "")
+
+
+def sample_effects(found: SampleEffects) -> tuple[NamedEffect, ...]:
+    """Quantisation and dropouts: read off the samples, they lower no error and have no p-value."""
+    effects = []
+    if found.coarse:
+        effects.append(
+            NamedEffect(
+                "quantisation",
+                "sensor",
+                tuple(c.output for c in found.coarse),
+                tuple(Value(f"step[{c.output}]", c.step, None, "") for c in found.coarse),
+                0.0,
+                0.0,
+                0.0,
+                (),
+                " ".join(c.sentence for c in found.coarse),
+            )
+        )
+    if found.lost:
+        effects.append(
+            NamedEffect(
+                "dropouts",
+                "sensor",
+                tuple(dict.fromkeys(c.output for c in found.lost)),
+                tuple(Value(f"share[{c.output}]", c.share, None, "") for c in found.lost),
+                0.0,
+                0.0,
+                0.0,
+                (),
+                " ".join(c.sentence for c in found.lost),
+            )
+        )
+    return tuple(effects)
+
+
+def absorbed(base: Base, naming: Naming) -> tuple[str, ...]:
+    """Alarms: numbers of the base that had taken over a part of a missing effect."""
+    if not naming.named or not base.search.core:
+        return ()
+    covariance = covariance_of(base, naming.final)
+    model, found = base.search.model, []
+    names = base.parts.estimation[0].output_names
+    for at, k in enumerate(naming.final.free):
+        if model.slots[k].owner != "core" or k not in naming.base.free:
+            continue
+        old, new = float(naming.base.q[k]), float(naming.final.q[k])
+        error = float(np.sqrt(max(covariance[at, at], 1e-300)))
+        moved = abs(new - old)
+        if moved > ABSORBED[0] * error and moved > ABSORBED[1] * abs(new):
+            slot = model.slots[k]
+            found.append(
+                f"{slot.name} of {names[slot.track]} goes from {old:.4g} to {new:.4g} "
+                f"({moved / error:.0f} standard errors)"
+            )
+    if not found:
+        return ()
+    ids = ", ".join(n.id for n in naming.named)
+    return (f"The model before had absorbed a part of {ids}: {'; '.join(found)}.",)
+
+
+def traces(base: Base, naming: Naming) -> tuple[Trace, ...]:
+    """Records with the runs of both models; what does not count is marked."""
+    found = []
+    model = base.search.model
+    for role, records, data in (
+        ("estimation", base.parts.estimation, base.search.data),
+        ("held-out", base.parts.held, base.search.held_data),
+    ):
+        turned = [
+            base.search.in_phase(n.q, n.effects) if role == "held-out" else n.q
+            for n in (naming.base, naming.final)
+        ]
+        before, after = (data.split(run) for run in model.run(np.array(turned), data))
+        weights = data.split(data.weight)
+        found += [
+            Trace(r, x, y, role, np.asarray(w.max(axis=1) > 0.0, dtype=np.float64))
+            for r, x, y, w in zip(records, before, after, weights, strict=True)
+        ]
+    return tuple(found)
+
+
+def two_levels(records: Sequence[Record], scales: Array) -> tuple[str, ...]:
+    """Inputs whose commands have but two sizes: no static curve can be told from them."""
+    everything = np.concatenate([r.u for r in records]) / scales
+    return tuple(
+        name
+        for name, column in zip(records[0].input_names, everything.T, strict=True)
+        if len(np.unique(np.round(np.abs(column), 3))) <= 2
+    )

@@ -1,0 +1,180 @@
+"""Who is ahead among fitted structures, and the sentence that says why."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.criteria.information import information_criteria, on_common_samples
+from sysid.data.record import Record
+from sysid.estimation.orders import (
+    ERROR_CRITERIA,
+    OrderSearch,
+    bounded_run,
+    free_run_error,
+    orders_text,
+)
+from sysid.estimation.pem import head_window
+from sysid.estimation.search import FitOptions
+from sysid.structures.model import Model
+
+FOLLOWS = 1.5
+"""A model whose free run over all data errs by more than so many times the best one's does not
+lead: its search saw a good fit that the fit to all data did not find again."""
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """One structure's model and how its orders were found.
+
+    Attributes:
+        model: fitted to all estimation data.
+        search: the order search, or None when the orders were given.
+        seconds: time of search and fit.
+        notes: what was changed on the way, for the user.
+    """
+
+    model: Model
+    search: OrderSearch | None
+    seconds: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def error(self) -> float | None:
+        """Free-run error on the held-out part of the estimation data, relative to its spread."""
+        return None if self.search is None else self.search.best.error
+
+
+@dataclass(frozen=True, eq=False)
+class Standings:
+    """Entries, the leading one first, and what put it there.
+
+    Attributes:
+        entries: all of them.
+        sound: those that may lead.
+        margin: fraction within which held-out errors tie.
+        rule: what decided among equals: the name of a criterion, or ``size``.
+    """
+
+    entries: tuple[Entry, ...]
+    sound: tuple[Entry, ...]
+    margin: float
+    rule: str
+
+
+def in_order(
+    entries: Sequence[Entry],
+    records: Sequence[Record],
+    options: FitOptions,
+    criterion: str,
+    margin: float,
+) -> Standings:
+    """Entries by held-out error; of those within ``margin`` of the best the lowest BIC leads.
+
+    Free runs of different structures tie more often than not: what then tells them apart is
+    how well they predict with how many parameters, and BIC finds the true one (Schwarz 1978).
+    Under an information criterion that one ranks alone. Models that cannot lead come last: those
+    whose free run is unbounded, and those whose fit to all data follows them much worse than
+    another one does.
+    """
+    counted = [np.ones(len(r), dtype=bool) for r in records]
+    follows = {
+        id(e): free_run_error(
+            e.model.structure, e.model.theta, _seen(e, records), counted, options.robust
+        )
+        for e in entries
+    }
+    limit = FOLLOWS * min(follows.values())
+    sound = [
+        e
+        for e in entries
+        if bounded_run(e.model.structure, e.model.theta) and follows[id(e)] <= limit
+    ]
+    sound = sound or [e for e in entries if follows[id(e)] <= limit] or list(entries)
+    searched = all(e.error is not None for e in entries)
+    rule = criterion if criterion not in ERROR_CRITERIA else "bic" if searched else "aic"
+    values = _information(entries, records, rule)
+    score = {id(e): (v, _size(e)) for e, v in zip(entries, values, strict=True)}
+    ahead: tuple[Entry, ...] = ()
+    if searched and criterion in ERROR_CRITERIA:
+        errors = {id(e): (float(e.error or 0.0), _size(e)) for e in entries}
+        close = (1.0 + margin) * min(errors[id(e)][0] for e in sound)
+        tied = [e for e in sound if errors[id(e)][0] <= close]
+        # outliers rule the likelihood: a robust fit goes by size alone
+        ahead = (min(tied, key=lambda e: _size(e) if options.robust else score[id(e)]),)
+        score = errors
+    rest = sorted(
+        (e for e in entries if e not in ahead), key=lambda e: (e not in sound, score[id(e)])
+    )
+    decided = "size" if options.robust and ahead else rule
+    return Standings((*ahead, *rest), tuple(sound), margin, decided)
+
+
+def _seen(entry: Entry, records: Sequence[Record]) -> list[Record]:
+    """The records as the model sees them."""
+    return [entry.model.detrend.remove(r) for r in records]
+
+
+def _information(entries: Sequence[Entry], records: Sequence[Record], name: str) -> list[float]:
+    """A criterion of every entry from one-step errors on the samples that all of them predict."""
+    errors = []
+    for e in entries:
+        s, theta = e.model.structure, e.model.theta
+        window = head_window(s, theta)
+        errors.append([s.errors(theta, r.u, r.y, window) for r in _seen(e, records)])
+    found = []
+    for e, common in zip(entries, on_common_samples(errors), strict=True):
+        value = float(getattr(information_criteria(common, e.model.n_estimated), name))
+        found.append(value if np.isfinite(value) else np.inf)
+    return found
+
+
+def _size(entry: Entry) -> int:
+    """Parameters to estimate; initial states belong to the record, not to the model."""
+    return sum(p.fixed is None for p in entry.model.parameters)
+
+
+def reason(order: Standings, criterion: str, words: str, *, given: bool) -> str:
+    """One sentence on why the first entry is first.
+
+    Args:
+        order: all entries.
+        criterion: what ranked.
+        words: the held-out data, as a sentence names them.
+        given: whether the user gave the orders.
+    """
+    first = order.entries[0]
+    text = f"{first.model.structure.name} {orders_text(first.model.structure.order_values())}"
+    text = text.rstrip()
+    if first.error is None:
+        if len(order.entries) == 1:
+            return f"{text}: {_origin(first.model, given)}."
+        return f"{text} is ahead by {order.rule.upper()} on the estimation data."
+    if criterion not in ERROR_CRITERIA:
+        return f"{text} is ahead by {criterion} over one-step errors on the estimation data."
+    share = 100.0 * (1.0 - first.error)
+    if len(order.entries) == 1:
+        return f"{text} was chosen by {criterion} on {words}: {share:.2f} % in free run."
+    second = order.entries[1]
+    said = (
+        f"{text} is ahead: {share:.2f} % free-run fit on {words} with {_size(first)} parameters; "
+        f"next {second.model.structure.name} with {100.0 * (1.0 - (second.error or 0.0)):.2f} % "
+        f"and {_size(second)}"
+    )
+    if (second.error or 0.0) > (1.0 + order.margin) * first.error:
+        return f"{said}."
+    if second in order.sound:
+        rule = "the smallest leads" if order.rule == "size" else "the lowest BIC leads"
+        return f"{said} (errors within {100.0 * order.margin:.2g} % tie; of those {rule})."
+    return f"{said}, which does not hold in a free run over all estimation data."
+
+
+def _origin(model: Model, given: bool) -> str:
+    """Where the orders of a model come from that was fitted without a search of orders."""
+    if not model.structure.order_values():
+        return "fitted; it has no orders"
+    if given:
+        return "fitted with the orders given"
+    if model.structure.linear:
+        return "the only orders that so short a record bears"
+    return "chosen by the structure's own search in the estimation data"
