@@ -18,9 +18,10 @@ from sysid.plant.c_trace import TRACE, Program
 from sysid.plant.package import CARD, package_files
 from sysid.plant.selftest import make_selftest
 from sysid.structures.augmented import Augmented
+from sysid.structures.constants import Constant
 from sysid.structures.dc_motor import DCMotor
 from sysid.structures.expressions import FUNCTIONS
-from sysid.structures.grey_box import Constant, GreyBox
+from sysid.structures.grey_box import GreyBox
 from sysid.structures.hammerstein_wiener import HammersteinWiener
 from sysid.structures.model import Model
 from sysid.structures.narmax import NARMAX

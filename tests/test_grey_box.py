@@ -83,7 +83,7 @@ def two_tracks() -> tuple[DCMotor, Array, Record, Model]:
     """Two tracks on a body, and the fit that finds out by itself what friction they have."""
     s = motor(2)
     theta = s.pack(TWO)
-    log = simulated(s, theta, steps(2 * SAMPLES, 3, 6.0, 2), 4)
+    log = simulated(s, theta, steps(700, 3, 6.0, 2), 4)
     return s, theta, log, fit(DCMotor.from_orders({}, 2, 2, {"input": "voltage"}), (log,))
 
 

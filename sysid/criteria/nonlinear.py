@@ -31,7 +31,8 @@ from sysid.criteria.coloured import AutoRegression, ar_fit
 from sysid.criteria.correlation import centred, inputs_of, one_output
 from sysid.criteria.fit import Array, Signals, as_records
 from sysid.criteria.portmanteau import Mask, Trial, score
-from sysid.criteria.residuals import ResidualTest, independence_test, whiteness_test
+from sysid.criteria.residuals import independence_test, whiteness_test
+from sysid.criteria.verdicts import ResidualTest
 from sysid.errors import DataError
 
 LARGE = 2.58

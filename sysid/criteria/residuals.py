@@ -18,8 +18,7 @@ projection; Sims (1972) for future inputs; Söderström & Stoica (1990) for Σ.
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import chdtrc
@@ -35,12 +34,11 @@ from sysid.criteria.correlation import (
 )
 from sysid.criteria.fit import Array, Signals, as_records
 from sysid.criteria.portmanteau import Mask, Score, Trial, score
+from sysid.criteria.verdicts import ResidualReport, ResidualTest
 from sysid.errors import DataError
 
 __all__ = [
     "Correlation",
-    "ResidualReport",
-    "ResidualTest",
     "autocorrelation",
     "cross_correlation",
     "feedback_test",
@@ -48,78 +46,6 @@ __all__ = [
     "residual_report",
     "whiteness_test",
 ]
-
-
-@dataclass(frozen=True)
-class ResidualTest:
-    """Outcome of one test on one output.
-
-    Attributes:
-        name: ``whiteness``, ``independence`` or ``feedback``; see also ``nonlinear.NAMES``.
-        output: name of the output whose residuals were tested.
-        statistic: cᵀC⁺c.
-        dof: its degrees of freedom, rank C; 0 when nothing was left to test.
-        p_value: chance of a larger statistic if the model is right (1 for dof 0).
-        passed: ``p_value`` ≥ 1 − ``level``.
-        level: confidence level of the test.
-        worst_lag: lag with the largest standardised correlation; negative for future inputs.
-        worst_signal: the input (or output, for whiteness) that lag belongs to.
-        judged: whether the outcome counts against the model. Whiteness does not for a structure
-            without noise model, feedback never does: it says something about the data.
-        sentence: the outcome in words, with what to do.
-    """
-
-    name: str
-    output: str
-    statistic: float
-    dof: int
-    p_value: float
-    passed: bool
-    level: float
-    worst_lag: int | None
-    worst_signal: str | None
-    judged: bool
-    sentence: str
-
-
-@dataclass(frozen=True)
-class ResidualReport:
-    """All residual tests of a model, one of each kind for every output.
-
-    The tests of one kind run at level 1 − (1 − ``level``)/ny each (Bonferroni), so that a right
-    model fails one of them with probability 1 − ``level`` whatever its number of outputs.
-    ``nonlinear`` holds the further tests that nonlinear models must stand (``nonlinear.py``).
-    """
-
-    whiteness: tuple[ResidualTest, ...]
-    independence: tuple[ResidualTest, ...]
-    feedback: tuple[ResidualTest, ...]
-    level: float
-    nonlinear: tuple[ResidualTest, ...] = ()
-
-    @property
-    def passed(self) -> bool:
-        """Whether every test that counts against the model passed."""
-        tests = (*self.whiteness, *self.independence, *self.nonlinear)
-        return all(t.passed for t in tests if t.judged)
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: for each kind {passed, p_value, judged, sentence, outputs: [each test]}.
-
-        ``p_value`` is the smallest one times the number of outputs, at most 1. The further tests
-        of nonlinear models stand under ``nonlinear``, by their names.
-        """
-        kinds = dict.fromkeys(t.name for t in self.nonlinear)
-        return {
-            "passed": self.passed,
-            "level": self.level,
-            "whiteness": _summary(self.whiteness),
-            "independence": _summary(self.independence),
-            "feedback": _summary(self.feedback),
-            "nonlinear": {
-                kind: _summary(tuple(t for t in self.nonlinear if t.name == kind)) for kind in kinds
-            },
-        }
 
 
 def whiteness_test(
@@ -448,14 +374,3 @@ def _jacobian_records(jacobian: Signals | None, es: Sequence[Array]) -> tuple[Ar
             f"{[len(e) for e in es]} residuals but Jacobians of {[len(j) for j in records]} rows"
         )
     return records
-
-
-def _summary(tests: tuple[ResidualTest, ...]) -> dict[str, Any]:
-    worst = min(tests, key=lambda t: t.p_value)
-    return {
-        "passed": all(t.passed for t in tests),
-        "p_value": min(1.0, worst.p_value * len(tests)),
-        "judged": worst.judged,
-        "sentence": worst.sentence,
-        "outputs": [asdict(t) for t in tests],
-    }

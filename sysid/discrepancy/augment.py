@@ -70,7 +70,7 @@ def values_of(base: Base, node: Node, id: str) -> tuple[Value, ...]:
             channel = base.search.estimation[0].inputs[slot.track]
             scaled = None if error is None else error * full
             found.append(
-                Value(f"{slot.name}_command{tag}", float(node.q[k]) * full, scaled, channel.unit)
+                Value(f"{slot.name}_command{tag}", float(node.q[k] * full), scaled, channel.unit)
             )
     return tuple(found)
 

@@ -9,6 +9,7 @@ from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.discrepancy.closed_loop import in_closed_loop
 from sysid.discrepancy.evidence import PROVEN, PROVEN_IN_LOOP
+from sysid.discrepancy.integrating import integrates, rates, step_of
 from sysid.discrepancy.naming import NamingSearch, Node
 from sysid.discrepancy.samples import inspect_samples
 from sysid.discrepancy.supermodel import SuperModel
@@ -98,6 +99,10 @@ def plain_base(
         DataError: numbers of inputs and outputs differ.
         ModelError: the base cannot be fitted.
     """
+    on_rate = integrates(estimation)
+    if on_rate:
+        step = step_of(estimation)
+        estimation, held = rates(estimation, step), rates(held, step) if held else None
     parts = divided(estimation, held)
     first = _require_tracks(estimation)
     scales = full_drive(estimation)
@@ -105,12 +110,14 @@ def plain_base(
         order, delay, level = 1, 1, False
         words = "per track its own command, first order, one sample of delay, no offset"
     else:
-        order, delay = _order_and_delay(estimation)
+        # a body that a force moves: friction would otherwise hide in a higher order
+        order, delay = (1, 1) if on_rate else _order_and_delay(estimation)
         level = not may_lack_sign(estimation)
         order = order if level else LARGEST_ORDER
         late = "one sample" if delay == 1 else f"{delay} samples"
         words = f"output error of order {order} with {late} of delay"
         words += " and a level" if level else ""
+        words += f" for the rate of the output, which integrates, every {first.dt:.3g} s" * on_rate
     model = SuperModel(effects, order, first.ny, typical_speed(estimation), first.dt)
     in_loop = in_closed_loop(estimation)
     search = NamingSearch(

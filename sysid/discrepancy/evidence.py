@@ -15,6 +15,9 @@ BLOCKS = 24
 TOUCHED = 0.02
 """A block counts as touched by an effect when its predictions move by this share of the error."""
 
+ALIKE = 0.25
+"""Runs that differ by less than this share of the error that is left are the same explanation."""
+
 PROVEN = 0.90
 """The held-out error must fall below this share of before."""
 
@@ -144,6 +147,14 @@ def difference(best: Errors, other: Errors) -> tuple[float, float]:
     )
     w = np.nanmean(np.concatenate([*other.estimation, *other.held]) ** 2, axis=0)
     return _t(gains), float(np.sqrt(np.mean((w + 1e-300) / (v + 1e-300))))
+
+
+def alike(best: Errors, other: Errors) -> bool:
+    """Whether two models run alike: they differ by little against what the better one leaves."""
+    a = np.concatenate([*best.estimation, *best.held])
+    b = np.concatenate([*other.estimation, *other.held])
+    left = np.sqrt(np.nanmean(a**2, axis=0)) + 1e-300
+    return bool(np.all(np.sqrt(np.nanmean((a - b) ** 2, axis=0)) < ALIKE * left))
 
 
 def _by_ranks(gains: Array) -> float:

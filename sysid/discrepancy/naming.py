@@ -12,6 +12,7 @@ from sysid.discrepancy.evidence import (
     PROVEN,
     Errors,
     Evidence,
+    alike,
     compare_errors,
     difference,
     effective_samples,
@@ -34,8 +35,8 @@ COARSE = 1e-4
 
 BEAM = 2
 
-FAR_AHEAD = 1.5
-"""A rival is not grown when the leader, which does not grow, scores so many times higher."""
+FAR_AHEAD = 4.0
+"""A rival is not grown when the leader's set scores so many times higher."""
 
 TIE = 1.02
 """Models whose errors are within this factor cannot be told apart, whatever the sample size."""
@@ -245,28 +246,17 @@ class NamingSearch:
         beam = self._passing(judged)[:BEAM]
         if not beam:
             return Naming(base, base, (), self._minor(judged), first)
-        best, minor = beam[0].node, self._minor(judged)
-        while beam and len(best.effects) < MOST_EFFECTS and (left is None or left(best)):
-            say(f"{', '.join(best.effects)}: looking for more", 0.2 * len(best.effects))
-            grown: list[tuple[float, Node]] = []
-            for entry in beam:
-                following = self.candidates(entry.node, effects)
-                if entry.node is best:
-                    minor = self._minor(following)
-                grown += [(self.total(base, j.node), j.node) for j in self._passing(following)]
-                if not grown and self.total(base, best) > FAR_AHEAD * self.total(
-                    base, beam[-1].node
-                ):
-                    break
-            grown.sort(key=lambda item: -item[0])
-            if not grown or grown[0][0] <= self.total(base, best):
+        minor = self._minor(judged)
+        best, grown_minor = self._grown(base, beam[0].node, effects, say, left)
+        minor = grown_minor if grown_minor is not None else minor
+        for rival in beam[1:]:
+            # the likeliest first effect may be a stand-in: try the next one where much is left
+            if self.total(base, best) > FAR_AHEAD * rival.score or not (left is None or left(best)):
                 break
-            nodes: list[Node] = []
-            for _, node in grown:
-                if all(set(node.effects) != set(n.effects) for n in nodes):
-                    nodes.append(node)
-            best = nodes[0]
-            beam = [_Judged(n, self.evidence(base, n, len(effects)), 0.0) for n in nodes[:BEAM]]
+            say(f"starting from {rival.id} instead", 0.6)
+            other, other_minor = self._grown(base, rival.node, effects, say, left)
+            if self.total(base, other) > self.total(base, best):
+                best, minor = other, other_minor if other_minor is not None else minor
         best = self._with_seen_clip(base, self.polished(best), judged)
         say("dropping and swapping", 0.85)
         best = self.pruned(base, best)
@@ -278,6 +268,26 @@ class NamingSearch:
             named = self.account(base, best, effects, judged)
         say("done", 1.0)
         return Naming(base, best, named, minor, first)
+
+    def _grown(
+        self,
+        base: Node,
+        node: Node,
+        effects: Sequence[Effect],
+        say: Progress,
+        left: Callable[[Node], bool] | None,
+    ) -> tuple[Node, tuple[tuple[str, Evidence], ...] | None]:
+        """A node with effects added one at a time; and what was minor when it grew no more."""
+        minor = None
+        while len(node.effects) < MOST_EFFECTS and (left is None or left(node)):
+            say(f"{', '.join(node.effects)}: looking for more", 0.2 * len(node.effects))
+            judged = self.candidates(node, effects)
+            minor = self._minor(judged)
+            passed = self._passing(judged)
+            if not passed or self.total(base, passed[0].node) <= self.total(base, node):
+                break
+            node = passed[0].node
+        return node, minor
 
     def _with_seen_clip(self, base: Node, best: Node, judged: Sequence[_Judged]) -> Node:
         """A clip that is seen in the readings belongs to the model unless it makes it worse.
@@ -310,14 +320,16 @@ class NamingSearch:
         passed.sort(key=lambda j: -j.score)
         if not passed:
             return []
-        close = [j for j in passed if self._tied(passed[0].node, j.node)]
+        close = [j for j in passed if alike(passed[0].node.errors, j.node.errors)]
         lead = min(close, key=lambda j: (len(j.node.free), about(j.id).shared, -j.score))
         ordered = [lead, *(j for j in passed if j is not lead)]
         return [self._with_excluded(j, passed) for j in ordered[:BEAM]] + ordered[BEAM:]
 
     def _with_excluded(self, mine: _Judged, passed: Sequence[_Judged]) -> _Judged:
-        alike = tuple(j.id for j in passed if j.id != mine.id and self._tied(mine.node, j.node))
-        return replace(mine, node=replace(mine.node, excluded=(*mine.node.excluded, *alike)))
+        same = tuple(
+            j.id for j in passed if j.id != mine.id and alike(mine.node.errors, j.node.errors)
+        )
+        return replace(mine, node=replace(mine.node, excluded=(*mine.node.excluded, *same)))
 
     def _minor(self, judged: Sequence[_Judged]) -> tuple[tuple[str, Evidence], ...]:
         return tuple(
@@ -512,7 +524,12 @@ class NamingSearch:
             if len(node.effects) == 1:
                 judged: Sequence[_Judged] = first
             else:
-                others = [e for e in effects if e.id == id or e.id not in node.effects]
+                likely = (id, *about(id).ties, *(j.id for j in first[:4]))
+                others = [
+                    e
+                    for e in effects
+                    if e.id == id or (e.id in likely and e.id not in node.effects)
+                ]
                 judged = self.candidates(self.without(node, id), others, most=4)
             mine = next((j for j in judged if j.id == id), None)
             if mine is None:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.criteria.residuals import ResidualReport, ResidualTest
+from sysid.criteria.verdicts import ResidualReport, ResidualTest
 from sysid.errors import Termination
 from sysid.estimation.figures import Figures
 from sysid.estimation.orders import INTEGRATING

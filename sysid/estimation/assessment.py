@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from sysid.criteria.residuals import ResidualReport
+from sysid.criteria.verdicts import ResidualReport
 from sysid.data.record import Record
 from sysid.estimation.advice import advice
 from sysid.estimation.figures import Figures, Start, figures, residual_tests

@@ -9,7 +9,8 @@ import numpy as np
 
 from sysid.criteria.fit import fit_percent, rmse
 from sysid.criteria.nonlinear import further_tests
-from sysid.criteria.residuals import ResidualReport, residual_report
+from sysid.criteria.residuals import residual_report
+from sysid.criteria.verdicts import ResidualReport
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError
 from sysid.estimation.pem import head_window

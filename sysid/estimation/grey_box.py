@@ -16,7 +16,8 @@ from sysid.estimation.solvers import HUBER_WIDTH, Solution
 from sysid.estimation.strategies import Outcome, Warm
 from sysid.estimation.uncertainty import uncertainty
 from sysid.structures.base import Parameter, Structure
-from sysid.structures.grey_box import GreyBox, Rung
+from sysid.structures.constants import Rung
+from sysid.structures.grey_box import GreyBox
 from sysid.structures.grey_box_runs import Masks
 from sysid.structures.model import StartReport
 

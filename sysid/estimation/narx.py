@@ -8,7 +8,7 @@ import numpy as np
 from sysid.data.record import Array, Record
 from sysid.errors import DataError, ModelError, Termination, UsageError
 from sysid.estimation.holdout import HoldOut, hold_out, shortened
-from sysid.estimation.narx_search import RUNGS, largest, search_row
+from sysid.estimation.narx_search import RUNGS, SHORT, largest, search_row
 from sysid.estimation.search import FitOptions
 from sysid.estimation.simulation_error import FIRM, PULL, SHRINK, RowRuns, Trial
 from sysid.estimation.solvers import Solution, levenberg_marquardt
@@ -27,8 +27,8 @@ SEARCH_SAMPLES = 8_000
 RUN_SAMPLES = 40_000
 """Samples over which free runs are refined at last, at most."""
 
-ROUNDS = 20
-"""Evaluations on all data."""
+ROUNDS, FEWER_ROUNDS = 20, 14
+"""Evaluations on all data; the second where there are at least SHORT samples."""
 
 TOLERANCE = 1e-6
 
@@ -78,14 +78,16 @@ def fit_narx(
     refine = _rungs(s, options)
     winners: list[Trial] = []
     starts: list[StartReport] = []
-    for i, channel in enumerate(records[0].outputs):
-        row = RowRuns(s, i, data, largest(s))
+    rows = [RowRuns(s, i, data, largest(s)) for i in range(s.ny)]
+    for row in rows:
         if len(row.y) < 2 * len(row.row) + 10:
             raise DataError(
                 f"{records[0].name}: {len(row.y)} equations are too few to choose a network over "
                 f"{len(row.row)} regressors; record more or lower na and nb"
             )
-        best, tried = search_row(row, refine, options.focus.value == "simulation")
+    simulate = options.focus.value == "simulation"
+    searched = [search_row(row, refine, simulate) for row in rows]
+    for channel, (best, tried) in zip(records[0].outputs, searched, strict=True):
         if not np.isfinite(best.error):
             raise ModelError(
                 f"{channel.name}: no narx-wavelet model has a finite free run on these data; "
@@ -207,6 +209,7 @@ def _prior(
 def _together(s: NarxWavelet, records: Sequence[Record], theta: Array, chunk: int) -> Estimate:
     """All rows refined at once within bounds: outputs see each other's simulated past."""
     data = [(r.u, r.y) for r in shortened(records, RUN_SAMPLES)]
+    samples = sum(len(y) for _, y in data)
     run = s.free_run()
     rows = [(RowRuns(s, i, everything(records), largest(s)), d) for i, d in enumerate(s.designs)]
     bounds = [row.bounds(d) for row, d in rows]
@@ -217,7 +220,8 @@ def _together(s: NarxWavelet, records: Sequence[Record], theta: Array, chunk: in
     )
     found = levenberg_marquardt(
         problem, np.clip(theta, lower, upper), free=free, lower=lower, upper=upper,
-        max_evaluations=ROUNDS, tolerance=TOLERANCE, regular=True,
+        max_evaluations=ROUNDS if samples < SHORT else FEWER_ROUNDS, tolerance=TOLERANCE,
+        regular=True,
     )  # fmt: skip
     return Estimate(
         found.p, ((problem, found, problem.samples),), f"refined over {chunk} samples",

@@ -82,7 +82,8 @@ def _pictures(found: Diagnosis) -> dict[str, Any]:
         )
     drawn["paths"] = [_path(k, *entry) for k, entry in enumerate(words.path_lines(found.path))]
     if words.held_out(found):
-        drawn["channels"] = [_channel(found, k) for k in range(len(lines))]
+        outputs = words.held_out(found)[0].record.outputs
+        drawn["channels"] = [_channel(found, k) for k in range(len(outputs))]
     return drawn
 
 
@@ -90,7 +91,8 @@ def _channel(found: Diagnosis, i: int) -> dict[str, str]:
     """The pictures of one output."""
     record = words.held_out(found)[0].record
     channel = record.outputs[i]
-    floor = found.gap.channels[channel.name].noise_floor
+    known = found.gap.channels.get(channel.name)  # a gap of the path knows no wheel speeds
+    floor = known.noise_floor if known is not None else 0.0
     windows = diagnosis_picture.worst_windows(found, i)
     profiles = diagnosis_picture.profiles(found, i)
     regimes = diagnosis_picture.regime_lines(found, i)

@@ -9,6 +9,7 @@ import numpy as np
 
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import UsageError
+from sysid.structures.constants import Constant, Rung, Signal
 from sysid.structures.dc_motor_constants import (
     OPTIONAL_EACH,
     bench,
@@ -20,7 +21,7 @@ from sysid.structures.dc_motor_constants import (
 from sysid.structures.dc_motor_motion import STEPS
 from sysid.structures.dc_motor_start import central_guesses
 from sysid.structures.dry_friction import decay
-from sysid.structures.grey_box import Constant, GreyBox, Rung, Signal
+from sysid.structures.grey_box import GreyBox
 
 _CHOICES = MappingProxyType(
     {

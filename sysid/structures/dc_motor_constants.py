@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.data.record import PWM_FULL_SCALE, Array
-from sysid.structures.grey_box import Constant, Signal
+from sysid.structures.constants import Constant, Signal
 
 if TYPE_CHECKING:
     from sysid.structures.dc_motor import DCMotor

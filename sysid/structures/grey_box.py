@@ -16,46 +16,10 @@ import numpy as np
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import UsageError
 from sysid.structures.base import Focus, Initial, Parameter, Problem, Structure, refuse_options
+from sysid.structures.constants import Constant, Rung, Signal
 from sysid.structures.grey_box_runs import GreyErrors, fitted_state, free_run, tangents
 
-Signal = Any
-"""An array of the namespace in use (numpy or jax.numpy)."""
-
 MAX_SUBSTEPS = 1000
-
-
-@dataclass(frozen=True)
-class Constant:
-    """One physical constant of a grey box.
-
-    Attributes:
-        name: as users see it; the output's name follows in brackets where every output has one.
-        unit: unit; ``{u}`` and ``{y}`` stand for those of the first input and output.
-        value: what it is held at when it is not estimated, and where searches begin.
-        lower, upper: physical bounds.
-        free: whether it is estimated unless something else is asked for.
-        spread: starts vary it by about this factor (a constant of either sign: by this share).
-        each: whether every output has its own.
-        words: what it is.
-    """
-
-    name: str
-    unit: str = ""
-    value: float = 1.0
-    lower: float = -np.inf
-    upper: float = np.inf
-    free: bool = True
-    spread: float = 3.0
-    each: bool = False
-    words: str = ""
-
-
-@dataclass(frozen=True)
-class Rung:
-    """One step of a ladder: constants that are estimated only where held-out data pay for them."""
-
-    words: str
-    names: tuple[str, ...]
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ import numpy as np
 
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError
-from sysid.structures.grey_box import Constant, GreyBox, Rung, Signal
+from sysid.structures.constants import Constant, Rung, Signal
+from sysid.structures.grey_box import GreyBox
 
 SMALL = 1e-3
 """Head below which outflow is smoothed, as a share of the sensor's unit."""
