@@ -12,7 +12,8 @@ import numpy as np
 
 from sysid.data.record import Array, Record
 from sysid.discrepancy.diagnosis import Experiment
-from sysid.discrepancy.naming import NamingSearch, Node
+from sysid.discrepancy.named_sets import Node
+from sysid.discrepancy.naming import NamingSearch
 from sysid.discrepancy.schedules import Row, programme, programmes_of
 from sysid.discrepancy.supermodel import prepare
 from sysid.effects.catalogue import catalogue

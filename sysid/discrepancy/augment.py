@@ -12,7 +12,7 @@ from sysid.discrepancy.base_model import Base
 from sysid.discrepancy.batched_search import information
 from sysid.discrepancy.diagnosis import Value
 from sysid.discrepancy.evidence import effective_samples
-from sysid.discrepancy.naming import Node
+from sysid.discrepancy.named_sets import Node
 from sysid.effects.catalogue import CHANGED, effect
 from sysid.errors import Termination
 from sysid.structures.augmented import Augmented

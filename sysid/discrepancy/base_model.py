@@ -10,7 +10,8 @@ from sysid.data.record import Array, Record
 from sysid.discrepancy.closed_loop import in_closed_loop
 from sysid.discrepancy.evidence import PROVEN, PROVEN_IN_LOOP
 from sysid.discrepancy.integrating import integrates, rates, step_of
-from sysid.discrepancy.naming import NamingSearch, Node
+from sysid.discrepancy.named_sets import Node
+from sysid.discrepancy.naming import NamingSearch
 from sysid.discrepancy.samples import inspect_samples
 from sysid.discrepancy.supermodel import SuperModel
 from sysid.effects.base import Effect

@@ -18,7 +18,8 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.discrepancy.evidence import effective_samples
-from sysid.discrepancy.naming import NamingSearch, Node
+from sysid.discrepancy.named_sets import Node
+from sysid.discrepancy.naming import NamingSearch
 from sysid.discrepancy.samples import smallest_named
 from sysid.discrepancy.slopes import slopes
 from sysid.effects.base import Effect, EffectParameter

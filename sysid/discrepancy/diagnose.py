@@ -21,7 +21,8 @@ from sysid.discrepancy.ground_model import with_ground
 from sysid.discrepancy.localise import localise
 from sysid.discrepancy.mission_proof import prove_on_mission
 from sysid.discrepancy.model_error import FEWEST, Left, structure_left
-from sysid.discrepancy.naming import Naming, Progress
+from sysid.discrepancy.named_sets import Naming
+from sysid.discrepancy.naming import Progress
 from sysid.discrepancy.pose import PoseDiagnosis, diagnose_pose
 from sysid.discrepancy.pose_windows import track_channels
 from sysid.discrepancy.samples import inspect_samples

@@ -8,7 +8,7 @@ from sysid.data.record import Array, Record
 from sysid.discrepancy.augment import covariance_of, values_of
 from sysid.discrepancy.base_model import Base
 from sysid.discrepancy.diagnosis import NamedEffect, Trace, Value
-from sysid.discrepancy.naming import Named, Naming
+from sysid.discrepancy.named_sets import Named, Naming
 from sysid.discrepancy.samples import SampleEffects
 from sysid.effects.catalogue import about
 

@@ -1,12 +1,13 @@
 """Naming: which effects of the catalogue are missing, found one at a time with proof."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
+from sysid.discrepancy.admission import admissible, tied
 from sysid.discrepancy.batched_search import search
 from sysid.discrepancy.evidence import (
     PROVEN,
@@ -14,13 +15,13 @@ from sysid.discrepancy.evidence import (
     Evidence,
     alike,
     compare_errors,
-    difference,
     effective_samples,
 )
+from sysid.discrepancy.named_sets import Judged, Named, Naming, Node
 from sysid.discrepancy.starts import free_slots, repeats_at_top, starts_of
 from sysid.discrepancy.supermodel import Data, SuperModel, prepare
 from sysid.effects.base import Effect
-from sysid.effects.catalogue import CHANGED, about
+from sysid.effects.catalogue import about
 
 MOST_EFFECTS = 4
 SHORTLIST = 9
@@ -38,101 +39,14 @@ BEAM = 2
 FAR_AHEAD = 4.0
 """A rival is not grown when the leader's set scores so many times higher."""
 
-TIE = 1.02
-"""Models whose errors are within this factor cannot be told apart, whatever the sample size."""
-
-KNOWN_TIE = 1.04
-"""The same for effects that the catalogue knows to be alike."""
-
 PROMISING = 0.95
 """A candidate is fitted in full when its first steps bring some track's cost below this share."""
-
-MOST_ABSORBED = 3.0
-"""A base does not absorb so much that its gain were wrong by more than this factor."""
 
 PHASES = 24
 """Phases of a ripple that are tried on a record of its own."""
 
 Progress = Callable[[str, float], None]
 """(what is being done, share of the work done)."""
-
-
-@dataclass(frozen=True, eq=False)
-class Node:
-    """A set of effects with its fitted super-model.
-
-    Attributes:
-        effects: ids in order of acceptance.
-        q: all slots, (slots,).
-        free: estimated slots.
-        errors: free-run errors of both parts.
-        touched: outputs that the newest effect changes.
-        excluded: effects that could not be told from an accepted one, not looked for again.
-    """
-
-    effects: tuple[str, ...]
-    q: Array
-    free: tuple[int, ...]
-    errors: Errors
-    touched: NDArray[np.bool_]
-    excluded: tuple[str, ...] = ()
-
-    @property
-    def held_rmse(self) -> float:
-        """Held-out RMSE over all outputs."""
-        return float(np.sqrt(np.nanmean(np.concatenate(self.errors.held) ** 2)))
-
-
-@dataclass(frozen=True, eq=False)
-class Named:
-    """An accepted effect: its evidence and what cannot be told from it.
-
-    Attributes:
-        id: in the catalogue.
-        evidence: against the model without it.
-        ties: effects that cannot be told from it.
-        touched: outputs on which it shows.
-        rivals: the fitted models of it and of its ties, by id.
-    """
-
-    id: str
-    evidence: Evidence
-    ties: tuple[str, ...]
-    touched: NDArray[np.bool_]
-    rivals: Mapping[str, Node]
-
-
-@dataclass(frozen=True, eq=False)
-class Naming:
-    """Outcome of the search.
-
-    Attributes:
-        base: the model before.
-        final: the model with all accepted effects.
-        named: accepted effects in order.
-        minor: effects that help a little but not enough to be proven, with their evidence.
-        candidates: score of every effect at the first stage, best first: the likelihood ratio
-            (in units of BIC) over both parts of the data.
-    """
-
-    base: Node
-    final: Node
-    named: tuple[Named, ...]
-    minor: tuple[tuple[str, Evidence], ...]
-    candidates: tuple[tuple[str, float], ...]
-
-
-@dataclass(frozen=True, eq=False)
-class _Judged:
-    """A candidate with its evidence and score."""
-
-    node: Node
-    evidence: Evidence
-    score: float
-
-    @property
-    def id(self) -> str:
-        return self.node.effects[-1]
 
 
 class NamingSearch:
@@ -289,7 +203,7 @@ class NamingSearch:
             node = passed[0].node
         return node, minor
 
-    def _with_seen_clip(self, base: Node, best: Node, judged: Sequence[_Judged]) -> Node:
+    def _with_seen_clip(self, base: Node, best: Node, judged: Sequence[Judged]) -> Node:
         """A clip that is seen in the readings belongs to the model unless it makes it worse.
 
         It comes first: it needs no inference, and what else is named has to go with it.
@@ -314,7 +228,7 @@ class NamingSearch:
         q, _ = search(self.model, node.q[None], [node.free], self.data, POLISH)
         return self.node(node.effects, q[0], node.free, node.touched)
 
-    def _passing(self, judged: Sequence[_Judged]) -> list[_Judged]:
+    def _passing(self, judged: Sequence[Judged]) -> list[Judged]:
         """Accepted candidates, the most likely first; nearly equal ones by fewest numbers."""
         passed = [j for j in judged if j.evidence.accepted and self.admissible(j.node)]
         passed.sort(key=lambda j: -j.score)
@@ -325,13 +239,13 @@ class NamingSearch:
         ordered = [lead, *(j for j in passed if j is not lead)]
         return [self._with_excluded(j, passed) for j in ordered[:BEAM]] + ordered[BEAM:]
 
-    def _with_excluded(self, mine: _Judged, passed: Sequence[_Judged]) -> _Judged:
+    def _with_excluded(self, mine: Judged, passed: Sequence[Judged]) -> Judged:
         same = tuple(
             j.id for j in passed if j.id != mine.id and alike(mine.node.errors, j.node.errors)
         )
         return replace(mine, node=replace(mine.node, excluded=(*mine.node.excluded, *same)))
 
-    def _minor(self, judged: Sequence[_Judged]) -> tuple[tuple[str, Evidence], ...]:
+    def _minor(self, judged: Sequence[Judged]) -> tuple[tuple[str, Evidence], ...]:
         return tuple(
             (j.id, j.evidence)
             for j in judged
@@ -342,7 +256,7 @@ class NamingSearch:
 
     def candidates(
         self, node: Node, effects: Sequence[Effect], most: int = SHORTLIST
-    ) -> list[_Judged]:
+    ) -> list[Judged]:
         """Every effect added to a node, the most promising fitted in full, most likely first.
 
         All starts take a few steps, the best start of each effect some more, and only the effects
@@ -384,7 +298,7 @@ class NamingSearch:
             ).errors.estimation
         )
         judged = [
-            _Judged(
+            Judged(
                 n,
                 self.evidence(node, n, len(effects), samples),
                 self._likelihood(node, n, samples),
@@ -462,36 +376,8 @@ class NamingSearch:
         )
 
     def admissible(self, node: Node) -> bool:
-        """Whether the newest effect's numbers are away from their null and from their bounds."""
-        id = node.effects[-1]
-        mine = [k for k in node.free if self.model.slots[k].owner == id]
-        gains = [k for k in node.free if self.model.slots[k].name == "gain"]
-        if id not in ("unsigned-speed", CHANGED.id) and "unsigned-speed" not in node.effects:
-            moved = np.abs(node.q[gains] / self.origin[gains])
-            if np.any((moved > MOST_ABSORBED) | (moved < 1.0 / MOST_ABSORBED)):
-                return False
-        if id in ("unsigned-speed", "sensor-saturation", CHANGED.id):
-            return True  # no number is searched, or the core's own are
-        if id == "input-delay":
-            return any(node.q[k] > self.model.dt for k in mine)
-        first = about(id).parameters[0].name
-        inside = []
-        for k in mine:
-            slot = self.model.slots[k]
-            width = slot.upper - slot.lower
-            value = node.q[k]
-            on_bound = min(value - slot.lower, slot.upper - value) < 1e-3 * width
-            if slot.null == slot.lower and value - slot.lower < 1e-3 * width:
-                on_bound = slot.name == first and id not in ("dead-zone", "stiction")
-            inside.append((not on_bound, abs(value - slot.null) > 0.02 * slot.scale))
-        return all(a for a, _ in inside) and any(b for _, b in inside)
-
-    def _tied(self, best: Node, other: Node) -> bool:
-        """Whether the data cannot tell two models apart."""
-        t, ratio = difference(best.errors, other.errors)
-        a, b = best.effects[-1], other.effects[-1]
-        known = b in about(a).ties or a in about(b).ties
-        return ratio < (KNOWN_TIE if known else TIE) or (t < 2.0 and ratio < 1.1)
+        """Whether the newest effect's numbers are physical (see ``admission``)."""
+        return admissible(self.model, self.origin, node)
 
     def without(self, node: Node, id: str) -> Node:
         """The node without one of its effects, fitted again."""
@@ -516,13 +402,13 @@ class NamingSearch:
         return node
 
     def account(
-        self, base: Node, node: Node, effects: Sequence[Effect], first: Sequence[_Judged]
+        self, base: Node, node: Node, effects: Sequence[Effect], first: Sequence[Judged]
     ) -> tuple[Named, ...]:
         """Each accepted effect against the model without it, and what ties with it there."""
         named = []
         for id in node.effects:
             if len(node.effects) == 1:
-                judged: Sequence[_Judged] = first
+                judged: Sequence[Judged] = first
             else:
                 likely = (id, *about(id).ties, *(j.id for j in first[:4]))
                 others = [
@@ -540,7 +426,7 @@ class NamingSearch:
                 if j.id != id
                 and j.evidence.accepted
                 and self.admissible(j.node)
-                and self._tied(mine.node, j.node)
+                and tied(mine.node, j.node)
             )
             rivals = {j.id: j.node for j in judged if j.id in (id, *ties)}
             named.append(Named(id, mine.evidence, ties, mine.node.touched, rivals))

@@ -4,7 +4,8 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.discrepancy.batched_search import SHIFT
-from sysid.discrepancy.naming import NamingSearch, Node
+from sysid.discrepancy.named_sets import Node
+from sysid.discrepancy.naming import NamingSearch
 
 
 def slopes(search: NamingSearch, node: Node, held: bool = False) -> tuple[Array, ...]:

@@ -256,8 +256,8 @@ class SuperModel:
         dt, tracks = self.dt, self.tracks
 
         def readings(q: Any, data: dict[str, Any]) -> Any:
-            core, parameters = self._unpack(jnp, q)
-            parameters = with_constants(jnp, self.effects, parameters, dt)
+            core, raw = self._unpack(jnp, q)
+            parameters = with_constants(jnp, self.effects, raw, dt)
             nothing = jnp.zeros_like(data["drive"])
             whole = Sample(data["drive"], data["drive"], data["t"], nothing, data["counted"])
 

@@ -10,6 +10,8 @@ from sysid.data.record import Array
 
 REPLICATES = 400
 BLOCKS = 30
+ABOVE = 1.3
+"""An output has a gap where its mean squared error exceeds this multiple of its floor's."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +84,11 @@ def measure_gap(
         for i, n in enumerate(names)
     }
     scale = np.sqrt(np.mean(old**2, axis=0)) + 1e-300
-    a = np.sum((old**2 - floor**2) / scale**2, axis=1)
-    b = np.sum((new**2 - floor**2) / scale**2, axis=1)
+    # an output that was at its floor has no gap to close: only its noise would be counted
+    open_ = scale**2 > ABOVE * floor**2
+    at = np.flatnonzero(open_ if open_.any() else np.ones(len(scale), dtype=bool))
+    a = np.sum((old[:, at] ** 2 - floor[at] ** 2) / scale[at] ** 2, axis=1)
+    b = np.sum((new[:, at] ** 2 - floor[at] ** 2) / scale[at] ** 2, axis=1)
     size = max(len(a) // BLOCKS, 5)
     pairs = np.array(
         [(a[k : k + size].sum(), b[k : k + size].sum()) for k in range(0, len(a), size)]
@@ -99,8 +104,8 @@ def measure_gap(
     return Gap(
         gap_before,
         gap_after,
-        float(np.sum(floor**2 / scale**2)),
+        float(np.sum(floor[at] ** 2 / scale[at] ** 2)),
         min(closed, 100.0),
-        (float(low), float(min(high, 100.0))),
+        (float(min(low, 100.0)), float(min(high, 100.0))),
         channels,
     )

@@ -1,0 +1,89 @@
+"""Sets of effects in the course of a search: fitted, judged, named."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Array
+from sysid.discrepancy.evidence import Errors, Evidence
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """A set of effects with its fitted super-model.
+
+    Attributes:
+        effects: ids in order of acceptance.
+        q: all slots, (slots,).
+        free: estimated slots.
+        errors: free-run errors of both parts.
+        touched: outputs that the newest effect changes.
+        excluded: effects that could not be told from an accepted one, not looked for again.
+    """
+
+    effects: tuple[str, ...]
+    q: Array
+    free: tuple[int, ...]
+    errors: Errors
+    touched: NDArray[np.bool_]
+    excluded: tuple[str, ...] = ()
+
+    @property
+    def held_rmse(self) -> float:
+        """Held-out RMSE over all outputs."""
+        return float(np.sqrt(np.nanmean(np.concatenate(self.errors.held) ** 2)))
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """An accepted effect: its evidence and what cannot be told from it.
+
+    Attributes:
+        id: in the catalogue.
+        evidence: against the model without it.
+        ties: effects that cannot be told from it.
+        touched: outputs on which it shows.
+        rivals: the fitted models of it and of its ties, by id.
+    """
+
+    id: str
+    evidence: Evidence
+    ties: tuple[str, ...]
+    touched: NDArray[np.bool_]
+    rivals: Mapping[str, Node]
+
+
+@dataclass(frozen=True, eq=False)
+class Naming:
+    """Outcome of the search.
+
+    Attributes:
+        base: the model before.
+        final: the model with all accepted effects.
+        named: accepted effects in order.
+        minor: effects that help a little but not enough to be proven, with their evidence.
+        candidates: score of every effect at the first stage, best first: the likelihood ratio
+            (in units of BIC) over both parts of the data.
+    """
+
+    base: Node
+    final: Node
+    named: tuple[Named, ...]
+    minor: tuple[tuple[str, Evidence], ...]
+    candidates: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """A candidate with its evidence and score."""
+
+    node: Node
+    evidence: Evidence
+    score: float
+
+    @property
+    def id(self) -> str:
+        """The newest effect."""
+        return self.node.effects[-1]
