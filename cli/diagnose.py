@@ -1,7 +1,7 @@
 """``sysid diagnose``: where model and log disagree, what is missing, and the proof once added."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -56,7 +56,7 @@ def diagnose(
             "--plant",
             metavar="PATH",
             rich_help_panel=_MISSION,
-            help="Plant package that the mission was planned with.",
+            help="Plant package the mission was planned with: the model to doubt.",
         ),
     ] = None,
     output: Annotated[
@@ -86,6 +86,8 @@ def diagnose(
     place = Workspace(workspace)
     folder = _folder(output or place.diagnosis_dir, logs, val or [])
     _mission_files(mission, plant)
+    if plant is not None and model is not None:
+        raise UsageError("--model and --plant both name the model to doubt; give one of them")
     given = place.load(model) if model is not None else None
     read = reading.read_options(
         inputs, outputs, time, ts, units, pwm_max, delimiter, decimal, resample
@@ -95,7 +97,7 @@ def diagnose(
     estimation = _records(logs, read, steps)
     held = _records(val, read, steps) if val else None
     _apart(estimation, held)
-    base = given or place.best_for(estimation[0])
+    base = given or (place.best_for(estimation[0]) if plant is None else None)
     found = _run(estimation, held, base, mission, plant)
     origin = {"files": [str(p.resolve()) for p in logs], "read": read.to_json()}
     before, after = keep_models(place, found, base, origin | {"prepare": steps.to_json()})
@@ -178,13 +180,12 @@ def _run(
     from sysid.discrepancy.diagnose import diagnose
 
     doubted = base.model if base else None
+    if plant is not None:
+        from sysid.plant.package import load_model
+
+        doubted = load_model(plant)
     for record in (*estimation, *(held or ())):
         if doubted is not None:
             doubted.check(record)
-    driven: dict[str, Any] = {"mission": mission} if mission else {}
-    if plant:
-        from sysid.plant.package import load_plant
-
-        driven["plant"] = load_plant(plant)
     with render.stages("Diagnosing") as progress:
-        return diagnose(estimation, held, model=doubted, progress=progress, **driven)
+        return diagnose(estimation, held, model=doubted, mission=mission, progress=progress)

@@ -122,7 +122,7 @@ def _unexplained(search: NamingSearch, node: Node, lanes: Array, noise: _Noise) 
         total = sum(data.lengths)
         weight = np.sqrt(data.weight[:total]) * noise.weight
         J = np.concatenate(slopes(search, node, held)) * weight[:, :, None]
-        J = J.reshape(-1, J.shape[2])
+        J = J.reshape(J.shape[0] * J.shape[1], J.shape[2])
         base = search.model.run(node.q, data)[0]
         change = (search.model.run(lanes, data) - base)[:, :total] * weight
         flat = np.nan_to_num(change.reshape(len(lanes), -1), posinf=0.0, neginf=0.0)

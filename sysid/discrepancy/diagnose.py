@@ -18,7 +18,7 @@ from sysid.discrepancy.diagnosis import Diagnosis, Experiment, Trace
 from sysid.discrepancy.evidence import noise_floor
 from sysid.discrepancy.explain import described, explain
 from sysid.discrepancy.ground_model import with_ground
-from sysid.discrepancy.localise import localise
+from sysid.discrepancy.localise import Region, localise
 from sysid.discrepancy.mission_proof import prove_on_mission
 from sysid.discrepancy.model_error import FEWEST, Left, structure_left
 from sysid.discrepancy.named_sets import Naming
@@ -46,6 +46,9 @@ MINOR = 1.0
 WORTHLESS = 0.6
 """A base whose errors exceed this share of the outputs' spread follows nothing."""
 
+FEW_WINDOWS = 40
+"""Fewer windows of pose seldom prove an effect of the vehicle."""
+
 PATH_ROWS = 400
 """Points of a path kept for the picture."""
 
@@ -56,7 +59,6 @@ def diagnose(
     *,
     model: Model | None = None,
     mission: Path | None = None,
-    plant: Any = None,
     progress: Progress | None = None,
     seed: int = 0,
 ) -> Diagnosis:
@@ -68,8 +70,6 @@ def diagnose(
         model: the model that disagrees; None fits the plainest base first.
         mission: the mission that the logs drove: its geometry moves the robot, and both models
             drive it again.
-        plant: plant package (``load_plant``) that the mission was planned with: the model before,
-            where no ``model`` is given and the package holds one.
         progress: told what is being done and how far it is.
         seed: of every bootstrap.
 
@@ -80,7 +80,6 @@ def diagnose(
     started = time.perf_counter()
     say = progress or (lambda text, share: None)
     say("the model before", 0.02)
-    model = model if model is not None else getattr(plant, "model", None)
     effects = chain_effects()
     if model is None:
         base = plain_base(estimation, held, effects)
@@ -248,7 +247,7 @@ class _Study:
             traces=traces,
         )
 
-    def _where(self, naming: Naming, after: bool) -> Any:
+    def _where(self, naming: Naming, after: bool) -> tuple[Region, ...]:
         node = naming.final if after else naming.base
         errors = [np.nan_to_num(e) for e in node.errors.held]
         return localise(self.base.parts.held, errors, self.floor, self.scales, self.seed)
@@ -301,6 +300,11 @@ class _Study:
             )
         if hidden:
             found.append(f"{hidden} lost readings are left out of every figure.")
+        if told is not None and not told.effects and sum(told.windows) < FEW_WINDOWS:
+            found.append(
+                f"The pose gives only {sum(told.windows)} windows of motion to judge slip and "
+                "radii by; name a second log with --val or drive longer."
+            )
         return (*found, *(told.warnings if told is not None else ()))
 
 

@@ -3,16 +3,18 @@
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from sysid import __version__
+from sysid.criteria.information import InformationCriteria
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel
-from sysid.errors import ModelError
-from sysid.structures.model import Model
+from sysid.errors import ModelError, Termination
+from sysid.structures.base import Structure
+from sysid.structures.model import Model, Provenance
 from sysid.structures.plant import Plant
 from sysid.structures.registry import structure_from_json
 
@@ -119,12 +121,58 @@ def from_text(text: bytes, where: str) -> dict[str, Any]:
     return raw
 
 
+@dataclass(frozen=True, eq=False)
+class _Parsed:
+    """A description, read and checked."""
+
+    structure: Structure
+    theta: Array
+    dt: float
+    inputs: tuple[Channel, ...]
+    outputs: tuple[Channel, ...]
+    detrend: Detrend
+    ranges: Array
+
+
 def to_plant(raw: Mapping[str, Any], where: str) -> Plant:
     """The plant that a description describes, made through the registry of structures.
 
     Raises:
         ModelError: the description is damaged, or its structure is not known here.
     """
+    p = _parsed(raw, where)
+    return Plant.of_structure(p.structure, p.theta, p.dt, p.inputs, p.outputs, p.detrend, p.ranges)
+
+
+def to_model(raw: Mapping[str, Any], where: str) -> Model:
+    """The model of a package: what it runs like; how well it is known stayed behind.
+
+    Covariance and noise are zero and its criteria are no numbers.
+
+    Raises:
+        ModelError: the description is damaged, or its structure is not known here.
+    """
+    p = _parsed(raw, where)
+    n, ny = len(p.theta), len(p.outputs)
+    return Model(
+        structure=p.structure,
+        theta=p.theta,
+        covariance=np.zeros((n, n)),
+        parameters=p.structure.parameters(p.inputs, p.outputs),
+        dt=p.dt,
+        inputs=p.inputs,
+        outputs=p.outputs,
+        detrend=p.detrend,
+        noise_covariance=np.zeros((ny, ny)),
+        n_estimated=0,
+        criteria=InformationCriteria(*(float("nan"),) * 7),
+        termination=Termination.CLOSED_FORM,
+        ranges=np.zeros((0, 2)),
+        provenance=Provenance(options={"package": where}),
+    )
+
+
+def _parsed(raw: Mapping[str, Any], where: str) -> _Parsed:
     try:
         before, core, after = raw["blocks"]
         if tuple(b["kind"] for b in (before, core, after)) != BLOCKS:
@@ -141,7 +189,7 @@ def to_plant(raw: Mapping[str, Any], where: str) -> Plant:
         domain = [raw["domain"]["inputs"][c.name] for c in inputs]
         if any(d is None for d in domain):
             domain = []
-        return Plant.of_structure(
+        return _Parsed(
             structure,
             theta,
             _positive(raw["sample_time"]),

@@ -75,3 +75,12 @@ def load_plant(path: str | Path) -> Plant:
         ModelError: there is no package, it is damaged, or its structure is not known here.
     """
     return description.to_plant(read_description(path), str(path))
+
+
+def load_model(path: str | Path) -> Model:
+    """The model of a package, to be run on logs; standard errors are not part of it.
+
+    Raises:
+        ModelError: there is no package, it is damaged, or its structure is not known here.
+    """
+    return description.to_model(read_description(path), str(path))
