@@ -152,7 +152,11 @@ class _Study:
             return None
 
     def remains(self, naming: Naming) -> bool:
-        """Whether the model after leaves anything to explain."""
+        """Whether the model after leaves anything worth a name: structure, and enough of it."""
+        (_, old), (_, new) = (n.errors.mean_squares() for n in (naming.base, naming.final))
+        gap = old - self.floor**2
+        if np.all(new - self.floor**2 < 0.01 * MINOR * np.maximum(gap, 0.3 * self.floor**2)):
+            return False
         left = self.left(naming, after=True)
         return left is None or left.p_value < DEPENDENT
 

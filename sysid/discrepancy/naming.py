@@ -157,7 +157,10 @@ class NamingSearch:
         self.origin = base.q
         judged = self.candidates(base, effects)
         first = tuple((j.id, j.score) for j in judged)
-        beam = self._passing(judged)[:BEAM]
+        passed = self._passing(judged)
+        beam = (
+            passed[:1] + [j for j in passed[1:] if j.id not in passed[0].node.excluded][: BEAM - 1]
+        )
         if not beam:
             return Naming(base, base, (), self._minor(judged), first)
         minor = self._minor(judged)
