@@ -129,7 +129,7 @@ def report(outcomes: list[Outcome]) -> str:
     """The page."""
     return "\n".join(
         [
-            HEAD.format(runs=len(outcomes)),
+            HEAD.format(runs=len(outcomes), planned=len(all_cases())),
             summary(outcomes),
             BY_EFFECT,
             by_effect(outcomes),
@@ -150,6 +150,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--adapter", default=COMMAND, metavar="MODULE:FUNCTION")
     parser.add_argument("--results", type=Path, metavar="FILE", help="keep finished runs here")
+    parser.add_argument(
+        "--finished", action="store_true", help="report on the runs in --results, run no more"
+    )
     parser.add_argument("--list", action="store_true", help="print the cases and stop")
     parser.add_argument(
         "-o", "--out", type=Path, default=Path("reports/diagnose_study.md"), metavar="FILE"
@@ -162,6 +165,10 @@ def main(arguments: list[str] | None = None) -> int:
     if options.list:
         print("\n".join(case.key for case in cases))
         return 0
+    if options.finished:
+        done = _kept(options.results)
+        planned, cases = len(cases), [case for case in cases if case.key in done]
+        print(f"{len(cases)} of {planned} runs are finished")
     outcomes = study(cases, options.adapter, options.jobs, options.results)
     options.out.write_text(report(outcomes), encoding="utf-8")
     seconds = sorted(o.seconds for o in outcomes)
@@ -211,7 +218,8 @@ def _sysid(*arguments: str) -> str:
 
 HEAD = """# What `sysid diagnose` finds in logs that hide something
 
-{runs} blind runs of `benchmarks/study_diagnose.py` on logs of `datasets/generate.py --effect`,
+{runs} blind runs (the whole study has {planned}) of `benchmarks/study_diagnose.py` on logs of
+`datasets/generate.py --effect`,
 whose twin shares no code with the workbench. Strengths, robots, commands and noise (low 1 %, high
 3 % of 10 rad/s) are random. A name is right when the hidden effect stands first, alone or in a tie
 that is reported; a failed run is wrong in every row.

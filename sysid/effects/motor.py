@@ -132,8 +132,8 @@ EFFECTS = (
         "After long hard driving the same command reaches less speed, and recovers in rest.",
         "A minute of full drive, then the first test again, then rest, then again.",
         (
-            EffectParameter("loss", "", 0.0, 0.0, 0.9, (0.15, 0.35), "one"),
-            EffectParameter("time", "s", 30.0, 5.0, 300.0, (20.0, 60.0), "one"),
+            EffectParameter("loss", "", 0.0, 0.0, 2.5, (0.15, 0.35, 1.0), "one"),
+            EffectParameter("time", "s", 30.0, 5.0, 300.0, (20.0, 60.0, 20.0), "one"),
         ),
         _thermal,
         _warming,
