@@ -222,7 +222,8 @@ HEAD = """# What `sysid diagnose` finds in logs that hide something
 `datasets/generate.py --effect`,
 whose twin shares no code with the workbench. Strengths, robots, commands and noise (low 1 %, high
 3 % of 10 rad/s) are random. A name is right when the hidden effect stands first, alone or in a tie
-that is reported; a failed run is wrong in every row.
+that is reported; a failed run is wrong in every row. The rules of naming were set while looking at
+logs of this generator, some seeds of this study among them: other robots will do somewhat worse.
 """
 
 BY_EFFECT = """## By hidden effect
