@@ -32,11 +32,6 @@ class Region:
     interval: tuple[float, float]
 
     @property
-    def lift(self) -> float:
-        """How much more error than its size explains."""
-        return self.share_of_excess / max(self.share_of_samples, 1e-9)
-
-    @property
     def sentence(self) -> str:
         """The finding as a person would say it."""
         return (

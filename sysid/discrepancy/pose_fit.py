@@ -57,8 +57,6 @@ SLOTS = (
 """Every number; those of the last two owners compete with the effects so that a radius that the
 geometry has wrong, or a sensor that does not read zero at rest, lends its name to none."""
 
-NULL = np.array([s.null for s in SLOTS])
-
 
 @dataclass(frozen=True)
 class Candidate:
