@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from sysid.data.record import Array
 from sysid.discrepancy.supermodel import Data, SuperModel
 
-SHIFT = 1e-5
-"""Shift of a number for its slope, in units of its typical size."""
+GRIDS = (1.7, 1.15, 1.03)
+"""A number on which runs depend by jumps is tried from 1/f to f times its value, ever finer."""
+
+GRID_POINTS = 15
 
 FLAT = 1e-6
 """A lane rests when a step gains less than this share of its cost, unless told otherwise."""
@@ -85,6 +87,44 @@ def search(
     return state.q, state.cost
 
 
+def refined(
+    model: SuperModel,
+    q0: Array,
+    free: Sequence[Sequence[int]],
+    data: Data,
+    iterations: int,
+    flat: float = FLAT,
+) -> tuple[Array, Array]:
+    """As ``search``, and numbers on which runs depend by jumps on ever finer grids."""
+    smooth = [[k for k in f if not model.slots[k].stepwise] for f in free]
+    jumps = [[k for k in f if model.slots[k].stepwise] for f in free]
+    q, cost = search(model, q0, smooth, data, iterations, flat)
+    at = [k for k, slots in enumerate(jumps) if slots]
+    for spread in GRIDS if at else ():
+        q[at] = _on_grid(model, q[at], [jumps[k] for k in at], spread, data)
+        q[at], cost[at] = search(model, q[at], [smooth[k] for k in at], data, iterations, flat)
+    return q, cost
+
+
+def _on_grid(
+    model: SuperModel, q: Array, slots: Sequence[Sequence[int]], spread: float, data: Data
+) -> Array:
+    """The best of a grid around some numbers of each lane, track by track."""
+    factors = np.geomspace(1.0 / spread, spread, GRID_POINTS)
+    rows = np.repeat(q, GRID_POINTS, axis=0).reshape(len(q), GRID_POINTS, -1)
+    for lane, mine in zip(rows, slots, strict=True):
+        for s in mine:
+            lane[:, s] = np.minimum(lane[:, s] * factors, model.slots[s].upper)
+    runs = model.run(rows.reshape(-1, rows.shape[2]), data)
+    cost = np.sum((data.weight * (data.y - runs)) ** 2, axis=1).reshape(len(q), GRID_POINTS, -1)
+    out = q.copy()
+    for k, mine in enumerate(slots):
+        for s in mine:
+            best = int(np.argmin(np.nan_to_num(cost[k, :, model.slots[s].track], nan=np.inf)))
+            out[k, s] = rows[k, best, s]
+    return out
+
+
 def information(model: SuperModel, q: Array, free: Sequence[int], data: Data) -> Array:
     """Gauss–Newton matrix JᵀWJ over the free slots in their own units, (n, n)."""
     lane = _Lane(((tuple(free), tuple(range(model.tracks))),), tuple((k,) for k in free))
@@ -109,6 +149,7 @@ class _Search:
         self.lower = np.array([s.lower for s in model.slots])
         self.upper = np.array([s.upper for s in model.slots])
         self.scale = np.array([s.scale for s in model.slots])
+        self.shift = np.array([s.shift for s in model.slots])
         count, tracks = len(q), model.tracks
         self.damping = np.full((count, tracks), 1e-2)
         self.resting = np.zeros((count, tracks), dtype=bool)
@@ -127,7 +168,7 @@ class _Search:
         for k in lanes:
             for slots in self.lanes[k].columns:
                 index = np.array(slots)
-                h = SHIFT * self.scale[index]
+                h = self.shift[index]
                 h = np.where(self.q[k, index] + h > self.upper[index], -h, h)
                 moved = self.q[k].copy()
                 moved[index] += h

@@ -25,6 +25,13 @@ PROVEN_IN_LOOP = 0.70
 """The same for a log recorded in closed loop, where the input answers the disturbance."""
 
 
+FEWEST_CALM = 200
+"""Third differences on which no command changes, at least, to read the noise from them alone."""
+
+WITHIN_THREE = 0.98658
+"""Standard deviation of a normal law cut off at three of its own."""
+
+
 @dataclass(frozen=True)
 class Evidence:
     """How two models of the same data compare, over the outputs that the effect changes.
@@ -189,9 +196,42 @@ def _block_gains(
 def noise_floor(records: Sequence[Record]) -> Array:
     """Measurement noise of each output from the data alone, (ny,).
 
-    Third differences of a smooth signal vanish; their median absolute deviation, divided by
-    √20 (the norm of 1, −3, 3, −1), is the standard deviation of white reading noise. Fast
-    transients are a minority that the median passes over.
+    Third differences of a smooth signal vanish; divided by √20 (the norm of 1, −3, 3, −1) their
+    spread is the standard deviation of white reading noise. Where the commands rest often enough,
+    only readings on which no command has just changed count, by their root mean square without
+    outliers; else the median absolute deviation of all of them, which passes over transients as
+    long as they are a minority.
     """
     third = np.concatenate([np.diff(r.y, n=3, axis=0) for r in records if len(r) > 3])
-    return np.asarray(1.4826 * np.median(np.abs(third), axis=0) / np.sqrt(20.0))
+    calm = np.concatenate([_calm(r) for r in records if len(r) > 3])
+    rough = 1.4826 * np.median(np.abs(third), axis=0)
+    found = [
+        _spread(third[calm[:, i], i], rough[i]) if calm[:, i].sum() >= FEWEST_CALM else rough[i]
+        for i in range(third.shape[1])
+    ]
+    return np.array(found) / np.sqrt(20.0)
+
+
+def _calm(record: Record) -> NDArray[np.bool_]:
+    """Third differences (N − 3, ny) on which no command changes, nor in the two samples before.
+
+    Readings that rest on zero or on their largest size (a clip) do not show the noise.
+    """
+    u, y = record.u, record.y
+    changes = np.any(np.abs(np.diff(u, axis=0)) > 1e-3 * np.max(np.abs(u), axis=0), axis=1)
+    before = np.concatenate([[0], np.cumsum(changes)])
+    first = np.arange(len(u) - 3)
+    calm = before[first + 3] == before[np.maximum(first - 2, 0)]
+    size = np.abs(y[:-3])
+    same = np.all([y[k : len(y) - 3 + k] == y[:-3] for k in (1, 2, 3)], axis=0)
+    stuck = same & ((size == 0.0) | (size == np.max(np.abs(y), axis=0)))
+    return np.asarray(calm[:, None] & ~stuck)
+
+
+def _spread(x: Array, start: float) -> float:
+    """Root mean square within three times itself, for a normal law."""
+    size = max(start, 1.4826 * float(np.median(np.abs(x))))
+    for _ in range(5):
+        inside = x[np.abs(x) <= 3.0 * size]
+        size = float(np.sqrt(np.mean(inside**2))) / WITHIN_THREE if len(inside) else size
+    return size

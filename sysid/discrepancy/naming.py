@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
 from sysid.discrepancy.admission import admissible, tied
-from sysid.discrepancy.batched_search import search
+from sysid.discrepancy.batched_search import refined, search
 from sysid.discrepancy.evidence import (
     PROVEN,
     Errors,
@@ -222,13 +222,13 @@ class NamingSearch:
         for k in self.model.of(id):
             q[k] = seen.node.q[k]
         rest = tuple(e for e in best.effects if e != id)
-        found, _ = search(self.model, q[None], [best.free], data, POLISH)
+        found, _ = refined(self.model, q[None], [best.free], data, POLISH)
         node = self.node((id, *rest), found[0], best.free)
         return node if self.total(base, node) >= self.total(base, best) else best
 
     def polished(self, node: Node) -> Node:
         """The node fitted to the end."""
-        q, _ = search(self.model, node.q[None], [node.free], self.data, POLISH)
+        q, _ = refined(self.model, node.q[None], [node.free], self.data, POLISH)
         return self.node(node.effects, q[0], node.free, node.touched)
 
     def _passing(self, judged: Sequence[Judged]) -> list[Judged]:
@@ -315,7 +315,8 @@ class NamingSearch:
     ) -> tuple[Array, Array]:
         every = range(self.model.tracks)
         free = [(*node.free, *free_slots(self.model, e, every)) for e in owners]
-        return search(self.model, q, free, self.data, steps, COARSE)
+        how = refined if steps == FULL_STEPS else search
+        return how(self.model, q, free, self.data, steps, COARSE)
 
     def _joined(self, q: Array, cost: Array, e: Effect) -> Array:
         """The best start; track by track where the effect is each track's own."""
@@ -342,7 +343,7 @@ class NamingSearch:
                 out[k] = before.q[k]
         free = (*before.free, *free_slots(self.model, e, np.flatnonzero(served).tolist()))
         if e.id == "cross-coupling":
-            rows, _ = search(self.model, out[None], [free], self.data, POLISH)
+            rows, _ = refined(self.model, out[None], [free], self.data, POLISH)
             out = rows[0]
         found = self.node((*before.effects, e.id), out, free, served)
         return replace(found, excluded=before.excluded)
@@ -390,7 +391,7 @@ class NamingSearch:
             q[k] = self.origin[k]
         free = tuple(k for k in node.free if k not in mine)
         rest = tuple(i for i in node.effects if i != id)
-        found, _ = search(self.model, q[None], [free], self.data, POLISH)
+        found, _ = refined(self.model, q[None], [free], self.data, POLISH)
         return self.node(rest, found[0], free)
 
     def pruned(self, base: Node, node: Node) -> Node:

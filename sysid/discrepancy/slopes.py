@@ -3,7 +3,6 @@
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.discrepancy.batched_search import SHIFT
 from sysid.discrepancy.named_sets import Node
 from sysid.discrepancy.naming import NamingSearch
 
@@ -21,8 +20,7 @@ def slopes(search: NamingSearch, node: Node, held: bool = False) -> tuple[Array,
     shifts = []
     for row, k in enumerate(node.free, start=1):
         slot = model.slots[k]
-        shift = SHIFT * slot.scale
-        shift = -shift if node.q[k] + shift > slot.upper else shift
+        shift = -slot.shift if node.q[k] + slot.shift > slot.upper else slot.shift
         lanes[row, k] += shift
         shifts.append(shift)
     runs = model.run(lanes, data)

@@ -139,7 +139,9 @@ def _ringing(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]:
 
 def _from_pile_up(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]:
     """The clip level is where readings pile up, not what least squares would like it to be."""
-    levels = np.array([clip_level(data.y[data.weight[:, i] > 0.0, i]) for i in range(model.tracks)])
+    levels = np.array(
+        [clip_level(data.y[data.weight[:, i] > 0.0, i], data.noise[i]) for i in range(model.tracks)]
+    )
     if not np.isfinite(levels).any():
         return []
     row = q.copy()
@@ -150,12 +152,16 @@ def _from_pile_up(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Ar
     return [row, _stronger(model, row), _stronger(model, row, 1.8)]
 
 
-def clip_level(y: Array) -> float:
+def clip_level(y: Array, noise: float = 0.0) -> float:
     """Size of the largest readings when they pile up in a narrow band, else infinite.
 
     A clipped sensor shows a flat top: one largest value comes again and again, or, where noise
     enters behind the clip, many more readings lie within the noise of the top than in the bands
     below it.
+
+    Args:
+        y: readings, (N,).
+        noise: their standard deviation beyond the clip.
     """
     size = np.abs(y)
     if repeats_at_top(size):
@@ -164,6 +170,12 @@ def clip_level(y: Array) -> float:
     if top <= 0.0:
         return np.inf
     width = 0.04 * top
+    if noise > 0.3 * width:
+        # the pile is a bell as wide as the noise, and the top lies on its far slope
+        width = 3.0 * noise
+        bands = np.linspace(top - 2.0 * width, top, 81)
+        counts = [int(np.sum(np.abs(size - b) < 0.5 * width)) for b in bands]
+        top = float(bands[int(np.argmax(counts))]) + 0.5 * width
     high = float(np.mean(size > top - width))
     below = [
         float(np.mean((size > top - (k + 2) * width) & (size <= top - (k + 1) * width)))

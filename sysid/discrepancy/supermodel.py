@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
+from sysid.discrepancy.evidence import noise_floor
 from sysid.effects.base import Effect, Place
 from sysid.effects.catalogue import CHANGED
 from sysid.structures.chain import (
@@ -36,6 +37,10 @@ LENGTHS = (512, 1024, 1536, 2048, 3072, 4096, 5120, 6144, 8192)
 """Records are padded to one of these (then to multiples of the last), so that one compilation
 serves many logs."""
 
+SHIFT, WIDE_SHIFT = 1e-5, 0.01
+"""Shift of a number for its slope, in units of its typical size; the second where runs change by
+jumps: wide enough to hold some of them."""
+
 
 @dataclass(frozen=True)
 class Slot:
@@ -48,6 +53,7 @@ class Slot:
         null: value at which it does nothing (for the core: its place is taken by the base).
         lower, upper: bounds in physical units.
         scale: typical size, for the solver.
+        stepwise: whether runs change with it by jumps.
     """
 
     owner: str
@@ -57,6 +63,12 @@ class Slot:
     lower: float
     upper: float
     scale: float
+    stepwise: bool = False
+
+    @property
+    def shift(self) -> float:
+        """By how much it is moved for a slope."""
+        return (WIDE_SHIFT if self.stepwise else SHIFT) * self.scale
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +84,7 @@ class Data:
         back: row of k samples earlier, at most back to the record's start, (depth + 1, M).
         weight: 0 where a sample does not count, (M, tracks).
         lengths: samples of each record.
+        noise: noise of the readings (see ``noise_floor``), (tracks,).
     """
 
     drive: Array
@@ -83,6 +96,7 @@ class Data:
     back: NDArray[np.int64]
     weight: Array
     lengths: tuple[int, ...]
+    noise: Array
 
     @cached_property
     def arrays(self) -> dict[str, Any]:
@@ -155,6 +169,7 @@ def prepare(
         np.concatenate([back, np.full((depth + 1, pad), total - 1)], axis=1),
         stacked(weight),
         lengths,
+        noise_floor(records),
     )
 
 
@@ -205,7 +220,8 @@ class SuperModel:
             factor = 1.0 / v
         null = p.null * (v if p.scaled_by == "speed" and 0.0 < abs(p.null) < 1e3 else 1.0)
         size = max(abs(s) for s in p.starts) or 0.1
-        return Slot(id, p.name, track, null, p.lower * factor, p.upper * factor, size * factor)
+        bounds = (p.lower * factor, p.upper * factor)
+        return Slot(id, p.name, track, null, *bounds, size * factor, p.stepwise)
 
     @property
     def null(self) -> Array:

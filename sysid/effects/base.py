@@ -63,6 +63,8 @@ class EffectParameter:
         scaled_by: ``drive``, ``speed``, ``dt`` or ``one``: what bounds and starts are multiples of.
         starts: values a search starts from, tried together with those of the other parameters.
         choice: whether it is one of its starts and never in between: tried, not searched.
+        stepwise: whether a run changes with it by jumps, so that no slope says where to go: it is
+            looked for on ever finer grids.
     """
 
     name: str
@@ -73,6 +75,7 @@ class EffectParameter:
     starts: tuple[float, ...]
     scaled_by: str = "one"
     choice: bool = False
+    stepwise: bool = False
 
 
 Step = Callable[[Any, Signal, State, Mapping[str, Signal], Context], tuple[Signal, State]]

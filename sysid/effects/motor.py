@@ -244,7 +244,11 @@ EFFECTS = (
         "Play in the gear: at each reversal the wheel waits until the gap is crossed.",
         "A short pause after each reversal, none in one direction.",
         "Frequent reversals at several speeds.",
-        (EffectParameter("gap", "rad", 0.0, 0.0, 6.0, (0.2, 0.6, 1.5), "one"),),
+        (
+            EffectParameter(
+                "gap", "rad", 0.0, 0.0, 12.0, (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2), stepwise=True
+            ),
+        ),
         _backlash,
         states=3,
         at_rest=_touching,
