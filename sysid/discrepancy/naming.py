@@ -342,7 +342,7 @@ class NamingSearch:
             if slot.track >= 0 and not served[slot.track]:
                 out[k] = before.q[k]
         free = (*before.free, *free_slots(self.model, e, np.flatnonzero(served).tolist()))
-        if e.id == "cross-coupling":
+        if "cross-coupling" in (*before.effects, e.id):  # what one track loses, the other feels
             rows, _ = refined(self.model, out[None], [free], self.data, POLISH)
             out = rows[0]
         found = self.node((*before.effects, e.id), out, free, served)
