@@ -173,8 +173,8 @@ def test_the_search_finds_the_numbers_of_its_own_run_from_far_away() -> None:
     for i in range(2):
         truth[m.place["dead-zone", "plus", i]] = 0.2
         truth[m.place["dead-zone", "minus", i]] = 0.1
-    y = m.run(truth, prepare([r], scales, 1, m.depth))[0][: len(r)]
-    data = prepare([dataclasses.replace(r, y=y)], scales, 1, m.depth)
+    y = m.run(truth, prepare([r], scales, 1))[0][: len(r)]
+    data = prepare([dataclasses.replace(r, y=y)], scales, 1)
     free = (*m.of("core"), *(k for k in m.of("dead-zone") if m.slots[k].name != "jump"))
     start = core(m, 15.0, -0.6)
     for k in m.of("dead-zone"):
@@ -189,10 +189,10 @@ def test_the_search_finds_the_numbers_of_its_own_run_from_far_away() -> None:
 def test_records_run_on_their_own_and_padding_does_not_count() -> None:
     m, a, b = model(), record(300, 1), record(200, 2)
     scales, q = np.full(2, 20000.0), core(model())
-    both = prepare([a, b], scales, 1, m.depth)
+    both = prepare([a, b], scales, 1)
     runs = both.split(m.run(q, both)[0])
     for r, run in zip((a, b), runs, strict=True):
-        alone = m.run(q, prepare([r], scales, 1, m.depth))[0][: len(r)]
+        alone = m.run(q, prepare([r], scales, 1))[0][: len(r)]
         np.testing.assert_allclose(run, alone, atol=1e-12)
     assert both.weight[500:].sum() == 0.0
 
@@ -200,7 +200,7 @@ def test_records_run_on_their_own_and_padding_does_not_count() -> None:
 def test_a_bound_holds_and_names_with_a_number_on_it_are_not_admitted() -> None:
     m, r = model(), record()
     scales = np.full(2, 20000.0)
-    data = prepare([r], scales, 1, m.depth)
+    data = prepare([r], scales, 1)
     limit = m.place["coulomb-friction", "level", 0]
     q, _ = search(m, core(m)[None], [(limit,)], data, 20)
     assert m.slots[limit].lower <= q[0][limit] <= m.slots[limit].upper

@@ -139,7 +139,7 @@ def test_a_delay_shifts_and_backlash_pauses_after_a_reversal() -> None:
     late = run({"input-delay": {"delay": both(3 * DT)}}, drive)
     np.testing.assert_allclose(late[3:], run({}, drive)[:-3], atol=1e-9)
     swing = np.vstack([held(0.4, 60), held(-0.4, 60)])
-    gap = run({"backlash": {"gap": both(0.5)}}, swing)
+    gap = run({"backlash": {"gap": both(0.5), "inertia": both(1.0), "coast": both(1.0)}}, swing)
     plain = run({}, swing)
     assert gap[62, 0] > plain[62, 0] + 0.1
     np.testing.assert_allclose(gap[-1], plain[-1], rtol=1e-3)

@@ -14,8 +14,9 @@ TIE = 1.02
 KNOWN_TIE = 1.04
 """The same for effects that the catalogue knows to be alike."""
 
-MOST_ABSORBED = 3.0
-"""A base does not absorb so much that its gain were wrong by more than this factor."""
+MOST_ABSORBED = (3.0, 20.0)
+"""A base does not absorb so much that its gain were too large or too small by more than these
+factors: small commands that hardly leave a dead zone make it far too small."""
 
 
 def admissible(model: SuperModel, origin: Array, node: Node) -> bool:
@@ -25,7 +26,7 @@ def admissible(model: SuperModel, origin: Array, node: Node) -> bool:
     gains = [k for k in node.free if model.slots[k].name == "gain"]
     if id not in ("unsigned-speed", CHANGED.id) and "unsigned-speed" not in node.effects:
         moved = np.abs(node.q[gains] / origin[gains])
-        if np.any((moved > MOST_ABSORBED) | (moved < 1.0 / MOST_ABSORBED)):
+        if np.any((moved < 1.0 / MOST_ABSORBED[0]) | (moved > MOST_ABSORBED[1])):
             return False
     if id in ("unsigned-speed", "sensor-saturation", CHANGED.id):
         return True  # no number is searched, or the core's own are
@@ -38,7 +39,7 @@ def admissible(model: SuperModel, origin: Array, node: Node) -> bool:
         width = slot.upper - slot.lower
         value = node.q[k]
         on_bound = min(value - slot.lower, slot.upper - value) < 1e-3 * width
-        if slot.null == slot.lower and value - slot.lower < 1e-3 * width:
+        if slot.null in (slot.lower, slot.upper) and abs(value - slot.null) < 1e-3 * width:
             on_bound = slot.name == first and id not in ("dead-zone", "stiction")
         inside.append((not on_bound, abs(value - slot.null) > 0.02 * slot.scale))
     return all(a for a, _ in inside) and any(b for _, b in inside)

@@ -102,7 +102,7 @@ def _apart(
     u = sampled(rows, record, scales)[: len(search.data.drive)]
     whole = np.concatenate([u, np.zeros((len(search.data.drive) - len(u), record.nu))])
     drive = replace(record, u=whole, y=np.zeros((len(whole), record.ny)), pose=None, sha256="")
-    data = prepare([drive], scales, delay, search.model.depth)
+    data = prepare([drive], scales, delay)
     runs = search.model.run(np.array([n.q for n in nodes]), data)[:, : len(u)]
     sizes = np.maximum(floor, 1e-9 * np.max(np.abs(runs), initial=1e-9))
     return min(

@@ -8,7 +8,7 @@ from sysid import __version__
 from sysid.criteria.information import information_criteria
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
-from sysid.discrepancy.base_model import Base
+from sysid.discrepancy.base_model import Base, full_drive
 from sysid.discrepancy.batched_search import information
 from sysid.discrepancy.diagnosis import Value
 from sysid.discrepancy.evidence import effective_samples
@@ -66,7 +66,9 @@ def values_of(base: Base, node: Node, id: str) -> tuple[Value, ...]:
         found.append(Value(f"{slot.name}{tag}", float(node.q[k]), error, words))
         if id in DRY and slot.name in ("level", "excess"):
             # dry friction as the command that it takes: what a person with a robot turns up
-            full = float(base.scales[slot.track]) / abs(node.q[m.place["core", "gain", slot.track]])
+            full = float(full_drive(base.parts.estimation)[slot.track]) / abs(
+                node.q[m.place["core", "gain", slot.track]]
+            )
             channel = base.search.estimation[0].inputs[slot.track]
             scaled = None if error is None else error * full
             found.append(

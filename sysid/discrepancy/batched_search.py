@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from sysid.data.record import Array
 from sysid.discrepancy.supermodel import Data, SuperModel
 
-GRIDS = (1.7, 1.15, 1.03)
-"""A number on which runs depend by jumps is tried from 1/f to f times its value, ever finer."""
+PROFILE, PROFILE_POINTS, PROFILE_STEPS = 3.0, 11, 8
+"""A number on which runs depend by jumps is first held from 1/f to f times its value while all
+others are searched, """
 
-GRID_POINTS = 15
+GRIDS, GRID_POINTS = (1.2, 1.05), 21
+"""and then tried on ever finer grids."""
 
 FLAT = 1e-6
 """A lane rests when a step gains less than this share of its cost, unless told otherwise."""
@@ -94,35 +96,96 @@ def refined(
     data: Data,
     iterations: int,
     flat: float = FLAT,
+    unknown: Sequence[int] = (),
 ) -> tuple[Array, Array]:
-    """As ``search``, and numbers on which runs depend by jumps on ever finer grids."""
+    """As ``search``, and numbers on which runs depend by jumps on ever finer grids.
+
+    Args:
+        unknown: lanes where such a number may still be far off: it is profiled first.
+    """
     smooth = [[k for k in f if not model.slots[k].stepwise] for f in free]
     jumps = [[k for k in f if model.slots[k].stepwise] for f in free]
     q, cost = search(model, q0, smooth, data, iterations, flat)
     at = [k for k, slots in enumerate(jumps) if slots]
+    for k in at:
+        if k in unknown:
+            q[k] = _profiled(model, q[k], smooth[k], jumps[k], data, flat)
     for spread in GRIDS if at else ():
         q[at] = _on_grid(model, q[at], [jumps[k] for k in at], spread, data)
         q[at], cost[at] = search(model, q[at], [smooth[k] for k in at], data, iterations, flat)
     return q, cost
 
 
+def _profiled(
+    model: SuperModel,
+    q: Array,
+    smooth: Sequence[int],
+    jumps: Sequence[int],
+    data: Data,
+    flat: float,
+) -> Array:
+    """A lane searched anew at every point of a wide grid over its numbers with jumps."""
+    shaped = np.array(_shapes(model, q, smooth, jumps))
+    rows = _spread_out(model, shaped, [jumps] * len(shaped), PROFILE, PROFILE_POINTS)
+    rows = rows.reshape(-1, len(q))
+    found, cost = search(model, rows, [smooth] * len(rows), data, PROFILE_STEPS, flat)
+    return np.asarray(_best(model, found[None], cost[None])[0])
+
+
+def _shapes(
+    model: SuperModel, q: Array, smooth: Sequence[int], jumps: Sequence[int]
+) -> list[Array]:
+    """A lane as it is, and with the starts of the other numbers of an effect that has jumps."""
+    owners = {model.slots[s].owner for s in jumps}
+    found = [q]
+    for e in (e for e in model.effects if e.id in owners):
+        sets = [{k: v for k, v in start.items() if k in smooth} for start in model.starts(e)]
+        for values in {tuple(sorted(s.items())) for s in sets}:
+            row = q.copy()
+            for k, v in values:
+                row[k] = v
+            found.append(row)
+    return [found[0], *sorted(found[1:], key=lambda row: row.tolist())]
+
+
 def _on_grid(
     model: SuperModel, q: Array, slots: Sequence[Sequence[int]], spread: float, data: Data
 ) -> Array:
     """The best of a grid around some numbers of each lane, track by track."""
-    factors = np.geomspace(1.0 / spread, spread, GRID_POINTS)
-    rows = np.repeat(q, GRID_POINTS, axis=0).reshape(len(q), GRID_POINTS, -1)
+    rows = _spread_out(model, q, slots, spread, GRID_POINTS)
+    runs = model.run(rows.reshape(-1, rows.shape[2]), data)
+    cost = np.sum((data.weight * (data.y - runs)) ** 2, axis=1).reshape(len(q), GRID_POINTS, -1)
+    return _best(model, rows, cost)
+
+
+def _spread_out(
+    model: SuperModel, q: Array, slots: Sequence[Sequence[int]], spread: float, points: int
+) -> Array:
+    """Lanes with some numbers from 1/spread to spread times their value, (lanes, points, slots)."""
+    rows = np.repeat(q[:, None], points, axis=1)
+    factors = np.geomspace(1.0 / spread, spread, points)
     for lane, mine in zip(rows, slots, strict=True):
         for s in mine:
             lane[:, s] = np.minimum(lane[:, s] * factors, model.slots[s].upper)
-    runs = model.run(rows.reshape(-1, rows.shape[2]), data)
-    cost = np.sum((data.weight * (data.y - runs)) ** 2, axis=1).reshape(len(q), GRID_POINTS, -1)
-    out = q.copy()
-    for k, mine in enumerate(slots):
-        for s in mine:
-            best = int(np.argmin(np.nan_to_num(cost[k, :, model.slots[s].track], nan=np.inf)))
-            out[k, s] = rows[k, best, s]
-    return out
+    return rows
+
+
+def _best(model: SuperModel, rows: Array, cost: Array) -> Array:
+    """Of each lane the row of least cost, and each track's numbers from the row that suits it.
+
+    Args:
+        model: simulation.
+        rows: (lanes, points, slots).
+        cost: (lanes, points, tracks).
+    """
+    out = []
+    for lane, costs in zip(rows, np.nan_to_num(cost, nan=np.inf), strict=True):
+        best = lane[int(np.argmin(costs.sum(axis=1)))].copy()
+        for k, slot in enumerate(model.slots):
+            if slot.track >= 0:
+                best[k] = lane[int(np.argmin(costs[:, slot.track])), k]
+        out.append(best)
+    return np.array(out)
 
 
 def information(model: SuperModel, q: Array, free: Sequence[int], data: Data) -> Array:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
 from sysid.discrepancy import findings
@@ -37,17 +38,27 @@ from sysid.vehicle.kinematics import Geometry
 DEPENDENT = 1e-3
 """p-value of the model-error model below which errors count as structured."""
 
-MOST_OF_THE_GAP = 55.0
-"""Names that together close less of the gap [%] are not the cause: the verdict is unexplained."""
+MOST_OF_THE_GAP = 80.0
+"""Names that together close less of the gap [%] and leave structure are not the cause: the verdict
+is unexplained."""
+
+CHANCE = 0.05
+"""Names that close less and whose gain may be chance go even where no structure is left."""
 
 MINOR = 1.0
 """An effect that would close less of the gap [%] is too small to matter."""
+
+SLIGHT = 0.15
+"""Structure that holds less of the errors beyond the noise is no missing effect."""
 
 WORTHLESS = 0.6
 """A base whose errors exceed this share of the outputs' spread follows nothing."""
 
 FEW_WINDOWS = 40
 """Fewer windows of pose seldom prove an effect of the vehicle."""
+
+LOUD = 1.5
+"""Errors beyond this multiple of the noise of the readings are mentioned."""
 
 PATH_ROWS = 400
 """Points of a path kept for the picture."""
@@ -99,11 +110,11 @@ def diagnose(
             lambda node: study.remains(replace(nothing, final=node)),
         )
     say("the proof", 0.72)
-    naming = study.believed(naming)
+    found, naming = naming, study.believed(naming)
     geometry = load_mission(mission).vehicle.geometry if mission is not None else None
     told = _pose(base, geometry)
     after = before if not naming.named else study.left(naming, after=True)
-    result = study.result(model, naming, told, before, after)
+    result = study.result(model, naming, told, before, after, found is not naming)
     if mission is not None:
         say("the mission again with both models", 0.9)
         whole = (*estimation, *(held or ()))
@@ -171,22 +182,28 @@ class _Study:
     def _runs(traces: Sequence[Trace], after: bool) -> list[Array]:
         return [t.after if after else t.before for t in traces if t.role == "held-out"]
 
-    def gap(self, naming: Naming) -> Gap:
-        """The gap on held-out data before and after."""
+    def gap(self, naming: Naming, served: NDArray[np.bool_] | None = None) -> Gap:
+        """The gap on held-out data before and after, of the outputs ``served``."""
+        at = np.arange(len(self.floor)) if served is None else np.flatnonzero(served)
+        names = self.base.parts.estimation[0].output_names
         return measure_gap(
-            naming.base.errors.held,
-            naming.final.errors.held,
-            self.floor,
-            self.base.parts.estimation[0].output_names,
+            [e[:, at] for e in naming.base.errors.held],
+            [e[:, at] for e in naming.final.errors.held],
+            self.floor[at],
+            [names[i] for i in at],
             self.seed,
         )
 
     def believed(self, naming: Naming) -> Naming:
         """No names where all of them together leave most of the gap: they are not the cause."""
-        if not naming.named or self.gap(naming).closed_percent >= MOST_OF_THE_GAP:
+        if not naming.named:
+            return naming
+        served = np.any([n.touched for n in naming.named], axis=0)
+        closed = self.gap(naming, served).closed_percent
+        if closed >= MOST_OF_THE_GAP:
             return naming
         left = self.left(naming, after=True)
-        if left is not None and left.p_value >= DEPENDENT:
+        if left is not None and left.p_value >= DEPENDENT and _sure(naming):
             return naming
         minor = (*((n.id, n.evidence) for n in naming.named), *naming.minor)
         return replace(naming, final=naming.base, named=(), minor=minor)
@@ -198,8 +215,9 @@ class _Study:
         told: PoseDiagnosis | None,
         left_before: Left | None,
         left_after: Left | None,
+        withdrawn: bool,
     ) -> Diagnosis:
-        """Everything but the mission."""
+        """Everything but the mission; ``withdrawn``: whether names were not believed."""
         base, first = self.base, self.base.parts.estimation[0]
         samples = inspect_samples(base.parts.estimation)
         effects = (
@@ -210,15 +228,16 @@ class _Study:
         traces = findings.traces(base, naming)
         gap = self.gap(naming)
         structured = left_after is not None and left_after.p_value < DEPENDENT
+        slight = left_after is not None and left_after.share < SLIGHT
         description = ""
         if structured and (not effects or gap.closed_percent < 90.0):
             runs = self._runs(traces, after=True)
             description = described(
                 explain(base.parts.held, naming.final.errors.held, runs, self.floor, self.scales)
             )
-        verdict = (
-            "effects-found" if effects else "unexplained" if structured else ("no-missing-effect")
-        )
+        verdict = "no-missing-effect"
+        if effects or (structured and (withdrawn or not slight)):
+            verdict = "effects-found" if effects else "unexplained"
         before = model if model is not None else model_of(base, naming.base)
         after = model_of(base, naming.final) if naming.named else before
         if told is not None and told.effects:
@@ -229,7 +248,7 @@ class _Study:
         unseen = self._unseen(naming, told, [e.id for e in effects])
         return Diagnosis(
             verdict=verdict,
-            story=_story(verdict, [e.id for e in effects], gap, structured),
+            story=_story(verdict, [e.id for e in effects], gap, left_after),
             base_words=base.words,
             effects=effects,
             minor=tuple(dict.fromkeys(id for id, _ in naming.minor)),
@@ -312,19 +331,40 @@ class _Study:
         return (*found, *(told.warnings if told is not None else ()))
 
 
-def _story(verdict: str, ids: Sequence[str], gap: Gap, structured: bool) -> str:
+def _sure(naming: Naming) -> bool:
+    return all(n.evidence.p_value < CHANCE for n in naming.named)
+
+
+def _story(verdict: str, ids: Sequence[str], gap: Gap, left: Left | None) -> str:
+    structured = left is not None and left.p_value < DEPENDENT
+    rest = {
+        name: c.rmse_after / c.noise_floor
+        for name, c in gap.channels.items()
+        if c.rmse_after > LOUD * c.noise_floor > 0.0
+    }
+    loud = ", ".join(f"{name} {ratio:.1f} times" for name, ratio in rest.items())
     if verdict == "effects-found":
         text = f"Missing: {', '.join(ids)}."
-        if structured and gap.closed_percent < 90.0:
-            text += (
-                f" {100.0 - gap.closed_percent:.0f} % of the gap remains and is structured: "
-                "something else is missing, too."
-            )
+        if structured and (gap.closed_percent < 90.0 or loud):
+            text += f" {100.0 - gap.closed_percent:.0f} % of the gap remains and is structured"
+            text += f" (errors: {loud} the noise)" if loud else ""
+            text += ": something else is missing, too."
         return text
     if verdict == "unexplained":
         return (
             "The errors depend on what is known, so something is missing, but most of it is "
             "unexplained by every effect of the catalogue."
+        )
+    if left is not None and structured:
+        return (
+            "Nothing of the catalogue is missing: what is known predicts only "
+            f"{100.0 * left.share:.0f} % of the errors beyond the noise."
+        )
+    if loud:
+        return (
+            "Nothing is missing that this log could show: the errors depend on no command and no "
+            f"speed. But they are larger than the noise of the readings ({loud}): a load or a "
+            "disturbance acts that no channel records."
         )
     return "Nothing is missing that this log could show: the errors look like noise."
 

@@ -209,7 +209,7 @@ def noise_floor(records: Sequence[Record]) -> Array:
         _spread(third[calm[:, i], i], rough[i]) if calm[:, i].sum() >= FEWEST_CALM else rough[i]
         for i in range(third.shape[1])
     ]
-    return np.array(found) / np.sqrt(20.0)
+    return np.asarray(np.array(found) / np.sqrt(20.0))
 
 
 def _calm(record: Record) -> NDArray[np.bool_]:

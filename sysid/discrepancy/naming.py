@@ -19,7 +19,7 @@ from sysid.discrepancy.evidence import (
 )
 from sysid.discrepancy.named_sets import Judged, Named, Naming, Node
 from sysid.discrepancy.starts import free_slots, repeats_at_top, starts_of
-from sysid.discrepancy.supermodel import Data, SuperModel, prepare
+from sysid.discrepancy.supermodel import Data, Slot, SuperModel, prepare
 from sysid.effects.base import Effect
 from sysid.effects.catalogue import about
 
@@ -38,6 +38,9 @@ BEAM = 2
 
 FAR_AHEAD = 4.0
 """A rival is not grown when the leader's set scores so many times higher."""
+
+LEADING = 3
+"""Effects that lead so far are searched with most care where slopes say little."""
 
 PROMISING = 0.95
 """A candidate is fitted in full when its first steps bring some track's cost below this share."""
@@ -78,13 +81,14 @@ class NamingSearch:
         self.model, self.level, self.needed = model, level, needed
         self.estimation, self.held = tuple(estimation), tuple(held)
         mine, theirs = weights if weights is not None else (None, None)
-        self.data = prepare(self.estimation, scales, delay, model.depth, mine)
+        self.data = prepare(self.estimation, scales, delay, mine)
         rows = len(self.data.drive)
-        self.held_data = prepare(self.held, scales, delay, model.depth, theirs, rows)
+        self.held_data = prepare(self.held, scales, delay, theirs, rows)
         owners = ("core", "load-bias") if level else ("core",)
         core = tuple(k for k, s in enumerate(model.slots) if s.owner in owners)
         self.core = () if fixed_core else core
         self.origin = model.null
+        self.stepwise = {s.owner for s in model.slots if s.stepwise}
 
     def base(self, starts: Array) -> Node:
         """The base fitted from given values of all slots, (lanes, slots)."""
@@ -122,7 +126,7 @@ class NamingSearch:
 
     def in_phase(self, q: Array, effects: Sequence[str]) -> Array:
         """The ripple's phase belongs to a record: turned to suit the held-out one."""
-        if "speed-ripple" not in effects or self.held_data.back is self.data.back:
+        if "speed-ripple" not in effects or self.held == self.estimation:
             return q
         rows = np.repeat(q[None], PHASES, axis=0)
         for j in range(PHASES):
@@ -168,11 +172,12 @@ class NamingSearch:
         minor = grown_minor if grown_minor is not None else minor
         for rival in beam[1:]:
             # the likeliest first effect may be a stand-in: try the next one where much is left
-            if self.total(base, best) > FAR_AHEAD * rival.score or not (left is None or left(best)):
+            ours, theirs = self._totals(base, (best, rival.node))
+            if ours > FAR_AHEAD * theirs or not (left is None or left(best)):
                 break
             say(f"starting from {rival.id} instead", 0.6)
             other, other_minor = self._grown(base, rival.node, effects, say, left)
-            if self.total(base, other) > self.total(base, best):
+            if self.best_of(base, (best, other)) is other:
                 best, minor = other, other_minor if other_minor is not None else minor
         best = self._with_seen_clip(base, self.polished(best), judged)
         say("dropping and swapping", 0.85)
@@ -195,16 +200,40 @@ class NamingSearch:
         left: Callable[[Node], bool] | None,
     ) -> tuple[Node, tuple[tuple[str, Evidence], ...] | None]:
         """A node with effects added one at a time; and what was minor when it grew no more."""
-        minor = None
+        minor, tidied = None, 1
         while len(node.effects) < MOST_EFFECTS and (left is None or left(node)):
+            if len(node.effects) > tidied:
+                tidied = len(node.effects)
+                other = self._swapped(base, node, effects)
+                if other is not node:
+                    node = other
+                    continue
             say(f"{', '.join(node.effects)}: looking for more", 0.2 * len(node.effects))
             judged = self.candidates(node, effects)
             minor = self._minor(judged)
             passed = self._passing(judged)
-            if not passed or self.total(base, passed[0].node) <= self.total(base, node):
+            if not passed or self.best_of(base, (node, passed[0].node)) is node:
                 break
             node = passed[0].node
         return node, minor
+
+    def _swapped(self, base: Node, node: Node, effects: Sequence[Effect]) -> Node:
+        """Earlier effects exchanged for what is like them where a later one has shown them wrong.
+
+        What could not be told from another at first may well be told beside a second effect.
+        """
+        for id in node.effects[:-1]:
+            likely = [e for e in effects if id in e.ties or e.id in about(id).ties]
+            likely = [e for e in likely if e.id not in node.effects]
+            if not likely:
+                continue
+            judged = self.candidates(self.without(node, id), likely)
+            fits = [j.node for j in judged if self.admissible(j.node)]
+            best = self.best_of(base, [node, *fits])
+            if best is not node and not alike(best.errors, node.errors):
+                order = tuple(best.effects[-1] if e == id else e for e in node.effects)
+                node = replace(best, effects=order, excluded=node.excluded)
+        return node
 
     def _with_seen_clip(self, base: Node, best: Node, judged: Sequence[Judged]) -> Node:
         """A clip that is seen in the readings belongs to the model unless it makes it worse.
@@ -224,7 +253,7 @@ class NamingSearch:
         rest = tuple(e for e in best.effects if e != id)
         found, _ = refined(self.model, q[None], [best.free], data, POLISH)
         node = self.node((id, *rest), found[0], best.free)
-        return node if self.total(base, node) >= self.total(base, best) else best
+        return self.best_of(base, (node, best))
 
     def polished(self, node: Node) -> Node:
         """The node fitted to the end."""
@@ -237,8 +266,17 @@ class NamingSearch:
         passed.sort(key=lambda j: -j.score)
         if not passed:
             return []
-        close = [j for j in passed if alike(passed[0].node.errors, j.node.errors)]
-        lead = min(close, key=lambda j: (len(j.node.free), about(j.id).shared, -j.score))
+        top = passed[0]
+        close = [
+            j
+            for j in passed
+            if alike(top.node.errors, j.node.errors)
+            or (j.id in about(top.id).ties and about(top.id).rare and tied(top.node, j.node))
+        ]
+        lead = min(
+            close,
+            key=lambda j: (len(j.node.free), about(j.id).shared, about(j.id).rare, -j.score),
+        )
         ordered = [lead, *(j for j in passed if j is not lead)]
         return [self._with_excluded(j, passed) for j in ordered[:BEAM]] + ordered[BEAM:]
 
@@ -293,13 +331,11 @@ class NamingSearch:
         alike = [at[t] for k in kept[:2] for t in about(tried[k].id).ties if t in at]
         kept += [k for k in dict.fromkeys(alike) if k not in kept]
         chosen = [tried[k] for k in kept]
-        full, _ = self._search(node, q[kept], chosen, FULL_STEPS)
+        far = () if self.stepwise & set(node.effects) else range(LEADING)
+        full, cost = self._search(node, q[kept], chosen, FULL_STEPS, far)
+        full = self._from_ties(node, full, cost, chosen)
         nodes = [self._trimmed(node, e, full[k]) for k, e in enumerate(chosen)]
-        samples = effective_samples(
-            min(
-                nodes, key=lambda n: float(np.sum(np.log(sum(n.errors.mean_squares()) + 1e-300)))
-            ).errors.estimation
-        )
+        samples = _common_samples(nodes)
         judged = [
             Judged(
                 n,
@@ -311,12 +347,52 @@ class NamingSearch:
         return sorted(judged, key=lambda j: -j.score)
 
     def _search(
-        self, node: Node, q: Array, owners: Sequence[Effect], steps: int
+        self,
+        node: Node,
+        q: Array,
+        owners: Sequence[Effect],
+        steps: int,
+        unknown: Sequence[int] = (),
     ) -> tuple[Array, Array]:
         every = range(self.model.tracks)
         free = [(*node.free, *free_slots(self.model, e, every)) for e in owners]
-        how = refined if steps == FULL_STEPS else search
-        return how(self.model, q, free, self.data, steps, COARSE)
+        if steps < FULL_STEPS:
+            return search(self.model, q, free, self.data, steps, COARSE)
+        return refined(self.model, q, free, self.data, steps, COARSE, unknown)
+
+    def _from_ties(self, node: Node, q: Array, cost: Array, chosen: Sequence[Effect]) -> Array:
+        """Effects that are alike searched once more, each from where the other one ended.
+
+        Else the one whose search was slower would look the worse explanation.
+        """
+        pairs = [
+            (k, j)
+            for k, a in enumerate(chosen)
+            for j, b in enumerate(chosen)
+            if k != j and (b.id in a.ties or a.id in b.ties)
+        ]
+        if not pairs:
+            return q
+        starts = []
+        for k, j in pairs:
+            row = q[j].copy()
+            theirs = {(s.name, s.track): q[j, i] for i, s in self._slots_of(chosen[j])}
+            for i, s in self._slots_of(chosen[k]):
+                row[i] = float(np.clip(theirs.get((s.name, s.track), q[k, i]), s.lower, s.upper))
+            for i, s in self._slots_of(chosen[j]):
+                row[i] = s.null
+            starts.append(row)
+        again, costs = self._search(
+            node, np.array(starts), [chosen[k] for k, _ in pairs], FULL_STEPS
+        )
+        out, least = q.copy(), cost.copy()
+        for (k, _), row, c in zip(pairs, again, costs, strict=True):
+            if c.sum() < least[k].sum():
+                out[k], least[k] = row, c
+        return out
+
+    def _slots_of(self, e: Effect) -> list[tuple[int, Slot]]:
+        return [(i, self.model.slots[i]) for i in self.model.of(e.id)]
 
     def _joined(self, q: Array, cost: Array, e: Effect) -> Array:
         """The best start; track by track where the effect is each track's own."""
@@ -359,9 +435,15 @@ class NamingSearch:
         added = len(after.free) - len(before.free)
         return float(np.sum(samples * gain) - added * np.log(np.sum(samples)))
 
-    def total(self, base: Node, node: Node) -> float:
-        """Score of a whole set against the base."""
-        return self._likelihood(base, node, effective_samples(node.errors.estimation))
+    def best_of(self, base: Node, nodes: Sequence[Node]) -> Node:
+        """The likeliest of several sets against the base; the first of equals."""
+        scores = self._totals(base, nodes)
+        return nodes[int(np.argmax(scores))]
+
+    def _totals(self, base: Node, nodes: Sequence[Node]) -> list[float]:
+        """Scores of whole sets against the base, with one effective sample size for all."""
+        samples = _common_samples(nodes)
+        return [self._likelihood(base, n, samples) for n in nodes]
 
     def evidence(
         self, before: Node, after: Node, tried: int, samples: Array | None = None
@@ -398,7 +480,7 @@ class NamingSearch:
         """Drop effects that the others have made needless."""
         while len(node.effects) > 1:
             rests = [self.without(node, id) for id in node.effects]
-            best = max(rests, key=lambda n: self.total(base, n))
+            best = self.best_of(base, rests)
             evidence = self.evidence(best, node, 1)
             if evidence.significant and evidence.ratio < 0.97:
                 break
@@ -435,3 +517,9 @@ class NamingSearch:
             rivals = {j.id: j.node for j in judged if j.id in (id, *ties)}
             named.append(Named(id, mine.evidence, ties, mine.node.touched, rivals))
         return tuple(named)
+
+
+def _common_samples(nodes: Sequence[Node]) -> Array:
+    """Effective sample size of the node that leaves the least, (tracks,)."""
+    least = min(nodes, key=lambda n: float(np.sum(np.log(sum(n.errors.mean_squares()) + 1e-300))))
+    return effective_samples(least.errors.estimation)

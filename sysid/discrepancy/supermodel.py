@@ -22,6 +22,7 @@ from sysid.effects.catalogue import CHANGED
 from sysid.structures.chain import (
     Core,
     Sample,
+    drive_before,
     first_speed,
     over_time,
     rest_state,
@@ -77,11 +78,12 @@ class Data:
 
     Attributes:
         drive, y: commands in units of full drive and readings, (M, tracks).
+        moving: 1 in records that begin in motion, 0 where the command begins with the record,
+            (M, tracks).
         counted: angle integrated from the readings before each, (M, tracks).
         t: time since the start of the record, (M, 1).
         reset: 1 at a record's start, (M,).
         first: row of the record's start, (M,).
-        back: row of k samples earlier, at most back to the record's start, (depth + 1, M).
         weight: 0 where a sample does not count, (M, tracks).
         lengths: samples of each record.
         noise: noise of the readings (see ``noise_floor``), (tracks,).
@@ -89,11 +91,11 @@ class Data:
 
     drive: Array
     y: Array
+    moving: Array
     counted: Array
     t: Array
     reset: Array
     first: NDArray[np.int64]
-    back: NDArray[np.int64]
     weight: Array
     lengths: tuple[int, ...]
     noise: Array
@@ -103,7 +105,7 @@ class Data:
         """What the compiled functions take, handed over once."""
         from sysid.structures.compiled import jax_module
 
-        names = ("drive", "y", "counted", "t", "reset", "first", "back")
+        names = ("drive", "y", "moving", "counted", "t", "reset", "first")
         return {name: jax_module().device_put(getattr(self, name)) for name in names}
 
     def split(self, whole: Array) -> tuple[Array, ...]:
@@ -124,7 +126,6 @@ def prepare(
     records: Sequence[Record],
     scales: Array,
     delay: int,
-    depth: int,
     weights: Sequence[Array] | None = None,
     least: int = 0,
 ) -> Data:
@@ -134,24 +135,24 @@ def prepare(
         records: experiments.
         scales: full drive of each input.
         delay: whole samples of dead time.
-        depth: samples that the longest delay line looks back.
         weights: weight of each sample of each record, (N, tracks).
         least: rows at least, so that two parts of the data share one compilation.
     """
     drive: list[Array] = []
+    before: list[Array] = []
     for r in records:
         shift = max(delay - 1, 0)
         d = r.u / scales
-        drive.append(np.vstack([np.repeat(d[:1], shift, axis=0), d[: len(d) - shift]]))
+        before.append(drive_before(d[0], r.y))
+        drive.append(np.vstack([np.repeat(before[-1][None], shift, axis=0), d[: len(d) - shift]]))
     lengths = tuple(len(r) for r in records)
+    begins = [np.where(b == d[0], 1.0, 0.0) for b, d in zip(before, drive, strict=True)]
     total = sum(lengths)
     first = np.concatenate(
         [np.full(n, at) for n, at in zip(lengths, _starts(lengths), strict=True)]
     )
     reset = np.zeros(total)
     reset[_starts(lengths)] = 1.0
-    rows = np.arange(total)
-    back = np.array([np.maximum(rows - k, first) for k in range(depth + 1)], dtype=np.int64)
     weight = [np.ones(r.y.shape) for r in records] if weights is None else list(weights)
     pad = max(padded_length(total), least) - total
 
@@ -162,11 +163,11 @@ def prepare(
     return Data(
         stacked(drive),
         stacked([r.y for r in records]),
+        stacked([np.repeat(b[None], n, axis=0) for b, n in zip(begins, lengths, strict=True)]),
         stacked([(np.cumsum(r.y, axis=0) - r.y) * r.dt for r in records]),
         stacked([r.dt * np.arange(len(r), dtype=np.float64)[:, None] for r in records]),
         np.concatenate([reset, np.zeros(pad)]),
         np.concatenate([first, np.full(pad, total - 1)]).astype(np.int64),
-        np.concatenate([back, np.full((depth + 1, pad), total - 1)], axis=1),
         stacked(weight),
         lengths,
         noise_floor(records),
@@ -195,7 +196,6 @@ class SuperModel:
         self.speed, self.dt = speed, dt
         self.slots = tuple(self._slots())
         self.place = {(s.owner, s.name, s.track): k for k, s in enumerate(self.slots)}
-        self.depth = max((e.states for e in effects if e.past_inputs), default=0)
 
     def _slots(self) -> list[Slot]:
         found = []
@@ -273,26 +273,30 @@ class SuperModel:
 
         def readings(q: Any, data: dict[str, Any]) -> Any:
             core, raw = self._unpack(jnp, q)
-            parameters = with_constants(jnp, self.effects, raw, dt)
+            parameters = with_constants(jnp, self.effects, core, raw, dt)
             nothing = jnp.zeros_like(data["drive"])
             whole = Sample(data["drive"], data["drive"], data["t"], nothing, data["counted"])
 
-            def past(signal: Any, k: int) -> Any:
-                return signal[data["back"][k]]
+            rows, first = jnp.arange(len(data["first"]))[:, None], data["first"][:, None]
+
+            def past(signal: Any, k: Any) -> Any:
+                at = rows - k.astype(rows.dtype)
+                found = jnp.take_along_axis(signal, jnp.maximum(at, first), axis=0)
+                return found * jnp.where(at < first, data["moving"], 1.0)
 
             acting = over_time(jnp, before, parameters, data["drive"], past, whole, dt)
 
             def body(state: Any, x: tuple[Any, ...]) -> tuple[Any, Any]:
-                drive, now, t, y, reset = x
+                drive, now, t, y, moving, reset = x
                 w = first_speed(after, parameters, y)
-                fresh = rest_state(jnp, inside, core, w, now)
+                fresh = rest_state(jnp, inside, core, w, moving * now)
                 state = jax.tree.map(lambda a, b: jnp.where(reset > 0.0, a, b), fresh, state)
                 sample = Sample(drive, now, t, 0.0 * y, 0.0 * y)
                 return step_with(jnp, inside, core, parameters, state, sample, dt)
 
             zero = jnp.zeros(tracks)
             start = rest_state(jnp, inside, core, zero, zero)
-            x = (data["drive"], acting, data["t"], data["y"], data["reset"])
+            x = (data["drive"], acting, data["t"], data["y"], data["moving"], data["reset"])
             read = jax.lax.scan(body, start, x)[1]
             sums = dt * (jnp.cumsum(read, axis=0) - 0.5 * read)
             whole = replace(whole, turned=sums - sums[data["first"]])
@@ -324,7 +328,7 @@ def stages(
     """
 
     def free(e: Effect) -> bool:
-        return e.past_inputs or not e.states
+        return e.on_past is not None or not e.states
 
     before = tuple(e for e in effects if e.place is Place.COMMAND and free(e))
     after = tuple(e for e in effects if e.place is Place.READING and free(e))

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, State
+from sysid.effects.base import Context, Effect, EffectParameter, Past, Place, Signal, State
 
 P = Mapping[str, Signal]
 
@@ -36,7 +36,7 @@ def _rate_limit(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal,
     return s[0] + limited * (1.0 - lost), (s[0] + limited,)
 
 
-def _lagging(xp: Any, p: P, dt: float) -> dict[str, Signal]:
+def _lagging(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
     # exact for a held input; within the sample the lagged drive averages less than it reaches
     share = 1.0 - xp.exp(-dt / xp.maximum(p["lag"], 1e-9))
     return {"share": share, "short": share * p["lag"] / dt}
@@ -66,7 +66,14 @@ def _delay(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, Stat
     return out, line[:-1]
 
 
-DELAY_LINE = 8
+def _delay_on(xp: Any, d: Signal, past: Past, p: P, c: Context) -> Signal:
+    samples = xp.minimum(p["delay"] / c.dt, float(DELAY_LINE))
+    whole = xp.floor(samples)
+    part = samples - whole
+    return (1.0 - part) * past(d, whole) + part * past(d, whole + 1.0)
+
+
+DELAY_LINE = 20
 """Longest extra delay [samples]."""
 
 EFFECTS = (
@@ -78,10 +85,10 @@ EFFECTS = (
         "The command takes effect later than the model thinks.",
         "Every response starts late by the same time, at all levels.",
         "Steps at irregular instants.",
-        (EffectParameter("delay", "s", 0.0, 0.0, float(DELAY_LINE), (1.0, 2.5), "dt"),),
+        (EffectParameter("delay", "s", 0.0, 0.0, float(DELAY_LINE), (1.0, 2.5, 6.0, 12.0), "dt"),),
         _delay,
         states=DELAY_LINE,
-        past_inputs=True,
+        on_past=_delay_on,
     ),
     Effect(
         "input-saturation",
@@ -182,7 +189,7 @@ EFFECTS = (
         "The drive follows the command with a lag of its own.",
         "Responses start smoothly instead of with a kink.",
         "Fast reversals sampled fast.",
-        (EffectParameter("lag", "s", 0.0, 0.0, 20.0, (0.5, 1.5), "dt"),),
+        (EffectParameter("lag", "s", 0.0, 0.0, 40.0, (0.5, 1.5, 5.0, 15.0), "dt"),),
         _lag,
         _lagging,
         states=1,

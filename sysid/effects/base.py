@@ -82,6 +82,13 @@ Step = Callable[[Any, Signal, State, Mapping[str, Signal], Context], tuple[Signa
 """(xp, signal, state, parameters, context) → (signal, state)."""
 
 
+Constants = Callable[[Any, Mapping[str, Signal], float, Signal], dict[str, Signal]]
+"""(xp, parameters, dt, share of its speed that a track keeps in a sample) → numbers."""
+
+Past = Callable[[Signal, Signal], Signal]
+"""(signal over a record, whole samples a track) → the signal so much earlier."""
+
+
 @dataclass(frozen=True)
 class Effect:
     """One phenomenon of the catalogue.
@@ -96,16 +103,18 @@ class Effect:
         experiment: what a robot should do to show it.
         parameters: its numbers.
         step: the one implementation, over numpy and jax.numpy alike.
-        constants: (xp, parameters, dt) → further numbers that the step reads beside the
+        constants: (xp, parameters, dt, kept) → further numbers that the step reads beside the
             parameters and that do not change from step to step.
         states: how many states it carries.
-        past_inputs: whether these are simply its own last inputs, newest first.
+        on_past: (xp, signal, past, parameters, context) → the effect on a whole record at once,
+            for one whose states are simply its own last inputs, newest first.
         at_rest: (speed, drive) → its states in steady motion; None where every state then equals
             the signal the effect acts on.
         shared: whether all tracks share its parameters.
         undone: (reading, parameters) → the reading without the effect, where that is known: what
             a first reading says of the speed.
         ties: effects that many logs cannot tell from it.
+        rare: whether one of these is rather named where a log cannot tell.
     """
 
     id: str
@@ -117,10 +126,11 @@ class Effect:
     experiment: str
     parameters: tuple[EffectParameter, ...]
     step: Step
-    constants: Callable[[Any, Mapping[str, Signal], float], dict[str, Signal]] | None = None
+    constants: Constants | None = None
     states: int = 0
-    past_inputs: bool = False
+    on_past: Callable[[Any, Signal, Past, Mapping[str, Signal], Context], Signal] | None = None
     at_rest: Callable[[Signal, Signal], State] | None = None
     shared: bool = False
     undone: Callable[[Signal, Mapping[str, Signal]], Signal] | None = None
     ties: tuple[str, ...] = ()
+    rare: bool = False

@@ -63,5 +63,5 @@ def chain_effects() -> tuple[Effect, ...]:
 
 
 def _rank(e: Effect) -> tuple[int, int]:
-    memory = 0 if e.past_inputs else 2 if e.states else 1
+    memory = 0 if e.on_past else 2 if e.states else 1
     return list(Place).index(e.place), -memory if e.place is Place.READING else memory

@@ -54,7 +54,7 @@ def _coupling(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Sign
     return torque - p["share"] * c.torque_other, s
 
 
-def _warming(xp: Any, p: P, dt: float) -> dict[str, Signal]:
+def _warming(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
     return {"warming": 1.0 - xp.exp(-dt / p["time"])}
 
 
@@ -81,17 +81,24 @@ def _freewheel(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, 
     return xp.where(letting_go, rolling, w), (c.drive + 0.0 * w,)
 
 
+def _loose(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
+    return {"alone": kept ** (1.0 / p["inertia"]), "coasting": kept ** p["coast"]}
+
+
 def _backlash(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    # s: place of the motor within the gap (-1 … 1), speeds of wheel and motor one sample before;
-    # the core is the motor
-    place, wheel, motor = s
+    # s: place of the motor within the gap (-1 ... 1) and its speed; w is the speed of both joined
+    place, motor = s
     half = xp.maximum(0.5 * p["gap"], 1e-9)
-    still = c.w == 0.0
-    coasting = wheel * xp.where(still, 1.0, c.w_free / xp.where(still, 1.0, c.w))
-    ahead = place + 0.5 * (motor - wheel + w - coasting) * c.dt / half
-    inside = (xp.abs(ahead) < 1.0) & (p["gap"] > 0.0)
-    speed = xp.where(inside, coasting, w)
-    return speed, (xp.minimum(xp.maximum(ahead, -1.0), 1.0), speed, w)
+    torque = (w - c.w_free) / c.b
+    alone = torque + (motor - torque) * p["alone"]
+    coasting = c.w * p["coasting"]
+    ahead = place + 0.5 * (motor + alone - c.w - coasting) * c.dt / half
+    apart = xp.abs(ahead) < 1.0
+    still_joined = (xp.abs(place) >= 1.0) & (place * ahead > 0.0)
+    struck = p["inertia"] * alone + (1.0 - p["inertia"]) * coasting
+    wheel = xp.where(apart, coasting, xp.where(still_joined, w, struck))
+    wheel = xp.where(p["gap"] > 0.0, wheel, w)
+    return wheel, (xp.minimum(xp.maximum(ahead, -1.0), 1.0), xp.where(apart, alone, wheel))
 
 
 def _cold(w: Signal, d: Signal) -> State:
@@ -99,7 +106,7 @@ def _cold(w: Signal, d: Signal) -> State:
 
 
 def _touching(w: Signal, d: Signal) -> State:
-    return (1.0 + 0.0 * w, w, w)
+    return (1.0 + 0.0 * w, w)
 
 
 def _last_command(w: Signal, d: Signal) -> State:
@@ -110,6 +117,8 @@ def _ripple(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, Sta
     turned = p["per_turn"] * xp.where(p["of_wheel"] > 0.5, c.turned, c.counted)
     return w + p["cosine"] * xp.cos(turned) + p["sine"] * xp.sin(turned), s
 
+
+_GAPS = (0.1, 0.25, 0.6, 1.5, 3.5) * 3
 
 EFFECTS = (
     Effect(
@@ -151,6 +160,7 @@ EFFECTS = (
         (EffectParameter("drag", "1/speed", 0.0, 0.0, 2.0, (0.15, 0.5), "speed"),),
         _drag,
         ties=("concave-gain",),
+        rare=True,
     ),
     Effect(
         "viscous-asymmetry",
@@ -198,7 +208,7 @@ EFFECTS = (
         (
             EffectParameter("level", "speed", 0.0, 0.0, 3.0, (0.04, 0.1), "speed"),
             EffectParameter("excess", "speed", 0.0, 0.0, 1.5, (0.08, 0.15), "speed"),
-            EffectParameter("speed", "speed", 0.1, 0.01, 0.25, (0.05, 0.15), "speed"),
+            EffectParameter("speed", "speed", 0.1, 0.01, 0.35, (0.05, 0.15), "speed"),
         ),
         _stiction,
         ties=("coulomb-friction",),
@@ -239,18 +249,20 @@ EFFECTS = (
     Effect(
         "backlash",
         "motor",
-        Place.READING,
-        "a gap g between motor and wheel",
+        Place.SPEED,
+        "a gap g between motor and wheel; in it the motor has the share α of the inertia and the "
+        "wheel coasts at the rate β/τ",
         "Play in the gear: at each reversal the wheel waits until the gap is crossed.",
         "A short pause after each reversal, none in one direction.",
         "Frequent reversals at several speeds.",
         (
-            EffectParameter(
-                "gap", "rad", 0.0, 0.0, 12.0, (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2), stepwise=True
-            ),
+            EffectParameter("gap", "rad", 0.0, 0.0, 12.0, _GAPS, stepwise=True),
+            EffectParameter("inertia", "", 1.0, 0.02, 1.0, (1.0,) * 5 + (0.8,) * 5 + (0.4,) * 5),
+            EffectParameter("coast", "", 0.0, 0.0, 3.0, (1.0,) * 5 + (0.4,) * 5 + (0.2,) * 5),
         ),
         _backlash,
-        states=3,
+        _loose,
+        states=2,
         at_rest=_touching,
     ),
     Effect(

@@ -8,7 +8,7 @@ from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, 
 P = Mapping[str, Signal]
 
 
-def _lagging(xp: Any, p: P, dt: float) -> dict[str, Signal]:
+def _lagging(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
     # exact for a speed that runs straight between samples
     x = dt / xp.maximum(p["lag"], 1e-12)
     decay = xp.exp(-x)
@@ -43,7 +43,7 @@ EFFECTS = (
         "The reading follows the speed with a lag: a filter in the sensor.",
         "Everything is smoothed and late.",
         "Fast reversals sampled fast.",
-        (EffectParameter("lag", "s", 0.0, 0.0, 20.0, (0.5, 1.5), "dt"),),
+        (EffectParameter("lag", "s", 0.0, 0.0, 40.0, (0.5, 1.5, 5.0, 15.0), "dt"),),
         _lag,
         _lagging,
         states=2,

@@ -89,7 +89,7 @@ def augmented(model: Model) -> CBody:
     turned, counted = taken(tracks), taken(tracks)
     line.append(program.inputs("v", (tracks,)) / np.array(structure.scales))
     sample = Sample(line[0], line[0], clock, turned, counted)
-    whole = with_constants(np, active, parameters, structure.dt)
+    whole = with_constants(np, active, core, parameters, structure.dt)
     speed = x[0]
     try:
         (x, held), y = step_with(TRACE, active, core, whole, (x, held), sample, structure.dt)

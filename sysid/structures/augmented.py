@@ -13,7 +13,14 @@ from sysid.effects.catalogue import chain_effects, effect
 from sysid.effects.ground import Ground
 from sysid.errors import UsageError
 from sysid.structures.base import Focus, Initial, Parameter, Problem, Structure, refuse_options
-from sysid.structures.chain import ChainState, Core, chain_step, first_speed, rest_state
+from sysid.structures.chain import (
+    ChainState,
+    Core,
+    chain_step,
+    drive_before,
+    first_speed,
+    rest_state,
+)
 from sysid.structures.given_base import GivenBase
 
 
@@ -181,8 +188,12 @@ class Augmented(Structure):
         if self.given is not None:
             head = self.given.fitted_state(u, y, samples)
             drive = self.given.step()(head, u[0])[1] if len(u) else None
+        before = np.zeros(self.nu)
+        if drive is not None:
+            drive = drive_before(drive, y)
+            before = drive_before(u[0] / np.array(self.scales), y)
         state = rest_state(np, self.active, core, w, drive)
-        line = np.repeat((u[:1] / np.array(self.scales)), self.delay - 1, axis=0)
+        line = np.repeat(before[None], self.delay - 1, axis=0)
         return np.concatenate([head, _flat(state, self.delay - 1, self.ny, line)])
 
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:

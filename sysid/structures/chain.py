@@ -1,10 +1,13 @@
 """The chain command → torque → speed → reading that effects act on, written once over xp."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.effects.base import Context, Effect, Place, Signal, State
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.effects.base import Context, Effect, Past, Place, Signal, State
 
 Parameters = Mapping[str, Mapping[str, Signal]]
 """Effect id → parameter name → one value a track."""
@@ -45,6 +48,24 @@ def rest_state(
     return xp.stack(rows), tuple(_initial(e, w, drive) for e in effects)
 
 
+STANDING = 0.1
+"""A first reading below this share of the largest one is a track that stands."""
+
+
+def drive_before(drive: Array, y: Array) -> Array:
+    """The drive that acted before a record began, (tracks,).
+
+    The first one where the record begins in motion; none where it begins at standstill: then the
+    command begins with the record.
+
+    Args:
+        drive: the first drive, (tracks,).
+        y: the readings, (N, tracks).
+    """
+    size = np.abs(y)
+    return np.asarray(np.where(size[0] <= STANDING * np.max(size, axis=0), 0.0, drive))
+
+
 def first_speed(effects: Sequence[Effect], parameters: Parameters, y: Signal) -> Signal:
     """The speed that a first reading tells of."""
     for effect in reversed(effects):
@@ -80,16 +101,20 @@ def chain_step(
     """
     turned, counted = angles if angles is not None else (0.0 * drive, 0.0 * drive)
     sample = Sample(drive, drive, t, turned, counted)
-    whole = with_constants(xp, effects, parameters, dt)
+    whole = with_constants(xp, effects, core, parameters, dt)
     return step_with(xp, effects, core, whole, state, sample, dt)
 
 
 def with_constants(
-    xp: Any, effects: Sequence[Effect], parameters: Parameters, dt: float
+    xp: Any, effects: Sequence[Effect], core: Core, parameters: Parameters, dt: float
 ) -> Parameters:
     """The parameters with what the steps read besides and what does not change."""
+    kept = xp.minimum(xp.maximum(1.0 - core.b[0], 1e-9), 1.0)
     return {
-        e.id: {**parameters[e.id], **(e.constants(xp, parameters[e.id], dt) if e.constants else {})}
+        e.id: {
+            **parameters[e.id],
+            **(e.constants(xp, parameters[e.id], dt, kept) if e.constants else {}),
+        }
         for e in effects
     }
 
@@ -170,7 +195,7 @@ def over_time(
     effects: Sequence[Effect],
     parameters: Parameters,
     signal: Signal,
-    past: Callable[[Signal, int], Signal],
+    past: Past,
     sample: Sample,
     dt: float,
 ) -> Signal:
@@ -179,13 +204,15 @@ def over_time(
     Args:
         effects: of the command or the reading; their states, if any, are past inputs.
         signal: (N, tracks).
-        past: (signal, k) → the signal k samples earlier.
+        past: (signal, k) → the signal k samples earlier, k (tracks,).
         sample: drive and angles (N, tracks), t (N, 1).
     """
     nothing = 0.0 * signal
     angles = (sample.turned, sample.counted)
     context = Context(dt, sample.t, *(nothing,) * 5, sample.drive, *angles)
     for effect in effects:
-        line = tuple(past(signal, k + 1) for k in range(effect.states))
-        signal, _ = effect.step(xp, signal, line, parameters[effect.id], context)
+        if effect.on_past is not None:
+            signal = effect.on_past(xp, signal, past, parameters[effect.id], context)
+        else:
+            signal, _ = effect.step(xp, signal, (), parameters[effect.id], context)
     return signal
