@@ -359,6 +359,7 @@ def _story(verdict: str, ids: Sequence[str], gap: Gap, left: Left | None) -> str
         return (
             "Nothing of the catalogue is missing: what is known predicts only "
             f"{100.0 * left.share:.0f} % of the errors beyond the noise."
+            + (f" The rest ({loud}) no channel records." if loud else "")
         )
     if loud:
         return (

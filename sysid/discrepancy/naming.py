@@ -39,7 +39,7 @@ BEAM = 2
 FAR_AHEAD = 4.0
 """A rival is not grown when the leader's set scores so many times higher."""
 
-LEADING = 3
+LEADING = 4
 """Effects that lead so far are searched with most care where slopes say little."""
 
 PROMISING = 0.95
@@ -331,8 +331,7 @@ class NamingSearch:
         alike = [at[t] for k in kept[:2] for t in about(tried[k].id).ties if t in at]
         kept += [k for k in dict.fromkeys(alike) if k not in kept]
         chosen = [tried[k] for k in kept]
-        far = () if self.stepwise & set(node.effects) else range(LEADING)
-        full, cost = self._search(node, q[kept], chosen, FULL_STEPS, far)
+        full, cost = self._search(node, q[kept], chosen, FULL_STEPS, range(LEADING))
         full = self._from_ties(node, full, cost, chosen)
         nodes = [self._trimmed(node, e, full[k]) for k, e in enumerate(chosen)]
         samples = _common_samples(nodes)
@@ -356,6 +355,8 @@ class NamingSearch:
     ) -> tuple[Array, Array]:
         every = range(self.model.tracks)
         free = [(*node.free, *free_slots(self.model, e, every)) for e in owners]
+        if self.stepwise & set(node.effects):  # found already, and polished when kept
+            free = [[k for k in f if not self.model.slots[k].stepwise] for f in free]
         if steps < FULL_STEPS:
             return search(self.model, q, free, self.data, steps, COARSE)
         return refined(self.model, q, free, self.data, steps, COARSE, unknown)

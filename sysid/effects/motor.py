@@ -118,7 +118,7 @@ def _ripple(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, Sta
     return w + p["cosine"] * xp.cos(turned) + p["sine"] * xp.sin(turned), s
 
 
-_GAPS = (0.1, 0.25, 0.6, 1.5, 3.5) * 3
+_GAPS = (0.15, 0.6, 2.0) * 3
 
 EFFECTS = (
     Effect(
@@ -257,8 +257,8 @@ EFFECTS = (
         "Frequent reversals at several speeds.",
         (
             EffectParameter("gap", "rad", 0.0, 0.0, 12.0, _GAPS, stepwise=True),
-            EffectParameter("inertia", "", 1.0, 0.02, 1.0, (1.0,) * 5 + (0.8,) * 5 + (0.4,) * 5),
-            EffectParameter("coast", "", 0.0, 0.0, 3.0, (1.0,) * 5 + (0.4,) * 5 + (0.2,) * 5),
+            EffectParameter("inertia", "", 1.0, 0.02, 1.0, (1.0,) * 3 + (0.8,) * 3 + (0.4,) * 3),
+            EffectParameter("coast", "", 0.0, 0.0, 3.0, (1.0,) * 3 + (0.4,) * 3 + (0.2,) * 3),
         ),
         _backlash,
         _loose,

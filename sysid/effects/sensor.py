@@ -43,7 +43,7 @@ EFFECTS = (
         "The reading follows the speed with a lag: a filter in the sensor.",
         "Everything is smoothed and late.",
         "Fast reversals sampled fast.",
-        (EffectParameter("lag", "s", 0.0, 0.0, 40.0, (0.5, 1.5, 5.0, 15.0), "dt"),),
+        (EffectParameter("lag", "s", 0.0, 0.0, 40.0, (1.0, 6.0), "dt"),),
         _lag,
         _lagging,
         states=2,
