@@ -356,7 +356,7 @@ class NamingSearch:
         every = range(self.model.tracks)
         free = [(*node.free, *free_slots(self.model, e, every)) for e in owners]
         if self.stepwise & set(node.effects):  # found already, and polished when kept
-            free = [[k for k in f if not self.model.slots[k].stepwise] for f in free]
+            free = [tuple(k for k in f if not self.model.slots[k].stepwise) for f in free]
         if steps < FULL_STEPS:
             return search(self.model, q, free, self.data, steps, COARSE)
         return refined(self.model, q, free, self.data, steps, COARSE, unknown)

@@ -20,7 +20,7 @@ import numpy as np
 from sysid.data.record import Array, Record
 from sysid.discrepancy.diagnosis import NamedEffect, Value
 from sysid.discrepancy.evidence import PROVEN, Evidence
-from sysid.discrepancy.pose_evidence import apart, evidence_of, pose_gap
+from sysid.discrepancy.pose_evidence import apart, evidence_of, held_pairs, pose_gap
 from sysid.discrepancy.pose_fit import (
     BOTH_RADII,
     CANDIDATES,
@@ -219,7 +219,9 @@ def _told(
         ground=ground_of(final.q),
         std_errors=_std_errors(final),
         candidates=ranking,
-        gap=pose_gap(base, final, search.estimation.noise.floor),
+        gap=pose_gap(
+            held_pairs(search, [s.candidate for s in steps]), search.estimation.noise.floor
+        ),
         detectable=_detectable(search, final),
         windows=(
             sum(len(e) for e in base.errors.estimation),

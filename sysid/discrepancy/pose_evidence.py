@@ -1,12 +1,14 @@
 """What speaks for an effect in increments of the pose, whose noise is known; and the proof."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Array
 from sysid.discrepancy.evidence import Errors, Evidence
-from sysid.discrepancy.pose_fit import Fitted
+from sysid.discrepancy.pose_fit import Candidate, Fitted, PoseSearch
 from sysid.discrepancy.pose_windows import CHANNELS, OVERLAP
 from sysid.discrepancy.verify import REPLICATES, ChannelGap, Gap
 
@@ -78,14 +80,43 @@ def _pairs(before: Errors, after: Errors) -> list[tuple[Array, Array]]:
     return list(zip(old, now, strict=True))
 
 
-def pose_gap(base: Fitted, final: Fitted, floor: Array, seed: int = 0) -> Gap:
-    """Errors beyond the noise on held-out windows that the effects move, in units of the noise.
+FEW_TOUCHED = 2 * OVERLAP
+"""Fewer held-out windows that the effects move prove little: both parts then judge each other."""
+
+
+def held_pairs(search: PoseSearch, keys: Sequence[Candidate]) -> list[tuple[Array, Array]]:
+    """Errors of windows before and after, each judged by numbers that were not fitted on it.
+
+    The held-out windows; where the effects move too few of them, those of the estimation part,
+    too, with numbers fitted on the held-out part.
+    """
+    before, after = search.fit(()), search.fit(keys)
+    pairs = list(zip(before.errors.held, after.errors.held, strict=True))
+    if sum(int(t.sum()) for t in _touched(pairs)) >= FEW_TOUCHED:
+        return pairs
+    turned = PoseSearch(search.held, search.estimation)
+    before, after = turned.fit(()), turned.fit(keys)
+    return pairs + list(zip(before.errors.held, after.errors.held, strict=True))
+
+
+def _touched(pairs: Sequence[tuple[Array, Array]]) -> list[NDArray[np.bool_]]:
+    moved = [_moved(a, b) for a, b in pairs]
+    most = max(float(m.max()) for m in moved)
+    return [m >= TOUCHED * most for m in moved]
+
+
+def pose_gap(pairs: Sequence[tuple[Array, Array]], floor: Array, seed: int = 0) -> Gap:
+    """Errors beyond the noise on windows that the effects move, in units of the noise.
 
     The interval is a bootstrap over groups of windows that overlap.
+
+    Args:
+        pairs: errors before and after of each record (see ``held_pairs``).
+        floor: noise of the increments, (3,).
+        seed: of the bootstrap.
     """
-    pairs = list(zip(base.errors.held, final.errors.held, strict=True))
-    most = max(float(_moved(a, b).max()) for a, b in pairs)
-    old, new = (np.concatenate([p[i][_moved(*p) >= TOUCHED * most] for p in pairs]) for i in (0, 1))
+    at = _touched(pairs)
+    old, new = (np.concatenate([p[i][t] for p, t in zip(pairs, at, strict=True)]) for i in (0, 1))
     groups = np.arange(len(old)) // OVERLAP
     excess = np.array(
         [
