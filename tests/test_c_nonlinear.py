@@ -1,6 +1,6 @@
 """The C code of nonlinear plants does what the Python plants do, to rounding."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -21,6 +21,7 @@ from sysid.structures.augmented import Augmented
 from sysid.structures.constants import Constant
 from sysid.structures.dc_motor import DCMotor
 from sysid.structures.expressions import FUNCTIONS
+from sysid.structures.given_base import GivenBase
 from sysid.structures.grey_box import GreyBox
 from sysid.structures.hammerstein_wiener import HammersteinWiener
 from sysid.structures.model import Model
@@ -154,6 +155,18 @@ def augmented(effects: tuple[str, ...], order: int = 2, delay: int = 3) -> Model
     return hand_made(made, np.array(theta), reach=(-2.0, 2.0))
 
 
+def behind(inner: Callable[[], Model]) -> Model:
+    """Effects around a model that drives the core."""
+    model = inner()
+    offsets = np.array([0.2, -0.1]), np.array([0.5, 0.3])
+    given = GivenBase(
+        model.structure, model.theta, *offsets, np.array([2.0, 1.5]), np.array([-0.7, -0.8])
+    )
+    made = Augmented(1, 1, (1.0, 1.0), DT, ("dead-zone", "coulomb-friction", "sensor-lag"), given)
+    effects = [0.1, 0.12, 0.02] * 2 + [0.05] * 2 + [0.03] * 2
+    return hand_made(made, np.array([2.0, -0.7, 1.5, -0.8, *effects]), reach=(-2.0, 2.0))
+
+
 CASES = {
     "narmax-products": partial(
         narmax, "constant, y(t-1), y(t-2)^2*u(t), u(t-1)^3, e(t-1), u(t-2)*y(t-3)",
@@ -183,6 +196,9 @@ CASES = {
     "motor-bench": partial(motor, 2, {}, {"parameters": "bench", "input": "pwm"}),
     "tanks": tanks,
     **{f"effect-{e.id}": partial(augmented, (e.id,)) for e in chain_effects()},
+    "behind-narx": partial(behind, partial(narx, "wavelet", 2)),
+    "behind-hw": partial(behind, partial(hammerstein_wiener, "dead-zone", 2)),
+    "behind-motor": partial(behind, partial(motor, 2, MOTOR, {})),
     "effects-of-every-place": partial(
         augmented, ("dead-zone", "stiction", "freewheel", "speed-ripple"), 1, 1
     ),

@@ -10,8 +10,9 @@ import numpy as np
 from sysid import __version__
 from sysid.data.record import Channel
 from sysid.errors import ModelError
+from sysid.plant.c_augmented import augmented
 from sysid.plant.c_blocks import blocks
-from sysid.plant.c_grey_box import augmented, grey_box
+from sysid.plant.c_grey_box import grey_box
 from sysid.plant.c_linear import linear
 from sysid.plant.c_narx import narx
 from sysid.plant.c_polynomial import polynomial
@@ -26,13 +27,18 @@ from sysid.structures.narmax import NARMAX
 from sysid.structures.narx_wavelet import NarxWavelet
 from sysid.structures.polynomial import PolynomialStructure
 
+
+def _diagnosed(model: Model) -> CBody:
+    return augmented(model, _body)
+
+
 WRITERS: tuple[tuple[type[Structure], Callable[[Model], CBody]], ...] = (
     (PolynomialStructure, linear),
     (NARMAX, polynomial),
     (NarxWavelet, narx),
     (BlockStructure, blocks),
     (GreyBox, grey_box),
-    (Augmented, augmented),
+    (Augmented, _diagnosed),
 )
 """What writes each family of structures."""
 
