@@ -81,7 +81,8 @@ def _added(found: "Diagnosis", before: str, after: str) -> None:
     if not found.effects:
         render.say(f"Nothing; the model stays {before}: {found.base_words}.")
         return
-    render.say(f"{after} is {before} ({found.base_words}) with:")
+    stem = f"the plainest base ({found.plainer})" if found.plainer else ""
+    render.say(f"{after} is {stem or f'{before} ({found.base_words})'} with:")
     rows: list[list[Any]] = [
         [e.id if k == 0 else "", p.name, p.value, render.number(p.std_error, 2), p.unit]
         for e in found.effects

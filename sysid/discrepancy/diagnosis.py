@@ -161,6 +161,7 @@ class Diagnosis:
         traces: records with both runs.
         path: proof on a mission's path, JSON-able, empty without one.
         seconds: time taken.
+        plainer: the base that the effects were added to where that is not the model before.
     """
 
     verdict: str
@@ -182,6 +183,7 @@ class Diagnosis:
     traces: tuple[Trace, ...] = ()
     path: dict[str, Any] = field(default_factory=dict)
     seconds: float = 0.0
+    plainer: str = ""
 
     def to_json(self, before: str = "", after: str = "") -> dict[str, Any]:
         """The document ``diagnosis.json``.
@@ -193,6 +195,7 @@ class Diagnosis:
             "verdict": self.verdict,
             "story": self.story,
             "base": self.base_words,
+            "added_to": self.plainer or self.base_words,
             "effects": [e.to_json() for e in self.effects],
             "minor": list(self.minor),
             "candidates": [{"id": k, "score": v} for k, v in self.candidates],

@@ -1,0 +1,370 @@
+"""One diagnosis in the making: what is left, what is believed, what is told."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Array
+from sysid.discrepancy import findings
+from sysid.discrepancy.advise import experiment_between, next_experiments
+from sysid.discrepancy.augment import model_of
+from sysid.discrepancy.base_model import Base
+from sysid.discrepancy.detectable import detectable
+from sysid.discrepancy.diagnosis import Diagnosis, Experiment, Trace
+from sysid.discrepancy.evidence import PROVEN
+from sysid.discrepancy.explain import described, explain
+from sysid.discrepancy.ground_model import with_ground
+from sysid.discrepancy.localise import Region, localise
+from sysid.discrepancy.model_error import FEWEST, Left, structure_left
+from sysid.discrepancy.named_sets import Naming
+from sysid.discrepancy.naming import Progress
+from sysid.discrepancy.pose import PoseDiagnosis
+from sysid.discrepancy.pose_windows import track_channels
+from sysid.discrepancy.samples import inspect_samples
+from sysid.discrepancy.slopes import slopes
+from sysid.discrepancy.verify import Gap, measure_gap
+from sysid.effects.base import Effect
+from sysid.effects.catalogue import CHANGED, chain_effects
+from sysid.errors import DataError
+from sysid.structures.model import Model
+
+DEPENDENT = 1e-3
+"""p-value of the model-error model below which errors count as structured."""
+
+MOST_OF_THE_GAP = 80.0
+"""Names that together close less of the gap [%] and leave structure are not the cause: the verdict
+is unexplained."""
+
+CHANCE = 0.05
+"""Names that close less and whose gain may be chance go even where no structure is left."""
+
+MINOR = 1.0
+"""An effect that would close less of the gap [%] is too small to matter."""
+
+SLIGHT = 0.15
+"""Structure that holds less of the errors beyond the noise is no missing effect."""
+
+WORTHLESS = 0.6
+"""A base whose errors exceed this share of the outputs' spread follows nothing."""
+
+FEW_WINDOWS = 40
+"""Fewer windows of pose seldom prove an effect of the vehicle."""
+
+LOUD = 1.5
+"""Errors beyond this multiple of the noise of the readings are mentioned."""
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """One diagnosis in the making.
+
+    Attributes:
+        base: base and search.
+        floor: measurement noise of each output.
+        scales: full drive of each input.
+        seed: of every bootstrap.
+        doubted: the study of the model that was given, where that had absorbed so much that effects
+            are added to a plainer base.
+    """
+
+    base: Base
+    floor: Array
+    scales: Array
+    seed: int
+    doubted: "Study | None" = None
+
+    @property
+    def nothing(self) -> Naming:
+        """Before anything is named."""
+        node = self.base.node
+        return Naming(node, node, (), (), ())
+
+    def before(self) -> Left | None:
+        """What the errors of the model before depend on."""
+        study = self.doubted or self
+        return study.left(study.nothing, after=False)
+
+    def doubtful(self, before: Left | None) -> bool:
+        """Whether there is anything to explain."""
+        return before is None or before.p_value < DEPENDENT or not self.follows()
+
+    def searched(self, effects: Sequence[Effect], before: Left | None, say: Progress) -> "Outcome":
+        """The search for what is missing, unless there is nothing to explain."""
+        naming = self.nothing
+        if effects and self.doubtful(before):
+            naming = self.base.search.run(
+                self.base.node,
+                effects,
+                lambda text, share: say(text, 0.1 + 0.6 * share),
+                lambda node: self.remains(replace(self.nothing, final=node)),
+            )
+        believed = self.believed(naming)
+        return Outcome(self, believed, before, naming is not believed)
+
+    def left(self, naming: Naming, after: bool) -> Left | None:
+        """What the errors on the held-out data still depend on; None where it cannot be told."""
+        base, node = self.base, naming.final if after else naming.base
+        runs = self._runs(findings.traces(base, naming), after)
+        own = slopes(base.search, node, held=True) if node.free else None
+        if own is None:
+            own = tuple(np.zeros((*r.y.shape, 0)) for r in base.parts.held)
+        if sum(len(e) for e in node.errors.held) < FEWEST:
+            return None
+        try:
+            return structure_left(
+                base.parts.held, node.errors.held, runs, self.floor, self.scales, own
+            )
+        except DataError:
+            return None
+
+    def remains(self, naming: Naming) -> bool:
+        """Whether the model after leaves anything worth a name: structure, and enough of it."""
+        (_, old), (_, new) = (n.errors.mean_squares() for n in (naming.base, naming.final))
+        gap = old - self.floor**2
+        if np.all(new - self.floor**2 < 0.01 * MINOR * np.maximum(gap, 0.3 * self.floor**2)):
+            return False
+        left = self.left(naming, after=True)
+        return left is None or left.p_value < DEPENDENT
+
+    def follows(self) -> bool:
+        """Whether the base follows the data at all: else its errors tell nothing."""
+        y = np.concatenate([r.y for r in self.base.parts.held])
+        errors = np.concatenate(self.base.node.errors.held)
+        size = np.sqrt(np.nanmean(errors**2, axis=0))
+        return bool(np.all(size < WORTHLESS * np.std(y, axis=0)))
+
+    @staticmethod
+    def _runs(traces: Sequence[Trace], after: bool) -> list[Array]:
+        return [t.after if after else t.before for t in traces if t.role == "held-out"]
+
+    def gap(self, naming: Naming, served: NDArray[np.bool_] | None = None) -> Gap:
+        """The gap on held-out data before and after, of the outputs ``served``."""
+        at = np.arange(len(self.floor)) if served is None else np.flatnonzero(served)
+        names = self.base.parts.estimation[0].output_names
+        old = self.doubted.base.node if self.doubted is not None else naming.base
+        return measure_gap(
+            [e[:, at] for e in old.errors.held],
+            [e[:, at] for e in naming.final.errors.held],
+            self.floor[at],
+            [names[i] for i in at],
+            self.seed,
+        )
+
+    def believed(self, naming: Naming) -> Naming:
+        """No names where all of them together leave most of the gap: they are not the cause."""
+        if not naming.named:
+            return naming
+        served = np.any([n.touched for n in naming.named], axis=0)
+        closed = self.gap(naming, served).closed_percent
+        if closed >= MOST_OF_THE_GAP:
+            return naming
+        left = self.left(naming, after=True)
+        if left is not None and left.p_value >= DEPENDENT and _sure(naming):
+            return naming
+        minor = (*((n.id, n.evidence) for n in naming.named), *naming.minor)
+        return replace(naming, final=naming.base, named=(), minor=minor)
+
+    def explains_more(self, naming: Naming, other: "Study") -> bool:
+        """Whether the model after runs closer to the held-out data than the base of another."""
+        old, new = (n.errors.mean_squares()[1] for n in (other.base.node, naming.final))
+        return bool(naming.named) and float(np.sqrt(np.mean(new / old))) < PROVEN
+
+    def result(
+        self,
+        model: Model | None,
+        found: "Outcome",
+        told: PoseDiagnosis | None,
+    ) -> Diagnosis:
+        """Everything but the mission.
+
+        Args:
+            model: the one that was given.
+            found: what the search has found.
+            told: what is missing between tracks and ground.
+        """
+        naming, left_before = found.naming, found.before
+        left_after = self.left(naming, after=True) if naming.named else left_before
+        base, first = self.base, self.base.parts.estimation[0]
+        samples = inspect_samples(base.parts.estimation)
+        effects = (
+            *(findings.named_effect(base, naming, n) for n in naming.named),
+            *(told.effects if told is not None else ()),
+            *findings.sample_effects(samples),
+        )
+        traces = self._traces(naming)
+        gap = self.gap(naming)
+        structured = left_after is not None and left_after.p_value < DEPENDENT
+        slight = left_after is not None and left_after.share < SLIGHT
+        description = ""
+        if structured and (not effects or gap.closed_percent < 90.0):
+            runs = self._runs(traces, after=True)
+            description = described(
+                explain(base.parts.held, naming.final.errors.held, runs, self.floor, self.scales)
+            )
+        verdict = "no-missing-effect"
+        if effects or (structured and (found.withdrawn or not slight)):
+            verdict = "effects-found" if effects else "unexplained"
+        before = model if model is not None else model_of(base, naming.base)
+        after = model_of(base, naming.final) if naming.named else before
+        if told is not None and told.effects:
+            after = model_of(base, naming.final)
+            channels = track_channels(first) or (0, 1)
+            after = with_ground(after, told.ground, told.std_errors, tracks=channels)
+            gap = gap if naming.named else told.gap
+        unseen = self._unseen(naming, told, [e.id for e in effects])
+        return Diagnosis(
+            verdict=verdict,
+            story=_story(verdict, [e.id for e in effects], gap, left_after),
+            base_words=base.words if self.doubted is None else self.doubted.base.words,
+            plainer=base.words if self.doubted is not None else "",
+            effects=effects,
+            minor=tuple(dict.fromkeys(id for id, _ in naming.minor)),
+            candidates=(*naming.candidates, *(told.candidates if told is not None else ())),
+            where=self._where(naming, after=False),
+            where_after=self._where(naming, after=True),
+            gap=gap,
+            detectable=unseen,
+            next_experiments=self._next(naming, unseen),
+            before=before,
+            after=after,
+            residuals=tuple(
+                r.verdict(name)
+                for name, r in (("before", left_before), ("after", left_after))
+                if r is not None
+            ),
+            description=description,
+            warnings=self._warnings(naming, told, samples.hidden, unseen),
+            traces=traces,
+        )
+
+    def _traces(self, naming: Naming) -> tuple[Trace, ...]:
+        traces = findings.traces(self.base, naming)
+        if self.doubted is None:
+            return traces
+        theirs = findings.traces(self.doubted.base, self.doubted.nothing)
+        return tuple(replace(t, before=o.before) for t, o in zip(traces, theirs, strict=True))
+
+    def _where(self, naming: Naming, after: bool) -> tuple[Region, ...]:
+        old = self.doubted.base.node if self.doubted is not None else naming.base
+        node = naming.final if after else old
+        errors = [np.nan_to_num(e) for e in node.errors.held]
+        return localise(self.base.parts.held, errors, self.floor, self.scales, self.seed)
+
+    def _unseen(
+        self, naming: Naming, told: PoseDiagnosis | None, named: Sequence[str]
+    ) -> dict[str, float | None]:
+        rest = [e.id for e in chain_effects() if e.id not in named]
+        rest += [id for id in ("quantisation", "dropouts") if id not in named]
+        if self.base.level:
+            rest = [id for id in rest if id not in ("load-bias", "sensor-bias")]
+        found = detectable(self.base.search, naming.final, rest)
+        if told is not None:
+            found |= {k: v for k, v in told.detectable.items() if k not in named}
+        else:
+            found |= dict.fromkeys(("track-slip", "radius-mismatch", "track-width"))
+        return found
+
+    def _next(self, naming: Naming, unseen: dict[str, float | None]) -> tuple[Experiment, ...]:
+        base, first = self.base, self.base.parts.estimation[0]
+        found = [
+            experiment_between(base.search, n.rivals, self.floor, base.scales, base.delay)
+            for n in naming.named
+            if len(n.rivals) > 1 and CHANGED.id not in n.rivals
+        ]
+        vehicle = ("track-slip", "radius-mismatch", "track-width")
+        blind = [id for id, size in unseen.items() if size is None and id not in vehicle]
+        more = next_experiments(first, self.scales, blind) if first.is_robot_log or blind else ()
+        return (*found, *more)
+
+    def _warnings(
+        self,
+        naming: Naming,
+        told: PoseDiagnosis | None,
+        hidden: int,
+        unseen: dict[str, float | None],
+    ) -> tuple[str, ...]:
+        found = list(findings.absorbed(self.base, naming))
+        if self.doubted is not None:
+            found.append(
+                "The model that was doubted has absorbed a part of what is missing, and no effect "
+                "could be added to it. The effects stand on the plainest base instead; with them "
+                "its held-out error is the smaller one."
+            )
+        if self.base.in_loop:
+            found.append(
+                "The log was recorded in closed loop: the command answers disturbances, which can "
+                "look like an effect. The held-out error must therefore fall below 70 %."
+            )
+        flat = findings.two_levels(self.base.parts.estimation, self.scales)
+        if flat:
+            found.append(
+                f"{', '.join(flat)} has only two levels: a dead zone, a saturation or any other "
+                "static curve is not identifiable from this log, because each looks like "
+                "another gain."
+            )
+        if hidden:
+            found.append(f"{hidden} lost readings are left out of every figure.")
+        if told is not None and not told.effects and sum(told.windows) < FEW_WINDOWS:
+            found.append(
+                f"The pose gives only {sum(told.windows)} windows of motion to judge slip and "
+                "radii by; name a second log with --val or drive longer."
+            )
+        return (*found, *(told.warnings if told is not None else ()))
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a search has found.
+
+    Attributes:
+        study: where.
+        naming: what is believed.
+        before: what the errors of the base depend on.
+        withdrawn: whether names were not believed.
+    """
+
+    study: Study
+    naming: Naming
+    before: Left | None
+    withdrawn: bool
+
+
+def _sure(naming: Naming) -> bool:
+    return all(n.evidence.p_value < CHANCE for n in naming.named)
+
+
+def _story(verdict: str, ids: Sequence[str], gap: Gap, left: Left | None) -> str:
+    structured = left is not None and left.p_value < DEPENDENT
+    rest = {
+        name: c.rmse_after / c.noise_floor
+        for name, c in gap.channels.items()
+        if c.rmse_after > LOUD * c.noise_floor > 0.0
+    }
+    loud = ", ".join(f"{name} {ratio:.1f} times" for name, ratio in rest.items())
+    if verdict == "effects-found":
+        text = f"Missing: {', '.join(ids)}."
+        if structured and (gap.closed_percent < 90.0 or loud):
+            text += f" {100.0 - gap.closed_percent:.0f} % of the gap remains and is structured"
+            text += f" (errors: {loud} the noise)" if loud else ""
+            text += ": something else is missing, too."
+        return text
+    if verdict == "unexplained":
+        return (
+            "The errors depend on what is known, so something is missing, but most of it is "
+            "unexplained by every effect of the catalogue."
+        )
+    if left is not None and structured:
+        return (
+            "Nothing of the catalogue is missing: what is known predicts only "
+            f"{100.0 * left.share:.0f} % of the errors beyond the noise."
+            + (f" The rest ({loud}) no channel records." if loud else "")
+        )
+    if loud:
+        return (
+            "Nothing is missing that this log could show: the errors depend on no command and no "
+            f"speed. But they are larger than the noise of the readings ({loud}): a load or a "
+            "disturbance acts that no channel records."
+        )
+    return "Nothing is missing that this log could show: the errors look like noise."
