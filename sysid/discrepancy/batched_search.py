@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sysid.data.record import Array
 from sysid.discrepancy.supermodel import Data, SuperModel
 
-PROFILE, PROFILE_POINTS, PROFILE_STEPS = 3.0, 11, 8
+PROFILES, PROFILE_POINTS, PROFILE_STEPS = (3.0, 1.3), 9, 8
 """A number on which runs depend by jumps is first held from 1/f to f times its value while all
 others are searched, """
 
@@ -124,12 +124,15 @@ def _profiled(
     data: Data,
     flat: float,
 ) -> Array:
-    """A lane searched anew at every point of a wide grid over its numbers with jumps."""
+    """A lane searched anew at every point of grids over its numbers with jumps."""
     shaped = np.array(_shapes(model, q, smooth, jumps))
-    rows = _spread_out(model, shaped, [jumps] * len(shaped), PROFILE, PROFILE_POINTS)
-    rows = rows.reshape(-1, len(q))
-    found, cost = search(model, rows, [smooth] * len(rows), data, PROFILE_STEPS, flat)
-    return np.asarray(_best(model, found[None], cost[None])[0])
+    for spread in PROFILES:
+        rows = _spread_out(model, shaped, [jumps] * len(shaped), spread, PROFILE_POINTS)
+        rows = rows.reshape(-1, len(q))
+        found, cost = search(model, rows, [smooth] * len(rows), data, PROFILE_STEPS, flat)
+        q = np.asarray(_best(model, found[None], cost[None])[0])
+        shaped = q[None]
+    return q
 
 
 def _shapes(

@@ -215,6 +215,8 @@ class NamingSearch:
             if not passed or self.best_of(base, (node, passed[0].node)) is node:
                 break
             node = passed[0].node
+            if self.stepwise & set(node.effects[:-1]):  # held while the newest effect was tried
+                node = replace(self.polished(node), excluded=node.excluded)
         return node, minor
 
     def _swapped(self, base: Node, node: Node, effects: Sequence[Effect]) -> Node:
@@ -257,7 +259,7 @@ class NamingSearch:
 
     def polished(self, node: Node) -> Node:
         """The node fitted to the end."""
-        q, _ = refined(self.model, node.q[None], [node.free], self.data, POLISH)
+        q, _ = refined(self.model, node.q[None], [node.free], self.data, POLISH, unknown=(0,))
         return self.node(node.effects, q[0], node.free, node.touched)
 
     def _passing(self, judged: Sequence[Judged]) -> list[Judged]:
@@ -329,9 +331,12 @@ class NamingSearch:
             return []
         kept, at = order[:most], {t.id: k for k, t in enumerate(tried)}
         alike = [at[t] for k in kept[:2] for t in about(tried[k].id).ties if t in at]
+        if not node.effects:
+            alike += [k for k in worth if tried[k].id in self.stepwise]
         kept += [k for k in dict.fromkeys(alike) if k not in kept]
         chosen = [tried[k] for k in kept]
-        full, cost = self._search(node, q[kept], chosen, FULL_STEPS, range(LEADING))
+        far = range(LEADING if node.effects else len(kept))
+        full, cost = self._search(node, q[kept], chosen, FULL_STEPS, far)
         full = self._from_ties(node, full, cost, chosen)
         nodes = [self._trimmed(node, e, full[k]) for k, e in enumerate(chosen)]
         samples = _common_samples(nodes)
