@@ -15,6 +15,7 @@ from sysid.discrepancy.diagnosis import Diagnosis
 from sysid.discrepancy.evidence import noise_floor
 from sysid.discrepancy.starts import clip_level, free_slots
 from sysid.discrepancy.supermodel import SuperModel, prepare
+from sysid.discrepancy.verify import measure_gap
 from sysid.effects.catalogue import about, chain_effects
 from sysid.structures.augmented import Augmented
 from sysid.structures.chain import drive_before
@@ -173,3 +174,12 @@ def test_a_load_that_no_channel_records_is_told_from_noise() -> None:
     found = diagnose(halves[:1], halves[1:])
     assert found.verdict == "no-missing-effect"
     assert "no channel records" in found.story
+
+
+def test_a_floor_that_errors_fall_below_is_none() -> None:
+    rng = np.random.default_rng(10)
+    before, after = [rng.standard_normal((600, 1))], [0.3 * rng.standard_normal((600, 1))]
+    gap = measure_gap(before, after, np.array([1.1]), ["omega"])
+    # 1 - 0.3^2: what is claimed without a floor
+    assert gap.closed_percent == pytest.approx(91.0, abs=1.5)
+    assert gap.channels["omega"].noise_floor == 0.0

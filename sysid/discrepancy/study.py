@@ -10,7 +10,7 @@ from sysid.data.record import Array
 from sysid.discrepancy import findings
 from sysid.discrepancy.advise import experiment_between, next_experiments
 from sysid.discrepancy.augment import model_of
-from sysid.discrepancy.base_model import Base
+from sysid.discrepancy.base_model import Base, may_lack_sign
 from sysid.discrepancy.detectable import detectable
 from sysid.discrepancy.diagnosis import Diagnosis, Experiment, Trace
 from sysid.discrepancy.evidence import PROVEN
@@ -153,8 +153,12 @@ class Study:
         )
 
     def believed(self, naming: Naming) -> Naming:
-        """No names where all of them together leave most of the gap: they are not the cause."""
-        if not naming.named:
+        """No names where all of them together leave most of the gap: they are not the cause.
+
+        A sensor without a sign is seen in the readings; what remains beside it does not refute it.
+        """
+        signless = any(n.id == "unsigned-speed" for n in naming.named)
+        if not naming.named or (signless and may_lack_sign(self.base.parts.estimation)):
             return naming
         served = np.any([n.touched for n in naming.named], axis=0)
         closed = self.gap(naming, served).closed_percent
@@ -204,7 +208,7 @@ class Study:
                 explain(base.parts.held, naming.final.errors.held, runs, self.floor, self.scales)
             )
         verdict = "no-missing-effect"
-        if effects or (structured and (found.withdrawn or not slight)):
+        if effects or found.withdrawn or (structured and not slight):
             verdict = "effects-found" if effects else "unexplained"
         before = model if model is not None else model_of(base, naming.base)
         after = model_of(base, naming.final) if naming.named else before
