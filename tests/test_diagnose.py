@@ -113,6 +113,26 @@ def test_a_changed_robot_is_told_from_a_missing_effect(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.simulate(u), found.after.simulate(u))
 
 
+def test_a_model_that_has_absorbed_the_effect_gives_way_to_the_plainest_base(
+    tmp_path: Path,
+) -> None:
+    made = logs(tmp_path, "dead-zone", 11)
+    asked = FitRequest(structures=("oe",), orders="nb=1 nf=1 nk=1")
+    model = identify([made["est"]], [], asked).assessments[0].model
+    found = diagnose([made["est"]], [made["val"]], model=model)
+    assert entries(found) == [{"dead-zone"}]
+    assert found.before is model
+    assert found.plainer.startswith("per track")
+    assert any("absorbed" in w for w in found.warnings)
+    # the gap is that of the model doubted, whose run the traces show, too
+    y = made["val"].y
+    held = [t for t in found.traces if t.role == "held-out"]
+    rmse = np.sqrt(np.mean((y - held[0].before) ** 2, axis=0))
+    told = [c.rmse_before for c in found.gap.channels.values()]
+    np.testing.assert_allclose(told, rmse, rtol=1e-9)
+    assert found.gap.closed_percent > 95.0
+
+
 def test_the_augmented_model_runs_as_the_search_did(tmp_path: Path) -> None:
     log = logs(tmp_path, "dead-zone", 11)
     found = diagnose([log["est"]], [log["val"]])
