@@ -130,7 +130,7 @@ def _profiled(
         rows = _spread_out(model, shaped, [jumps] * len(shaped), spread, PROFILE_POINTS)
         rows = rows.reshape(-1, len(q))
         found, cost = search(model, rows, [smooth] * len(rows), data, PROFILE_STEPS, flat)
-        q = np.asarray(_best(model, found[None], cost[None])[0])
+        q = best_tracks(model, found, cost)
         shaped = q[None]
     return q
 
@@ -158,7 +158,7 @@ def _on_grid(
     rows = _spread_out(model, q, slots, spread, GRID_POINTS)
     runs = model.run(rows.reshape(-1, rows.shape[2]), data)
     cost = np.sum((data.weight * (data.y - runs)) ** 2, axis=1).reshape(len(q), GRID_POINTS, -1)
-    return _best(model, rows, cost)
+    return np.array([best_tracks(model, *lane) for lane in zip(rows, cost, strict=True)])
 
 
 def _spread_out(
@@ -173,22 +173,20 @@ def _spread_out(
     return rows
 
 
-def _best(model: SuperModel, rows: Array, cost: Array) -> Array:
-    """Of each lane the row of least cost, and each track's numbers from the row that suits it.
+def best_tracks(model: SuperModel, q: Array, cost: Array) -> Array:
+    """Each track's numbers from the lane that fits it best; what tracks share from the best of all.
 
     Args:
         model: simulation.
-        rows: (lanes, points, slots).
-        cost: (lanes, points, tracks).
+        q: (lanes, slots).
+        cost: (lanes, tracks).
     """
-    out = []
-    for lane, costs in zip(rows, np.nan_to_num(cost, nan=np.inf), strict=True):
-        best = lane[int(np.argmin(costs.sum(axis=1)))].copy()
-        for k, slot in enumerate(model.slots):
-            if slot.track >= 0:
-                best[k] = lane[int(np.argmin(costs[:, slot.track])), k]
-        out.append(best)
-    return np.array(out)
+    cost = np.nan_to_num(cost, nan=np.inf)
+    out = q[int(np.argmin(cost.sum(axis=1)))].copy()
+    for k, slot in enumerate(model.slots):
+        if slot.track >= 0:
+            out[k] = q[int(np.argmin(cost[:, slot.track])), k]
+    return np.asarray(out)
 
 
 def information(model: SuperModel, q: Array, free: Sequence[int], data: Data) -> Array:
