@@ -220,9 +220,9 @@ HEAD = """# What `sysid diagnose` finds in logs that hide something
 
 {runs} blind runs (the whole study has {planned}) of `benchmarks/study_diagnose.py` on logs of
 `datasets/generate.py --effect`, whose twin shares no code with the workbench. Strengths, robots,
-commands and noise (low 1 %, high 3 % of 10 rad/s) are random. A name is right when the hidden effect
-stands first, alone or in a tie that is reported; a failed run is wrong in every row. Logs of this
-generator were looked at while the rules of naming were set, but none of these seeds. Robots of
+commands and noise (low 1 %, high 3 % of 10 rad/s) are random. A name is right when the hidden
+effect stands first, alone or in a tie that is reported; a failed run is wrong in every row. Logs of
+this generator were looked at while the rules of naming were set, but none of these seeds. Robots of
 another kind will do somewhat worse: with the rules as they were before, 65 of 72 single effects, 10
 of 15 pairs and 12 of 12 logs with nothing hidden were right on a second generator, whose author had
 not seen this one.
