@@ -60,6 +60,9 @@ MOST_EFFECTS = 3
 LATE, LATE_SHARE = 4.5, 0.02
 """A second effect needs this t, and this share of the likelihood that the first one gained."""
 
+AWAY = 3.0
+"""The number of an effect must be so many standard errors away from doing nothing."""
+
 SHOWN = 4.0
 """An effect of so many standard errors would have been seen."""
 
@@ -153,7 +156,11 @@ def _grown(
         fits.sort(key=lambda item: _score(item[1]))
         if not steps:
             ranking = _ranking(base, fits)
-        judged = [(c, f, evidence_of(current, f, len(rivals))) for c, f in fits if not f.at_bound]
+        judged = [
+            (c, f, evidence_of(current, f, len(rivals)))
+            for c, f in fits
+            if not f.at_bound and _away(c, f)
+        ]
         passed = [(c, f, e) for c, f, e in judged if e.accepted and not (steps and _late(e, steps))]
         if not passed:
             break
@@ -174,6 +181,13 @@ def _grown(
         if not evidence_of(without, current, len(CANDIDATES)).significant:
             chosen, current = rest, without
     return [s for s in steps if s.candidate in chosen], current, ranking
+
+
+def _away(c: Candidate, fitted: Fitted) -> bool:
+    """Whether a candidate's numbers, or one of several, are away from doing nothing."""
+    return any(
+        abs(fitted.q[k] - SLOTS[k].null) > AWAY * (fitted.std_error(k) or 0.0) for k in c.slots
+    )
 
 
 def _late(evidence: Evidence, steps: Sequence[_Step]) -> bool:
