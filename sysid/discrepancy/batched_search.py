@@ -101,15 +101,16 @@ def refined(
     """As ``search``, and numbers on which runs depend by jumps on ever finer grids.
 
     Args:
-        unknown: lanes where such a number may still be far off: it is profiled first.
+        unknown: lanes where such a number may still be far off: it is profiled first, widely. A
+            single lane is always profiled around where it stands.
     """
     smooth = [[k for k in f if not model.slots[k].stepwise] for f in free]
     jumps = [[k for k in f if model.slots[k].stepwise] for f in free]
     q, cost = search(model, q0, smooth, data, iterations, flat)
     at = [k for k, slots in enumerate(jumps) if slots]
     for k in at:
-        if k in unknown:
-            q[k] = _profiled(model, q[k], smooth[k], jumps[k], data, flat)
+        if k in unknown or len(q) == 1:
+            q[k] = _profiled(model, q[k], smooth[k], jumps[k], data, flat, k in unknown)
     for spread in GRIDS if at else ():
         q[at] = _on_grid(model, q[at], [jumps[k] for k in at], spread, data)
         q[at], cost[at] = search(model, q[at], [smooth[k] for k in at], data, iterations, flat)
@@ -123,10 +124,11 @@ def _profiled(
     jumps: Sequence[int],
     data: Data,
     flat: float,
+    widely: bool,
 ) -> Array:
     """A lane searched anew at every point of grids over its numbers with jumps."""
-    shaped = np.array(_shapes(model, q, smooth, jumps))
-    for spread in PROFILES:
+    shaped = np.array(_shapes(model, q, smooth, jumps)) if widely else q[None]
+    for spread in PROFILES if widely else PROFILES[1:]:
         rows = _spread_out(model, shaped, [jumps] * len(shaped), spread, PROFILE_POINTS)
         rows = rows.reshape(-1, len(q))
         found, cost = search(model, rows, [smooth] * len(rows), data, PROFILE_STEPS, flat)

@@ -123,7 +123,7 @@ class CandidateSearch:
 
     def polished(self, node: Node) -> Node:
         """The node fitted to the end."""
-        q, _ = refined(self.model, node.q[None], [node.free], self.data, POLISH, unknown=(0,))
+        q, _ = refined(self.model, node.q[None], [node.free], self.data, POLISH)
         return self.node(node.effects, q[0], node.free, node.touched)
 
     def candidates(
