@@ -58,6 +58,7 @@ def grey_box(model: Model) -> CBody:
 
 
 def refused(model: Model, why: str) -> ModelError:
+    """The error that says why `model` has no C code, and what to run instead."""
     return ModelError(
         f"this {model.structure.name} model cannot be written as C: {why}; run its plant.json "
         "with sysid"
@@ -65,6 +66,7 @@ def refused(model: Model, why: str) -> ModelError:
 
 
 def row(value: object) -> list[Cell]:
+    """The cells of a traced value of any shape, or of a plain number, in C order."""
     return (value if isinstance(value, Traced) else TRACE.stack([Traced([]), value])).ravel()
 
 
