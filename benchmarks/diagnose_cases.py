@@ -34,6 +34,8 @@ PAIRS = (
     ("freewheel", "sensor-saturation"),
     ("speed-ripple", "dead-zone"),
     ("actuator-lag", "load-bias"),
+    ("coulomb-friction", "inertial-coupling"),
+    ("inertial-coupling", "input-saturation"),
 )
 """Effects that change different places of the chain, so that both can be told."""
 

@@ -118,6 +118,8 @@ class Robot:
     """s: d → d (1 − s (|d_L| + |d_R|)/2)."""
     discharge: float = 0.0
     """b: d → d (1 − b t), t since the start of the log [1/s]."""
+    inertia: float = 0.0
+    """μ: τ ω̇ + μ √(τ τ_other) ω̇_other = T − ω, through the mass of the body."""
     slip: float = 0.0
     """i: both tracks lose i |ω_R − ω_L|/(|ω_R| + |ω_L|) of their way."""
     width_ratio: float = 1.0

@@ -125,8 +125,26 @@ def _together(robot: Robot, moving: "list[_Moving]", t: float) -> None:
     d_left, d_right = left.shaped(t), right.shaped(t)
     supply = (1.0 - robot.sag * 0.5 * (abs(d_left) + abs(d_right))) * (1.0 - robot.discharge * t)
     t_left, t_right = left.torque(d_left * supply), right.torque(d_right * supply)
+    before = (left.wheel, right.wheel)
     left.step(t_left - left.track.coupling * t_right, t)
     right.step(t_right - right.track.coupling * t_left, t)
+    if robot.inertia != 0.0:
+        _tied(robot.inertia, left, right, before)
+    left.roll(before[0])
+    right.roll(before[1])
+
+
+def _tied(share: float, left: "_Moving", right: "_Moving", before: tuple[float, float]) -> None:
+    """Changes of speed over one fine step as [[τ_l, m], [m, τ_r]] instead of diag(τ_l, τ_r).
+
+    A track that sticks takes no part: what holds it carries the other one's reaction, too.
+    """
+    change_left, change_right = left.wheel - before[0], right.wheel - before[1]
+    if left.sticks(before[0]) or right.sticks(before[1]):
+        return
+    ratio = math.sqrt(right.inertia / left.inertia)
+    left.wheel = before[0] + (change_left - share * ratio * change_right) / (1.0 - share**2)
+    right.wheel = before[1] + (change_right - share / ratio * change_left) / (1.0 - share**2)
 
 
 def _moved(
@@ -224,7 +242,6 @@ class _Moving:
         """Move motor and wheel by one fine step under ``torque``."""
         track, h = self.track, self.h
         torque -= track.load + self._load
-        before = self.wheel
         torque -= track.outside.torque(self.wheel, self.angle, t, self._memory, h)
         if self._released > 0.0:
             self._released -= h
@@ -234,6 +251,20 @@ class _Moving:
             self._with_gap(torque)
         else:
             self.wheel = self._turned(self.wheel, torque)
+
+    @property
+    def inertia(self) -> float:
+        """τ of the track on this log [s]."""
+        return self._tau
+
+    def sticks(self, before: float) -> bool:
+        """Whether dry friction has held the track still over a step."""
+        friction = self.track.coulomb + self.track.breakaway
+        return friction > 0.0 and self.wheel == 0.0 and before == 0.0
+
+    def roll(self, before: float) -> None:
+        """Turn the wheel, and what reads it, from the speed ``before`` to that of now."""
+        track, h = self.track, self.h
         self.mean = 0.5 * (before + self.wheel)
         self.angle += self.mean * h
         if track.sensor_lag > 0.0:

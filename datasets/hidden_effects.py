@@ -107,6 +107,9 @@ RANGES: dict[str, HiddenEffect] = {
         "motor", (Range("backward_viscous", 1.25, 1.80, mirror="inverse"),)
     ),
     "cross-coupling": HiddenEffect("motor", (Range("coupling", 0.12, 0.35, mirror="sign"),)),
+    "inertial-coupling": HiddenEffect(
+        "motor", (Range("inertia", 0.15, 0.40, mirror="sign"),), where="robot"
+    ),
     "thermal-fade": HiddenEffect(
         "motor",
         (Range("fade", 0.20, 0.40), Range("fade_time", 12.0, 40.0, "s", kind="fixed")),
@@ -158,6 +161,12 @@ POSE = ("x", "y", "psi")
 KNOWN = ("none", *RANGES, *OUTSIDE)
 """What ``--effect`` understands."""
 
+LATER = ("inertial-coupling",)
+"""Effects that came later: last in line for streams of chance, so that no other log changes."""
+
+STREAMS = (*(e for e in KNOWN if e not in LATER), *LATER)
+"""What is hidden, by the number of its stream of chance."""
+
 
 def needs_pose(effects: tuple[str, ...]) -> bool:
     """Whether one of the effects shows in the pose alone."""
@@ -197,7 +206,7 @@ def with_effect(
     Raises:
         KeyError: there is no such effect.
     """
-    rng = generator(seed, 1, KNOWN.index(effect))
+    rng = generator(seed, 1, STREAMS.index(effect))
     if effect in OUTSIDE:
         hidden = HiddenEffect("outside", (Range("outside", *OUTSIDE[effect][1]),))
     else:

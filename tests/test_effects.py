@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 from sysid.data.record import Array
 from sysid.effects.base import Context, Effect, Place
@@ -31,6 +32,7 @@ IDS = (
     "freewheel",
     "viscous-asymmetry",
     "cross-coupling",
+    "inertial-coupling",
     "thermal-fade",
     "speed-ripple",
     "track-slip",
@@ -152,9 +154,39 @@ def test_freewheel_decays_in_a_straight_line() -> None:
     np.testing.assert_allclose(np.diff(falling[:20]), -5.0 * DT, rtol=1e-9)
 
 
+@pytest.mark.parametrize("share", [0.4, -0.3])
+def test_inertial_coupling_is_the_exact_answer_of_the_coupled_equations(share: float) -> None:
+    kept = np.array([0.6, 0.8])
+    tau = -DT / np.log(kept)
+    off = share * np.sqrt(tau[0] * tau[1])
+    inverse = np.linalg.inv(np.array([[tau[0], off], [off, tau[1]]]))
+    E = expm(-inverse * DT)
+    # one track alone first: without friction the other one is moved from standstill
+    drive = np.vstack([np.tile([0.5, 0.0], (20, 1)), commands(4)])
+    two = Core(np.array([20.0, 15.0]), -kept[None], 1.0 - kept[None])
+    active = (effect("inertial-coupling"),)
+    state, w = rest_state(np, active, two, np.zeros(2)), np.zeros(2)
+    for d in drive:
+        state, y = chain_step(
+            np, active, two, {"inertial-coupling": {"share": both(share)}}, state, d, 0.0, DT
+        )
+        # rounding of exp and of 1 − e^(−2x) in cosh and sinh
+        np.testing.assert_allclose(y, w, atol=1e-9)
+        w = E @ w + (np.eye(2) - E) @ (two.gain * d)
+
+
+def test_a_track_that_sticks_does_not_feel_the_other_ones_inertia() -> None:
+    numbers = {"inertial-coupling": {"share": both(0.4)}, "coulomb-friction": {"level": both(3.0)}}
+    drive = np.column_stack([np.full(60, 0.1), np.full(60, 0.5)])
+    found = run(numbers, drive)
+    alone = run({"coulomb-friction": {"level": both(3.0)}}, drive)
+    assert not found[:, 0].any()
+    np.testing.assert_array_equal(found, alone)
+
+
 def test_slip_shortens_turns_only() -> None:
     slip = effect("track-slip")
-    context = Context(DT, *(np.zeros(2),) * 9)
+    context = Context(DT, *(np.zeros(2),) * 10)
     turned, _ = slip.step(np, np.array([-5.0, 5.0]), (), {"share": np.array(0.2)}, context)
     straight, _ = slip.step(np, np.array([5.0, 5.0]), (), {"share": np.array(0.2)}, context)
     np.testing.assert_allclose(turned, [-4.0, 4.0])

@@ -158,6 +158,18 @@ def test_supply_sag_takes_from_both_what_either_draws() -> None:
     np.testing.assert_allclose(run.omega[-1], K * np.array([0.8, 0.4]) * 0.7, atol=1e-3)
 
 
+def test_inertia_of_the_body_ties_the_tracks_together() -> None:
+    # Equal tracks: their sum moves with τ (1 + μ), their difference with τ (1 − μ).
+    pwm = held((0.8, 2.0))
+    pwm[:, 1] = 0
+    omega = driven(pwm, with_(), inertia=0.4).omega
+    t = DT * np.arange(len(omega))
+    slow, fast = (K * 0.8 * (1.0 - np.exp(-t / (TAU * (1.0 + s)))) for s in (0.4, -0.4))
+    # Steps of 2 ms against τ (1 − μ) = 0.15 s: half a step's change of the change, 16·0.002/0.15/2.
+    np.testing.assert_allclose(omega[:, 0], 0.5 * (slow + fast), atol=0.11)
+    np.testing.assert_allclose(omega[:, 1], 0.5 * (slow - fast), atol=0.11)
+
+
 def test_a_battery_loses_its_share_each_second() -> None:
     run = driven(held((0.5, 40.0)), with_(), discharge=0.01)
     # A ramp down of K d b is followed τ late.
@@ -532,7 +544,7 @@ def test_the_catalogue_is_complete() -> None:
     stages: dict[str, int] = {}
     for hidden in RANGES.values():
         stages[hidden.stage] = stages.get(hidden.stage, 0) + 1
-    assert stages == {"actuator": 9, "motor": 11, "vehicle": 3, "sensor": 6, "any": 1}
+    assert stages == {"actuator": 9, "motor": 12, "vehicle": 3, "sensor": 6, "any": 1}
     assert len(OUTSIDE) >= 5
     page = Path(generate.__file__).with_name("README.md").read_text(encoding="utf-8")
     rows = {line.split("`")[1]: line for line in page.splitlines() if line.startswith("| `")}

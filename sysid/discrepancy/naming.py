@@ -23,6 +23,10 @@ FAR_AHEAD = 4.0
 Progress = Callable[[str, float], None]
 """(what is being done, share of the work done)."""
 
+Left = Callable[[Node], float]
+"""What one more effect must bring the held-out error of a model below, as a share of before; 0
+where nothing is left to explain."""
+
 
 class NamingSearch(CandidateSearch):
     """The search over sets of effects on one system, one effect at a time."""
@@ -32,7 +36,7 @@ class NamingSearch(CandidateSearch):
         base: Node,
         effects: Sequence[Effect],
         progress: Progress | None = None,
-        left: Callable[[Node], bool] | None = None,
+        left: Left | None = None,
     ) -> Naming:
         """Grow one effect at a time in a small beam while the rule accepts, then drop.
 
@@ -40,9 +44,10 @@ class NamingSearch(CandidateSearch):
             base: the model before.
             effects: those to try.
             progress: told what is being done.
-            left: whether a model leaves anything to explain; growth ends where it does not.
+            left: how far one more effect must bring the held-out error of a model down.
         """
         say = progress or (lambda text, share: None)
+        left = left or (lambda node: self.needed)
         say("trying every effect", 0.0)
         self.origin = base.q
         judged = self.candidates(base, effects)
@@ -59,7 +64,7 @@ class NamingSearch(CandidateSearch):
         for rival in beam[1:]:
             # the likeliest first effect may be a stand-in: try the next one where much is left
             ours, theirs = self._totals(base, (best, rival.node))
-            if ours > FAR_AHEAD * theirs or not (left is None or left(best)):
+            if ours > FAR_AHEAD * theirs or left(best) < self.needed:
                 break
             say(f"starting from {rival.id} instead", 0.6)
             other, other_minor = self._grown(base, rival.node, effects, say, left)
@@ -83,11 +88,11 @@ class NamingSearch(CandidateSearch):
         node: Node,
         effects: Sequence[Effect],
         say: Progress,
-        left: Callable[[Node], bool] | None,
+        left: Left,
     ) -> tuple[Node, tuple[tuple[str, Evidence], ...] | None]:
         """A node with effects added one at a time; and what was minor when it grew no more."""
         minor, tidied = None, 1
-        while len(node.effects) < MOST_EFFECTS and (left is None or left(node)):
+        while len(node.effects) < MOST_EFFECTS and (needed := left(node)) > 0.0:
             if len(node.effects) > tidied:
                 tidied = len(node.effects)
                 other = self._swapped(base, node, effects)
@@ -97,7 +102,7 @@ class NamingSearch(CandidateSearch):
             say(f"{', '.join(node.effects)}: looking for more", 0.2 * len(node.effects))
             judged = self.candidates(node, effects)
             minor = self._minor(judged)
-            passed = self._passing(judged)
+            passed = [j for j in self._passing(judged) if j.evidence.ratio < needed]
             if not passed or self.best_of(base, (node, passed[0].node)) is node:
                 break
             node = passed[0].node

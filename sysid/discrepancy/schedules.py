@@ -31,6 +31,7 @@ PROGRAMMES_OF: dict[str, tuple[str, ...]] = {
     "freewheel": ("coasting", "levels"),
     "viscous-asymmetry": ("levels", "coasting"),
     "cross-coupling": ("one_and_other", "reversals"),
+    "inertial-coupling": ("one_and_other", "reversals"),
     "thermal-fade": ("hot", "repeat"),
     "speed-ripple": ("cruise", "levels"),
     "track-slip": ("turns",),

@@ -13,7 +13,7 @@ from sysid.discrepancy.augment import model_of
 from sysid.discrepancy.base_model import Base, may_lack_sign
 from sysid.discrepancy.detectable import detectable
 from sysid.discrepancy.diagnosis import Diagnosis, Experiment, Trace
-from sysid.discrepancy.evidence import PROVEN
+from sysid.discrepancy.evidence import PROVEN, PROVEN_IN_LOOP
 from sysid.discrepancy.explain import described, explain
 from sysid.discrepancy.ground_model import with_ground
 from sysid.discrepancy.localise import Region, localise
@@ -119,14 +119,20 @@ class Study:
         except DataError:
             return None
 
-    def remains(self, naming: Naming) -> bool:
-        """Whether the model after leaves anything worth a name: structure, and enough of it."""
+    def remains(self, naming: Naming) -> float:
+        """What one more effect must bring the held-out error below; 0 where nothing is left.
+
+        Errors far above the noise that seem to depend on nothing may be a disturbance, or structure
+        that commands of few frequencies hide from the test: then the effect must do more.
+        """
         (_, old), (_, new) = (n.errors.mean_squares() for n in (naming.base, naming.final))
         gap = old - self.floor**2
         if np.all(new - self.floor**2 < 0.01 * MINOR * np.maximum(gap, 0.3 * self.floor**2)):
-            return False
+            return 0.0
         left = self.left(naming, after=True)
-        return left is None or left.p_value < DEPENDENT
+        if left is None or left.p_value < DEPENDENT:
+            return self.base.search.needed
+        return PROVEN_IN_LOOP if np.any(np.sqrt(new) > LOUD * self.floor) else 0.0
 
     def follows(self) -> bool:
         """Whether the base follows the data at all: else its errors tell nothing."""
@@ -353,6 +359,11 @@ def _story(verdict: str, ids: Sequence[str], gap: Gap, left: Left | None) -> str
             text += f" {100.0 - gap.closed_percent:.0f} % of the gap remains and is structured"
             text += f" (errors: {loud} the noise)" if loud else ""
             text += ": something else is missing, too."
+        elif loud:
+            text += (
+                f" The errors that remain ({loud} the noise) depend on nothing known: a "
+                "disturbance acts that no channel records, or the commands are too simple to tell."
+            )
         return text
     if verdict == "unexplained":
         return (

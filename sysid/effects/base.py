@@ -37,6 +37,7 @@ class Context:
         drive: command as it was given, before any effect.
         turned: angle of the wheel, integrated from its speed [rad].
         counted: angle integrated from the readings before this one [rad].
+        holds: torque with which dry friction holds a track that stands.
     """
 
     dt: float
@@ -49,6 +50,7 @@ class Context:
     drive: Signal
     turned: Signal
     counted: Signal
+    holds: Signal
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,7 @@ class Effect:
             for one whose states are simply its own last inputs, newest first.
         at_rest: (speed, drive) → its states in steady motion; None where every state then equals
             the signal the effect acts on.
+        holds: (parameters) → torque with which it holds a track that stands.
         shared: whether all tracks share its parameters.
         undone: (reading, parameters) → the reading without the effect, where that is known: what
             a first reading says of the speed.
@@ -130,6 +133,7 @@ class Effect:
     states: int = 0
     on_past: Callable[[Any, Signal, Past, Mapping[str, Signal], Context], Signal] | None = None
     at_rest: Callable[[Signal, Signal], State] | None = None
+    holds: Callable[[Mapping[str, Signal]], Signal] | None = None
     shared: bool = False
     undone: Callable[[Signal, Mapping[str, Signal]], Signal] | None = None
     ties: tuple[str, ...] = ()

@@ -54,6 +54,34 @@ def _coupling(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Sign
     return torque - p["share"] * c.torque_other, s
 
 
+def _together(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
+    """Shares of the deviations from steady speed that a sample leaves: own and the other's.
+
+    exp(−M⁻¹ dt) of M = [[τ_1, m], [m, τ_2]], m = μ √(τ_1 τ_2), in closed form.
+    """
+    if kept.shape[-1] != 2:
+        return {"own": kept, "other": 0.0 * kept}
+    rate = -xp.log(xp.maximum(kept, 1e-9))  # dt/τ
+    free = 1.0 / (1.0 - p["share"] ** 2)
+    mean = 0.5 * free * (rate + rate[..., ::-1])
+    half = 0.5 * free * (rate - rate[..., ::-1])
+    mixed = free * p["share"] * xp.sqrt(rate * rate[..., ::-1])
+    apart = xp.sqrt(half**2 + mixed**2 + 1e-12)
+    ratio = xp.exp(-mean) * xp.sinh(apart) / apart
+    return {"own": xp.exp(-mean) * xp.cosh(apart) - ratio * half, "other": ratio * mixed}
+
+
+def _inertia(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    if w.shape[-1] != 2:
+        return w, s
+    deviation = c.w - (w - c.w_free) / c.b
+    coupled = (p["own"] - (1.0 - c.b)) * deviation + p["other"] * deviation[..., ::-1]
+    # a track that sticks neither feels the other one nor moves it
+    stands = (w == 0.0) & (c.w == 0.0) & (xp.abs(c.torque + coupled / c.b) < c.holds)
+    apart = (p["share"] == 0.0) | stands
+    return w + xp.where(apart | apart[..., ::-1], 0.0, coupled), s
+
+
 def _warming(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
     return {"warming": 1.0 - xp.exp(-dt / p["time"])}
 
@@ -195,6 +223,7 @@ EFFECTS = (
         "A slow staircase through zero, and coasting from speed.",
         (EffectParameter("level", "speed", 0.0, 0.0, 3.0, (0.05, 0.15, 0.3), "speed"),),
         _coulomb,
+        holds=lambda p: p["level"],
         ties=("stiction", "dead-zone"),
     ),
     Effect(
@@ -211,7 +240,21 @@ EFFECTS = (
             EffectParameter("speed", "speed", 0.1, 0.01, 0.35, (0.05, 0.15), "speed"),
         ),
         _stiction,
+        holds=lambda p: p["level"] + p["excess"],
         ties=("coulomb-friction",),
+    ),
+    Effect(
+        "inertial-coupling",
+        "motor",
+        Place.SPEED,
+        "τ ω̇ = T − ω − m ω̇_other, m = μ √(τ τ_other)",
+        "The body's mass and yaw inertia tie the tracks: one speeds up, the other feels it.",
+        "A track twitches whenever the other one speeds up or slows down, not while it pulls.",
+        "One track at a constant command while the other steps, then both together and opposed.",
+        (EffectParameter("share", "", 0.0, -0.9, 0.9, (0.25, -0.25), "one"),),
+        _inertia,
+        _together,
+        shared=True,
     ),
     Effect(
         "coast-asymmetry",

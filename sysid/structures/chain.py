@@ -157,6 +157,7 @@ def step_with(
     following = x[1] if n > 1 else 0.0 * w
     w_free = following - core.f[0] * w
     memory = dict(zip((e.id for e in effects), held, strict=True))
+    holds = sum((e.holds(parameters[e.id]) for e in effects if e.holds), 0.0 * w)
 
     def through(place: Place, signal: Signal, torque: Signal) -> Signal:
         other = torque[..., ::-1] if torque.shape[-1] > 1 else 0.0 * torque
@@ -171,6 +172,7 @@ def step_with(
             sample.drive,
             sample.turned,
             sample.counted,
+            holds,
         )
         for effect in effects:
             if effect.place is place:
@@ -209,7 +211,7 @@ def over_time(
     """
     nothing = 0.0 * signal
     angles = (sample.turned, sample.counted)
-    context = Context(dt, sample.t, *(nothing,) * 5, sample.drive, *angles)
+    context = Context(dt, sample.t, *(nothing,) * 5, sample.drive, *angles, nothing)
     for effect in effects:
         if effect.on_past is not None:
             signal = effect.on_past(xp, signal, past, parameters[effect.id], context)
