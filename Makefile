@@ -24,17 +24,19 @@ $(VENV)/.installed-test: pyproject.toml constraints.txt $(VENV)/.installed
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
 	@touch $@
 
-demo: $(VENV)/.installed  ## The main job on bundled data: fit, compare, export, simulate
+demo: $(VENV)/.installed  ## The main job on bundled data: fit, compare, export, simulate, diagnose
 	@rm -rf $(DEMO) && mkdir -p $(DEMO)
-	@echo "== 1/4 fit: every linear structure, orders searched, judged on a second log"
+	@echo "== 1/5 fit: every linear structure, orders searched, judged on a second log"
 	$(SYSID) fit $(LOGS)/prbs.csv --val $(LOGS)/prbs_val.csv --workspace $(DEMO)/workspace --plot $(DEMO)/fit.svg
-	@echo "== 2/4 compare: rank them"
+	@echo "== 2/5 compare: rank them"
 	$(SYSID) compare --criteria aic --workspace $(DEMO)/workspace --plot $(DEMO)/ranking.svg
-	@echo "== 3/4 export: the best one as a plant package"
+	@echo "== 3/5 export: the best one as a plant package"
 	$(SYSID) export --workspace $(DEMO)/workspace
-	@echo "== 4/4 simulate: drive it around four obstacles to (6, 3)"
+	@echo "== 4/5 simulate: drive it around four obstacles to (6, 3)"
 	$(SYSID) simulate datasets/missions/obstacles_6_3.yaml --workspace $(DEMO)/workspace --plot $(DEMO)/mission.svg
-	@echo "== Done. Pictures: $(DEMO)/fit.svg, ranking.svg, mission.svg; plant: $(DEMO)/workspace/plant"
+	@echo "== 5/5 diagnose: on another log the model is worse; what is missing from it?"
+	$(SYSID) diagnose $(LOGS)/multilevel.csv --val $(LOGS)/multilevel_val.csv --workspace $(DEMO)/workspace -o $(DEMO)/diagnosis
+	@echo "== Done. Pictures: $(DEMO)/fit.svg, ranking.svg, mission.svg, diagnosis/index.html; plant: $(DEMO)/workspace/plant"
 
 test: $(VENV)/.installed-test  ## Lint, types, layers and tests
 	$(BIN)/ruff check .

@@ -89,7 +89,7 @@ def _around(
     """Effects around a given model as it is; or on the plainest base, where that explains more.
 
     A model that was fitted to the very logs has absorbed what is missing: then the plainest base
-    comes first. Else it comes where nothing that is added to the model explains the logs.
+    comes first. Else it comes where what is added to the model does not explain all of the logs.
     """
     if not study.doubtful(before):
         return study.searched((), before, say)
@@ -101,9 +101,12 @@ def _around(
             return plainest
     effects = chain_effects() if absorbed else (*chain_effects(), CHANGED)
     found = study.searched(effects, before, say)
-    if found.naming.named or absorbed:
+    if absorbed or (found.naming.named and not study.unexplained(found.naming)):
         return found
-    return _plainest(study, estimation, held, say) or found
+    other = _plainest(study, estimation, held, say)
+    if other is None or not other.study.explains_more(other.naming, found.naming.final):
+        return found
+    return other
 
 
 def _plainest(
@@ -120,7 +123,7 @@ def _plainest(
         return None  # an output that integrates: other samples
     study = replace(doubted, base=base)
     found = study.searched(effects, study.before(), say)
-    if not study.explains_more(found.naming, doubted):
+    if not study.explains_more(found.naming, doubted.base.node):
         return None
     study = replace(study, doubted=doubted)
     return replace(found, study=study, before=doubted.before())

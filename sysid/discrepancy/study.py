@@ -18,7 +18,7 @@ from sysid.discrepancy.explain import described, explain
 from sysid.discrepancy.ground_model import with_ground
 from sysid.discrepancy.localise import Region, localise
 from sysid.discrepancy.model_error import FEWEST, Left, structure_left
-from sysid.discrepancy.named_sets import Naming
+from sysid.discrepancy.named_sets import Naming, Node
 from sysid.discrepancy.naming import Progress
 from sysid.discrepancy.pose import PoseDiagnosis
 from sysid.discrepancy.pose_windows import track_channels
@@ -176,9 +176,17 @@ class Study:
         minor = (*((n.id, n.evidence) for n in naming.named), *naming.minor)
         return replace(naming, final=naming.base, named=(), minor=minor)
 
-    def explains_more(self, naming: Naming, other: "Study") -> bool:
-        """Whether the model after runs closer to the held-out data than the base of another."""
-        old, new = (n.errors.mean_squares()[1] for n in (other.base.node, naming.final))
+    def unexplained(self, naming: Naming) -> bool:
+        """Whether the model after leaves structure, and errors far above the noise."""
+        new = naming.final.errors.mean_squares()[1]
+        if np.all(np.sqrt(new) <= LOUD * self.floor):
+            return False
+        left = self.left(naming, after=True)
+        return left is not None and left.p_value < DEPENDENT
+
+    def explains_more(self, naming: Naming, node: Node) -> bool:
+        """Whether the model after runs closer to the held-out data than another."""
+        old, new = (n.errors.mean_squares()[1] for n in (node, naming.final))
         return bool(naming.named) and float(np.sqrt(np.mean(new / old))) < PROVEN
 
     def result(
@@ -298,9 +306,9 @@ class Study:
         found = list(findings.absorbed(self.base, naming))
         if self.doubted is not None:
             found.append(
-                "The model that was doubted has absorbed a part of what is missing, and no effect "
-                "could be added to it. The effects stand on the plainest base instead; with them "
-                "its held-out error is the smaller one."
+                "The model that was doubted has absorbed a part of what is missing: effects added "
+                "to it explain less. They stand on the plainest base instead; with them its "
+                "held-out error is the smaller one."
             )
         if self.base.in_loop:
             found.append(

@@ -151,7 +151,8 @@ def evidence_sentence(effect: NamedEffect) -> str:
 
 def story(found: Diagnosis) -> str:
     """The sentence below the headline, unless it says the same."""
-    return "" if found.story.rstrip(".") == headline(found) else found.story
+    said = f"{headline(found)}."
+    return found.story.removeprefix(said).strip()
 
 
 def score_words(score: float) -> str:
