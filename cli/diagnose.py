@@ -105,7 +105,7 @@ def diagnose(
     if json:
         render.document(document)
         return
-    show(found, before, after, folder)
+    show(found, before, after, folder, val or ())
 
 
 def _folder(folder: Path, logs: list[Path], val: list[Path]) -> Path:

@@ -1,5 +1,6 @@
 """What ``sysid diagnose`` tells a person, in four sections: where, what, added, shrunk."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +13,10 @@ _MOST = 5
 """Regimes and candidates shown; the page has them all."""
 
 
-def show(found: "Diagnosis", before: str, after: str, folder: Path) -> None:
-    """Print the story and what to do next."""
+def show(
+    found: "Diagnosis", before: str, after: str, folder: Path, held: Sequence[Path] = ()
+) -> None:
+    """Print the story and what to do next; ``held`` are the logs that judged."""
     from sysid.report.diagnosis_words import headline, story
 
     render.say(headline(found), "bold")
@@ -25,7 +28,7 @@ def show(found: "Diagnosis", before: str, after: str, folder: Path) -> None:
     _shrunk(found)
     for sentence in found.warnings:
         render.warn(f"! {sentence}")
-    _next(found, before, after, folder)
+    _next(found, before, after, folder, held)
 
 
 def _section(name: str) -> None:
@@ -137,13 +140,17 @@ def _change(found: "Diagnosis", before: str, after: str) -> str:
     return f"{before} → {after}" if found.effects else before
 
 
-def _next(found: "Diagnosis", before: str, after: str, folder: Path) -> None:
+def _next(found: "Diagnosis", before: str, after: str, folder: Path, held: Sequence[Path]) -> None:
     render.say("")
     for e in found.next_experiments:
         written = f" Schedule: {folder / e.file}." if e.file else ""
         render.say(f"To tell {', '.join(e.effects)}: {e.purpose}{written}")
     render.say(f"Page: {folder / 'index.html'}, all figures: {folder / 'diagnosis.json'}.")
     if found.effects:
-        render.say(f"Next: sysid compare {before} {after}, sysid export --model {after}.", "bold")
+        logs = "".join(f" --val {path}" for path in held)
+        judged = f"{logs} --criteria fit" if held else ""
+        render.say(
+            f"Next: sysid compare {before} {after}{judged}, sysid export --model {after}.", "bold"
+        )
     else:
         render.say(f"Next: sysid export --model {after}.", "bold")
