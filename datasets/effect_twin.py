@@ -125,26 +125,11 @@ def _together(robot: Robot, moving: "list[_Moving]", t: float) -> None:
     d_left, d_right = left.shaped(t), right.shaped(t)
     supply = (1.0 - robot.sag * 0.5 * (abs(d_left) + abs(d_right))) * (1.0 - robot.discharge * t)
     t_left, t_right = left.torque(d_left * supply), right.torque(d_right * supply)
-    before = (left.wheel, right.wheel)
-    left.step(t_left - left.track.coupling * t_right, t)
-    right.step(t_right - right.track.coupling * t_left, t)
-    if robot.inertia != 0.0:
-        _tied(robot.inertia, left, right, before)
-    left.roll(before[0])
-    right.roll(before[1])
-
-
-def _tied(share: float, left: "_Moving", right: "_Moving", before: tuple[float, float]) -> None:
-    """Changes of speed over one fine step as [[τ_l, m], [m, τ_r]] instead of diag(τ_l, τ_r).
-
-    A track that sticks takes no part: what holds it carries the other one's reaction, too.
-    """
-    change_left, change_right = left.wheel - before[0], right.wheel - before[1]
-    if left.sticks(before[0]) or right.sticks(before[1]):
-        return
-    ratio = math.sqrt(right.inertia / left.inertia)
-    left.wheel = before[0] + (change_left - share * ratio * change_right) / (1.0 - share**2)
-    right.wheel = before[1] + (change_right - share / ratio * change_left) / (1.0 - share**2)
+    # the other track's inertia acts on this one through the body, with its last acceleration
+    shared = robot.inertia * math.sqrt(left.inertia * right.inertia)
+    on_left, on_right = shared * right.acceleration, shared * left.acceleration
+    left.step(t_left - left.track.coupling * t_right - on_left, t)
+    right.step(t_right - right.track.coupling * t_left - on_right, t)
 
 
 def _moved(
@@ -171,6 +156,7 @@ class _Moving:
     sample_time: float
     wheel: float = 0.0
     mean: float = 0.0
+    acceleration: float = 0.0
     motor: float = 0.0
     angle: float = 0.0
     lagged: float = 0.0
@@ -241,6 +227,7 @@ class _Moving:
     def step(self, torque: float, t: float) -> None:
         """Move motor and wheel by one fine step under ``torque``."""
         track, h = self.track, self.h
+        before = self.wheel
         torque -= track.load + self._load
         torque -= track.outside.torque(self.wheel, self.angle, t, self._memory, h)
         if self._released > 0.0:
@@ -251,26 +238,18 @@ class _Moving:
             self._with_gap(torque)
         else:
             self.wheel = self._turned(self.wheel, torque)
-
-    @property
-    def inertia(self) -> float:
-        """τ of the track on this log [s]."""
-        return self._tau
-
-    def sticks(self, before: float) -> bool:
-        """Whether dry friction has held the track still over a step."""
-        friction = self.track.coulomb + self.track.breakaway
-        return friction > 0.0 and self.wheel == 0.0 and before == 0.0
-
-    def roll(self, before: float) -> None:
-        """Turn the wheel, and what reads it, from the speed ``before`` to that of now."""
-        track, h = self.track, self.h
+        self.acceleration = (self.wheel - before) / h
         self.mean = 0.5 * (before + self.wheel)
         self.angle += self.mean * h
         if track.sensor_lag > 0.0:
             self.lagged += (self.mean - self.lagged) * self._read_share
         else:
             self.lagged = self.wheel
+
+    @property
+    def inertia(self) -> float:
+        """τ of the track on this log [s]."""
+        return self._tau
 
     def _with_gap(self, torque: float) -> None:
         """Motor and wheel turn as one while the motor pushes, apart while the gap is crossed."""
@@ -307,13 +286,17 @@ class _Moving:
         target = torque / viscous
         after = target + (omega - target) * math.exp(-viscous * h / tau)
         if track.freewheel > 0.0 and self._free(omega, torque):
-            rolling = math.copysign(max(abs(omega) - track.freewheel_decay * h, 0.0), omega)
+            caught = track.freewheel_overrun > 0.0 and omega * torque > 0.0
+            slowest = abs(torque) if caught else 0.0
+            slower = max(abs(omega) - track.freewheel_decay * h, slowest)
+            rolling = math.copysign(slower, omega)
             after += track.freewheel * (rolling - after)
         return 0.0 if sense != 0.0 and after * sense < 0.0 else after
 
     def _free(self, omega: float, torque: float) -> bool:
-        outruns = omega * torque >= 0.0 and abs(omega) > abs(torque)
-        return self._lets_go or (self.track.freewheel_overrun > 0.0 and outruns)
+        if self.track.freewheel_overrun > 0.0:
+            return omega * torque >= 0.0 and abs(omega) > abs(torque)
+        return self._lets_go
 
 
 @dataclass

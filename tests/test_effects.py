@@ -1,5 +1,7 @@
 """The catalogue of effects and the chain they act on."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -149,7 +151,8 @@ def test_a_delay_shifts_and_backlash_pauses_after_a_reversal() -> None:
 
 def test_freewheel_decays_in_a_straight_line() -> None:
     drive = np.vstack([held(0.8, 80), held(0.0, 60)])
-    y = run({"freewheel": {"rate": both(5.0), "overrun": both(0.0)}}, drive)[:, 0]
+    numbers = {"rate": both(5.0), "overrun": both(0.0), "caught": both(0.0), "viscous": both(0.0)}
+    y = run({"freewheel": numbers}, drive)[:, 0]
     falling = y[(y < 12.0) & (np.arange(len(y)) > 82)]
     np.testing.assert_allclose(np.diff(falling[:20]), -5.0 * DT, rtol=1e-9)
 
@@ -206,3 +209,71 @@ def test_an_augmented_structure_steps_as_it_simulates_and_survives_json() -> Non
     for k in range(len(u)):
         x, y = step(x, u[k])
         np.testing.assert_array_equal(y, run_all[k])
+
+
+def fine(
+    advance: Callable[[float, float, float], tuple[float, ...]], drive: Array, dt: float
+) -> Array:
+    """Speeds of one track at the samples, from its own equations in steps of dt/400."""
+    state, out, h = (0.0, 0.0, 0.0), [], dt / 400
+    for d in drive:
+        out.append(state[0])
+        for _ in range(400):
+            state = advance(state, GAIN * d, h)
+    return np.array(out)
+
+
+def test_a_wheel_that_outruns_its_drive_rolls_until_the_drive_catches_it() -> None:
+    rate, viscous = 12.0, 0.1
+
+    def advance(state: tuple[float, ...], torque: float, h: float) -> tuple[float, ...]:
+        w = state[0]
+        if w * torque >= 0.0 and abs(w) > abs(torque):
+            rolled = max(abs(w) - h * (rate + viscous * abs(w) / TAU), abs(torque))
+            return (np.copysign(rolled, w), 0.0, 0.0)
+        return (w + h / TAU * (torque - w), 0.0, 0.0)
+
+    drive = np.repeat([0.8, 0.5, 0.1, 0.0, -0.6, -0.55, 0.3, 0.0], 12)
+    numbers = {"rate": rate, "overrun": 1.0, "caught": 1.0, "viscous": viscous}
+    found = run({"freewheel": {k: both(v) for k, v in numbers.items()}}, np.tile(drive, (2, 1)).T)
+    # within a sample the viscous part is averaged: (β dt/τ)²/24 of 16 rad/s, and steps of h
+    np.testing.assert_allclose(found[:, 0], fine(advance, drive, DT), atol=0.02)
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.1])
+def test_a_gap_between_two_masses_is_crossed_in_their_time(dt: float) -> None:
+    gap, share, wheel_viscous = 0.8, 0.55, 0.13
+
+    def advance(state: tuple[float, ...], torque: float, h: float) -> tuple[float, ...]:
+        wheel, motor, place = state
+        if place == 0.0 and motor == 0.0:
+            place = 0.5 * gap
+        touching = abs(place) >= 0.5 * gap and abs(motor - wheel) < 1e-9
+        push = (1.0 - share) * (torque - wheel) + wheel_viscous * wheel
+        if touching and push * place >= 0.0:
+            wheel += h / TAU * (torque - wheel)
+            return (wheel, wheel, place)
+        motor += h / (TAU * share) * (torque - (1.0 - wheel_viscous) * motor)
+        wheel -= h / (TAU * (1.0 - share)) * wheel_viscous * wheel
+        place += h * (motor - wheel)
+        if abs(place) >= 0.5 * gap:
+            place = float(np.copysign(0.5 * gap, place))
+            wheel = motor = share * motor + (1.0 - share) * wheel
+        return (wheel, motor, place)
+
+    levels = np.random.default_rng(5).uniform(-0.9, 0.9, 40)
+    levels[0] = 0.4
+    drive = np.repeat(levels, round(0.6 / dt))
+    kept = float(np.exp(-dt / TAU))
+    track = Core(np.array([GAIN]), np.array([[-kept]]), np.array([[1.0 - kept]]))
+    numbers = {"gap": gap, "inertia": share, "coast": wheel_viscous / (1.0 - share)}
+    active = (effect("backlash"),)
+    parameters = {"backlash": {k: np.array([v]) for k, v in numbers.items()}}
+    state, found = rest_state(np, active, track, np.zeros(1)), []
+    for d in drive:
+        state, y = chain_step(np, active, track, parameters, state, np.array([d]), 0.0, dt)
+        found.append(float(y[0]))
+    error = np.array(found) - fine(advance, drive, dt)
+    # a reading between two contacts in slightly another order is far off, the others are not
+    assert np.median(np.abs(error)) < 0.01
+    assert np.sqrt(np.mean(error**2)) < 0.03 * np.sqrt(np.mean(np.square(found)))

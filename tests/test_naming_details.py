@@ -183,3 +183,41 @@ def test_a_floor_that_errors_fall_below_is_none() -> None:
     # 1 - 0.3^2: what is claimed without a floor
     assert gap.closed_percent == pytest.approx(91.0, abs=1.5)
     assert gap.channels["omega"].noise_floor == 0.0
+
+
+@pytest.mark.parametrize(
+    ("pair", "seed"),
+    [
+        # the core of signless readings is not found anew beside a dead zone, only as it stands
+        ("unsigned-speed+dead-zone", 5),
+        # nothing that is like a saturated command starts where no reading piles up
+        ("input-saturation+actuator-lag", 6),
+        ("coulomb-friction+inertial-coupling", 8),
+    ],
+)
+def test_both_of_a_pair_are_named(pair: str, seed: int, tmp_path: Path) -> None:
+    found = names(answer(tmp_path, pair, seed, "steps", "high"))
+    assert len(found) == 2
+    for id in pair.split("+"):
+        assert any(id in entry for entry in found)
+
+
+def test_a_delay_that_has_shrunk_below_a_sample_is_taken_back(tmp_path: Path) -> None:
+    # a moving average over six samples looks like a delay and a lag
+    asked = Request(("actuator-lag",), seed=3, style="multisine", duration=60.0)
+    for name, text in hide(asked).files.items():
+        head, *rows = text.splitlines()
+        table = np.array([[float(v) for v in row.split(",")] for row in rows])
+        u = np.vstack([np.zeros((5, 2)), table[:, 1:3]])
+        table[:, 1:3] = np.mean([u[k : len(u) - 5 + k] for k in range(6)], axis=0).round()
+        pole, y = float(np.exp(-DT / 0.2)), np.zeros((len(table), 2))
+        for k in range(1, len(table)):
+            y[k] = pole * y[k - 1] + (1.0 - pole) * 20.0 * table[k - 1, 1:3] / 20000.0
+        noise = np.random.default_rng(len(table)).normal(0.0, 0.1, y.shape)
+        table[:, 1:3], table[:, 3:5] = u[5:], y + noise
+        lines = [",".join(f"{v:.6g}" for v in row) for row in table]
+        (tmp_path / name).write_text("\n".join([head, *lines]) + "\n", encoding="utf-8")
+    found = diagnose([read_log(tmp_path / "est.csv")], [read_log(tmp_path / "val.csv")])
+    for e in found.effects:
+        delays = [p.value for p in e.parameters if p.name.startswith("delay")]
+        assert not delays or max(delays) > DT

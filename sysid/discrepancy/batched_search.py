@@ -114,6 +114,8 @@ def refined(
     for spread in GRIDS if at else ():
         q[at] = _on_grid(model, q[at], [jumps[k] for k in at], spread, data)
         q[at], cost[at] = search(model, q[at], [smooth[k] for k in at], data, iterations, flat)
+    if at:
+        q[at], cost[at] = search(model, q[at], [free[k] for k in at], data, iterations, flat)
     return q, cost
 
 

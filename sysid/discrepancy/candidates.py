@@ -146,6 +146,8 @@ class CandidateSearch:
             for row in starts_of(self.model, e, node.q, errors, self.data, not self.core):
                 lanes.append(row)
                 owners.append(e)
+        if not lanes:
+            return []
         q, cost = self._search(node, np.array(lanes), owners, FIRST_STEPS)
         core = [k for k, e in enumerate(owners) if e.id == "unsigned-speed"]
         if core:  # a whole core is found anew, from starts far apart

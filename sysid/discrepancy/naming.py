@@ -74,9 +74,9 @@ class NamingSearch(CandidateSearch):
         say("dropping and swapping", 0.85)
         best = self.pruned(base, best)
         named = self.account(base, best, effects, judged)
-        while len(named) > 1 and not all(n.evidence.significant for n in named):
+        while len(named) > 1 and (unsound := self._unsound(best, named)):
             # the effect that the others need least; what remains is fitted and judged again
-            weakest = max(named, key=lambda n: n.evidence.delta_bic)
+            weakest = max(unsound, key=lambda n: n.evidence.delta_bic)
             best = self.without(best, weakest.id)
             named = self.account(base, best, effects, judged)
         say("done", 1.0)
@@ -212,6 +212,7 @@ class NamingSearch(CandidateSearch):
         for id in node.effects:
             if len(node.effects) == 1:
                 judged: Sequence[Judged] = first
+                mine = next(j for j in judged if j.id == id)
             else:
                 likely = (id, *about(id).ties, *(j.id for j in first[:4]))
                 others = [
@@ -219,10 +220,9 @@ class NamingSearch(CandidateSearch):
                     for e in effects
                     if e.id == id or (e.id in likely and e.id not in node.effects)
                 ]
-                judged = self.candidates(self.without(node, id), others, most=4)
-            mine = next((j for j in judged if j.id == id), None)
-            if mine is None:
-                continue
+                rest = self.without(node, id)
+                judged = self.candidates(rest, others, most=4)
+                mine = self._in_place(node, rest, judged, len(effects))
             ties = tuple(
                 j.id
                 for j in judged
@@ -234,3 +234,27 @@ class NamingSearch(CandidateSearch):
             rivals = {j.id: j.node for j in judged if j.id in (id, *ties)}
             named.append(Named(id, mine.evidence, ties, mine.node.touched, rivals))
         return tuple(named)
+
+    def _unsound(self, node: Node, named: Sequence[Named]) -> list[Named]:
+        """Effects that may not stand: all where a gain is chance, else delays that have shrunk."""
+        if not all(n.evidence.significant for n in named):
+            return list(named)
+        delay = self.model.of("input-delay")
+        short = all(node.q[k] <= self.model.dt for k in delay)
+        return [n for n in named if n.id == "input-delay" and short]
+
+    def _in_place(self, node: Node, rest: Node, judged: Sequence[Judged], tried: int) -> Judged:
+        """The effect that ``rest`` lacks as it stands in the node, or as found anew.
+
+        Found anew where that explains more; a search from nothing may not find it at all.
+        """
+        (id,) = set(node.effects) - set(rest.effects)
+        at = [self.model.slots[k].track for k in self.model.of(id) if node.q[k] != rest.q[k]]
+        touched = np.array([i in at or -1 in at for i in range(self.model.tracks)])
+        whole = replace(node, effects=(*rest.effects, id), touched=touched)
+        anew = [j for j in judged if j.id == id]
+        samples = common_samples([whole, *(j.node for j in anew)])
+        score = self.likelihood(rest, whole, samples)
+        if anew and self.likelihood(rest, anew[0].node, samples) >= score:
+            return anew[0]
+        return Judged(whole, self.evidence(rest, whole, tried, samples), score)

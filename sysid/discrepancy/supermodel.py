@@ -38,9 +38,9 @@ LENGTHS = (512, 1024, 1536, 2048, 3072, 4096, 5120, 6144, 8192)
 """Records are padded to one of these (then to multiples of the last), so that one compilation
 serves many logs."""
 
-SHIFT, WIDE_SHIFT = 1e-5, 0.01
-"""Shift of a number for its slope, in units of its typical size; the second where runs change by
-jumps: wide enough to hold some of them."""
+SHIFT, WIDE_SHIFT = 1e-5, 0.03
+"""Shift of a number for its slope, in units of its typical size; the second for effects with which
+runs change by jumps: wide enough to hold some of them."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,7 @@ class Slot:
         lower, upper: bounds in physical units.
         scale: typical size, for the solver.
         stepwise: whether runs change with it by jumps.
+        rough: whether it belongs to an effect that has such a number.
     """
 
     owner: str
@@ -65,11 +66,12 @@ class Slot:
     upper: float
     scale: float
     stepwise: bool = False
+    rough: bool = False
 
     @property
     def shift(self) -> float:
         """By how much it is moved for a slope."""
-        return (WIDE_SHIFT if self.stepwise else SHIFT) * self.scale
+        return (WIDE_SHIFT if self.rough else SHIFT) * self.scale
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,10 +212,11 @@ class SuperModel:
             ]
         for e in self.effects:
             for i in (-1,) if e.shared else range(self.tracks):
-                found += [self._effect_slot(e.id, p, i) for p in e.parameters]
+                rough = any(p.stepwise for p in e.parameters)
+                found += [self._effect_slot(e.id, p, i, rough) for p in e.parameters]
         return found
 
-    def _effect_slot(self, id: str, p: Any, track: int) -> Slot:
+    def _effect_slot(self, id: str, p: Any, track: int, rough: bool) -> Slot:
         v = float(np.mean(self.speed) if track < 0 else self.speed[track])
         factor = {"drive": 1.0, "speed": v, "dt": self.dt, "one": 1.0}[p.scaled_by]
         if p.unit == "1/speed":
@@ -221,7 +224,7 @@ class SuperModel:
         null = p.null * (v if p.scaled_by == "speed" and 0.0 < abs(p.null) < 1e3 else 1.0)
         size = max(abs(s) for s in p.starts) or 0.1
         bounds = (p.lower * factor, p.upper * factor)
-        return Slot(id, p.name, track, null, *bounds, size * factor, p.stepwise)
+        return Slot(id, p.name, track, null, *bounds, size * factor, p.stepwise, rough)
 
     @property
     def null(self) -> Array:

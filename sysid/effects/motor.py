@@ -100,33 +100,68 @@ LETS_GO = 1e5
 """Decay rates beyond this are no freewheeling at all."""
 
 
+def _rolling(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
+    return {"fade": kept ** p["viscous"]}
+
+
 def _freewheel(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
     # s: the command before this one
     falls = (c.drive * s[0] > 0.0) & (xp.abs(c.drive) < xp.abs(s[0]))
-    outruns = (c.torque * c.w >= 0.0) & (xp.abs(c.torque) < xp.abs(c.w)) & (p["overrun"] > 0.5)
-    letting_go = ((c.drive == 0.0) | falls | outruns) & (p["rate"] < LETS_GO)
-    rolling = xp.sign(c.w) * xp.maximum(xp.abs(c.w) - p["rate"] * c.dt, 0.0)
-    return xp.where(letting_go, rolling, w), (c.drive + 0.0 * w,)
+    with_drive = xp.where(c.torque * c.w >= 0.0, xp.abs(c.torque), 0.0)
+    outruns = (c.torque * c.w >= 0.0) & (with_drive < xp.abs(c.w))
+    letting_go = xp.where(p["overrun"] > 0.5, outruns, (c.drive == 0.0) | falls)
+    letting_go = letting_go & (p["rate"] < LETS_GO)
+    rolling = xp.abs(c.w) * p["fade"] - p["rate"] * c.dt * xp.sqrt(p["fade"])
+    rolling = xp.maximum(rolling, xp.where(p["caught"] > 0.5, with_drive, 0.0))
+    return xp.where(letting_go, xp.sign(c.w) * rolling, w), (c.drive + 0.0 * w,)
+
+
+FINE, MOST_PARTS = 0.05, 4
+"""A gap is crossed in parts of a sample no longer than this [s], at most so many."""
+
+MOST_AT_WHEEL = 0.9
+"""Most of the viscous term that acts on the wheel and not on the motor."""
+
+
+def _parts(dt: float) -> int:
+    return int(min(max(-(-dt // FINE), 1), MOST_PARTS))
 
 
 def _loose(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
-    return {"alone": kept ** (1.0 / p["inertia"]), "coasting": kept ** p["coast"]}
+    # of the viscous term 1 the wheel alone keeps the share β, the motor alone 1 − β
+    part = kept ** (1.0 / _parts(dt))
+    left = 1.0 - xp.minimum(p["coast"] * (1.0 - p["inertia"]), MOST_AT_WHEEL)
+    return {
+        "joined": part,
+        "alone": part ** (left / p["inertia"]),
+        "reach": 1.0 / left,
+        "coasting": part ** p["coast"],
+    }
 
 
 def _backlash(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
     # s: place of the motor within the gap (-1 ... 1) and its speed; w is the speed of both joined
     place, motor = s
     half = xp.maximum(0.5 * p["gap"], 1e-9)
-    torque = (w - c.w_free) / c.b
-    alone = torque + (motor - torque) * p["alone"]
-    coasting = c.w * p["coasting"]
-    ahead = place + 0.5 * (motor + alone - c.w - coasting) * c.dt / half
-    apart = xp.abs(ahead) < 1.0
-    still_joined = (xp.abs(place) >= 1.0) & (place * ahead > 0.0)
-    struck = p["inertia"] * alone + (1.0 - p["inertia"]) * coasting
-    wheel = xp.where(apart, coasting, xp.where(still_joined, w, struck))
-    wheel = xp.where(p["gap"] > 0.0, wheel, w)
-    return wheel, (xp.minimum(xp.maximum(ahead, -1.0), 1.0), xp.where(apart, alone, wheel))
+    target = p["reach"] * (w - c.w_free) / c.b
+    towards = (w - (1.0 - c.b) * c.w) / c.b  # what both joined approach, so that they reach w
+    wheel, parts = c.w, _parts(c.dt)
+    for _ in range(parts):
+        alone = target + (motor - target) * p["alone"]
+        coasting = wheel * p["coasting"]
+        moved = 0.5 * (motor + alone - wheel - coasting) * (c.dt / parts) / half
+        apart = xp.abs(place + moved) < 1.0
+        side = xp.sign(moved)
+        # share of the part until they touch, with the momentum that both then have; 0 if they do
+        free = (side - place) / xp.where(moved == 0.0, 1.0, moved)
+        free = xp.minimum(xp.maximum(free, 0.0), 1.0)
+        struck = p["inertia"] * (target + (motor - target) * p["alone"] ** free)
+        struck = struck + (1.0 - p["inertia"]) * wheel * p["coasting"] ** free
+        together = towards + (struck - towards) * p["joined"] ** (1.0 - free)
+        wheel = xp.where(apart, coasting, together)
+        motor = xp.where(apart, alone, together)
+        place = xp.where(apart, place + moved, side)
+    return xp.where(p["gap"] > 0.0, wheel, w), (place, xp.where(p["gap"] > 0.0, motor, w))
 
 
 def _cold(w: Signal, d: Signal) -> State:
@@ -272,19 +307,21 @@ EFFECTS = (
         "freewheel",
         "motor",
         Place.SPEED,
-        "|ω| falls by r a second while the command is 0 or falls (or the wheel outruns it)",
+        "ω̇ = −r sign ω − β ω/τ while the command is 0 or falls (or while the wheel outruns it), "
+        "down to 0 (or until the drive catches it)",
         "The driver lets go instead of braking: near-linear decay.",
         "Falls are straight lines, rises are exponentials.",
         "Steps to zero from several speeds.",
         (
+            EffectParameter("rate", "speed/s", 1e6, 0.02, 100.0, (0.4, 1.0, 3.0) * 3, "speed"),
             EffectParameter(
-                "rate", "speed/s", 1e6, 0.02, 100.0, (0.4, 1.0, 3.0, 0.4, 1.0, 3.0), "speed"
+                "overrun", "", 0.0, 0.0, 1.0, (0.0,) * 3 + (1.0,) * 3 + (0.0,) * 3, choice=True
             ),
-            EffectParameter(
-                "overrun", "", 0.0, 0.0, 1.0, (0.0, 0.0, 0.0, 1.0, 1.0, 1.0), choice=True
-            ),
+            EffectParameter("caught", "", 0.0, 0.0, 1.0, (0.0,) * 3 + (1.0,) * 6, choice=True),
+            EffectParameter("viscous", "", 0.0, 0.0, 0.6, (0.0,), "one"),
         ),
         _freewheel,
+        _rolling,
         states=1,
         at_rest=_last_command,
         ties=("coast-asymmetry",),
@@ -293,8 +330,8 @@ EFFECTS = (
         "backlash",
         "motor",
         Place.SPEED,
-        "a gap g between motor and wheel; in it the motor has the share α of the inertia and the "
-        "wheel coasts at the rate β/τ",
+        "a gap g between motor and wheel; in it the wheel coasts at the rate γ/τ and the motor, "
+        "with the share α of the inertia, obeys α τ ω̇ = T − (1 − γ (1 − α)) ω",
         "Play in the gear: at each reversal the wheel waits until the gap is crossed.",
         "A short pause after each reversal, none in one direction.",
         "Frequent reversals at several speeds.",
