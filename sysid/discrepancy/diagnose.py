@@ -11,7 +11,7 @@ import numpy as np
 from sysid.data.record import Record
 from sysid.discrepancy.base_model import Base, full_drive, given_base, plain_base
 from sysid.discrepancy.diagnosis import Diagnosis
-from sysid.discrepancy.evidence import noise_floor
+from sysid.discrepancy.evidence import PROVEN, noise_floor
 from sysid.discrepancy.mission_proof import prove_on_mission
 from sysid.discrepancy.model_error import Left
 from sysid.discrepancy.naming import Progress
@@ -22,6 +22,9 @@ from sysid.errors import SysidError
 from sysid.mission.spec import load_mission
 from sysid.structures.model import Model
 from sysid.vehicle.kinematics import Geometry
+
+AS_GOOD = 1.02
+"""Fewer effects on a plainer base are preferred up to this ratio of held-out errors."""
 
 PATH_ROWS = 400
 """Points of a path kept for the picture."""
@@ -89,7 +92,8 @@ def _around(
     """Effects around a given model as it is; or on the plainest base, where that explains more.
 
     A model that was fitted to the very logs has absorbed what is missing: then the plainest base
-    comes first. Else it comes where what is added to the model does not explain all of the logs.
+    comes first. Else it comes where what is added to the model does not explain all of the logs, or
+    where several effects are added: some may only mend what is wrong with the model.
     """
     if not study.doubtful(before):
         return study.searched((), before, say)
@@ -101,12 +105,15 @@ def _around(
             return plainest
     effects = chain_effects() if absorbed else (*chain_effects(), CHANGED)
     found = study.searched(effects, before, say)
-    if absorbed or (found.naming.named and not study.unexplained(found.naming)):
+    named = [n.id for n in found.naming.named]
+    if absorbed or (len(named) == 1 and not study.unexplained(found.naming)):
         return found
     other = _plainest(study, estimation, held, say)
-    if other is None or not other.study.explains_more(other.naming, found.naming.final):
+    if other is None:
         return found
-    return other
+    simpler = len(other.naming.named) < len(named) and CHANGED.id not in named
+    below = AS_GOOD if simpler else PROVEN
+    return other if other.study.explains_more(other.naming, found.naming.final, below) else found
 
 
 def _plainest(

@@ -13,6 +13,9 @@ from sysid.estimation.sign_recovery import LAGS, recovered
 PILE_UP = 0.01
 """Share of the samples that must lie at the largest reading before it counts as a clip level."""
 
+BELL_UP = 1.6
+"""How many times more readings lie in a bell at the top than below, for a clip behind noise."""
+
 REPEATED = 0.004
 """Share of the samples that must be exactly the largest reading, for a clip without noise."""
 
@@ -169,19 +172,23 @@ def clip_level(y: Array, noise: float = 0.0) -> float:
     top = float(np.quantile(size, 0.995))
     if top <= 0.0:
         return np.inf
-    width = 0.04 * top
+    width, ratio = 0.04 * top, 3.0
     if noise > 0.3 * width:
         # the pile is a bell as wide as the noise, and the top lies on its far slope
         width = 3.0 * noise
         bands = np.linspace(top - 2.0 * width, top, 81)
         counts = [int(np.sum(np.abs(size - b) < 0.5 * width)) for b in bands]
         top = float(bands[int(np.argmax(counts))]) + 0.5 * width
+        ratio = BELL_UP
     high = float(np.mean(size > top - width))
     below = [
         float(np.mean((size > top - (k + 2) * width) & (size <= top - (k + 1) * width)))
         for k in range(4)
     ]
-    if high < PILE_UP or high < 3.0 * max(float(np.mean(below)), 1e-9):
+    usual = max(float(np.mean(below)), 1e-9)
+    if high < PILE_UP or high < ratio * usual:
+        return np.inf
+    if (high - usual) * len(size) < 5.0 * np.sqrt(usual * len(size)):
         return np.inf
     return float(np.median(size[size > top - width]))
 

@@ -55,6 +55,9 @@ FEW_WINDOWS = 40
 LOUD = 1.5
 """Errors beyond this multiple of the noise of the readings are mentioned."""
 
+CERTAIN = 1e-6
+"""Structure as sure as this is missing something, however little of it is foretold."""
+
 
 @dataclass(frozen=True, eq=False)
 class Study:
@@ -184,10 +187,10 @@ class Study:
         left = self.left(naming, after=True)
         return left is not None and left.p_value < DEPENDENT
 
-    def explains_more(self, naming: Naming, node: Node) -> bool:
-        """Whether the model after runs closer to the held-out data than another."""
+    def explains_more(self, naming: Naming, node: Node, below: float = PROVEN) -> bool:
+        """Whether the held-out error of the model after is ``below`` that of another."""
         old, new = (n.errors.mean_squares()[1] for n in (node, naming.final))
-        return bool(naming.named) and float(np.sqrt(np.mean(new / old))) < PROVEN
+        return bool(naming.named) and float(np.sqrt(np.mean(new / old))) < below
 
     def result(
         self,
@@ -214,7 +217,11 @@ class Study:
         traces = self._traces(naming)
         gap = self.gap(naming)
         structured = left_after is not None and left_after.p_value < DEPENDENT
-        slight = left_after is not None and left_after.share < SLIGHT
+        slight = (
+            left_after is not None
+            and left_after.share < SLIGHT
+            and not (left_after.p_value < CERTAIN and _loud(gap))
+        )
         description = ""
         if structured and (not effects or gap.closed_percent < 90.0):
             runs = self._runs(traces, after=True)
@@ -353,14 +360,18 @@ def _sure(naming: Naming) -> bool:
     return all(n.evidence.p_value < CHANCE for n in naming.named)
 
 
-def _story(verdict: str, ids: Sequence[str], gap: Gap, left: Left | None) -> str:
-    structured = left is not None and left.p_value < DEPENDENT
-    rest = {
+def _loud(gap: Gap) -> dict[str, float]:
+    """Outputs whose errors after are far above the noise, and how far."""
+    return {
         name: c.rmse_after / c.noise_floor
         for name, c in gap.channels.items()
         if c.rmse_after > LOUD * c.noise_floor > 0.0
     }
-    loud = ", ".join(f"{name} {ratio:.1f} times" for name, ratio in rest.items())
+
+
+def _story(verdict: str, ids: Sequence[str], gap: Gap, left: Left | None) -> str:
+    structured = left is not None and left.p_value < DEPENDENT
+    loud = ", ".join(f"{name} {ratio:.1f} times" for name, ratio in _loud(gap).items())
     if verdict == "effects-found":
         text = f"Missing: {', '.join(ids)}."
         if structured and (gap.closed_percent < 90.0 or loud):
