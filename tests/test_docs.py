@@ -131,6 +131,12 @@ def test_command_page_is_up_to_date() -> None:
     assert stored == fresh, "run python docs/generate_commands.py"
 
 
+def test_effects_page_is_up_to_date() -> None:
+    fresh = studies.load("docs/generate_effects.py").page()
+    stored = (DOCS / "effects.md").read_text(encoding="utf-8")
+    assert stored == fresh, "run python docs/generate_effects.py"
+
+
 def test_every_command_and_option_has_help() -> None:
     silent = []
     for command in studies.load("docs/generate_commands.py").commands():

@@ -1,0 +1,99 @@
+"""Write ``docs/effects.md`` from the catalogue itself: python docs/generate_effects.py.
+
+A test fails when the page is stale.
+"""
+
+from pathlib import Path
+
+from sysid.effects.base import Effect
+from sysid.effects.catalogue import CHANGED, catalogue
+from sysid.report.markdown import table
+
+PAGE = Path(__file__).resolve().parent / "effects.md"
+
+HEAD = """# The catalogue of effects
+
+Written by `python docs/generate_effects.py` from the catalogue itself: do not edit.
+
+What `sysid diagnose` can name and add. Each track obeys τ ω̇ = T − ω with T = K d; d is the
+command in units of full drive, so that torques count in units of the speed they hold. An effect
+changes one place of that chain and does nothing at its null value. Units: `drive` is a share of
+full drive, `speed` the unit of the output, `1` a pure number. *Ties*: effects that many logs
+cannot tell from it.
+"""
+
+STAGES = {
+    "actuator": "between command and torque",
+    "motor": "motor, gear and load",
+    "vehicle": "between tracks and ground; needs x, y and psi in the log",
+    "sensor": "between speed and reading",
+    "any": "of a given model",
+}
+
+SAMPLES = """## In the samples themselves
+
+`quantisation` (readings on a grid) and `dropouts` (readings lost, held or zero) are read off the
+samples. They are told and masked, not added to the model.
+"""
+
+OWN = """## One of your own
+
+An effect is one pure function over numpy and jax.numpy alike. Another package offers it through
+the entry-point group `sysid.effects`, and from then on it is tried, named, exported and simulated
+like the others:
+
+```python
+from sysid.effects.base import Effect, EffectParameter, Place
+
+
+def _creep(xp, torque, state, p, c):
+    return torque - p["level"] * xp.tanh(c.w / p["speed"]), state
+
+
+CREEP = Effect(
+    "creep-friction",
+    "motor",
+    Place.TORQUE,
+    "T → T − c tanh(ω/v)",
+    "Friction that grows softly from standstill and never sticks.",
+    "It creeps at small commands and falls short by a constant at large ones.",
+    "A slow staircase through zero.",
+    (
+        EffectParameter("level", "speed", 0.0, 0.0, 1.0, (0.05, 0.2), "speed"),
+        EffectParameter("speed", "speed", 0.1, 0.02, 1.0, (0.05, 0.2), "speed"),
+    ),
+    _creep,
+    ties=("coulomb-friction",),
+)
+```
+
+    [project.entry-points."sysid.effects"]
+    creep-friction = "my_package:CREEP"
+
+`Effect` and `Context` in `sysid/effects/base.py` say what else one may have: states, starts,
+numbers that stay the same over a run, sharing between tracks.
+"""
+
+
+def page() -> str:
+    """The text of ``effects.md``."""
+    effects = [*catalogue().values(), CHANGED]
+    parts = [HEAD]
+    for stage, where in STAGES.items():
+        mine = [e for e in effects if e.stage == stage]
+        parts.append(f"## {stage.capitalize()}: {where}\n")
+        header = ["effect", "equation", "parameters", "what it is, what it looks like", "ties"]
+        parts.append(table(header, [_row(e) for e in mine]))
+        parts.append("To show it:\n")
+        parts.append("\n".join(f"- `{e.id}`: {e.experiment}" for e in mine) + "\n")
+    return "\n".join([*parts, SAMPLES, OWN])
+
+
+def _row(e: Effect) -> list[str]:
+    numbers = ", ".join(f"`{p.name}` [{p.unit or '1'}]" for p in e.parameters)
+    ties = ", ".join(f"`{id}`" for id in e.ties)
+    return [f"`{e.id}`", e.equation, numbers, f"{e.sentence} {e.looks_like}", ties]
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
