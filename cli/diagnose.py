@@ -1,5 +1,6 @@
 """``sysid diagnose``: where model and log disagree, what is missing, and the proof once added."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -94,6 +95,8 @@ def diagnose(
     )
     steps = reading.preparation(trim, low_pass, decimate)
     read, steps = _as_fitted(given, read, steps)
+    if read.resample == "auto":  # an empty reading is one of the things to be found: a dropout
+        read = replace(read, resample="hold")
     estimation = _records(logs, read, steps)
     held = _records(val, read, steps) if val else None
     _apart(estimation, held)

@@ -81,7 +81,7 @@ def _what(found: "Diagnosis") -> None:
 
 def _added(found: "Diagnosis", before: str, after: str) -> None:
     _section("Added")
-    if not found.effects:
+    if not found.grown:
         render.say(f"Nothing; the model stays {before}: {found.base_words}.")
         return
     stem = f"the plainest base ({found.plainer})" if found.plainer else ""
@@ -103,7 +103,7 @@ def _shrunk(found: "Diagnosis") -> None:
     from sysid.report.style import percent as fit_words
 
     _section("Shrunk")
-    render.say(gap_sentence(found) if found.effects else "Nothing was added, so nothing shrank.")
+    render.say(gap_sentence(found) if found.grown else "Nothing was added, so nothing shrank.")
     rows = [
         [
             c.name,
@@ -114,7 +114,7 @@ def _shrunk(found: "Diagnosis") -> None:
         for c in channel_lines(found)
     ]
     render.table(["output", "RMSE, held out", "noise floor", "fit, held out"], rows)
-    for test in found.residuals:
+    for test in found.residuals if found.grown else found.residuals[:1]:
         sentence = residual_sentence(test)
         render.say(f"{sentence[:1].upper()}{sentence[1:]}.", "dim")
     _path(found)
@@ -137,7 +137,7 @@ def _short(cell: Any) -> str:
 
 
 def _change(found: "Diagnosis", before: str, after: str) -> str:
-    return f"{before} → {after}" if found.effects else before
+    return f"{before} → {after}" if found.grown else before
 
 
 def _next(found: "Diagnosis", before: str, after: str, folder: Path, held: Sequence[Path]) -> None:
@@ -146,7 +146,7 @@ def _next(found: "Diagnosis", before: str, after: str, folder: Path, held: Seque
         written = f" Schedule: {folder / e.file}." if e.file else ""
         render.say(f"To tell {', '.join(e.effects)}: {e.purpose}{written}")
     render.say(f"Page: {folder / 'index.html'}, all figures: {folder / 'diagnosis.json'}.")
-    if found.effects:
+    if found.grown:
         logs = "".join(f" --val {path}" for path in held)
         judged = f"{logs} --criteria fit" if held else ""
         render.say(

@@ -84,7 +84,7 @@ Resample = Annotated[
         "--resample",
         metavar="POLICY",
         rich_help_panel=_PANEL,
-        help="What to do about jitter and gaps: auto, refuse, fill or split.",
+        help="What to do about jitter, gaps and empty cells: auto, hold, refuse, fill or split.",
     ),
 ]
 

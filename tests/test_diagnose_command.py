@@ -295,3 +295,29 @@ def test_a_model_of_other_channels_is_refused(
     line = ("fit", slow, "--structure", "arx", "--orders", "na=1 nb=1 nk=1", "--json")
     other = run(capsys, *line).document["model"]
     refused(run(capsys, "diagnose", "log.csv", "--model", other), 1, "0.1 s", "0.05 s")
+
+
+def test_empty_readings_are_dropouts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for seed, name in ((1, "log.csv"), (2, "val.csv")):
+        rng = np.random.default_rng(seed)
+        drive = np.repeat(rng.uniform(-0.9, 0.9, (40, 2)), 20, axis=0)
+        y = np.zeros_like(drive)
+        for k in range(1, len(y)):
+            y[k] = 0.8 * y[k - 1] + 0.2 * 20.0 * drive[k - 1]
+        y += rng.normal(0.0, 0.1, y.shape)
+        rows = ["t,pwm_l,pwm_r,omega_l,omega_r"]
+        for k, (d, w) in enumerate(zip(drive, y, strict=True)):
+            left = "" if k % 37 == 9 else f"{w[0]:.4f}"
+            rows.append(f"{0.05 * k:.2f},{d[0] * 20000:.0f},{d[1] * 20000:.0f},{left},{w[1]:.4f}")
+        Path(name).write_text("\n".join(rows) + "\n", encoding="utf-8")
+    found = run(capsys, "diagnose", "log.csv", "--val", "val.csv", "--json").document
+    assert [e["id"] for e in found["effects"]] == ["dropouts"]
+    assert found["effects"][0]["channels"] == ["omega_l"]
+    # one in 37 is 2.7 %, and no other reading counts as lost
+    assert found["effects"][0]["parameters"][0]["value"] == pytest.approx(1 / 37, rel=0.1)
+    told = run(capsys, "diagnose", "log.csv", "--val", "val.csv").out
+    assert "Nothing; the model stays" in told
+    refused(run(capsys, "diagnose", "log.csv", "--resample", "refuse"), 1, "empty")

@@ -121,14 +121,17 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
     if clock:
         values, stamps = values[:, :-1], values[:, -1] * (choice.unit or 1.0)
     t, findings = _instants(table, choice, stamps, options)
-    keep, lost = _complete_rows(table, values, signals, options.resample)
+    policy: ResamplePolicy = "auto" if options.resample == "hold" else options.resample
+    if options.resample == "hold":
+        values = _held(values, range(len(choice.inputs), len(signals)))
+    keep, lost = _complete_rows(table, values, signals, policy)
     rows = np.flatnonzero(keep)
     if len(rows) < 2:
         raise DataError(
             f"{table.where} has {len(rows)} row{'' if len(rows) == 1 else 's'} of numbers; "
             "a log needs many"
         )
-    grid = plan_grid(t[rows], options.resample, lambda i: table.place(int(rows[i])), table.where)
+    grid = plan_grid(t[rows], policy, lambda i: table.place(int(rows[i])), table.where)
     bracketed = dict(zip(table.names, table.units, strict=True))
     inputs, outputs = conversions(
         choice.inputs, choice.outputs, bracketed, options.units, options.pwm_max, table.where
@@ -221,6 +224,16 @@ def _unknown_unit(options: ReadOptions, where: str) -> tuple[Finding, ...]:
             record=where,
         ),
     )
+
+
+def _held(values: Array, columns: Sequence[int]) -> Array:
+    """Empty cells of columns less than half empty filled with the last reading before them."""
+    out = values.copy()
+    rows = np.arange(len(values))
+    for k in (k for k in columns if np.isnan(values[:, k]).mean() < 0.5):
+        last = np.maximum.accumulate(np.where(np.isnan(values[:, k]), 0, rows))
+        out[:, k] = values[last, k]
+    return out
 
 
 def _complete_rows(

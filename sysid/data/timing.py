@@ -12,8 +12,9 @@ from sysid.data.finding import Finding, Severity
 from sysid.data.record import Array
 from sysid.errors import DataError, UsageError
 
-ResamplePolicy = Literal["auto", "refuse", "fill", "split"]
-"""auto: even out jitter and gaps of a few samples; refuse: only a uniform grid will do;
+ResamplePolicy = Literal["auto", "hold", "refuse", "fill", "split"]
+"""auto: even out jitter and gaps of a few samples; hold: so, and an output cell that is empty is
+the last reading again; refuse: only a uniform grid will do;
 fill: interpolate over gaps of any length; split: cut at gaps into several experiments."""
 
 POLICIES: tuple[str, ...] = get_args(ResamplePolicy)

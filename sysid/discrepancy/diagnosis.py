@@ -185,6 +185,11 @@ class Diagnosis:
     seconds: float = 0.0
     plainer: str = ""
 
+    @property
+    def grown(self) -> bool:
+        """Whether anything was added to the model: what is only seen in the samples is not."""
+        return self.after is not self.before
+
     def to_json(self, before: str = "", after: str = "") -> dict[str, Any]:
         """The document ``diagnosis.json``.
 

@@ -64,7 +64,7 @@ def _pictures(found: Diagnosis) -> dict[str, Any]:
             "Shares of the excess error by regime",
         )
     lines = words.channel_lines(found)
-    if found.effects:
+    if found.grown:
         drawn["gap"] = inline_svg(
             "gap",
             diagnosis_bars.gap_size(lines),
@@ -96,7 +96,7 @@ def _channel(found: Diagnosis, i: int) -> dict[str, str]:
     windows = diagnosis_picture.worst_windows(found, i)
     profiles = diagnosis_picture.profiles(found, i)
     regimes = diagnosis_picture.regime_lines(found, i)
-    unit, changed = channel.unit, bool(found.effects)
+    unit, changed = channel.unit, found.grown
     return {
         "name": channel.name,
         "worst": inline_svg(
