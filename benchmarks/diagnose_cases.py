@@ -49,7 +49,7 @@ ON_OTHER_BASES = (
 )
 """Effects that come on top of a Hammerstein-Wiener or NARX model of the clean robot."""
 
-FRESH = 4000
+FRESH = 5000
 """Seeds from here on were never looked at while rules were set; those below it were."""
 
 NOTHING = ("white", "ar", "walk", "closed")

@@ -248,6 +248,8 @@ class CandidateSearch:
         cost = len(free_slots(self.model, e, [0])) * np.log(samples)
         gain = samples * np.log((v0 + 1e-300) / (v1 + 1e-300))
         served = (gain > cost) & (v1 < 0.97 * v0)
+        if any(self.model.slots[k].track < 0 for k in before.free):
+            served &= self._needed_itself(before, e, q, v1)
         if served.all() or not served.any():
             return replace(node, touched=served if served.any() else node.touched)
         out = q.copy()
@@ -260,6 +262,22 @@ class CandidateSearch:
             out = rows[0]
         found = self.node((*before.effects, e.id), out, free, served)
         return replace(found, excluded=before.excluded)
+
+    def _needed_itself(self, before: Node, e: Effect, q: Array, least: Array) -> NDArray[np.bool_]:
+        """Tracks whose error grows without the effect's numbers of their own, (tracks,).
+
+        What tracks share may have gained from the effect on one track alone.
+        """
+        without = np.repeat(q[None], self.model.tracks, axis=0)
+        for i, row in enumerate(without):
+            for k, slot in self._slots_of(e):
+                if slot.track == i:
+                    row[k] = before.q[k]
+        data = self.data
+        errors = data.weight * (data.y - self.model.run(without, data))
+        counts = np.maximum(np.sum(data.weight > 0.0, axis=0), 1)
+        squares = np.sum(errors**2, axis=1) / counts
+        return np.asarray(least < 0.97 * np.diag(squares))
 
     def likelihood(self, before: Node, after: Node, samples: Array) -> float:
         """Penalised likelihood ratio over both parts, in units of BIC; positive is better."""

@@ -37,6 +37,7 @@ class NamingSearch(CandidateSearch):
         effects: Sequence[Effect],
         progress: Progress | None = None,
         left: Left | None = None,
+        needed: float | None = None,
     ) -> Naming:
         """Grow one effect at a time in a small beam while the rule accepts, then drop.
 
@@ -45,6 +46,7 @@ class NamingSearch(CandidateSearch):
             effects: those to try.
             progress: told what is being done.
             left: how far one more effect must bring the held-out error of a model down.
+            needed: the same for the first one.
         """
         say = progress or (lambda text, share: None)
         left = left or (lambda node: self.needed)
@@ -52,7 +54,7 @@ class NamingSearch(CandidateSearch):
         self.origin = base.q
         judged = self.candidates(base, effects)
         first = tuple((j.id, j.score) for j in judged)
-        passed = self._passing(judged)
+        passed = [j for j in self._passing(judged) if j.evidence.ratio < (needed or self.needed)]
         beam = (
             passed[:1] + [j for j in passed[1:] if j.id not in passed[0].node.excluded][: BEAM - 1]
         )
@@ -198,7 +200,7 @@ class NamingSearch(CandidateSearch):
         while len(node.effects) > 1:
             rests = [self.without(node, id) for id in node.effects]
             best = self.best_of(base, rests)
-            evidence = self.evidence(best, node, 1)
+            evidence = self.evidence(best, self._beside(node, best), 1)
             if evidence.significant and evidence.ratio < 0.97:
                 break
             node = best
@@ -235,6 +237,13 @@ class NamingSearch(CandidateSearch):
             named.append(Named(id, mine.evidence, ties, mine.node.touched, rivals))
         return tuple(named)
 
+    def _beside(self, node: Node, rest: Node) -> Node:
+        """The node with the effect that ``rest`` lacks as its newest, and the tracks it acts on."""
+        (id,) = set(node.effects) - set(rest.effects)
+        at = [self.model.slots[k].track for k in self.model.of(id) if node.q[k] != rest.q[k]]
+        touched = np.array([i in at or -1 in at for i in range(self.model.tracks)])
+        return replace(node, effects=(*rest.effects, id), touched=touched)
+
     def _unsound(self, node: Node, named: Sequence[Named]) -> list[Named]:
         """Effects that may not stand: all where a gain is chance, else delays that have shrunk."""
         if not all(n.evidence.significant for n in named):
@@ -248,11 +257,8 @@ class NamingSearch(CandidateSearch):
 
         Found anew where that explains more; a search from nothing may not find it at all.
         """
-        (id,) = set(node.effects) - set(rest.effects)
-        at = [self.model.slots[k].track for k in self.model.of(id) if node.q[k] != rest.q[k]]
-        touched = np.array([i in at or -1 in at for i in range(self.model.tracks)])
-        whole = replace(node, effects=(*rest.effects, id), touched=touched)
-        anew = [j for j in judged if j.id == id]
+        whole = self._beside(node, rest)
+        anew = [j for j in judged if j.id == whole.effects[-1]]
         samples = common_samples([whole, *(j.node for j in anew)])
         score = self.likelihood(rest, whole, samples)
         if anew and self.likelihood(rest, anew[0].node, samples) >= score:

@@ -37,6 +37,9 @@ MOST_OF_THE_GAP = 80.0
 """Names that together close less of the gap [%] and leave structure are not the cause: the verdict
 is unexplained."""
 
+LIKELY = 0.05
+"""p-value below which loud errors are worth a search."""
+
 CHANCE = 0.05
 """Names that close less and whose gain may be chance go even where no structure is left."""
 
@@ -93,15 +96,28 @@ class Study:
         """Whether there is anything to explain."""
         return before is None or before.p_value < DEPENDENT or not self.follows()
 
+    def asked(self, before: Left | None) -> float:
+        """What the first effect must bring the held-out error below; 0 where nothing is looked for.
+
+        As in ``remains``: loud errors whose structure is likely, not sure, ask for more.
+        """
+        if self.doubtful(before):
+            return self.base.search.needed
+        now = self.base.node.errors.mean_squares()[1]
+        loud = np.any(np.sqrt(now) > LOUD * self.floor)
+        return PROVEN_IN_LOOP if loud and before and before.p_value < LIKELY else 0.0
+
     def searched(self, effects: Sequence[Effect], before: Left | None, say: Progress) -> "Outcome":
         """The search for what is missing, unless there is nothing to explain."""
         naming = self.nothing
-        if effects and self.doubtful(before):
+        needed = self.asked(before)
+        if effects and needed > 0.0:
             naming = self.base.search.run(
                 self.base.node,
                 effects,
                 lambda text, share: say(text, 0.1 + 0.6 * share),
                 lambda node: self.remains(replace(self.nothing, final=node)),
+                needed,
             )
         believed = self.believed(naming)
         return Outcome(self, believed, before, naming is not believed)

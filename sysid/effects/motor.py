@@ -337,7 +337,7 @@ EFFECTS = (
         "Frequent reversals at several speeds.",
         (
             EffectParameter("gap", "rad", 0.0, 0.0, 12.0, _GAPS, stepwise=True),
-            EffectParameter("inertia", "", 1.0, 0.02, 1.0, (1.0,) * 3 + (0.8,) * 3 + (0.4,) * 3),
+            EffectParameter("inertia", "", 1.0, 0.1, 1.0, (1.0,) * 3 + (0.8,) * 3 + (0.4,) * 3),
             EffectParameter("coast", "", 0.0, 0.0, 3.0, (1.0,) * 3 + (0.4,) * 3 + (0.2,) * 3),
         ),
         _backlash,
