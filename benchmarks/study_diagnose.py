@@ -228,11 +228,6 @@ nor the workbench, 70 of 72 single effects, 28 of 33 pairs, 31 of 31 logs with n
 of 21 with something outside the catalogue came out right (on a second one, with older rules, 65 of
 72 single effects, 10 of 15 pairs and 12 of 12). Most of what was wrong there has been mended since,
 so that these two no longer judge.
-
-Two runs on these seeds did change something: a mission with nothing hidden was given a radius 0.17
-% off (numbers of the vehicle must now be three standard errors away from nothing), and a ripple had
-been taken for noise in the gap (a floor that held-out errors refute is now none). All runs of
-missions, of the vehicle, of ripples and of backlash were made again after that.
 """
 
 BY_EFFECT = """## By hidden effect

@@ -137,7 +137,7 @@ def _short(cell: Any) -> str:
 
 
 def _change(found: "Diagnosis", before: str, after: str) -> str:
-    return f"{before} → {after}" if found.grown else before
+    return f"{before} → {after}" if found.grown and before != after else before
 
 
 def _next(found: "Diagnosis", before: str, after: str, folder: Path, held: Sequence[Path]) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from pose_cases import DT, driven, ground, hidden_mission, logs, two_tracks, wandering
 
+from sysid.data.record import Record
 from sysid.discrepancy.ground_model import with_ground, without_readings
 from sysid.discrepancy.pose import PoseDiagnosis, diagnose_pose
 from sysid.effects.ground import Ground
@@ -232,3 +233,58 @@ def test_refusals_say_what_to_do() -> None:
         Ground(("dead-zone",), {})
     with pytest.raises(ModelError, match="already"):
         with_ground(slipping(), ground("track-width", 0.9), {})
+
+
+def noisier(record: Record, heading: float, seed: int) -> Record:
+    """The same with more noise of the heading [rad]."""
+    assert record.pose is not None
+    more = np.random.default_rng(seed).normal(0.0, heading, len(record.pose))
+    return replace(record, pose=record.pose + np.outer(more, [0.0, 0.0, 1.0]))
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.01, 0.03])
+def test_standard_errors_hold_the_truth_whatever_the_heading_is_worth(heading: float) -> None:
+    true = ground("radius-mismatch", 0.94, 1.0)
+    z = []
+    for seed in range(12):
+        logs_ = [
+            noisier(driven(wandering(600, 20 + k), true, seed=seed + k), heading, 50 + seed + k)
+            for k in (0, 30)
+        ]
+        (named,) = found(*logs_).effects
+        (number,) = named.parameters
+        assert number.std_error is not None
+        z.append((number.value - 0.94) / number.std_error)
+    # of 12 normal z the root mean square is below 1.6 in 99.9 % of the cases; 25 % for what windows
+    # that share a reading tell twice
+    assert np.sqrt(np.mean(np.square(z))) < 2.0
+
+
+def test_a_small_effect_beside_a_large_one_is_named() -> None:
+    both = Ground(
+        ("track-slip", "radius-mismatch"),
+        {
+            "track-slip": {"share": np.full(2, 0.26)},
+            "radius-mismatch": {"rho": np.array([1.0, 0.966])},
+        },
+    )
+    told = found(driven(wandering(700, 3), both, seed=1), driven(wandering(500, 4), both, seed=2))
+    values = {e.id: e.parameters[0].value for e in told.effects}
+    assert values["track-slip"] == pytest.approx(0.26, abs=0.01)
+    assert values["radius-mismatch"] == pytest.approx(0.966, abs=0.005)
+
+
+def test_a_slope_gets_no_name_and_is_not_called_noise() -> None:
+    def sliding(record: Record) -> Record:
+        assert record.pose is not None
+        down = 0.03 * DT * np.arange(len(record.pose))
+        return replace(record, pose=record.pose + np.outer(down, [0.0, 1.0, 0.0]))
+
+    told = found(sliding(driven(wandering(600, 3))), sliding(driven(wandering(500, 4), seed=2)))
+    assert not told.effects
+    assert told.left.structured
+    assert "y" in told.left.loud
+    assert "does not hold" in told.left.sentence
+    clean = found(driven(wandering(600, 3)), driven(wandering(500, 4), seed=2))
+    assert not clean.left.loud
+    assert not clean.left.sentence

@@ -11,6 +11,9 @@ from sysid.data.record import Array, Record
 
 Mask = NDArray[np.bool_]
 REPLICATES = 200
+LEAST = 0.2
+"""An excess below this share of the floor's square has no place: the floor is known to some 7 %."""
+
 FEWEST = 0.01
 """Regimes with less than this share of the samples are not reported."""
 
@@ -71,7 +74,7 @@ def localise(
     for i, channel in enumerate(records[0].outputs):
         excess = [e[:, i] ** 2 - floor[i] ** 2 for e in errors]
         total = float(np.sum(np.concatenate(excess)))
-        if total <= 0.0:
+        if total <= LEAST * floor[i] ** 2 * sum(len(e) for e in excess):
             continue
         masks = [regimes(r, i, scales) for r in records]
         for name in masks[0]:
@@ -99,7 +102,8 @@ def _share(
     sums = blocks[draws].sum(axis=1)
     shares = np.divide(sums[:, 1], sums[:, 0], out=np.zeros(REPLICATES), where=sums[:, 0] > 0)
     low, high = np.quantile(shares, [0.05, 0.95])
-    return float(part / whole), float(np.clip(low, -1, 2)), float(np.clip(high, -1, 2))
+    found = np.clip([part / whole, low, high], 0.0, 1.0)
+    return float(found[0]), float(found[1]), float(found[2])
 
 
 def regimes(record: Record, i: int, scales: Array) -> dict[str, Mask]:

@@ -13,14 +13,21 @@ rest.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from sysid.data.record import Array, Record
 from sysid.discrepancy.diagnosis import NamedEffect, Value
 from sysid.discrepancy.evidence import PROVEN, Evidence
-from sysid.discrepancy.pose_evidence import apart, evidence_of, held_pairs, pose_gap
+from sysid.discrepancy.pose_evidence import (
+    PoseLeft,
+    apart,
+    evidence_of,
+    held_pairs,
+    pose_gap,
+    pose_left,
+)
 from sysid.discrepancy.pose_fit import (
     BOTH_RADII,
     CANDIDATES,
@@ -35,6 +42,7 @@ from sysid.discrepancy.pose_fit import (
 )
 from sysid.discrepancy.pose_windows import (
     CHANNELS,
+    Noise,
     Track,
     increments_noise,
     track_channels,
@@ -57,8 +65,11 @@ sets models apart that say the same of the vehicle."""
 MOST_EFFECTS = 3
 """As many at most; a pair of radii counts as two."""
 
-LATE, LATE_SHARE = 4.5, 0.02
-"""A second effect needs this t, and this share of the likelihood that the first one gained."""
+LATE, LATE_RATIO = 4.5, 0.80
+"""A second effect needs this t, and the held-out error below this share of before."""
+
+MOST_OF_THE_GAP = 80.0
+"""Effects that together close less of the gap [%] are withdrawn: they are not the cause."""
 
 AWAY = 3.0
 """The number of an effect must be so many standard errors away from doing nothing."""
@@ -82,6 +93,7 @@ class PoseDiagnosis:
             share of the error of the increments that it takes away.
         gap: held-out increments x, y (forward, lateral [m]) and psi [rad] before and after, over
             the windows that the effects move.
+        left: what the increments are still off by.
         detectable: per effect the smallest change of its number that these logs would have shown;
             None where they cannot.
         windows: windows (estimation, held-out); they overlap fourfold.
@@ -95,6 +107,7 @@ class PoseDiagnosis:
     gap: Gap
     detectable: dict[str, float | None]
     windows: tuple[int, int]
+    left: PoseLeft
     warnings: tuple[str, ...] = field(default=())
 
 
@@ -132,10 +145,35 @@ def diagnose_pose(
     if _fewest(tracks, others) < FEWEST:
         return None
     noise = increments_noise((*tracks, *others), geometry)
+    first = _searched(tracks, others, noise, geometry)
+    second = replace(noise, factor=_factor(first[2]))
+    return _told(*_searched(tracks, others, second, geometry))
+
+
+_Found = tuple[PoseSearch, Fitted, Fitted, list[_Step], tuple[tuple[str, float], ...]]
+
+
+def _searched(
+    tracks: tuple[Track, ...], others: tuple[Track, ...], noise: Noise, geometry: Geometry
+) -> _Found:
+    """(search, before, after, steps, ranking); no steps where they leave most of the gap."""
     search = PoseSearch(PoseProblem(tracks, geometry, noise), PoseProblem(others, geometry, noise))
     base = search.fit(())
     steps, final, ranking = _grown(search, base)
-    return _told(search, base, final, steps, ranking)
+    gap = pose_gap(held_pairs(search, [s.candidate for s in steps]), noise.floor)
+    if gap.closed_percent < MOST_OF_THE_GAP:
+        steps, final = [], base
+    return search, base, final, steps, ranking
+
+
+def _factor(final: Fitted) -> Array:
+    """By how much the errors that are left exceed the noise, increment by increment, (3,).
+
+    Speeds that change between samples, or noise with a memory, are in no reading's third
+    differences. A channel that holds more than its noise must not outweigh the others.
+    """
+    white = np.concatenate([*final.white.estimation, *final.white.held])
+    return np.asarray(np.maximum(np.mean(white**2, axis=0), 1.0))
 
 
 def _fewest(*parts: Sequence[Track]) -> int:
@@ -161,7 +199,7 @@ def _grown(
             for c, f in fits
             if not f.at_bound and _away(c, f)
         ]
-        passed = [(c, f, e) for c, f, e in judged if e.accepted and not (steps and _late(e, steps))]
+        passed = [(c, f, e) for c, f, e in judged if e.accepted and not (steps and _late(e))]
         if not passed:
             break
         first = passed[0]
@@ -190,9 +228,9 @@ def _away(c: Candidate, fitted: Fitted) -> bool:
     )
 
 
-def _late(evidence: Evidence, steps: Sequence[_Step]) -> bool:
+def _late(evidence: Evidence) -> bool:
     """Whether a later effect gains too little: most small late gains are chance."""
-    return evidence.t < LATE or evidence.t**2 < LATE_SHARE * steps[0].evidence.t ** 2
+    return evidence.t < LATE or evidence.ratio >= LATE_RATIO
 
 
 def _allowed(c: Candidate, chosen: Sequence[Candidate]) -> bool:
@@ -241,6 +279,7 @@ def _told(
             sum(len(e) for e in base.errors.estimation),
             sum(len(e) for e in base.errors.held),
         ),
+        left=pose_left(search, final),
         warnings=_warnings(search, final, steps),
     )
 

@@ -2,15 +2,17 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array
 from sysid.discrepancy.evidence import Errors, Evidence
-from sysid.discrepancy.pose_fit import Candidate, Fitted, PoseSearch
+from sysid.discrepancy.pose_fit import Candidate, Fitted, PoseProblem, PoseSearch
 from sysid.discrepancy.pose_windows import CHANNELS, OVERLAP
 from sysid.discrepancy.verify import REPLICATES, ChannelGap, Gap
+from sysid.effects.ground import Ground
 
 TOUCHED = 1.0 / 3.0
 """A window counts as touched where an effect moves it by this share of the most."""
@@ -141,3 +143,75 @@ def pose_gap(pairs: Sequence[tuple[Array, Array]], floor: Array, seed: int = 0) 
             for i, name in enumerate(CHANNELS)
         },
     )
+
+
+LOUD = 3.0
+"""Increments off by this multiple of their noise are told: speeds that change between samples alone
+can double it."""
+
+STRUCTURED = 0.3
+"""Share of the held-out error that way, turn and heading must foretell to be something missing."""
+
+
+@dataclass(frozen=True)
+class PoseLeft:
+    """What increments of the pose are off by with the model after.
+
+    Attributes:
+        loud: channels off by several times their noise, and how many.
+        share: share of the held-out squared error of these that way, turn and heading foretell.
+    """
+
+    loud: dict[str, float]
+    share: float
+
+    @property
+    def structured(self) -> bool:
+        """Whether something is missing."""
+        return self.share > STRUCTURED
+
+    @property
+    def sentence(self) -> str:
+        """What it means, empty where the pose is off by little."""
+        if not self.loud:
+            return ""
+        size = ", ".join(f"{name} {ratio:.1f} times" for name, ratio in self.loud.items())
+        seen = f"Over two seconds the pose is still off by far more than its noise ({size})"
+        if self.structured:
+            return (
+                f"{seen}, and way, turn and heading foretell {100 * self.share:.0f} % of it: "
+                "between tracks and ground something is missing that the catalogue does not hold."
+            )
+        return (
+            f"{seen}, but way, turn and heading do not foretell it: a disturbance of pose or "
+            "speeds."
+        )
+
+
+def pose_left(search: PoseSearch, final: Fitted) -> PoseLeft:
+    """Regress what is left on way, turn and heading: fitted on one part, judged on the other."""
+    held = np.concatenate(final.errors.held)
+    size = np.sqrt(np.mean(held**2, axis=0))
+    at = np.flatnonzero(size > LOUD)
+    loud = {CHANNELS[i]: float(size[i]) for i in at}
+    if not len(at):
+        return PoseLeft({}, 0.0)
+    X, Z = (_known(problem) for problem in (search.estimation, search.held))
+    scale = np.maximum(np.sqrt(np.mean(X**2, axis=0)), 1e-12)
+    X, Z, Y = X / scale, Z / scale, np.concatenate(final.errors.estimation)
+    gram = X.T @ X + 1e-2 * len(X) * np.eye(X.shape[1])
+    rest = held - Z @ np.linalg.solve(gram, X.T @ Y)
+    old, new = np.sum(held[:, at] ** 2, axis=0), np.sum(rest[:, at] ** 2, axis=0)
+    return PoseLeft(loud, float(np.clip(np.max(1.0 - new / old), 0.0, 1.0)))
+
+
+def _known(problem: PoseProblem) -> Array:
+    """Way f, turn, their products, and the heading at both ends of every window, (W, terms)."""
+    rows = []
+    for track in problem.tracks:
+        f, _, turn = track.predicted(Ground(), problem.geometry).T
+        a = track.pose[track.starts, 2]
+        b = track.pose[track.starts + track.span, 2]
+        plain = (np.ones(len(f)), f, turn, np.abs(turn), np.abs(f), f * np.abs(f), f * turn)
+        rows.append(np.column_stack([*plain, np.cos(a), np.sin(a), np.cos(b), np.sin(b)]))
+    return np.concatenate(rows)

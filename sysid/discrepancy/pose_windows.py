@@ -128,22 +128,41 @@ def path_of(
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """Noise of the increments (forward, lateral, turn), each a variance of shape (3,).
+    """Noise of the increments (forward, lateral, turn).
+
+    A wrong heading at the start of a window turns its way: what it adds forward goes with the way
+    to the side, what it adds to the side with the way forward. Headings that the speeds' noise
+    bends within the window act alike, by a third on average.
 
     Attributes:
-        end: of the pose at either end; windows that share a reading share it.
-        start: what the heading at the start adds, of each window alone.
-        walk: of the speeds summed over a window; windows share what they overlap.
+        end: variance of the pose at either end, (3,); windows that share a reading share it.
+        rolled, yaw: variances of way [m²] and turn [rad²] by the speeds summed over a window;
+            windows share what they overlap.
+        geometry: lengths of the vehicle.
+        tracks: whose windows set the floor.
+        factor: what all variances of an increment are multiplied by, (3,).
     """
 
     end: Array
-    start: Array
-    walk: Array
+    rolled: float
+    yaw: float
+    geometry: Geometry
+    tracks: tuple[Track, ...]
+    factor: Array
+
+    def of_windows(self, track: Track) -> tuple[Array, Array]:
+        """Variances by the heading at the start, and by the speeds, of every window, (W, 3)."""
+        across = track.measured(self.geometry)[:, 1::-1] ** 2
+        none = np.zeros(len(across))
+        start = np.column_stack([self.end[2] * across, none])
+        bent = self.yaw / 3.0 * across + np.array([self.rolled, 0.0])
+        return start, np.column_stack([bent, none + self.yaw])
 
     @cached_property
     def floor(self) -> Array:
-        """Standard deviation of an increment, (3,)."""
-        return np.maximum(np.sqrt(2.0 * self.end + self.start + self.walk), 1e-9)
+        """Standard deviation of a typical increment, without ``factor``, (3,)."""
+        parts = [sum(self.of_windows(t), 2.0 * self.end) for t in self.tracks]
+        return np.asarray(np.maximum(np.sqrt(np.mean(np.concatenate(parts), axis=0)), 1e-9))
 
     def whitener(self, track: Track) -> Callable[[Array], Array]:
         """(W, 3) errors of a record's windows → independent ones of variance one.
@@ -153,16 +172,18 @@ class Noise:
         from scipy.linalg import cholesky_banded, solve_banded
 
         first, span = track.starts, track.span
+        start, walk = self.of_windows(track)
         width = min(OVERLAP + 1, len(first) - 1)
         factors = []
         for i in range(3):
             band = np.zeros((width + 1, len(first)))
-            band[0] = 2.0 * self.end[i] + self.start[i] + self.walk[i] + 1e-18
+            band[0] = 2.0 * self.end[i] + start[:, i] + walk[:, i] + 1e-18
+            root = np.sqrt(walk[:, i])
             for k in range(1, width + 1):
                 later = first[k:] - first[:-k]
-                shared = self.walk[i] * np.maximum(1.0 - later / span, 0.0)
+                shared = root[k:] * root[:-k] * np.maximum(1.0 - later / span, 0.0)
                 band[k, : len(later)] = shared - self.end[i] * (later == span)
-            factors.append(cholesky_banded(band, lower=True))
+            factors.append(cholesky_banded(self.factor[i] * band, lower=True))
 
         def white(errors: Array) -> Array:
             columns = [
@@ -180,7 +201,7 @@ def increments_noise(tracks: Sequence[Track], geometry: Geometry) -> Noise:
     transients), the pose's after the way of the wheels is taken off. The noise of the ends is
     added to that of the speeds summed over the window; a wrong heading at the start turns the way.
     """
-    third, ways = [], []
+    third = []
     for track in tracks:
         path = track.path(Ground(), geometry)
         lost = np.unwrap(np.nan_to_num(track.pose[:, 2] - path[:, 2]))
@@ -191,16 +212,16 @@ def increments_noise(tracks: Sequence[Track], geometry: Geometry) -> Noise:
         rolled = np.concatenate([np.zeros((1, 2)), np.cumsum(gone, axis=0)])
         columns = np.column_stack([track.pose[:, :2] - rolled, lost, track.omega])
         third.append(np.diff(columns, n=3, axis=0))
-        ways.append(track.predicted(Ground(), geometry)[:, 0])
     sigma = 1.4826 * np.nanmedian(np.abs(np.concatenate(third)), axis=0) / np.sqrt(20.0)
     place, psi = float(np.mean(sigma[:2] ** 2)), float(sigma[2] ** 2)
     wheel = float(np.mean(sigma[3:] ** 2)) * tracks[0].dt ** 2 * tracks[0].span
-    way = float(np.mean(np.concatenate(ways) ** 2))
-    yaw = 2.0 * (geometry.r / geometry.B) ** 2 * wheel
     return Noise(
         end=np.array([place, place, psi]),
-        start=np.array([0.0, way * psi, 0.0]),
-        walk=np.array([0.5 * geometry.r**2 * wheel, way * yaw / 3.0, yaw]),
+        rolled=0.5 * geometry.r**2 * wheel,
+        yaw=2.0 * (geometry.r / geometry.B) ** 2 * wheel,
+        geometry=geometry,
+        tracks=tuple(tracks),
+        factor=np.ones(3),
     )
 
 

@@ -245,7 +245,8 @@ class Study:
                 explain(base.parts.held, naming.final.errors.held, runs, self.floor, self.scales)
             )
         verdict = "no-missing-effect"
-        if effects or found.withdrawn or (structured and not slight):
+        off = told is not None and told.left.structured
+        if effects or found.withdrawn or off or (structured and not slight):
             verdict = "effects-found" if effects else "unexplained"
         before = model if model is not None else model_of(base, naming.base)
         after = model_of(base, naming.final) if naming.named else before
@@ -352,6 +353,8 @@ class Study:
                 f"The pose gives only {sum(told.windows)} windows of motion to judge slip and "
                 "radii by; name a second log with --val or drive longer."
             )
+        if told is not None and told.left.loud:
+            found.append(told.left.sentence)
         return (*found, *(told.warnings if told is not None else ()))
 
 
