@@ -19,6 +19,7 @@ from sysid.discrepancy.verify import measure_gap
 from sysid.effects.catalogue import about, chain_effects
 from sysid.structures.augmented import Augmented
 from sysid.structures.chain import drive_before
+from sysid.structures.given_base import begins_at_rest
 
 DT = 0.05
 FULL = np.full(2, 20000.0)
@@ -221,3 +222,12 @@ def test_a_delay_that_has_shrunk_below_a_sample_is_taken_back(tmp_path: Path) ->
     for e in found.effects:
         delays = [p.value for p in e.parameters if p.name.startswith("delay")]
         assert not delays or max(delays) > DT
+
+
+def test_a_given_model_begins_at_rest_only_where_the_machine_does() -> None:
+    none, some = np.zeros(2), np.array([0.0, 1.5])
+    rests, moves = np.array([[0.1, -0.05], [6.0, 9.0]]), np.array([[0.1, 2.0], [6.0, 9.0]])
+    assert begins_at_rest(none, none, rests)
+    assert not begins_at_rest(none, none, moves)
+    assert not begins_at_rest(none, some, rests)  # zero is no physical zero there
+    assert not begins_at_rest(none, none, rests[:0])

@@ -21,8 +21,7 @@ from sysid.estimation.delays import choose_delay
 from sysid.estimation.figures import Start, outputs
 from sysid.estimation.holdout import hold_out
 from sysid.estimation.search import FitOptions
-from sysid.structures.chain import drive_before
-from sysid.structures.given_base import GivenBase
+from sysid.structures.given_base import GivenBase, begins_at_rest
 from sysid.structures.model import Model
 
 LARGEST_ORDER = 3
@@ -159,7 +158,9 @@ def given_base(
     first = _require_tracks(estimation)
     parts = divided(estimation, held)
     scales = full_drive(estimation)
-    runs = {id(r): outputs(model, r, None, _start(r)) for r in (*parts.estimation, *parts.held)}
+    runs = {
+        id(r): outputs(model, r, None, _start(model, r)) for r in (*parts.estimation, *parts.held)
+    }
     if not all(np.isfinite(v).all() for v in runs.values()):
         raise ModelError("the model runs away on this log; look at sysid compare")
     plain = SuperModel(effects, 1, first.ny, typical_speed(estimation), first.dt)
@@ -195,13 +196,10 @@ def given_base(
     return Base(parts, found, node, np.ones(first.nu), 1, False, words, in_loop, given)
 
 
-def _start(record: Record) -> Start:
-    """Rest where a robot's log begins at standstill, else estimated.
-
-    A slow mode of the model must not begin with what is missing, a load for instance.
-    """
-    stands = not np.any(drive_before(np.ones(record.ny), record.y))
-    return Start.ZERO if record.is_robot_log and stands else Start.ESTIMATED
+def _start(model: Model, record: Record) -> Start:
+    """Where a given model begins to run on a record."""
+    offsets = model.detrend.u_offset, model.detrend.y_offset
+    return Start.ZERO if begins_at_rest(*offsets, record.y) else Start.ESTIMATED
 
 
 def full_drive(records: Sequence[Record]) -> Array:

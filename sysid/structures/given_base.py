@@ -8,8 +8,23 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.structures.base import Structure
+from sysid.structures.chain import drive_before
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_from_json
+
+
+def begins_at_rest(u0: Array, y0: Array, y: Array) -> bool:
+    """Whether a record begins at standstill of a machine whose zeros are physical.
+
+    A slow mode of the model must then not begin with what is missing, a load for instance.
+
+    Args:
+        u0, y0: operating point of the model.
+        y: readings, (N, ny).
+    """
+    return not (np.any(u0) or np.any(y0)) and bool(
+        len(y) and not np.any(drive_before(np.ones(y.shape[1]), y))
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +62,9 @@ class GivenBase:
         return self.structure.n_states(self.theta)
 
     def fitted_state(self, u: Array, y: Array, samples: int) -> Array:
-        """State of the model at the beginning of a record."""
+        """State of the model at the beginning of a record: rest, or from its first samples."""
+        if begins_at_rest(self.u0, self.y0, y):
+            return np.zeros(self.n_states())
         return self.structure.fitted_state(self.theta, u - self.u0, y - self.y0, samples)
 
     def step(self) -> Callable[[Array, Array], tuple[Array, Array]]:
