@@ -114,8 +114,9 @@ def refined(
     for spread in GRIDS if at else ():
         q[at] = _on_grid(model, q[at], [jumps[k] for k in at], spread, data)
         q[at], cost[at] = search(model, q[at], [smooth[k] for k in at], data, iterations, flat)
-    if at:
-        q[at], cost[at] = search(model, q[at], [free[k] for k in at], data, iterations, flat)
+    if at and len(q) == 1:
+        most = min(iterations, PROFILE_STEPS)
+        q[at], cost[at] = search(model, q[at], [free[k] for k in at], data, most, flat)
     return q, cost
 
 
