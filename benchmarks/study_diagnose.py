@@ -231,7 +231,9 @@ so that these two no longer judge.
 
 One run on these seeds did change something: a load around a given model with a slow mode had been
 taken for the state in which that mode began. All runs around given models were made again after
-that, and those of the vehicle after a fourth generator had changed its weights.
+that, and those of the vehicle after a fourth generator had changed its weights. Last, the compiled
+step was made faster and candidates with a gap are polished less: the runs of a single backlash were
+made again, the others were not.
 """
 
 BY_EFFECT = """## By hidden effect

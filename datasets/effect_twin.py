@@ -227,8 +227,8 @@ class _Moving:
     def step(self, torque: float, t: float) -> None:
         """Move motor and wheel by one fine step under ``torque``."""
         track, h = self.track, self.h
-        before = self.wheel
         torque -= track.load + self._load
+        before = self.wheel
         torque -= track.outside.torque(self.wheel, self.angle, t, self._memory, h)
         if self._released > 0.0:
             self._released -= h
