@@ -23,6 +23,7 @@ _JUDGING = "Judging"
 _MISSION = "On a mission's log"
 
 
+@reading.composed(steps=reading.preparation, read=reading.read_options)
 def diagnose(
     logs: reading.Logs,
     model: Annotated[
@@ -64,18 +65,9 @@ def diagnose(
         Path | None,
         typer.Option("-o", "--out", metavar="DIR", help="Where to write [WORKSPACE/diagnosis]."),
     ] = None,
-    trim: reading.Trim = None,
-    low_pass: reading.LowPass = None,
-    decimate: reading.Decimate = 1,
-    inputs: reading.Inputs = None,
-    outputs: reading.Outputs = None,
-    time: reading.Time = None,
-    ts: reading.SampleTime = None,
-    units: reading.Units = None,
-    pwm_max: reading.PwmMax = None,
-    delimiter: reading.Delimiter = None,
-    decimal: reading.Decimal = None,
-    resample: reading.Resample = "auto",
+    *,
+    steps: "Preparation",
+    read: "ReadOptions",
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
     json: reading.Json = False,
 ) -> None:
@@ -90,10 +82,6 @@ def diagnose(
     if plant is not None and model is not None:
         raise UsageError("--model and --plant both name the model to doubt; give one of them")
     given = place.load(model) if model is not None else None
-    read = reading.read_options(
-        inputs, outputs, time, ts, units, pwm_max, delimiter, decimal, resample
-    )
-    steps = reading.preparation(trim, low_pass, decimate)
     read, steps = _as_fitted(given, read, steps)
     if read.resample == "auto":  # an empty reading is one of the things to be found: a dropout
         read = replace(read, resample="hold")

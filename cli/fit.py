@@ -20,6 +20,7 @@ _FITTING = "Fitting"
 _JUDGING = "Judging"
 
 
+@reading.composed(steps=reading.preparation, read=reading.read_options)
 def fit(
     logs: reading.Logs,
     structure: Annotated[
@@ -121,9 +122,6 @@ def fit(
             help="Option of the structure; `sysid structures NAME` lists them.",
         ),
     ] = None,
-    trim: reading.Trim = None,
-    low_pass: reading.LowPass = None,
-    decimate: reading.Decimate = 1,
     robust: Annotated[
         bool,
         typer.Option("--robust", rich_help_panel=_FITTING, help="Huber loss: outliers count less."),
@@ -168,15 +166,9 @@ def fit(
     jobs: Annotated[
         int, typer.Option("--jobs", metavar="N", min=1, help="Processes for the search.")
     ] = 2,
-    inputs: reading.Inputs = None,
-    outputs: reading.Outputs = None,
-    time: reading.Time = None,
-    ts: reading.SampleTime = None,
-    units: reading.Units = None,
-    pwm_max: reading.PwmMax = None,
-    delimiter: reading.Delimiter = None,
-    decimal: reading.Decimal = None,
-    resample: reading.Resample = "auto",
+    *,
+    steps: "Preparation",
+    read: "ReadOptions",
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
     json: reading.Json = False,
 ) -> None:
@@ -190,10 +182,6 @@ def fit(
 
     if plot is not None:
         picture_format(plot)
-    read = reading.read_options(
-        inputs, outputs, time, ts, units, pwm_max, delimiter, decimal, resample
-    )
-    steps = reading.preparation(trim, low_pass, decimate)
     origin = {"files": [str(p.resolve()) for p in logs], "read": read.to_json()}
     options = fit_options.estimation(
         focus, initial, fix or [], bound or [], option or [], origin | {"prepare": steps.to_json()}

@@ -8,34 +8,28 @@ from . import reading, render
 
 if TYPE_CHECKING:
     from sysid.data.finding import Finding
+    from sysid.data.preparation import Preparation
+    from sysid.data.read_options import ReadOptions
     from sysid.data.record import Record
 
 
+@reading.composed(steps=reading.preparation, read=reading.read_options)
 def inspect(
     logs: reading.Logs,
     order: Annotated[
         int, typer.Option(min=1, max=200, help="Model order that the inputs should excite.")
     ] = 8,
-    inputs: reading.Inputs = None,
-    outputs: reading.Outputs = None,
-    time: reading.Time = None,
-    ts: reading.SampleTime = None,
-    units: reading.Units = None,
-    pwm_max: reading.PwmMax = None,
-    delimiter: reading.Delimiter = None,
-    decimal: reading.Decimal = None,
-    resample: reading.Resample = "auto",
+    *,
+    steps: "Preparation",
+    read: "ReadOptions",
     json: reading.Json = False,
 ) -> None:
     """Say what is in a log, what is wrong with it and what to do about it."""
     from sysid.data.io import read_files
     from sysid.data.quality import Severity, inspect_records, worst
 
-    options = reading.read_options(
-        inputs, outputs, time, ts, units, pwm_max, delimiter, decimal, resample
-    )
-    files = read_files(logs, options)
-    records = [r for file in files for r in file.records]
+    files = read_files(logs, read)
+    records = [steps.apply(r) for file in files for r in file.records]
     findings = (*(f for file in files for f in file.findings), *inspect_records(records, order))
     verdict = worst(findings)
     (_document if json else _show)(records, findings, verdict.word)

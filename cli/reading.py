@@ -1,7 +1,9 @@
 """The options that every command with a LOG shares, and the option every command has."""
 
+import inspect
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -130,17 +132,17 @@ DEFAULT_WORKSPACE = Path(".sysid")
 
 
 def read_options(
-    inputs: list[str] | None = None,
-    outputs: list[str] | None = None,
-    time: str | None = None,
-    ts: float | None = None,
-    units: list[str] | None = None,
-    pwm_max: float | None = None,
-    delimiter: str | None = None,
-    decimal: str | None = None,
-    resample: str = "auto",
+    inputs: Inputs = None,
+    outputs: Outputs = None,
+    time: Time = None,
+    ts: SampleTime = None,
+    units: Units = None,
+    pwm_max: PwmMax = None,
+    delimiter: Delimiter = None,
+    decimal: Decimal = None,
+    resample: Resample = "auto",
 ) -> "ReadOptions":
-    """The options above as the library takes them.
+    """The options above as the library takes them; this signature is their one declaration.
 
     Raises:
         UsageError: an option cannot be.
@@ -161,8 +163,10 @@ def read_options(
     )
 
 
-def preparation(trim: str | None, low_pass: float | None, decimate: int) -> "Preparation":
-    """The preparing options as the library takes them.
+def preparation(
+    trim: Trim = None, low_pass: LowPass = None, decimate: Decimate = 1
+) -> "Preparation":
+    """The preparing options as the library takes them; this signature is their one declaration.
 
     Raises:
         UsageError: an option cannot be.
@@ -171,6 +175,57 @@ def preparation(trim: str | None, low_pass: float | None, decimate: int) -> "Pre
 
     head, tail = parse_trim(trim) if trim is not None else (0.0, 0.0)
     return Preparation(head, tail, low_pass, decimate)
+
+
+def composed(
+    **builders: Callable[..., Any],
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """A command whose parameters named here are built from options of their own.
+
+    ``@composed(read=read_options)`` puts the parameters of ``read_options`` in the place of the
+    command's parameter ``read`` and hands the command what they build, so that options that
+    several commands share are declared once.
+    """
+
+    def compose(command: Callable[..., None]) -> Callable[..., None]:
+        places = inspect.signature(command).parameters
+        # what is built here names types that exist for the type checker only
+        own = {n: a for n, a in command.__annotations__.items() if n not in builders}
+        parameters: list[inspect.Parameter] = []
+        for name, place in places.items():
+            if name in builders:
+                parameters += _declared(builders[name])
+            else:
+                parameters.append(
+                    place.replace(annotation=own[name], kind=inspect.Parameter.KEYWORD_ONLY)
+                )
+
+        def run(**given: Any) -> None:
+            built = {
+                name: build(**{p.name: given.pop(p.name) for p in _declared(build)})
+                for name, build in builders.items()
+            }
+            command(**given, **built)
+
+        run.__name__, run.__doc__, run.__module__ = (
+            command.__name__,
+            command.__doc__,
+            command.__module__,
+        )
+        run.__annotations__ = {p.name: p.annotation for p in parameters}
+        run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        return run
+
+    return compose
+
+
+def _declared(build: Callable[..., Any]) -> list[inspect.Parameter]:
+    """The options that a builder declares, with their typer annotations."""
+    hints = {n: a for n, a in build.__annotations__.items() if n != "return"}
+    return [
+        p.replace(annotation=hints[p.name], kind=inspect.Parameter.KEYWORD_ONLY)
+        for p in inspect.signature(build).parameters.values()
+    ]
 
 
 def _names(given: list[str] | None) -> tuple[str, ...]:
