@@ -8,7 +8,7 @@ import typer
 
 from sysid.errors import DataError, UsageError
 
-from . import reading, render
+from . import packages, reading, render
 from .diagnose_files import keep_models, write_results
 from .diagnose_report import show
 from .workspace import StoredModel, Workspace
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from sysid.data.read_options import ReadOptions
     from sysid.data.record import Record
     from sysid.discrepancy.diagnosis import Diagnosis
+    from sysid.plant.package import Package
 
 _JUDGING = "Judging"
 _MISSION = "On a mission's log"
@@ -61,6 +62,7 @@ def diagnose(
             help="Plant package the mission was planned with: the model to doubt.",
         ),
     ] = None,
+    accept_changes: packages.AcceptChanges = False,
     output: Annotated[
         Path | None,
         typer.Option("-o", "--out", metavar="DIR", help="Where to write [WORKSPACE/diagnosis]."),
@@ -89,7 +91,8 @@ def diagnose(
     held = _records(val, read, steps) if val else None
     _apart(estimation, held)
     base = given or (place.best_for(estimation[0]) if plant is None else None)
-    found = _run(estimation, held, base, mission, plant)
+    package = packages.read(plant, accept_changes) if plant is not None else None
+    found = _run(estimation, held, base, mission, package)
     origin = {"files": [str(p.resolve()) for p in logs], "read": read.to_json()}
     before, after = keep_models(place, found, base, origin | {"prepare": steps.to_json()})
     document = write_results(folder, found, before, after)
@@ -166,15 +169,15 @@ def _run(
     held: "list[Record] | None",
     base: StoredModel | None,
     mission: Path | None,
-    plant: Path | None,
+    package: "Package | None",
 ) -> "Diagnosis":
     from sysid.discrepancy.diagnose import diagnose
 
     doubted = base.model if base else None
-    if plant is not None:
-        from sysid.plant.package import load_model
-
-        doubted = load_model(plant)
+    if package is not None:
+        doubted = package.model()
+        for note in package.notes:
+            render.warn(f"! {note}")
     for record in (*estimation, *(held or ())):
         if doubted is not None:
             doubted.check(record)

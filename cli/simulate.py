@@ -7,10 +7,11 @@ import typer
 
 from sysid.errors import DataError, ModelError, UsageError
 
-from . import reading, render
+from . import packages, reading, render
 from .workspace import Workspace
 
 if TYPE_CHECKING:
+    from sysid.plant.package import Package
     from sysid.structures.plant import Plant
 
 _MISSION_FILES = (".yaml", ".yml")
@@ -31,6 +32,7 @@ def simulate(
         Path | None,
         typer.Option(metavar="FILE", help="CSV to write [WORKSPACE/missions/NAME.csv]."),
     ] = None,
+    accept_changes: packages.AcceptChanges = False,
     ts: reading.SampleTime = None,
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
     json: reading.Json = False,
@@ -41,28 +43,27 @@ def simulate(
     if plot is not None:
         picture_format(plot)
     place = Workspace(workspace)
-    loaded = _load(place, plant)
+    package = _load(place, plant, accept_changes)
     drives = mission.suffix.lower() in _MISSION_FILES
     name = f"{mission.stem}.csv" if drives else f"{mission.stem}_replay.csv"
     target = log or place.missions_dir / name
     if target.exists() and mission.exists() and target.samefile(mission):
         raise UsageError(f"--log {target} would overwrite what is simulated; name another file")
     if drives:
-        facts = _drive(mission, loaded, target, plot)
+        facts = _drive(mission, package.plant(), target, plot)
     else:
-        facts = _replay(mission, loaded, target, plot, ts)
+        facts = _replay(mission, package.plant(), target, plot, ts)
+    facts["warnings"] = [*package.notes, *facts["warnings"]]
     render.document(facts) if json else _show(mission.name, facts)
 
 
-def _load(place: Workspace, plant: Path | None) -> "Plant":
-    from sysid.plant.package import load_plant
-
+def _load(place: Workspace, plant: Path | None, accept_changes: bool) -> "Package":
     if plant is None and not place.plant_dir.exists():
         raise ModelError(
             f"no plant was exported to {place.plant_dir} yet; run `sysid export` first, or name "
             "one with --plant"
         )
-    return load_plant(plant or place.plant_dir)
+    return packages.read(plant or place.plant_dir, accept_changes)
 
 
 def _drive(path: Path, plant: "Plant", log: Path, plot: Path | None) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import shutil
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -49,7 +49,7 @@ def write_files(path: Path, files: Files, known: frozenset[str]) -> Path:
     """
     path = Path(path)
     if is_zip_name(path):
-        if path.is_file() and not _is_package_zip(path):
+        if path.is_file() and not _has_member(path, MARK):
             raise UsageError(f"{path} is no plant package; it was left alone, choose another name")
         return write_atomic(path, zip_bytes(files))
     target = Path(os.path.realpath(path))
@@ -110,10 +110,21 @@ def read_member(path: Path, name: str) -> bytes:
         raise ModelError(f"{path} cannot be read ({reason})") from None
 
 
-def _is_package_zip(path: Path) -> bool:
+def read_members(path: Path, names: Iterable[str]) -> Files:
+    """Those of the files of a package that are there, by name.
+
+    Raises:
+        ModelError: a file is there and cannot be read.
+    """
+    return {name: read_member(path, name) for name in names if _has_member(Path(path), name)}
+
+
+def _has_member(path: Path, name: str) -> bool:
+    if path.is_dir():
+        return path.joinpath(name).is_file()
     try:
         with zipfile.ZipFile(path) as archive:
-            return MARK in archive.namelist()
+            return name in archive.namelist()
     except (OSError, zipfile.BadZipFile):
         return False
 

@@ -310,7 +310,7 @@ class Model:
 
     @staticmethod
     def load(path: Path) -> "Model":
-        """Read what ``save`` wrote.
+        """Read what ``save`` wrote, or a model of a workspace (``models/<id>.json``).
 
         Raises:
             ModelError: the file cannot be read as a model.
@@ -321,7 +321,12 @@ class Model:
             raise ModelError(f"cannot read the model {path}: {error.strerror}") from None
         except ValueError as error:
             raise ModelError(f"{path} is not valid JSON ({error}); fit the model again") from None
-        return Model.from_json(raw)
+        if isinstance(raw, dict) and "schema" not in raw and isinstance(raw.get("model"), dict):
+            raw = raw["model"]  # a workspace keeps what the fit said beside it
+        try:
+            return Model.from_json(raw)
+        except ModelError as error:
+            raise ModelError(f"{path}: {error}") from None
 
 
 def _number(value: float | None) -> float | None:
