@@ -1,6 +1,7 @@
 """What ``sysid fit`` shows a person."""
 
 from collections.abc import Mapping, Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -94,8 +95,10 @@ def _parameters(a: "Assessment") -> None:
         [
             p.name,
             render.number(p.value, 6),
-            "fixed" if p.fixed else render.number(p.std_error, 3),
-            "" if p.fixed or not p.value else f"{100.0 * p.std_error / abs(p.value):.2g} %",
+            render.standard_error(p.std_error, fixed=p.fixed, at_bound=p.at_bound),
+            ""
+            if p.fixed or p.at_bound or not p.value or not isfinite(p.std_error)
+            else f"{100.0 * p.std_error / abs(p.value):.2g} %",
             p.unit,
         ]
         for p in table

@@ -107,7 +107,15 @@ def _show(stored: "StoredModel") -> None:
     render.say(f"{stored.id}: {model.structure.title}", "bold")
     for line in model.structure.equations(model.theta, model.inputs, model.outputs):
         render.say(f"  {line}")
-    table = [(p["name"], p["value"], p["std_error"], p["unit"]) for p in _parameters(stored)]
+    table = [
+        (
+            p.name,
+            p.value,
+            render.standard_error(p.std_error, fixed=p.fixed, at_bound=p.at_bound),
+            p.unit,
+        )
+        for p in model.parameter_table()
+    ]
     render.table(("parameter", "value", "± std. error", "unit"), table)
     if model.termination.value not in model.warnings:
         render.say(model.termination.value)

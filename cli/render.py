@@ -117,6 +117,17 @@ def number(value: float | None, digits: int = 5) -> str:
     return f"{value:.{digits}g}"
 
 
+def standard_error(value: float | None, *, fixed: bool, at_bound: bool) -> str:
+    """A parameter's standard error, or in words why it has none."""
+    if fixed:
+        return "fixed"
+    if at_bound:
+        return "on its bound"
+    if value is None or not math.isfinite(value):
+        return "not determined"
+    return number(value, 3)
+
+
 @contextmanager
 def progress(label: str, total: int | None = None) -> Iterator[Callable[[int], None]]:
     """Show a bar on stderr while the block runs, where stderr is a terminal.

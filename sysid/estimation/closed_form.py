@@ -4,10 +4,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.criteria.coloured import coloured_gram
 from sysid.data.record import Array, Record
 from sysid.estimation import normal_equations as ne
-from sysid.estimation.uncertainty import AR_ORDER, portmanteau_white, with_infinite
+from sysid.estimation.uncertainty import (
+    AR_ORDER,
+    half_of,
+    portmanteau_white,
+    sandwich,
+    with_infinite,
+)
 from sysid.structures.arx import ARX
 from sysid.structures.base import Focus, Parameter, Structure
 
@@ -95,6 +100,6 @@ def _covariance(
                 kept.append(e[:m])
                 room -= m
         used = sum(len(e) for e in kept)
-        meat = coloured_gram(phis, kept, AR_ORDER) * (samples / used)
-        covariance = solved.inverse @ meat @ solved.inverse * (samples / dof)
+        covariance = sandwich(half_of(solved.inverse), phis, kept)
+        covariance *= (samples / used) * (samples / dof)
     return with_infinite(covariance, solved.null)

@@ -82,15 +82,39 @@ def uncertainty(
     covariance = variance * inverse
     if not is_white and m > 5 * AR_ORDER:
         # outputs have noise of their own; under Huber the bread is weighted, the meat is not
-        meat = np.zeros((n, n))
+        covariance = np.zeros((n, n))
         for i, where in pieces.items():
-            meat += coloured_gram([jacobian[p] for p in where], scores[i], AR_ORDER)
-        covariance = inverse @ meat @ inverse * (m / dof)
+            covariance += sandwich(half, [jacobian[p] for p in where], scores[i])
+        covariance *= m / dof
     else:
         is_white = True
     null = Vt[~keep].T
     covariance = with_infinite(covariance, null)
     return Uncertainty(covariance, null, not is_white, variance)
+
+
+def sandwich(half: Array, columns: Sequence[Array], errors: Sequence[Array]) -> Array:
+    """H (JH)ᵀΣ(JH) Hᵀ = (JᵀJ)⁻¹ JᵀΣJ (JᵀJ)⁻¹ with H Hᵀ = (JᵀJ)⁻¹, Σ from an AR(20) fit.
+
+    The columns of JH are orthonormal, so the middle is as well conditioned as Σ, and the result is
+    positive wherever H is. Multiplying the three large factors instead loses all digits where
+    the condition of J comes near 1/√ε: variances then come out negative.
+
+    Args:
+        half: H, (n, k), its columns those directions that hold information.
+        columns: J, (N, n) a stretch.
+        errors: residuals of these stretches, (N,) each.
+    """
+    middle = coloured_gram([J @ half for J in columns], errors, AR_ORDER)
+    return np.asarray(half @ middle @ half.T)
+
+
+def half_of(inverse: Array) -> Array:
+    """H with H Hᵀ = (JᵀJ)⁻¹, from a scaled eigenvalue decomposition; (n, n)."""
+    size = np.sqrt(np.maximum(np.diag(inverse), 0.0))
+    size = np.where(size > 0.0, size, 1.0)
+    values, vectors = np.linalg.eigh(inverse / np.outer(size, size))
+    return np.asarray(size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def portmanteau_white(residuals: Sequence[Array]) -> bool:
