@@ -20,6 +20,7 @@ MANY = 24
 def show(stored: "Sequence[StoredModel]", found: "Identification", plot: Path | None) -> None:
     """Print the ranking, the winner's parameters and figures, and what to do next."""
     from sysid.estimation.orders import orders_text
+    from sysid.report.step_words import step_sentences
 
     best = found.assessments[0]
     names = list(best.estimation.free_run.fit_percent)
@@ -46,6 +47,8 @@ def show(stored: "Sequence[StoredModel]", found: "Identification", plot: Path | 
     render.say(found.reason, "bold")
     for name, reason in found.failed.items():
         render.warn(f"{name} could not be fitted: {reason}")
+    for line in step_sentences(best.steps):
+        render.say(f"  {line}")
     _parameters(best)
     _figures(best)
     render.say(f"Residuals: {residual_words(best.residuals.as_dict())}.")

@@ -98,7 +98,12 @@ def _list(stored: "list[StoredModel]", root: Path) -> None:
 
 
 def _document(stored: "StoredModel") -> None:
-    content = {"parameters": _parameters(stored), "report": stored.report}
+    model = stored.model
+    content = {
+        "parameters": _parameters(stored),
+        "poles": model.structure.properties(model.theta, model.dt).get("poles", []),
+        "report": stored.report,
+    }
     render.document(_summary(stored) | content)
 
 
@@ -107,6 +112,13 @@ def _show(stored: "StoredModel") -> None:
     render.say(f"{stored.id}: {model.structure.title}", "bold")
     for line in model.structure.equations(model.theta, model.inputs, model.outputs):
         render.say(f"  {line}")
+    for sentence in _steps(stored):
+        render.say(f"  {sentence}")
+    for name, fit in _fit_percent(stored.report).items():
+        render.say(f"  Fit of {name} in free run: {render.number(fit, 4)} %.")
+    poles = model.structure.properties(model.theta, model.dt).get("poles", [])
+    if poles:
+        render.say(f"  Poles at {', '.join(_pole(p) for p in poles)}.")
     table = [
         (
             p.name,
@@ -122,6 +134,22 @@ def _show(stored: "StoredModel") -> None:
     for warning in model.warnings:
         render.say(f"Warning: {warning}", "yellow")
     render.say(f"Stored in {stored.path}", "dim")
+
+
+def _steps(stored: "StoredModel") -> "tuple[str, ...]":
+    """What the model does to a step; of a model of an older version worked out anew."""
+    from sysid.estimation.step_response import StepResponse, step_responses
+    from sysid.report.step_words import step_sentences
+
+    kept = stored.report.get("step_response")
+    if kept is None:
+        return step_sentences(step_responses(stored.model))
+    return step_sentences([StepResponse.from_json(s) for s in kept])
+
+
+def _pole(pole: dict[str, float]) -> str:
+    place = render.number(pole["re"], 4)
+    return place if not pole["im"] else f"{place} {pole['im']:+.4g}i"
 
 
 def _parameters(stored: "StoredModel") -> list[dict[str, Any]]:

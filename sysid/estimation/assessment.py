@@ -9,6 +9,7 @@ from sysid.data.record import Record
 from sysid.estimation.advice import advice
 from sysid.estimation.figures import Figures, Start, figures, residual_tests
 from sysid.estimation.operating_range import beyond_range
+from sysid.estimation.step_response import StepResponse, step_responses
 from sysid.structures.model import Model
 
 
@@ -46,7 +47,7 @@ class Policy:
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """A model with its figures, residual tests and warnings."""
+    """A model with its figures, residual tests, what it does to a step, and warnings."""
 
     model: Model
     estimation: DataFigures
@@ -55,6 +56,7 @@ class Assessment:
     warnings: tuple[str, ...]
     seconds: float
     chosen: Mapping[str, Any] = field(default_factory=dict)
+    steps: tuple[StepResponse, ...] = ()
 
     @property
     def judged(self) -> DataFigures:
@@ -90,6 +92,7 @@ class Assessment:
             "residuals": self.residuals.as_dict(),
             "termination": {"code": m.termination.code, "message": m.termination.value},
             "properties": m.structure.properties(m.theta, m.dt),
+            "step_response": [s.to_json() for s in self.steps],
             "equations": list(m.structure.equations(m.theta, m.inputs, m.outputs)),
             "sample_time": m.dt,
             "offsets": m.detrend.to_json(),
@@ -149,4 +152,5 @@ def assess(
         (*notes, *model.warnings, *beyond, *spoken),
         seconds,
         chosen or {},
+        step_responses(model),
     )

@@ -1,0 +1,126 @@
+"""What a model does to a step of its input, in sentences a person with the machine reads."""
+
+import math
+from collections.abc import Sequence
+
+from sysid.estimation.step_response import Estimate, StepResponse
+
+CLEAR = 2.0
+"""Standard errors from zero that make a gain one to speak of."""
+
+PASSES_LITTLE = 0.02
+"""A side path that passes on less than this share of an output's strongest gain is left out."""
+
+
+def with_error(value: float, error: float) -> str:
+    """``150.00 ± 0.31``: as many digits as the error leaves meaning to; ``(8.882 ± 0.009)e-4``."""
+    if not math.isfinite(value):
+        return "not determined"
+    if math.isinf(error):
+        return f"{value:.3g} (not determined by these data)"
+    if not error > 0.0:
+        return f"{value:.5g}"
+    size = max(abs(value), error)
+    exponent = math.floor(math.log10(size))
+    if -3 <= exponent <= 5:
+        exponent = 0
+    scaled, spread = value / 10.0**exponent, error / 10.0**exponent
+    digits = min(max(1 - math.floor(math.log10(spread)), 0), 10)
+    digits -= f"{spread:.{digits}f}".startswith("0.") and spread >= 1.0
+    text = f"{scaled:.{digits}f} ± {spread:.{digits}f}"
+    return text if exponent == 0 else f"({text})e{exponent}"
+
+
+def step_sentences(responses: Sequence[StepResponse]) -> tuple[str, ...]:
+    """One sentence for each path from an input to an output and each size of step.
+
+    Paths beside the strongest one of an output that pass on next to nothing are counted only.
+    """
+    strongest: dict[str, float] = {}
+    for r in responses:
+        if math.isfinite(r.gain.value):
+            moved = abs(r.gain.value) * _reach(r)
+            strongest[r.output] = max(strongest.get(r.output, 0.0), moved)
+    kept, small = [], set()
+    for r in responses:
+        moved = abs(r.gain.value) * _reach(r) if math.isfinite(r.gain.value) else math.inf
+        side = moved < PASSES_LITTLE * strongest.get(r.output, 0.0) and r.settles
+        if side and r.share is None:
+            small.add(f"{r.input} → {r.output}")
+        elif not (side and _elsewhere(r, responses, strongest)):
+            kept.append(sentence(r))
+    if small:
+        kept.append(
+            f"{', '.join(sorted(small))}: no lasting change to speak of (under "
+            f"{100 * PASSES_LITTLE:g} % of the strongest path)."
+        )
+    return tuple(kept)
+
+
+def sentence(r: StepResponse) -> str:
+    """``u → y: gain 150 ± 0.3 rpm/V; time constants 0.12 and 0.03 s; settles in 0.5 s.``"""
+    head = f"{r.input} → {r.output}"
+    if r.share is not None:
+        head += f", step {r.start:.6g} → {r.level:.6g}"
+    if not r.settles:
+        return f"{head}: does not come to rest; the model is unstable, or slower than can be run."
+    if r.gain.value == 0.0:
+        return f"{head}: nothing moves."
+    parts = [_gain(r)]
+    parts += _times(r)
+    if math.isfinite(r.dead_time) and r.dead_time > 0.0:
+        parts.append(f"dead time {r.dead_time:.3g} s")
+    unclear = abs(r.gain.value) <= CLEAR * r.gain.std_error
+    if math.isfinite(r.settling.value) and not unclear:
+        parts.append(f"settles in {r.settling.value:.3g} s")
+    return f"{head}: {'; '.join(parts)}."
+
+
+def _gain(r: StepResponse) -> str:
+    unit = f" {r.unit}" if r.unit else ""
+    text = f"gain {with_error(r.gain.value, r.gain.std_error)}{unit}"
+    if r.integrates:
+        text = f"it integrates: {text}"
+    if abs(r.gain.value) <= CLEAR * r.gain.std_error and math.isfinite(r.gain.std_error):
+        text += " (not told from zero)"
+    if r.file_unit:
+        factor = r.file_factor
+        shown = with_error(factor * r.gain.value, abs(factor) * r.gain.std_error)
+        text += f" = {shown} {r.file_unit} in the file's units"
+    return text
+
+
+def _times(r: StepResponse) -> list[str]:
+    parts = []
+    if r.share is not None and math.isfinite(r.rise.value):
+        parts.append(f"63 % of it after {_seconds(r.rise)}")
+    if r.time_constants:
+        word = "time constant" if len(r.time_constants) == 1 else "time constants"
+        parts.append(f"{word} {' and '.join(_seconds(t) for t in r.time_constants)}")
+    if r.oscillation is not None:
+        frequency, damping = r.oscillation
+        parts.append(
+            f"swings at {with_error(frequency.value, frequency.std_error)} rad/s with damping "
+            f"{with_error(damping.value, damping.std_error)}"
+        )
+    return parts
+
+
+def _seconds(time: Estimate) -> str:
+    return f"{with_error(time.value, time.std_error)} s"
+
+
+def _reach(r: StepResponse) -> float:
+    """Size of the step: gains of inputs in different units are compared by what they move."""
+    return abs(r.level - r.start)
+
+
+def _elsewhere(
+    r: StepResponse, responses: Sequence[StepResponse], strongest: dict[str, float]
+) -> bool:
+    """Whether every step along this path moves next to nothing, so that it needs no line."""
+    return all(
+        abs(o.gain.value) * _reach(o) < PASSES_LITTLE * strongest[o.output]
+        for o in responses
+        if (o.input, o.output) == (r.input, r.output)
+    )
