@@ -89,6 +89,25 @@ Resample = Annotated[
         help="What to do about jitter, gaps and empty cells: auto, hold, refuse, fill or split.",
     ),
 ]
+Unwrap = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--unwrap",
+        metavar="PERIOD",
+        rich_help_panel=_PANEL,
+        help="A counter starts over after so many, e.g. 65536 or NAME=4096; NAME=none leaves it. "
+        "Seen from the readings unless given.",
+    ),
+]
+SpeedOf = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--speed-of",
+        metavar="NAME",
+        rich_help_panel=_PANEL,
+        help="Output that is a position or counter: model its speed instead.",
+    ),
+]
 
 _PREPARING = "Preparing the log"
 Trim = Annotated[
@@ -141,12 +160,15 @@ def read_options(
     delimiter: Delimiter = None,
     decimal: Decimal = None,
     resample: Resample = "auto",
+    unwrap: Unwrap = None,
+    speed_of: SpeedOf = None,
 ) -> "ReadOptions":
     """The options above as the library takes them; this signature is their one declaration.
 
     Raises:
         UsageError: an option cannot be.
     """
+    from sysid.data.counters import parse_periods
     from sysid.data.read_options import ReadOptions
     from sysid.data.timing import check_policy
 
@@ -160,6 +182,8 @@ def read_options(
         units=_units(units or []),
         pwm_max=pwm_max,
         resample=check_policy(resample),
+        unwrap=parse_periods(unwrap or []),
+        speed_of=_names(speed_of),
     )
 
 

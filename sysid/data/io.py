@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.columns import Choice, choose_columns
+from sysid.data.counters import positions
 from sysid.data.files import read_bytes
 from sysid.data.finding import Finding, Severity
 from sysid.data.read_options import ReadOptions
@@ -113,7 +114,8 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
     path = Path(path)
     data = read_bytes(path)
     table = read_table(data, path.name, options.delimiter, options.decimal)
-    choice = choose_columns(table.names, options.inputs, options.outputs, options.time, table.where)
+    wanted = options.outputs or options.speed_of
+    choice = choose_columns(table.names, options.inputs, wanted, options.time, table.where)
     signals = (*choice.inputs, *choice.outputs, *choice.pose)
     stamps = None if choice.time is None else table.seconds(choice.time)
     clock = () if choice.time is None or stamps is not None else (choice.time,)
@@ -136,14 +138,24 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
     inputs, outputs = conversions(
         choice.inputs, choice.outputs, bracketed, options.units, options.pwm_max, table.where
     )
+    counts, outputs, jumps = positions(
+        t[rows],
+        values[rows],
+        signals,
+        outputs,
+        choice.pose[2:],
+        options.unwrap,
+        options.speed_of,
+        table.where,
+    )
     channels = (
         tuple(c.channel(n, grid.dt) for n, c in inputs.items()),
         tuple(c.channel(n, grid.dt) for n, c in outputs.items()),
     )
-    findings = (*_reading_notes(table, choice, channels), *findings, *lost, *grid.findings)
+    findings = (*_reading_notes(table, choice, channels), *findings, *lost, *jumps, *grid.findings)
     digest = hashlib.sha256(data).hexdigest()
     records = tuple(
-        _record(values[rows], t[rows], grid, segment, channels, choice, name, digest)
+        _record(counts, t[rows], grid, segment, channels, choice, name, digest)
         for segment, name in zip(grid.segments, _names(path.name, grid), strict=True)
     )
     return LogFile(path, records, findings, options)

@@ -23,6 +23,9 @@ class ReadOptions:
         units: channel name → unit of its numbers in the file (see ``units.UNITS``).
         pwm_max: the command value of full drive, where it is not 20000; None otherwise.
         resample: what to do about jitter, gaps and missing cells (see ``timing``).
+        unwrap: output → number after which its counter starts over, 0 to leave its jumps alone;
+            an empty name for every output; else it is seen from the readings (see ``counters``).
+        speed_of: outputs that are positions and are read as the speed between their readings.
 
     Raises:
         UsageError: an option cannot be.
@@ -37,13 +40,16 @@ class ReadOptions:
     units: Mapping[str, str] = field(default_factory=dict, hash=False)
     pwm_max: float | None = None
     resample: ResamplePolicy = "auto"
+    unwrap: Mapping[str, float] = field(default_factory=dict, hash=False)
+    speed_of: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        for name in ("inputs", "outputs"):
+        for name in ("inputs", "outputs", "speed_of"):
             given = getattr(self, name)
             put(self, name, (given,) if isinstance(given, str) else tuple(given))
         put(self, "units", dict(self.units))
+        put(self, "unwrap", {name: float(period) for name, period in self.unwrap.items()})
         check_policy(self.resample)
         if self.ts is not None and not (np.isfinite(self.ts) and self.ts > 0):
             raise UsageError(f"--ts must be a positive sample time in seconds, got {self.ts:g}")

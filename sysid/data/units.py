@@ -68,6 +68,9 @@ _SUFFIXES = {
     **{u: u for u in ("kg", "Pa", "kPa", "bar", "degC", "K", "Hz")},
 }
 _TICKS = re.compile(r"ticks(?P<rate>/s)?/(?P<per_turn>[0-9.eE+]+)")
+_COUNTS = re.compile(
+    r"(?:counts?|cpr)(?P<rate>/s)?(?:/rev\s*=\s*|\s*=\s*|/)(?P<per_turn>[0-9.eE+]+)(?:/rev)?"
+)
 
 
 @dataclass(frozen=True)
@@ -92,14 +95,16 @@ def conversion(unit: str, channel: str = "") -> Conversion:
     """The conversion from a file unit.
 
     ``ticks/360`` means encoder ticks counted in one sample, 360 to a turn; ``ticks/s/360`` means
-    ticks per second. All others are in UNITS.
+    ticks per second; ``counts=2048/rev`` (or ``counts/2048``) is a counter that goes on counting,
+    2048 to a turn: a position; ``counts/s/2048`` its speed. All others are in UNITS.
 
     Raises:
         UsageError: the unit is not known; the sentence lists those that are.
     """
     unit = unit.strip()
     where = f" of {channel}" if channel else ""
-    match = _TICKS.fullmatch(unit)
+    position = _COUNTS.fullmatch(unit)
+    match = position or _TICKS.fullmatch(unit)
     if match:
         try:
             per_turn = float(match["per_turn"])
@@ -107,7 +112,10 @@ def conversion(unit: str, channel: str = "") -> Conversion:
             per_turn = math.nan
         if not (math.isfinite(per_turn) and per_turn > 0):
             raise UsageError(f"unit {unit!r}{where}: the ticks per turn must be a positive number")
-        return Conversion("rad/s", _TURN / per_turn, unit, per_sample=match["rate"] is None)
+        if position and match["rate"] is None:
+            return Conversion("rad", _TURN / per_turn, unit)
+        every = position is None and match["rate"] is None
+        return Conversion("rad/s", _TURN / per_turn, unit, per_sample=every)
     if unit in UNITS:
         to, scale = UNITS[unit]
         return Conversion(to, scale, unit)
@@ -116,7 +124,8 @@ def conversion(unit: str, channel: str = "") -> Conversion:
         return conversion(known[unit.lower()], channel)
     raise UsageError(
         f"unknown unit {unit!r}{where}; known are {', '.join(UNITS)}, "
-        "ticks/360 (encoder ticks counted in a sample, 360 a turn) and ticks/s/360"
+        "ticks/360 (encoder ticks counted in a sample, 360 a turn), ticks/s/360 and "
+        "counts=2048/rev (a counter that goes on, 2048 a turn)"
     )
 
 

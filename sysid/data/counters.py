@@ -1,0 +1,349 @@
+"""Counters and angles that start over: where they wrap or are reset, undone; speed from position.
+
+A counter of n bits goes from its last value to its first one. Between two rows the true step is
+the one that is whole periods away from the step read and smaller than half a period:
+Δ = d − M·round(d/M). (The rule is that of every phase unwrapping, e.g. Itoh 1982.)
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.finding import Finding, Severity
+from sysid.data.record import Array
+from sysid.data.units import Conversion
+from sysid.errors import DataError, UsageError
+
+EVERY = ""
+"""Key of a period that holds for every output."""
+
+BITS = (8, 10, 12, 14, 16, 24, 32)
+"""Widths of counters in use: registers of 8 to 32 bits, absolute encoders of 10 to 14."""
+
+FASTEST = 0.45
+"""Largest step between rows as a share of the period: near one half its direction is a guess."""
+
+SMOOTH = 3.0
+"""A wrap is one only where the speed goes on: undone, it may change by so many times what it
+changes by elsewhere (99.9 % quantile). A square wave between the two ends fails this."""
+
+TRAVEL = 6.0
+"""A position goes further than so many of its larger steps (99 % quantile); white noise around the
+two ends of a switched signal, unwrapped, spans two of them."""
+
+FEWEST_VALUES = 20
+"""A signal of fewer different values is switched, not counted."""
+
+FULL_TURN = 0.9
+"""An angle without a unit wraps at a turn only if it fills so much of one."""
+
+RESET = 20.0
+"""A reset is a jump to zero larger than so many times the usual largest step."""
+
+
+@dataclass(frozen=True)
+class Counted:
+    """A column without its jumps.
+
+    Attributes:
+        values: the column, (N,).
+        period: where it wraps, in its own unit; 0 where it does not.
+        wraps: number of wraps undone.
+        resets: rows at which it started again from zero.
+    """
+
+    values: Array
+    period: float = 0.0
+    wraps: int = 0
+    resets: tuple[int, ...] = ()
+
+
+def unwrapped(y: Array, period: float) -> Array:
+    """y (N,) with every step taken as the nearest one: Δ = d − M·round(d/M)."""
+    turns = np.concatenate([[0.0], np.cumsum(np.rint(np.diff(y) / period))])
+    return np.asarray(y - period * turns)
+
+
+def counted(y: Array, periods: Sequence[float], full: bool = False) -> Counted:
+    """A column with the wraps and resets that it shows undone.
+
+    Args:
+        y: readings as the file has them, (N,).
+        periods: periods besides those of registers that its unit admits.
+        full: of these only one that the readings fill.
+    """
+    whole = bool(np.all(y == np.rint(y)))
+    low, high = float(np.min(y)), float(np.max(y))
+    if len(y) < FEWEST_VALUES or len(np.unique(y)) < FEWEST_VALUES:
+        return Counted(y)
+    admitted = [m for m in periods if high - low <= 1.001 * m]
+    if full:
+        admitted = [m for m in admitted if high - low >= FULL_TURN * m]
+    if whole:
+        for m in (2.0**bits for bits in BITS):
+            if (low >= 0.0 and high < m) or (low >= -m / 2.0 and high < m / 2.0):
+                admitted.append(m)
+    for m in admitted:
+        n = _wraps(y, m)
+        if n:
+            return Counted(unwrapped(y, m), m, n)
+    return _without_resets(y) if whole else Counted(y)
+
+
+def _wraps(y: Array, period: float) -> int:
+    """Number of wraps, 0 where the jumps are none that a wrapping counter makes."""
+    d = np.diff(y)
+    jumps = np.flatnonzero(np.abs(d) > 0.5 * period)
+    if not len(jumps) or len(jumps) > 0.5 * len(d):
+        return 0
+    step = np.diff(unwrapped(y, period))
+    if np.max(np.abs(step)) > FASTEST * period:
+        return 0
+    if np.ptp(unwrapped(y, period)) < TRAVEL * float(np.quantile(np.abs(step), 0.99)):
+        return 0
+    change = np.abs(np.diff(step))
+    at = np.zeros(len(change) + 1, dtype=bool)
+    at[jumps] = True
+    elsewhere = change[~(at[:-1] | at[1:])]
+    usual = float(np.quantile(elsewhere, 0.999)) if len(elsewhere) else 0.0
+    grain = float(np.min(np.abs(step[step != 0.0]), initial=np.inf))
+    before = np.append(np.inf, change)[jumps]
+    after = np.append(change, np.inf)[jumps]
+    goes_on = np.minimum(before, after) <= SMOOTH * usual + 2.0 * min(grain, 1.0)
+    return len(jumps) if goes_on.mean() > 0.95 else 0
+
+
+def suspected(y: Array) -> float:
+    """About where a whole-numbered column of a period nobody uses starts over; 0 where it doesn't.
+
+    The speed goes on where it does, so the period is the jump without a step like the one before.
+    """
+    if np.any(y != np.rint(y)) or len(np.unique(y)) < FEWEST_VALUES:
+        return 0.0
+    d = np.diff(y)
+    jumps = np.flatnonzero(np.abs(d) > 0.5 * np.ptp(y))
+    jumps = jumps[jumps > 0]
+    if len(jumps) < 2:
+        return 0.0
+    period = float(np.rint(np.median(np.abs(d[jumps] - d[jumps - 1]))))
+    period = max(period, float(np.ptp(y)) + 1.0)
+    return period if np.ptp(y) <= 1.05 * period and _wraps(y, period) else 0.0
+
+
+def _without_resets(y: Array) -> Counted:
+    """A whole-numbered position that falls to zero at once and goes on counting from there."""
+    d = np.diff(y)
+    usual = float(np.quantile(np.abs(d), 0.995))
+    rows = []
+    for i in np.flatnonzero(np.abs(d) > RESET * max(usual, 1.0)).tolist():
+        speed, onward = np.diff(y[max(i - 5, 0) : i + 1]), np.diff(y[i + 1 : i + 7])
+        if not len(speed) or not len(onward) or abs(y[i + 1]) > max(usual, 1.0):
+            continue
+        before, after = float(np.mean(speed)), float(np.mean(onward))
+        if abs(after - before) <= 0.5 * max(abs(before), 1.0):
+            rows.append(i)
+    # a speed that is switched off falls to zero as well: a position moves by small steps only
+    if not rows or usual == 0.0 or np.ptp(y) < 50.0 * usual:
+        return Counted(y)
+    if np.count_nonzero(np.abs(d) > RESET * max(usual, 1.0)) != len(rows):
+        return Counted(y)
+    mended = y.copy()
+    for i in rows:
+        mended[i + 1 :] += mended[i] + (d[i - 1] if i else 0.0) - mended[i + 1]
+    return Counted(mended, resets=tuple(i + 1 for i in rows))
+
+
+def without_jumps(
+    values: Array,
+    names: Sequence[str],
+    turns: Mapping[str, tuple[float, ...] | None],
+    asked: Mapping[str, float],
+    where: str,
+) -> tuple[Array, tuple[Finding, ...]]:
+    """Columns with their wraps and resets undone, and what was done.
+
+    Args:
+        values: (N, n), as the file has them.
+        names: of the columns.
+        turns: column that may count or turn → what is a turn in its unit, none where it is no
+            angle; None where the unit is not known. Other columns are left as they are.
+        asked: column (or ``EVERY``) → period [file unit], 0 to leave it; wins over what is seen.
+        where: name of the file.
+
+    Raises:
+        UsageError: a period is asked for a column that is not there.
+        DataError: a column exceeds the period asked for.
+    """
+    for name in asked:
+        if name != EVERY and name not in turns:
+            raise UsageError(
+                f"--unwrap names {name!r}, which is no output of {where}; they are "
+                f"{', '.join(turns)}"
+            )
+    out = values.copy()
+    findings: list[Finding] = []
+    for k, name in enumerate(names):
+        if name not in turns or not np.all(np.isfinite(values[:, k])):
+            continue
+        period = asked.get(name, asked.get(EVERY))
+        if period == 0.0:
+            continue
+        if period is None:
+            turn = turns[name]
+            found = counted(values[:, k], (2.0 * pi, 360.0) if turn is None else turn, turn is None)
+            if not (found.wraps or found.resets):
+                findings += _doubted(suspected(values[:, k]), name, where)
+        else:
+            found = _forced(values[:, k], period, name, where, name in asked)
+        out[:, k] = found.values
+        findings += _said(found, name, where, period is not None)
+    if asked.get(EVERY) and not findings:
+        raise DataError(
+            f"{where}: no output starts over every {asked[EVERY]:g}; give the period in the file's "
+            "own unit, or leave it out and it is looked for"
+        )
+    return out, tuple(findings)
+
+
+def _doubted(period: float, name: str, where: str) -> list[Finding]:
+    if not period:
+        return []
+    text = (
+        f"{where}: {name} jumps by about {period:g} and goes on at the same speed, as a counter "
+        "that starts over does; it was read as it stands."
+    )
+    advice = f"Say where it starts over, --unwrap {name}={period:g}, or --unwrap {name}=none."
+    return [Finding("counter", Severity.WARNING, text, advice, name, where)]
+
+
+def _forced(y: Array, period: float, name: str, where: str, named: bool) -> Counted:
+    if np.ptp(y) > 1.001 * period:
+        if not named:  # the period holds for every output, and this one is no such counter
+            return Counted(y)
+        raise DataError(
+            f"{where}: {name} runs from {np.min(y):g} to {np.max(y):g}, which no counter that "
+            f"starts over every {period:g} can; give the period in the file's own unit"
+        )
+    n = int(np.count_nonzero(np.abs(np.diff(y)) > 0.5 * period))
+    return Counted(unwrapped(y, period), period, n)
+
+
+def _said(found: Counted, name: str, where: str, asked: bool) -> list[Finding]:
+    if found.wraps:
+        times = "once" if found.wraps == 1 else f"{found.wraps} times"
+        text = f"{where}: {name} starts over every {found.period:.6g}, {times}; it was unwrapped."
+        advice = "" if asked else f"If these jumps are real, say --unwrap {name}=none."
+    elif found.resets:
+        times = "once" if len(found.resets) == 1 else f"{len(found.resets)} times"
+        text = (
+            f"{where}: {name} was reset to zero {times} while it moved, first in row "
+            f"{found.resets[0] + 1}; it was continued from its last value."
+        )
+        advice = f"If these jumps are real, say --unwrap {name}=none."
+    else:
+        return []
+    severity = Severity.NOTE if asked else Severity.WARNING
+    return [Finding("counter", severity, text, advice, name, where)]
+
+
+def parse_periods(given: Sequence[str]) -> dict[str, float]:
+    """``["65536"]``, ``["enc=4096", "angle=none"]`` as column → period; ``EVERY`` for all.
+
+    Raises:
+        UsageError: a text cannot be read.
+    """
+    found: dict[str, float] = {}
+    for pair in (p for item in given for p in item.split(",")):
+        name, sign, number = (part.strip() for part in pair.rpartition("="))
+        try:
+            period = 0.0 if number == "none" else float(number)
+        except ValueError:
+            period = -1.0
+        if not (np.isfinite(period) and period >= 0.0) or (sign and not name):
+            raise UsageError(
+                f"--unwrap cannot read {pair!r}; write the number after which a counter starts "
+                "over, such as 65536, NAME=65536, or NAME=none"
+            )
+        found[name] = period
+    return found
+
+
+def positions(
+    t: Array,
+    values: Array,
+    names: Sequence[str],
+    outputs: Mapping[str, Conversion],
+    headings: Sequence[str],
+    unwrap: Mapping[str, float],
+    speed_of: Sequence[str],
+    where: str,
+) -> tuple[Array, dict[str, Conversion], tuple[Finding, ...]]:
+    """Outputs that count or turn without their jumps, and as speeds where these are wanted.
+
+    Args:
+        t: instants of the rows [s], (N,).
+        values: (N, n), as the file has them.
+        names: of the columns.
+        outputs: output → its unit.
+        headings: columns of the pose that are angles.
+        unwrap: output → period, 0 to leave it, as ``without_jumps`` takes them.
+        speed_of: outputs to be replaced by their speed.
+        where: name of the file.
+
+    Returns:
+        the columns, the outputs by their new names and units, and what was done.
+
+    Raises:
+        UsageError, DataError: an option names no output or does not fit its readings.
+    """
+    turns: dict[str, tuple[float, ...] | None] = dict.fromkeys(headings, (2.0 * pi, 360.0))
+    for name, unit in outputs.items():
+        turns[name] = (2.0 * pi / unit.scale,) if unit.unit == "rad" else () if unit.unit else None
+    out, said = without_jumps(values, names, turns, unwrap, where)
+    for name in speed_of:
+        if name not in outputs:
+            raise UsageError(
+                f"--speed-of names {name!r}, which is no output of {where}; they are "
+                f"{', '.join(outputs)}"
+            )
+    found: dict[str, Conversion] = {}
+    for name, unit in outputs.items():
+        if name not in speed_of:
+            found[name] = unit
+            continue
+        k = list(names).index(name)
+        position = out[:, k].copy()
+        out[:, k] = speeds(t, position)
+        rate = Conversion(f"{unit.unit or 'counts'}/s", unit.scale, unit.file_unit)
+        found[f"{name}_speed"] = rate
+        step = grain(position) * unit.scale / float(np.median(np.diff(t)))
+        text = (
+            f"{where}: {name}_speed is the speed between readings of {name}; one step of {name} "
+            f"in a sample is {step:.3g} {rate.unit}."
+        )
+        said = (*said, Finding("counter", Severity.NOTE, text, channel=name, record=where))
+    return out, found, said
+
+
+def speeds(t: Array, y: Array) -> Array:
+    """Mean speed between a row and the one before it, (y_k − y_{k−1})/(t_k − t_{k−1}), (N,).
+
+    The first row takes the second one's; so does a row at which the time starts again. The mean
+    speed of an interval lags the speed at its end by half of it: that is in the sampling, and a
+    model of the log has it in its delay.
+    """
+    step = np.diff(t)
+    rate = np.divide(np.diff(y), step, out=np.zeros(len(step)), where=step > 0.0)
+    for i in np.flatnonzero(step <= 0.0).tolist():
+        rate[i] = rate[i + 1] if i + 1 < len(rate) else rate[i - 1]
+    return np.concatenate([rate[:1], rate])
+
+
+def grain(y: Array) -> float:
+    """Smallest step of a position between two rows, 0 where it never moves."""
+    step: NDArray[np.float64] = np.abs(np.diff(y))
+    smallest = float(np.min(step[step > 1e-9 * max(float(np.ptp(y)), 1e-300)], initial=np.inf))
+    return smallest if np.isfinite(smallest) else 0.0
