@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sysid.errors import DataError, UsageError
+from sysid.errors import DataError, ModelError, UsageError
 
 from . import packages, reading, render
 from .diagnose_files import keep_models, write_results
@@ -19,9 +19,10 @@ if TYPE_CHECKING:
     from sysid.data.record import Record
     from sysid.discrepancy.diagnosis import Diagnosis
     from sysid.plant.package import Package
+    from sysid.vehicle.kinematics import Geometry
 
 _JUDGING = "Judging"
-_MISSION = "On a mission's log"
+_MISSION = "On a log with a pose"
 
 
 @reading.composed(steps=reading.preparation, read=reading.read_options)
@@ -62,6 +63,17 @@ def diagnose(
             help="Plant package the mission was planned with: the model to doubt.",
         ),
     ] = None,
+    geometry: Annotated[
+        str | None,
+        typer.Option(
+            "--geometry",
+            metavar="r=M,B=M",
+            rich_help_panel=_MISSION,
+            help="Wheel or sprocket radius and distance of the tracks or wheels in metres, "
+            "r=0.30,B=1.08 [the mission's, else the bundled robot's; estimated where the pose "
+            "contradicts that].",
+        ),
+    ] = None,
     accept_changes: packages.AcceptChanges = False,
     output: Annotated[
         Path | None,
@@ -83,6 +95,7 @@ def diagnose(
     _mission_files(mission, plant)
     if plant is not None and model is not None:
         raise UsageError("--model and --plant both name the model to doubt; give one of them")
+    lengths = _lengths(geometry, mission)
     given = place.load(model) if model is not None else None
     read, steps = _as_fitted(given, read, steps)
     if read.resample == "auto":  # an empty reading is one of the things to be found: a dropout
@@ -92,7 +105,7 @@ def diagnose(
     _apart(estimation, held)
     base = given or (place.best_for(estimation[0]) if plant is None else None)
     package = packages.read(plant, accept_changes) if plant is not None else None
-    found = _run(estimation, held, base, mission, package)
+    found = _run(estimation, held, base, (mission, lengths), package)
     origin = {"files": [str(p.resolve()) for p in logs], "read": read.to_json()}
     before, after = keep_models(place, found, base, origin | {"prepare": steps.to_json()})
     document = write_results(folder, found, before, after)
@@ -119,6 +132,47 @@ def _mission_files(mission: Path | None, plant: Path | None) -> None:
     for path, option in ((mission, "--mission"), (plant, "--plant")):
         if path is not None and not path.exists():
             raise UsageError(f"there is no {path}; check the path after {option}")
+
+
+def _lengths(text: str | None, mission: Path | None) -> "Geometry | None":
+    """The vehicle's lengths as ``--geometry`` gives them."""
+    from sysid.vehicle.kinematics import Geometry
+
+    if text is None:
+        return None
+    found: dict[str, float] = {}
+    for part in text.split(","):
+        name, sign, value = (p.strip() for p in part.partition("="))
+        key = {"r": "r", "b": "B"}.get(name.lower(), "")
+        try:
+            number = float(value)
+        except ValueError:
+            key = ""
+        if not (key and sign) or key in found:
+            raise UsageError(
+                f"--geometry cannot read {part.strip()!r}; write both lengths once, in metres, "
+                "such as r=0.30,B=1.08"
+            )
+        found[key] = number
+    if len(found) < 2:
+        raise UsageError(
+            f"--geometry gives no {'B' if 'r' in found else 'r'}; write both lengths in metres, "
+            "such as r=0.30,B=1.08"
+        )
+    try:
+        lengths = Geometry(found["r"], found["B"])
+    except ModelError as error:
+        raise UsageError(f"--geometry: {error}") from None
+    if mission is not None:
+        from sysid.mission.spec import load_mission
+
+        theirs = load_mission(mission).vehicle.given_geometry
+        if theirs is not None and theirs != lengths:
+            raise UsageError(
+                f"{mission} gives r = {theirs.r:g} m and B = {theirs.B:g} m, --geometry something "
+                "else; leave --geometry away or mend the mission"
+            )
+    return lengths
 
 
 def _as_fitted(
@@ -168,7 +222,7 @@ def _run(
     estimation: "list[Record]",
     held: "list[Record] | None",
     base: StoredModel | None,
-    mission: Path | None,
+    driven: "tuple[Path | None, Geometry | None]",
     package: "Package | None",
 ) -> "Diagnosis":
     from sysid.discrepancy.diagnose import diagnose
@@ -181,5 +235,8 @@ def _run(
     for record in (*estimation, *(held or ())):
         if doubted is not None:
             doubted.check(record)
+    mission, lengths = driven
     with render.stages("Diagnosing") as progress:
-        return diagnose(estimation, held, model=doubted, mission=mission, progress=progress)
+        return diagnose(
+            estimation, held, model=doubted, mission=mission, geometry=lengths, progress=progress
+        )

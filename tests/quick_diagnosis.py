@@ -45,6 +45,7 @@ def diagnose(
     *,
     model: Model | None = None,
     mission: Path | None = None,
+    geometry: Any = None,
     plant: Any = None,
     progress: Callable[[str, float], None] | None = None,
     seed: int = 0,

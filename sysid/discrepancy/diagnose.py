@@ -26,6 +26,11 @@ from sysid.vehicle.kinematics import Geometry
 AS_GOOD = 1.02
 """Fewer effects on a plainer base are preferred up to this ratio of held-out errors."""
 
+NO_POSE = (
+    "The geometry was not used: the log holds no pose (columns x, y, psi) with the speeds of a "
+    "left and a right track, or too little of it."
+)
+
 PATH_ROWS = 400
 """Points of a path kept for the picture."""
 
@@ -36,6 +41,7 @@ def diagnose(
     *,
     model: Model | None = None,
     mission: Path | None = None,
+    geometry: Geometry | None = None,
     progress: Progress | None = None,
     seed: int = 0,
 ) -> Diagnosis:
@@ -45,8 +51,10 @@ def diagnose(
         estimation: logs that effects are searched on.
         held: logs that judge; None holds out blocks of the estimation logs.
         model: the model that disagrees; None fits the plainest base first.
-        mission: the mission that the logs drove: its geometry moves the robot, and both models
-            drive it again.
+        mission: the mission that the logs drove: both models drive it again, and its geometry,
+            where it gives one, is the vehicle's.
+        geometry: the vehicle's lengths; None takes the mission's, and where that gives none those
+            of the bundled robot, unless the pose contradicts them: then they are estimated.
         progress: told what is being done and how far it is.
         seed: of every bootstrap.
 
@@ -70,13 +78,18 @@ def diagnose(
     else:
         found = _around(model, study, estimation, held, before, say)
     say("the proof", 0.72)
-    geometry = load_mission(mission).vehicle.geometry if mission is not None else None
+    if geometry is None and mission is not None:
+        geometry = load_mission(mission).vehicle.given_geometry
     told = _pose(base, geometry)
     result = found.study.result(model, found, told)
+    if geometry is not None and told is None and mission is None:
+        result = replace(result, warnings=(*result.warnings, NO_POSE))
     if mission is not None:
         say("the mission again with both models", 0.9)
         whole = (*estimation, *(held or ()))
-        result = replace(result, path=_path(mission, whole, result))
+        if result.geometry is not None:
+            geometry = result.geometry.geometry
+        result = replace(result, path=_path(mission, whole, result, geometry))
     say("done", 1.0)
     return replace(result, seconds=time.perf_counter() - started)
 
@@ -143,8 +156,10 @@ def _pose(base: Base, geometry: Geometry | None) -> PoseDiagnosis | None:
     return diagnose_pose(base.parts.estimation, held, geometry)
 
 
-def _path(mission: Path, records: Sequence[Record], result: Diagnosis) -> dict[str, Any]:
-    proof = prove_on_mission(mission, records, result.before, result.after)
+def _path(
+    mission: Path, records: Sequence[Record], result: Diagnosis, geometry: Geometry | None
+) -> dict[str, Any]:
+    proof = prove_on_mission(mission, records, result.before, result.after, geometry)
     traces = []
     for t in proof.traces:
         stride = max(len(t.t) // PATH_ROWS, 1)

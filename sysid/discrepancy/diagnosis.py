@@ -5,6 +5,7 @@ from typing import Any
 
 from sysid.data.record import Array, Record
 from sysid.discrepancy.localise import Region
+from sysid.discrepancy.pose_geometry import GeometryEstimate
 from sysid.discrepancy.verify import Gap
 from sysid.structures.model import Model
 
@@ -162,6 +163,8 @@ class Diagnosis:
         path: proof on a mission's path, JSON-able, empty without one.
         seconds: time taken.
         plainer: the base that the effects were added to where that is not the model before.
+        geometry: the vehicle's lengths, where nobody gave them and the pose contradicts those
+            that are assumed.
     """
 
     verdict: str
@@ -184,6 +187,7 @@ class Diagnosis:
     path: dict[str, Any] = field(default_factory=dict)
     seconds: float = 0.0
     plainer: str = ""
+    geometry: GeometryEstimate | None = None
 
     @property
     def grown(self) -> bool:
@@ -201,6 +205,7 @@ class Diagnosis:
             "story": self.story,
             "base": self.base_words,
             "added_to": self.plainer or self.base_words,
+            "geometry": None if self.geometry is None else self.geometry.to_json(),
             "effects": [e.to_json() for e in self.effects],
             "minor": list(self.minor),
             "candidates": [{"id": k, "score": v} for k, v in self.candidates],

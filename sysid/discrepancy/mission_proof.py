@@ -71,7 +71,11 @@ class MissionProof:
 
 
 def prove_on_mission(
-    mission_path: str | Path, records: Sequence[Record], before: Model, after: Model
+    mission_path: str | Path,
+    records: Sequence[Record],
+    before: Model,
+    after: Model,
+    geometry: Geometry | None = None,
 ) -> MissionProof:
     """Compare both models with measured paths.
 
@@ -79,12 +83,15 @@ def prove_on_mission(
         mission_path: the mission file; its geometry moves the vehicle.
         records: whole mission logs with pose; the first is compared with the closed loop.
         before, after: models of two tracks; effects of the vehicle are part of them.
+        geometry: lengths of the vehicle; None takes the mission's.
 
     Raises:
         DataError: the mission file cannot be read.
         ModelError: no record holds a pose and two wheel speeds.
     """
     mission = load_mission(mission_path)
+    if geometry is not None:
+        mission = mission.with_geometry(geometry)
     posed = [r for r in records if r.pose is not None and np.isfinite(r.pose).all(axis=1).sum() > 1]
     channels = track_channels(posed[0]) if posed else None
     if channels is None:

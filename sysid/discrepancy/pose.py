@@ -31,8 +31,11 @@ from sysid.discrepancy.pose_evidence import (
 from sysid.discrepancy.pose_fit import (
     BOTH_RADII,
     CANDIDATES,
+    LENGTHS,
+    SCALE,
     SLOTS,
     SPEED_OFFSET,
+    WIDTH,
     Candidate,
     Fitted,
     PoseProblem,
@@ -40,6 +43,7 @@ from sysid.discrepancy.pose_fit import (
     geometry_of,
     ground_of,
 )
+from sysid.discrepancy.pose_geometry import GeometryEstimate, contradicted, in_one_frame
 from sysid.discrepancy.pose_windows import (
     CHANNELS,
     Noise,
@@ -74,6 +78,10 @@ MOST_OF_THE_GAP = 80.0
 AWAY = 3.0
 """The number of an effect must be so many standard errors away from doing nothing."""
 
+BESIDE = 0.005
+"""Share of a length that is uncertain at least where it is fitted together with effects: noise of
+the speeds, which the fit takes for true, draws it by so much on made logs."""
+
 SHOWN = 4.0
 """An effect of so many standard errors would have been seen."""
 
@@ -98,6 +106,7 @@ class PoseDiagnosis:
             None where they cannot.
         windows: windows (estimation, held-out); they overlap fourfold.
         warnings: sentences.
+        geometry: the vehicle's lengths, where they had to be estimated from the pose.
     """
 
     effects: tuple[NamedEffect, ...]
@@ -109,6 +118,7 @@ class PoseDiagnosis:
     windows: tuple[int, int]
     left: PoseLeft
     warnings: tuple[str, ...] = field(default=())
+    geometry: GeometryEstimate | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +139,9 @@ def diagnose_pose(
         estimation: records that numbers are estimated on.
         held: records that judge; where they hold too few windows, stretches of all records
             estimate and judge in turn.
-        geometry: lengths of the vehicle; the thesis's robot unless given.
+        geometry: lengths of the vehicle. Unless given, those of the thesis's robot, or estimated
+            together with the effects where the pose contradicts those; what only another radius or
+            track distance does is then no effect.
 
     Returns:
         None where the records hold no pose, no two wheel speeds in rad/s, or too few windows.
@@ -137,27 +149,37 @@ def diagnose_pose(
     channels = track_channels(estimation[0])
     if channels is None:
         return None
-    geometry = geometry or Geometry()
     tracks, others = tracks_of(estimation, channels), tracks_of(held, channels)
     if _fewest(tracks, others) < FEWEST:
         both = (*estimation, *held)
         tracks, others = tracks_of(both, channels, 0), tracks_of(both, channels, 1)
     if _fewest(tracks, others) < FEWEST:
         return None
-    noise = increments_noise((*tracks, *others), geometry)
-    first = _searched(tracks, others, noise, geometry)
+    every, changed = in_one_frame((*tracks, *others))
+    tracks, others = every[: len(tracks)], every[len(tracks) :]
+    estimate = contradicted(every, Geometry()) if geometry is None else None
+    geometry = estimate.geometry if estimate is not None else geometry or Geometry()
+    always = LENGTHS if estimate is not None else ()
+    noise = increments_noise(every, geometry)
+    first = _searched(tracks, others, noise, geometry, always)
     second = replace(noise, factor=_factor(first[2]))
-    return _told(*_searched(tracks, others, second, geometry))
+    told = _told(*_searched(tracks, others, second, geometry, always), estimate)
+    return replace(told, warnings=(*changed, *told.warnings))
 
 
 _Found = tuple[PoseSearch, Fitted, Fitted, list[_Step], tuple[tuple[str, float], ...]]
 
 
 def _searched(
-    tracks: tuple[Track, ...], others: tuple[Track, ...], noise: Noise, geometry: Geometry
+    tracks: tuple[Track, ...],
+    others: tuple[Track, ...],
+    noise: Noise,
+    geometry: Geometry,
+    always: tuple[Candidate, ...],
 ) -> _Found:
     """(search, before, after, steps, ranking); no steps where they leave most of the gap."""
-    search = PoseSearch(PoseProblem(tracks, geometry, noise), PoseProblem(others, geometry, noise))
+    first, second = (PoseProblem(part, geometry, noise) for part in (tracks, others))
+    search = PoseSearch(first, second, always)
     base = search.fit(())
     steps, final, ranking = _grown(search, base)
     gap = pose_gap(held_pairs(search, [s.candidate for s in steps]), noise.floor)
@@ -189,7 +211,7 @@ def _grown(
     ranking: tuple[tuple[str, float], ...] = ()
     current = base
     while len(chosen) < MOST_EFFECTS:
-        rivals = [c for c in CANDIDATES if _allowed(c, chosen)]
+        rivals = [c for c in CANDIDATES if _allowed(c, (*search.always, *chosen))]
         fits = [(c, search.fit([*chosen, c])) for c in rivals]
         fits.sort(key=lambda item: _score(item[1]))
         if not steps:
@@ -265,11 +287,12 @@ def _told(
     final: Fitted,
     steps: Sequence[_Step],
     ranking: tuple[tuple[str, float], ...],
+    estimate: GeometryEstimate | None,
 ) -> PoseDiagnosis:
     return PoseDiagnosis(
         effects=tuple(_named(s, final) for s in steps if s.candidate.id),
-        ground=ground_of(final.q),
-        std_errors=_std_errors(final),
+        ground=ground_of(final.q, search.always),
+        std_errors=_std_errors(final, search.always),
         candidates=ranking,
         gap=pose_gap(
             held_pairs(search, [s.candidate for s in steps]), search.estimation.noise.floor
@@ -281,7 +304,21 @@ def _told(
         ),
         left=pose_left(search, final),
         warnings=_warnings(search, final, steps),
+        geometry=_beside(estimate, final) if estimate is not None and steps else estimate,
     )
+
+
+def _beside(estimate: GeometryEstimate, final: Fitted) -> GeometryEstimate:
+    """The lengths as fitted together with the effects; what the pose does not tell stays."""
+    r, B = estimate.geometry.r, estimate.geometry.B
+    scale, turn = float(final.q[SCALE]), float(final.q[WIDTH])
+    r_error, b_error = estimate.std_errors
+    if r_error is not None:
+        r, r_error = r * scale, r * math.hypot(final.std_error(SCALE) or 0.0, BESIDE)
+    if b_error is not None:
+        B = B / turn
+        b_error = B * math.hypot((final.std_error(WIDTH) or 0.0) / turn, BESIDE)
+    return replace(estimate, geometry=Geometry(r, B), std_errors=(r_error, b_error))
 
 
 def _named(step: _Step, final: Fitted) -> NamedEffect:
@@ -320,11 +357,12 @@ def _sentence(id: str, value: float, error: float, side: int) -> str:
     )
 
 
-def _std_errors(final: Fitted) -> dict[str, dict[str, Array]]:
+def _std_errors(final: Fitted, always: Sequence[Candidate]) -> dict[str, dict[str, Array]]:
     found: dict[str, dict[str, Array]] = {}
+    lengths = {k for c in always for k in c.slots}
     for k in final.free:
         slot = SLOTS[k]
-        if slot.owner in (BOTH_RADII, SPEED_OFFSET):
+        if slot.owner in (BOTH_RADII, SPEED_OFFSET) or k in lengths:
             continue
         both = found.setdefault(slot.owner, {}).setdefault(slot.name, np.zeros(2))
         sides = [0, 1] if slot.side < 0 else [slot.side]
@@ -347,7 +385,7 @@ def _detectable(search: PoseSearch, final: Fitted) -> dict[str, float | None]:
             continue
         power = float(np.sum(J[:, c.slots[0]] ** 2))
         size: float | None = None
-        if power > 0:
+        if power > 0 and c not in search.always:  # a length that is estimated hides it
             seen = SHOWN * math.sqrt(variance / power)
             needed = math.sqrt((PROVEN**-2 - 1.0) * variance * len(r) / power)
             slot = SLOTS[c.slots[0]]

@@ -96,7 +96,7 @@ def held_pairs(search: PoseSearch, keys: Sequence[Candidate]) -> list[tuple[Arra
     pairs = list(zip(before.errors.held, after.errors.held, strict=True))
     if sum(int(t.sum()) for t in _touched(pairs)) >= FEW_TOUCHED:
         return pairs
-    turned = PoseSearch(search.held, search.estimation)
+    turned = PoseSearch(search.held, search.estimation, search.always)
     before, after = turned.fit(()), turned.fit(keys)
     return pairs + list(zip(before.errors.held, after.errors.held, strict=True))
 

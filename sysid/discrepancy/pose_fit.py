@@ -83,11 +83,16 @@ CANDIDATES = (
 )
 
 
-def ground_of(q: Array) -> Ground:
-    """The effects whose numbers are off their null values."""
+LENGTHS = tuple(c for c in CANDIDATES if c.key in ("track-width", BOTH_RADII))
+"""What belongs to the vehicle's geometry where that is estimated."""
+
+
+def ground_of(q: Array, always: Sequence[Candidate] = ()) -> Ground:
+    """The effects whose numbers are off their null values, but for what ``always`` is free."""
     found: dict[str, dict[str, Array]] = {}
-    for slot, value in zip(SLOTS, q, strict=True):
-        if slot.owner in (BOTH_RADII, SPEED_OFFSET) or value == slot.null:
+    lengths = {k for c in always for k in c.slots}
+    for k, (slot, value) in enumerate(zip(SLOTS, q, strict=True)):
+        if slot.owner in (BOTH_RADII, SPEED_OFFSET) or value == slot.null or k in lengths:
             continue
         both = found.setdefault(slot.owner, {}).setdefault(slot.name, np.full(2, slot.null))
         if slot.side < 0:
@@ -97,9 +102,13 @@ def ground_of(q: Array) -> Ground:
     return Ground(tuple(found), found)
 
 
+WIDTH, SCALE = 3, 4
+"""Slots of the track distance and of the common scale of both radii."""
+
+
 def geometry_of(q: Array, geometry: Geometry) -> Geometry:
     """The geometry with the common scale of both radii."""
-    return Geometry(geometry.r * float(q[4]), geometry.B)
+    return Geometry(geometry.r * float(q[SCALE]), geometry.B)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,10 +223,12 @@ class PoseSearch:
 
     Attributes:
         estimation, held: the problem of each part.
+        always: what every fit frees: the lengths of a vehicle whose geometry nobody has given.
     """
 
     estimation: PoseProblem
     held: PoseProblem
+    always: tuple[Candidate, ...] = ()
 
     def fit(self, candidates: Sequence[Candidate]) -> Fitted:
         """The numbers of all candidates together, estimated anew.
@@ -225,7 +236,7 @@ class PoseSearch:
         The standard errors come from the Jacobian and the known noise, or the errors left where
         these are larger.
         """
-        free = tuple(sorted(k for c in candidates for k in c.slots))
+        free = tuple(sorted(k for c in (*self.always, *candidates) for k in c.slots))
         keys = tuple(c.key for c in candidates)
         mask = np.zeros(len(SLOTS), dtype=bool)
         mask[list(free)] = True

@@ -279,6 +279,7 @@ class Study:
             description=description,
             warnings=self._warnings(naming, told, samples.hidden, unseen),
             traces=traces,
+            geometry=told.geometry if told is not None else None,
         )
 
     def _traces(self, naming: Naming) -> tuple[Trace, ...]:

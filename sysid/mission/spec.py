@@ -148,6 +148,11 @@ class VehicleSpec(_Spec):
         """The lengths as the kinematics take them."""
         return Geometry(self.r, self.B)
 
+    @property
+    def given_geometry(self) -> Geometry | None:
+        """The lengths where the mission file gives one of them; None where both are assumed."""
+        return self.geometry if {"r", "B"} & self.model_fields_set else None
+
 
 class Mission(_Spec):
     """One mission: from where to where, around what, and how.
@@ -199,6 +204,11 @@ class Mission(_Spec):
         if not isinstance(value, list | tuple):
             raise ValueError("obstacles must be a list: write obstacles: [[x, y], [x, y]]")
         return tuple(value)
+
+    def with_geometry(self, geometry: Geometry) -> "Mission":
+        """The mission driven by a vehicle of other lengths."""
+        vehicle = self.vehicle.model_copy(update={"r": geometry.r, "B": geometry.B})
+        return self.model_copy(update={"vehicle": vehicle})
 
 
 def load_mission(path: str | Path) -> Mission:
