@@ -86,8 +86,18 @@ def respond(paths: tuple[Transfer, ...], u: Array) -> Array:
     return sum(shifted(lfilter(p.b, (1.0, *p.f), u[:, i]), p.nk) for i, p in enumerate(paths))  # type: ignore[return-value]
 
 
-def oe_fit(paths: tuple[Transfer, ...], ys: list[Array], us: list[Array]) -> Residuals:
-    """Output error by Levenberg–Marquardt from ``paths``, several records joined."""
+def oe_fit(
+    paths: tuple[Transfer, ...],
+    ys: list[Array],
+    us: list[Array],
+    held: dict[int, float] | None = None,
+    bounds: tuple[float, float] = (-np.inf, np.inf),
+) -> Residuals:
+    """Output error by Levenberg–Marquardt from ``paths``, several records joined.
+
+    ``held`` fixes entries of (b…, f…) of the paths; ``bounds`` limit the last free one. Neither a
+    held entry nor one that ends on its bound has a column in the Jacobian.
+    """
 
     def unpack(theta: Array) -> tuple[Transfer, ...]:
         out, at = [], 0
@@ -114,25 +124,51 @@ def oe_fit(paths: tuple[Transfer, ...], ys: list[Array], us: list[Array]) -> Res
             rows.append(np.column_stack(columns))
         return np.concatenate(rows)
 
-    def error_gradient(theta: Array) -> Array:
-        return -gradient(theta)
-
     start = np.concatenate([(*p.b, *p.f) for p in paths])
-    result = least_squares(errors, start, jac=error_gradient, method="lm")
+    start[list(held or {})] = list((held or {}).values())
+    free = np.array([k for k in range(len(start)) if k not in (held or {})])
+    low, high = np.full(len(free), -np.inf), np.full(len(free), np.inf)
+    low[-1], high[-1] = bounds
+    limited = bool(np.isfinite(bounds).any())
+
+    def whole(part: Array) -> Array:
+        theta = start.copy()
+        theta[free] = part
+        return theta
+
+    result = least_squares(
+        lambda part: errors(whole(part)),
+        np.clip(start[free], low + 1e-3, high - 1e-3),
+        jac=lambda part: -gradient(whole(part))[:, free],
+        bounds=(low, high) if limited else (-np.inf, np.inf),
+        method="trf" if limited else "lm",
+    )
     cuts = np.cumsum([len(y) for y in ys])[:-1]
-    return Residuals(np.split(result.fun, cuts), us, np.split(gradient(result.x), cuts))
+    moved = np.abs(result.x - low) > 1e-6, np.abs(result.x - high) > 1e-6
+    estimated = free[moved[0] & moved[1]]
+    jacobian = gradient(whole(result.x))[:, estimated]
+    return Residuals(np.split(result.fun, cuts), us, np.split(jacobian, cuts))
 
 
-def arx_fit(na: int, nb: int, nk: int, y: Array, u: Array) -> Residuals:
-    """ARX by least squares; the first samples, whose regressors are unknown, stay NaN."""
+def arx_fit(
+    na: int, nb: int, nk: int, y: Array, u: Array, held: dict[int, float] | None = None
+) -> Residuals:
+    """ARX by least squares; the first samples, whose regressors are unknown, stay NaN.
+
+    ``held`` fixes entries of (a…, b…); their columns are not in the Jacobian.
+    """
     columns = [-shifted(y, k) for k in range(1, na + 1)]
     columns += [shifted(u[:, 0], nk + k) for k in range(nb)]
     phi = np.column_stack(columns)
     first = max(na, nk + nb - 1)
-    theta = np.linalg.lstsq(phi[first:], y[first:], rcond=None)[0]
+    free = [k for k in range(phi.shape[1]) if k not in (held or {})]
+    theta = np.zeros(phi.shape[1])
+    theta[list(held or {})] = list((held or {}).values())
+    rest = y - phi @ theta
+    theta[free] = np.linalg.lstsq(phi[first:, free], rest[first:], rcond=None)[0]
     errors = y - phi @ theta
     errors[:first] = np.nan
-    return Residuals([errors], [u], [phi])
+    return Residuals([errors], [u], [phi[:, free]])
 
 
 def coloured(rng: Generator, samples: int, alpha: tuple[float, ...]) -> Array:
@@ -149,6 +185,8 @@ def oe_case(
     model: tuple[Transfer, ...] | None = None,
     records: int = 1,
     ratio: float = 0.3,
+    held: dict[int, float] | None = None,
+    bounds: tuple[float, float] = (-np.inf, np.inf),
 ) -> Callable[[Generator, int], Residuals]:
     """OE data, noise at ``ratio`` of the output's standard deviation, and the fit of ``model``."""
 
@@ -160,13 +198,20 @@ def oe_case(
             y = respond(paths, u)
             us.append(u)
             ys.append(y + ratio * y.std() * coloured(rng, each, noise))
-        return oe_fit(model or paths, ys, us)
+        return oe_fit(model or paths, ys, us, held, bounds)
 
     return simulate
 
 
 def arx_case(
-    kind: str, *, na: int = 2, nb: int = 2, nk: int = 1, ratio: float = 0.3, gain: float = 0.0
+    kind: str,
+    *,
+    na: int = 2,
+    nb: int = 2,
+    nk: int = 1,
+    ratio: float = 0.3,
+    gain: float = 0.0,
+    held: dict[int, float] | None = None,
 ) -> Callable[[Generator, int], Residuals]:
     """ARX data with plant :data:`PLANT`, u = reference − gain y(t−1), and an ARX fit."""
     a, b = (1.0, *PLANT[0].f), (0.0, *PLANT[0].b)
@@ -178,7 +223,7 @@ def arx_case(
         e *= ratio * lfilter(b, a, r).std() / lfilter([1.0], a, e).std()
         y = lfilter(b, closed, r) + lfilter([1.0], closed, e)
         u = r - gain * shifted(y, 1)
-        return arx_fit(na, nb, nk, y[RUN_IN:], u[RUN_IN:, None])
+        return arx_fit(na, nb, nk, y[RUN_IN:], u[RUN_IN:, None], held)
 
     return simulate
 
@@ -198,6 +243,14 @@ RIGHT = (
     Case("OE, AR(1) noise, 2 slow inputs, 2 records",
          oe_case("slow", AR1, paths=TWO_INPUTS, records=2)),
 )  # fmt: skip
+# entries of ARX's (a1, a2, b1, b2) and of OE's (b1, b2, f1, f2)
+RIGHT += (
+    Case("ARX, a1 fixed at its true value, slow input", arx_case("slow", held={0: -1.2}), 1, True),
+    Case("OE, AR(1) noise, f1 fixed at its true value, slow input",
+         oe_case("slow", AR1, held={2: -1.2})),
+    Case("OE, AR(1) noise, f2 bounded by its true value, slow input",
+         oe_case("slow", AR1, bounds=(0.5, 0.9))),
+)  # fmt: skip
 FIRST_ORDER = (Transfer((0.5,), (-0.8,), 1),)
 LATE = (Transfer(PLANT[0].b, PLANT[0].f, 3),)
 WRONG = (
@@ -208,6 +261,12 @@ WRONG = (
     Case("OE, AR(1) noise, delay 2 too short, slow input",
          oe_case("slow", AR1, paths=LATE, model=PLANT)),
     Case("OE, AR(1) noise, delay 2 too long, slow input", oe_case("slow", AR1, model=LATE)),
+    Case("ARX, a1 fixed at -1 for -1.2, slow input", arx_case("slow", held={0: -1.0}), 1, True),
+    Case("ARX, b1 fixed at 0.2 for 0.3, white input", arx_case("white", held={2: 0.2}), 2, True),
+    Case("OE, AR(1) noise, f1 and f2 fixed at -1 and 0.35, white input",
+         oe_case("white", AR1, held={2: -1.0, 3: 0.35})),
+    Case("OE, white noise, f2 bounded at 0.4 for 0.5, white input",
+         oe_case("white", (1.0,), bounds=(0.0, 0.4))),
     Case("ARX right, but feedback with gain 0.5, as much noise as signal",
          arx_case("white", gain=0.5, ratio=1.0), 2, True),
 )  # fmt: skip

@@ -78,6 +78,9 @@ def residual_words(residuals: Mapping[str, Any]) -> str:
             words.append(_NONLINEAR[kind])
     if residuals.get("nonlinear") and not words[2 if residuals["whiteness"]["judged"] else 1 :]:
         words.append("nothing nonlinear left")
+    held = [t["output"] for t in residuals.get("held_parameters") or () if not t["passed"]]
+    if held:
+        words.append(f"held {', '.join(held)} contradicted")
     return ", ".join(words)
 
 

@@ -99,20 +99,22 @@ def further_tests(
     noise_model: bool = True,
     output_name: str = "the output",
     input_names: Sequence[str] = (),
+    uncertain: Signals | None = None,
 ) -> tuple[ResidualTest, ...]:
     """The three tests that nonlinear models must stand beside the linear ones, as in ``FURTHER``.
 
     Args:
         errors: residuals of one output, (N,), or one such array a record; NaN are left out.
         inputs: all inputs, (N, nu), or one such array a record.
-        jacobian: ∂ŷ/∂θ of that output, (N, n), or one such array a record. Without it a model
-            fitted to these data passes too easily.
+        jacobian: ∂ŷ/∂θ of that output by what was estimated from these data, (N, n), or one such
+            array a record. Without it a model fitted to these data passes too easily.
         lags: largest lag; lowered where there are fewer than 10 samples a correlation.
         level: confidence level of each test.
         noise_model: False for structures without one: products of errors are then reported but
             not judged (coloured residuals fail).
         output_name: name for the sentences.
         input_names: names for the sentences.
+        uncertain: G√P of parameters estimated from other data, (N, k), or one such array a record.
 
     Raises:
         DataError: shapes do not fit, an input is not finite, or fewer than 20 residuals.
@@ -122,6 +124,12 @@ def further_tests(
     js = [np.zeros((len(e), 0)) for e in es]
     if jacobian is not None:
         js = list(as_records(jacobian, "jacobian"))
+    none = [np.zeros((len(e), 0)) for e in es]
+    gs = (
+        none
+        if uncertain is None
+        else [np.nan_to_num(g) for g in as_records(uncertain, "uncertain")]
+    )
     names = tuple(input_names) or tuple(f"input {i + 1}" for i in range(us[0].shape[1]))
     missing = [np.isnan(np.column_stack([e, j])).any(axis=1) for e, j in zip(es, js, strict=True)]
     keep: list[Mask] = [np.asarray(~m) for m in missing]
@@ -136,15 +144,14 @@ def further_tests(
     squares = _squares(us)
     products = [e[:, None] * u for e, u in zip(filled, us, strict=True)]
     sizes = _sizes(known)
-    none = [np.zeros((len(e), 0)) for e in es]
     found = []
-    for name, target, signals, jacobians, first, noise in (
-        ("error products", filled, products, js, 1, None),
-        ("input squares", filled, squares, js, 0, ar_fit(known)),
+    for name, target, signals, jacobians, unsure, first, noise in (
+        ("error products", filled, products, js, gs, 1, None),
+        ("input squares", filled, squares, js, gs, 0, ar_fit(known)),
         # the size is flat in θ where ε is independent of the past: nothing to project out
-        ("error size", [np.nan_to_num(s) for s in sizes], squares, none, 0, ar_fit(sizes)),
+        ("error size", [np.nan_to_num(s) for s in sizes], squares, none, none, 0, ar_fit(sizes)),
     ):
-        trial = _trial(target, signals, jacobians, keep, range(first, lags + 1), noise)
+        trial = _trial(target, signals, jacobians, unsure, keep, range(first, lags + 1), noise)
         judged = noise_model or name != "error products"
         found.append(_verdict(name, trial, level, judged, output_name, names))
     return tuple(found)
@@ -177,6 +184,7 @@ def _trial(
     target: Sequence[Array],
     signals: Sequence[Array],
     jacobians: Sequence[Array],
+    uncertain: Sequence[Array],
     keep: Sequence[Mask],
     tested: range,
     noise: AutoRegression | None,
@@ -192,6 +200,7 @@ def _trial(
         nuisance=range(0),
         centred=True,
         noise=noise,
+        uncertain=uncertain,
     )
 
 

@@ -1,9 +1,16 @@
 """The one statistic behind all residual tests: cᵀC⁺c with what the fit absorbed projected out.
 
 Instruments Z are lagged copies of signals. From them everything is removed that a right model's
-residuals are, or may be, correlated with by construction: the Jacobian J of the fit, the mean
-of each record, and optionally other lags of the same signals ("nuisance"). The rest Z̃ gives
-c = Z̃ᵀε and C = Z̃ᵀΣ̂Z̃. Z is built in blocks of rows and never held as a whole.
+residuals are, or may be, correlated with by construction: the Jacobian J of what was estimated from
+these very data, the mean of each record, and optionally other lags of the same signals
+("nuisance"). The rest Z̃ gives c = Z̃ᵀε and C = Z̃ᵀΣ̂Z̃. What was estimated from other data is not
+removed but adds its uncertainty, Z̃ᵀGP GᵀZ̃ with G the gradient and P the parameters' covariance.
+Z is built in blocks of rows and never held as a whole.
+
+For a picture the statistic is shared out among the lags, d = U e with |e|² = cᵀC⁺c and U the
+orthonormal matrix that brings d closest to the standardised c/√C (zero-phase whitening): each d is
+standard normal for a right model, and their squares add up to the statistic, which single
+correlations do not (Kessy, Lewin & Strimmer 2018, "ZCA-cor").
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,12 +35,14 @@ COLOUR_TOLERANCE = 1e-12
 class Score:
     """A portmanteau statistic, its degrees of freedom, and where the correlation is largest.
 
-    ``worst`` is (signal, lag) of the largest |c|/√C; None when nothing was left to test.
+    ``worst`` is (signal, lag) of the largest |c|/√C; None when nothing was left to test. The
+    squares of ``parts``, (signals, lags), add up to the statistic.
     """
 
     statistic: float
     dof: int
     worst: tuple[int, int] | None
+    parts: Array
 
 
 @dataclass(frozen=True)
@@ -50,6 +59,8 @@ class Trial:
         nuisance: lags whose effect is removed from Z.
         centred: whether each record's mean is removed.
         noise: model of the residuals' colour; None for white.
+        uncertain: G√P, (N, k): what the uncertainty of parameters that were estimated from other
+            data puts into the residuals; empty for data the model was fitted to.
     """
 
     errors: Sequence[Array]
@@ -61,6 +72,7 @@ class Trial:
     nuisance: range
     centred: bool
     noise: AutoRegression | None
+    uncertain: Sequence[Array] = ()
 
 
 def score(trial: Trial) -> Score:
@@ -96,6 +108,8 @@ def score(trial: Trial) -> Score:
     c = np.zeros(weights.shape[1])
     energy = np.zeros((len(c), len(c)))
     covariance = np.zeros_like(energy)
+    width = trial.uncertain[0].shape[1] if trial.uncertain else 0
+    borrowed = np.zeros((len(c), width))
     for r in range(len(trial.errors)):
 
         def last_to_first(r: int = r) -> Iterator[Array]:
@@ -103,6 +117,8 @@ def score(trial: Trial) -> Score:
                 block = instruments(r, start, stop) @ weights
                 c[:] += block.T @ trial.errors[r][start:stop]
                 energy[:] += block.T @ block
+                if trial.uncertain:
+                    borrowed[:] += block.T @ trial.uncertain[r][start:stop]
                 yield block
 
         if trial.noise is not None and len(trial.errors[r]):
@@ -115,6 +131,7 @@ def score(trial: Trial) -> Score:
         covariance = energy * (sum(float(e @ e) for e in trial.errors) / samples)
     else:
         covariance *= _absorbed(trial.noise, trial.keep, basis)
+    covariance += borrowed @ borrowed.T
     return _quadratic_form(trial, c, covariance, energy)
 
 
@@ -141,14 +158,19 @@ def _quadratic_form(trial: Trial, c: Array, covariance: Array, energy: Array) ->
     whiten = vectors[:, left] / np.sqrt(values[left])
     values, vectors = np.linalg.eigh(whiten.T @ covariance @ whiten)
     regular = values > COLOUR_TOLERANCE * values.max(initial=0.0)
-    projected = vectors[:, regular].T @ (whiten.T @ c)
-    statistic = float(np.sum(projected**2 / values[regular]))
+    to_unit = (whiten @ vectors[:, regular]) / np.sqrt(values[regular])
+    unit = to_unit.T @ c
+    shape = (trial.signals[0].shape[1], len(trial.tested))
     testable = (np.diag(energy) > ENERGY_TOLERANCE * len(c)) & (np.diag(covariance) > 0.0)
     if not testable.any() or not regular.any():
-        return Score(0.0, 0, None)
-    standardised = np.abs(c) / np.sqrt(np.where(testable, np.diag(covariance), np.inf))
-    signal, lag = divmod(int(np.argmax(standardised)), len(trial.tested))
-    return Score(statistic, int(regular.sum()), (signal, trial.tested[lag]))
+        return Score(0.0, 0, None, np.zeros(shape))
+    spread = np.sqrt(np.where(testable, np.diag(covariance), np.inf))
+    signal, lag = divmod(int(np.argmax(np.abs(c) / spread)), len(trial.tested))
+    left_of, _, right_of = np.linalg.svd(
+        (covariance / spread[:, None]) @ to_unit, full_matrices=False
+    )
+    parts = (left_of @ (right_of @ unit)).reshape(shape)
+    return Score(float(unit @ unit), int(regular.sum()), (signal, trial.tested[lag]), parts)
 
 
 def _blocks(trial: Trial, only: int | None = None) -> Iterator[tuple[int, int, int]]:

@@ -5,10 +5,13 @@ future inputs) and decide by one portmanteau number, not by one lag outside its 
 
     c = Z̃ᵀε,   Z̃ = Z − J(JᵀJ)⁻¹JᵀZ,   C = Z̃ᵀΣ̂Z̃,   cᵀC⁺c ~ χ²(rank C)  when the model is right.
 
-J is the model's Jacobian ∂ŷ/∂θ (either sign, initial states included). Estimation makes
-ε̂ = v + J(θ₀ − θ̂) to first order, so projecting J out of Z removes exactly what the fitted
-parameters took from the correlations — on the estimation data and on validation data alike —
-where "degrees of freedom = lags − parameters" is only right for pure AR models. Σ̂ is σ²I for
+J is the Jacobian ∂ŷ/∂θ of the parameters that were estimated from these very data (either sign).
+Estimation makes ε̂ = v + J(θ₀ − θ̂) to first order, so projecting J out of Z removes exactly what
+the fitted parameters took from the correlations, where "degrees of freedom = lags − parameters" is
+only right for pure AR models. A parameter that was fixed, or stopped by a bound, took nothing: its
+column does not belong into J, or a wrong value of it would pass unseen. On data the model was not
+fitted to nothing at all is projected out; there θ₀ − θ̂ is as uncertain as the estimate was, which
+adds ZᵀG P GᵀZ to C (``uncertain`` = G√P). Σ̂ is σ²I for
 whiteness; for the input tests, which must not mistake coloured noise for dependence, it is the
 covariance of an AR(20) fit of ε (see ``coloured.py``). Measured alarm rates and power stand in
 ``reports/residual_tests.md``.
@@ -34,7 +37,7 @@ from sysid.criteria.correlation import (
 )
 from sysid.criteria.fit import Array, Signals, as_records
 from sysid.criteria.portmanteau import Mask, Score, Trial, score
-from sysid.criteria.verdicts import ResidualReport, ResidualTest
+from sysid.criteria.verdicts import LagParts, ResidualReport, ResidualTest
 from sysid.errors import DataError
 
 __all__ = [
@@ -58,6 +61,7 @@ def whiteness_test(
     level: float = 0.99,
     judged: bool = True,
     output_names: Sequence[str] = (),
+    uncertain: Signals | None = None,
 ) -> ResidualTest:
     """Whether one output's residuals are unpredictable from the past residuals of all outputs.
 
@@ -69,13 +73,15 @@ def whiteness_test(
     Args:
         errors: residuals of all outputs, (N, ny), or one such array a record; rows with NaN
             are left out.
-        jacobian: ∂ŷ/∂θ of the tested output, (N, n), or one such array a record.
+        jacobian: ∂ŷ/∂θ of the tested output by what was estimated from these data, (N, n), or one
+            such array a record.
         output: index of the tested output.
         n_parameters: parameters to discount when there is no Jacobian.
         lags: largest lag; lowered where a record has fewer than 10 samples a correlation.
         level: confidence level.
         judged: False for a structure without noise model.
         output_names: names for the sentences.
+        uncertain: G√P of parameters estimated from other data, (N, k), or one such array a record.
 
     Raises:
         DataError: shapes do not fit, or fewer than 20 complete rows.
@@ -84,6 +90,7 @@ def whiteness_test(
     ny = es[0].shape[1]
     names = tuple(output_names) or tuple(f"output {i + 1}" for i in range(ny))
     js = _jacobian_records(jacobian, es)
+    gs = _uncertain_records(uncertain, es)
     keep = _complete(es, js)
     filled = [np.where(k[:, None], e, 0.0) for k, e in zip(keep, es, strict=True)]
     one_output([e[:, output] for e in filled])
@@ -98,10 +105,11 @@ def whiteness_test(
         nuisance=range(0),
         centred=False,
         noise=None,
+        uncertain=gs,
     )
     outcome = score(trial)
     dof = outcome.dof if jacobian is not None else max(outcome.dof - n_parameters, 1)
-    result = _Verdict(outcome, min(dof, outcome.dof), level, names)
+    result = _Verdict(outcome, min(dof, outcome.dof), level, names, trial.tested)
     who = names[output]
     if result.dof == 0:
         sentence = f"The residuals of {who} are zero: there is nothing to test."
@@ -129,18 +137,20 @@ def independence_test(
     level: float = 0.99,
     output_name: str = "the output",
     input_names: Sequence[str] = (),
+    uncertain: Signals | None = None,
 ) -> ResidualTest:
     """Whether one output's residuals are independent of present and past inputs, lags 0…lags.
 
     Args:
         errors: residuals of one output, (N,), or one such array a record; NaN are left out.
         inputs: all inputs, (N, nu), or one such array a record.
-        jacobian: ∂ŷ/∂θ of that output, (N, n), or one such array a record. Without it a model
-            fitted to these data passes too easily.
+        jacobian: ∂ŷ/∂θ of that output by what was estimated from these data, (N, n), or one such
+            array a record. Without it a model fitted to these data passes too easily.
         lags: largest lag; lowered where there are fewer than 10 samples a correlation.
         level: confidence level.
         output_name: name for the sentence.
         input_names: names for the sentence.
+        uncertain: G√P of parameters estimated from other data, (N, k), or one such array a record.
 
     Means are removed: an offset is no dependence (whiteness shows it). The first ``lags`` samples
     of each record, whose past inputs are unknown, serve the projection only.
@@ -148,7 +158,9 @@ def independence_test(
     Raises:
         DataError: shapes do not fit, an input is not finite, or fewer than 20 usable samples.
     """
-    result = _input_trial(errors, inputs, jacobian, lags, level, input_names, future=False)
+    result = _input_trial(
+        errors, inputs, jacobian, uncertain, lags, level, input_names, future=False
+    )
     if result.dof == 0:
         sentence = f"No input direction is left to test on {output_name}: excite the input more."
     elif result.passed:
@@ -171,6 +183,7 @@ def feedback_test(
     level: float = 0.99,
     output_name: str = "the output",
     input_names: Sequence[str] = (),
+    uncertain: Signals | None = None,
 ) -> ResidualTest:
     """Whether one output's residuals are followed by reactions of the inputs, lags −lags…−1.
 
@@ -179,7 +192,9 @@ def feedback_test(
     Arguments and errors as in :func:`independence_test`. Never judged: feedback is a property of
     the data, with which models that carry a noise model (ARX, ARMAX, BJ) can live.
     """
-    result = _input_trial(errors, inputs, jacobian, lags, level, input_names, future=True)
+    result = _input_trial(
+        errors, inputs, jacobian, uncertain, lags, level, input_names, future=True
+    )
     if result.dof == 0:
         sentence = f"The inputs are predictable: feedback from {output_name} cannot be tested."
     elif result.passed:
@@ -203,13 +218,15 @@ def residual_report(
     level: float = 0.99,
     output_names: Sequence[str] = (),
     input_names: Sequence[str] = (),
+    uncertain: Sequence[Signals] | None = None,
 ) -> ResidualReport:
     """All residual tests of a model with ny outputs and nu inputs.
 
     Args:
         errors: one-step residuals, (N, ny), or one such array a record.
         inputs: (N, nu), or one such array a record.
-        jacobians: for each output ∂ŷ/∂θ as (N, n), or one such array a record.
+        jacobians: for each output ∂ŷ/∂θ as (N, n), or one such array a record, by what was
+            estimated from these data.
         noise_model: False for OE and other noise-free structures: whiteness is then reported
             but not judged.
         n_parameters: see :func:`whiteness_test`.
@@ -217,6 +234,7 @@ def residual_report(
         level: confidence level of each kind of test over all outputs.
         output_names: names for the sentences.
         input_names: names for the sentences.
+        uncertain: for each output G√P of what was estimated from other data, as ``jacobians``.
 
     Raises:
         DataError: shapes do not fit, or too few samples.
@@ -232,6 +250,7 @@ def residual_report(
     feedback: list[ResidualTest] = []
     for i, name in enumerate(names):
         jacobian = None if jacobians is None else jacobians[i]
+        unsure = None if uncertain is None else uncertain[i]
         column = [e[:, i] for e in es]
         white.append(
             whiteness_test(
@@ -243,6 +262,7 @@ def residual_report(
                 level=each,
                 judged=noise_model,
                 output_names=names,
+                uncertain=unsure,
             )
         )
         for test, outcomes in ((independence_test, independent), (feedback_test, feedback)):
@@ -255,6 +275,7 @@ def residual_report(
                     level=each,
                     output_name=name,
                     input_names=input_names,
+                    uncertain=unsure,
                 )
             )
     return ResidualReport(tuple(white), tuple(independent), tuple(feedback), level)
@@ -268,6 +289,7 @@ class _Verdict:
     dof: int
     level: float
     names: tuple[str, ...]
+    lags: range
 
     @property
     def p_value(self) -> float:
@@ -303,6 +325,7 @@ class _Verdict:
             worst_signal=self.signal,
             judged=judged,
             sentence=sentence,
+            parts=LagParts(tuple(self.lags), self.names, self.score.parts),
         )
 
 
@@ -310,6 +333,7 @@ def _input_trial(
     errors: Signals,
     inputs: Signals,
     jacobian: Signals | None,
+    uncertain: Signals | None,
     lags: int,
     level: float,
     input_names: Sequence[str],
@@ -335,9 +359,10 @@ def _input_trial(
         nuisance=past if future else range(0),
         centred=True,
         noise=ar_fit([np.where(k, centred(e), np.nan) for e, k in zip(es, keep, strict=True)]),
+        uncertain=_uncertain_records(uncertain, es),
     )
     outcome = score(trial)
-    return _Verdict(outcome, outcome.dof, level, names)
+    return _Verdict(outcome, outcome.dof, level, names, trial.tested)
 
 
 def _complete(es: Sequence[Array], js: Sequence[Array]) -> list[Mask]:
@@ -363,6 +388,11 @@ def _affordable(lags: int, keep: Sequence[Mask], signals: int) -> int:
     if samples < 20:
         raise DataError(f"residual tests need at least 20 residuals, got {samples}")
     return max(min(lags, samples // (10 * max(signals, 1))), 1)
+
+
+def _uncertain_records(uncertain: Signals | None, es: Sequence[Array]) -> tuple[Array, ...]:
+    """G√P by record, 0 where it is missing; no column where nothing was estimated elsewhere."""
+    return tuple(np.nan_to_num(g) for g in _jacobian_records(uncertain, es))
 
 
 def _jacobian_records(jacobian: Signals | None, es: Sequence[Array]) -> tuple[Array, ...]:

@@ -1,7 +1,27 @@
 """What residual tests found: the outcome of each, and the report of all."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field, fields
 from typing import Any
+
+from scipy.special import chdtri
+
+from sysid.criteria.fit import Array
+
+
+@dataclass(frozen=True, eq=False)
+class LagParts:
+    """A test's statistic shared out among the lags: for a picture of what decided.
+
+    Attributes:
+        lags: lags [samples], negative ones in the future.
+        signals: names of what was lagged.
+        values: (signals, lags); standard normal each for a right model, their squares add up to
+            the statistic.
+    """
+
+    lags: tuple[int, ...]
+    signals: tuple[str, ...]
+    values: Array
 
 
 @dataclass(frozen=True)
@@ -21,6 +41,7 @@ class ResidualTest:
         judged: whether the outcome counts against the model. Whiteness does not for a structure
             without noise model, feedback never does: it says something about the data.
         sentence: the outcome in words, with what to do.
+        parts: the statistic by lag; not part of a written report.
     """
 
     name: str
@@ -34,6 +55,16 @@ class ResidualTest:
     worst_signal: str | None
     judged: bool
     sentence: str
+    parts: LagParts | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def limit(self) -> float:
+        """The value that ``statistic`` must not exceed: the ``level`` quantile of χ²(dof)."""
+        return float(chdtri(self.dof, 1.0 - self.level)) if self.dof else 0.0
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready: every field but ``parts``."""
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "parts"}
 
 
 @dataclass(frozen=True)
@@ -42,7 +73,9 @@ class ResidualReport:
 
     The tests of one kind run at level 1 − (1 − ``level``)/ny each (Bonferroni), so that a right
     model fails one of them with probability 1 − ``level`` whatever its number of outputs.
-    ``nonlinear`` holds the further tests that nonlinear models must stand (``nonlinear.py``).
+    ``nonlinear`` holds the further tests that nonlinear models must stand (``nonlinear.py``),
+    ``held`` one test of each parameter that was not estimated but given, or stopped by a bound
+    (``held_parameters.py``); their level is shared in the same way.
     """
 
     whiteness: tuple[ResidualTest, ...]
@@ -50,11 +83,12 @@ class ResidualReport:
     feedback: tuple[ResidualTest, ...]
     level: float
     nonlinear: tuple[ResidualTest, ...] = ()
+    held: tuple[ResidualTest, ...] = ()
 
     @property
     def passed(self) -> bool:
         """Whether every test that counts against the model passed."""
-        tests = (*self.whiteness, *self.independence, *self.nonlinear)
+        tests = (*self.whiteness, *self.independence, *self.nonlinear, *self.held)
         return all(t.passed for t in tests if t.judged)
 
     def as_dict(self) -> dict[str, Any]:
@@ -73,6 +107,7 @@ class ResidualReport:
             "nonlinear": {
                 kind: _summary(tuple(t for t in self.nonlinear if t.name == kind)) for kind in kinds
             },
+            "held_parameters": [t.as_dict() for t in self.held],
         }
 
 
@@ -83,5 +118,5 @@ def _summary(tests: tuple[ResidualTest, ...]) -> dict[str, Any]:
         "p_value": min(1.0, worst.p_value * len(tests)),
         "judged": worst.judged,
         "sentence": worst.sentence,
-        "outputs": [asdict(t) for t in tests],
+        "outputs": [t.as_dict() for t in tests],
     }

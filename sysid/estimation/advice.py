@@ -38,7 +38,7 @@ def advice(
         residuals: residual tests on the estimation data.
     """
     found = [
-        *_ending(model),
+        *_ending(model, residuals),
         *_stability(model),
         *_information(model),
         *_simulation(free_run, one_step),
@@ -49,15 +49,19 @@ def advice(
     return tuple(found[:MAX_SENTENCES])
 
 
-def _ending(model: Model) -> list[str]:
+def _ending(model: Model, residuals: ResidualReport) -> list[str]:
     found = []
     if model.termination is Termination.MAX_ITERATIONS:
         found.append(model.termination.value)
-    found += [
-        f"Parameter {name} ended on its bound: widen the bound or doubt the structure."
-        for name in model.at_bound
-    ]
-    return found
+    tested = {t.output: t for t in residuals.held}
+    for name in model.at_bound:
+        held = tested.pop(name, None)
+        found.append(
+            f"Parameter {name} ended on its bound: widen the bound or doubt the structure."
+            if held is None
+            else held.sentence
+        )
+    return found + [t.sentence for t in tested.values() if not t.passed]
 
 
 def _stability(model: Model) -> list[str]:

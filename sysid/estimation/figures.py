@@ -13,6 +13,7 @@ from sysid.criteria.residuals import residual_report
 from sysid.criteria.verdicts import ResidualReport
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError
+from sysid.estimation.estimated import estimated_columns, held_tests, uncertain_columns
 from sysid.estimation.pem import head_window
 from sysid.structures.model import Model
 
@@ -132,10 +133,18 @@ def require_left(records: Sequence[Record], skip: int) -> None:
         )
 
 
-def residual_tests(model: Model, records: Sequence[Record]) -> ResidualReport:
-    """Residual tests on the estimation data, the model's own gradient projected out.
+def residual_tests(
+    model: Model, records: Sequence[Record], *, fitted: bool = True
+) -> ResidualReport:
+    """Residual tests; what the fit took from these data, and nothing else, is projected out.
 
     Nonlinear structures have to stand Billings & Voon's further tests as well.
+
+    Args:
+        model: the model.
+        records: the data to test on.
+        fitted: whether the model was fitted to these data. On others nothing is projected out;
+            what the parameters' uncertainty puts into the residuals is allowed for instead.
     """
     plain = [model.detrend.remove(r) for r in records]
     room = max(JACOBIAN_NUMBERS // max(len(model.theta), 1), 1000)
@@ -151,25 +160,32 @@ def residual_tests(model: Model, records: Sequence[Record]) -> ResidualReport:
         for i in range(model.structure.ny)
     ]
     inputs, names = [r.u for r in kept], [c.name for c in model.inputs]
+    part = estimated_columns if fitted else uncertain_columns
+    parts = [[part(model, c, i) for c in columns] for i, columns in enumerate(jacobians)]
+    absorbed, uncertain = (parts, None) if fitted else (None, parts)
     report = residual_report(
         errors,
         inputs,
-        jacobians,
+        absorbed,
         noise_model=model.structure.has_noise_model,
         output_names=[c.name for c in model.outputs],
         input_names=names,
+        uncertain=uncertain,
     )
+    if fitted:
+        report = replace(report, held=held_tests(model, errors, jacobians, report.level))
     if model.structure.linear:
         return report
     further = [
         further_tests(
             [e[:, i] for e in errors],
             inputs,
-            jacobians[i],
+            absorbed[i] if absorbed else None,
             level=1.0 - (1.0 - report.level) / len(model.outputs),
             noise_model=model.structure.has_noise_model,
             output_name=channel.name,
             input_names=names,
+            uncertain=uncertain[i] if uncertain else None,
         )
         for i, channel in enumerate(model.outputs)
     ]

@@ -203,6 +203,10 @@ class Structure(ABC):
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
         """∂ŷ/∂θ of one output's one-step prediction on a record, (N, k), zero rows where NaN."""
 
+    def gradient_index(self, theta: Array, output: int) -> Index:
+        """The k entries of θ that the columns of ``gradient_columns`` belong to; all by default."""
+        return np.arange(len(theta))
+
     @abstractmethod
     def equations(
         self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]

@@ -328,6 +328,10 @@ class NARMAX(Structure):
             out[first:] = -self.one_step(output, [(u, y)]).jacobian(theta[index])
         return out
 
+    def gradient_index(self, theta: Array, output: int) -> Index:
+        """The entries of θ that belong to the output's row."""
+        return self.row_index(output)
+
     # ----------------------------------------------------------------- words
 
     def equations(

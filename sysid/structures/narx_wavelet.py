@@ -265,6 +265,11 @@ class NarxWavelet(Structure):
             out[first:] = g[:, free]
         return out
 
+    def gradient_index(self, theta: Array, output: int) -> Index:
+        """The output's entries of θ, without shape and place of units that cannot move."""
+        free = [p.fixed is None for p in narx_words.shapes(self.maps[output], self.kind)]
+        return np.compress(free, self.free_run().theta_index[output])
+
     # ----------------------------------------------------------------- words
 
     def equations(

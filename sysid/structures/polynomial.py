@@ -284,6 +284,10 @@ class PolynomialStructure(Structure):
         out[row.skipped :] = -row.jacobian(row.initial_guess(theta))
         return out
 
+    def gradient_index(self, theta: Array, output: int) -> Index:
+        """The entries of θ that belong to the output's row."""
+        return self.row_index(output)
+
     def equations(
         self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
     ) -> tuple[str, ...]:

@@ -1,0 +1,139 @@
+"""Do the data agree with parameters that were given, or that stopped at a bound?
+
+A parameter that is held at θ_h takes no part in the fit; if its value is right, the residuals do
+not correlate with its gradient g = ∂ŷ/∂θ_h, once what the estimated parameters took is projected
+out of g. That is the Lagrange multiplier (score) test of the constraint, the portmanteau of
+``portmanteau.py`` with the one instrument g; the sign of g̃ᵀε says where a better value lies.
+
+Sources: Silvey (1959); Engle (1984), Handbook of Econometrics II, ch. 13.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtrc
+
+from sysid.criteria.coloured import ar_fit
+from sysid.criteria.fit import Array
+from sysid.criteria.portmanteau import Mask, Trial, score
+from sysid.criteria.verdicts import ResidualTest
+
+FEWEST = 20
+"""Residuals below which nothing is tested, as in ``residuals.py``."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """A parameter that was not estimated.
+
+    Attributes:
+        name: its name.
+        value: the value it was held at.
+        lower, upper: its bounds; one of them is the value where it stopped at a bound.
+        stuck: whether a bound stopped it; False for a value that was given.
+    """
+
+    name: str
+    value: float
+    lower: float
+    upper: float
+    stuck: bool
+
+
+def held_parameter_tests(
+    errors: Sequence[Array],
+    free: Sequence[Array],
+    held: Sequence[Array],
+    parameters: Sequence[Held],
+    *,
+    noise_model: bool = True,
+    level: float = 0.99,
+) -> tuple[ResidualTest, ...]:
+    """One test a held parameter, over all outputs and records at once.
+
+    Outputs are weighted by the size of their residuals. For a structure without noise model the
+    residuals' colour comes from an AR(20) fit.
+
+    Args:
+        errors: residuals (N, ny) of each record; rows with NaN are left out.
+        free: ∂ŷ/∂θ by the estimated parameters, (N, ny, n) each record.
+        held: ∂ŷ/∂θ by the held ones, (N, ny, k) each record.
+        parameters: the k held ones.
+        noise_model: whether the structure has one.
+        level: confidence level, shared among the parameters (Bonferroni).
+    """
+    known: list[Mask] = [np.asarray(~np.isnan(e).any(axis=1)) for e in errors]
+    if sum(int(k.sum()) for k in known) < FEWEST or not parameters:
+        return ()
+    pooled = np.concatenate([e[k] for e, k in zip(errors, known, strict=True)])
+    sizes = np.sqrt(np.mean(pooled**2, axis=0))
+    es: list[Array] = []
+    js: list[Array] = []
+    hs: list[Array] = []
+    keep: list[Mask] = []
+    for e, j, h, rows in zip(errors, free, held, known, strict=True):
+        for i, size in enumerate(sizes):
+            if size > 0.0:
+                es.append(np.where(rows, e[:, i], 0.0) / size)
+                js.append(np.where(rows[:, None], j[:, i], 0.0) / size)
+                hs.append(np.where(rows[:, None], h[:, i], 0.0) / size)
+                keep.append(rows)
+    if not es:
+        return ()
+    noise = None if noise_model else ar_fit(es)
+    found = []
+    for k, parameter in enumerate(parameters):
+        outcome = score(
+            Trial(
+                errors=es,
+                signals=[h[:, [k]] for h in hs],
+                jacobian=js,
+                keep=keep,
+                rows=keep,
+                tested=range(1),
+                nuisance=range(0),
+                centred=False,
+                noise=noise,
+            )
+        )
+        share = 1.0 - (1.0 - level) / len(parameters)
+        larger = bool(outcome.parts[0, 0] > 0.0)
+        found.append(_verdict(parameter, outcome.statistic, outcome.dof, share, larger))
+    return tuple(found)
+
+
+def _verdict(held: Held, statistic: float, dof: int, level: float, larger: bool) -> ResidualTest:
+    p_value = float(chdtrc(dof, statistic)) if dof else 1.0
+    # a bound contradicts the data only where a better value lies beyond it
+    if held.stuck and larger != (held.upper - held.value < held.value - held.lower):
+        p_value = 1.0
+    passed = p_value >= 1.0 - level
+    p = f"p = {p_value:.2g}" if p_value >= 1e-12 else "p < 1e-12"
+    where = "larger" if larger else "smaller"
+    at = f"{held.value:.6g}"
+    if held.stuck:
+        agrees = f"{held.name} ended on its bound {at}, and the data agree with that ({p})."
+        contradicted = (
+            f"{held.name} ended on its bound {at}, but a {where} value fits the data better ({p}): "
+            "widen the bound or doubt the structure."
+        )
+    else:
+        agrees = f"The data agree with {held.name} fixed at {at} ({p})."
+        contradicted = (
+            f"The data contradict {held.name} fixed at {at} ({p}): a {where} value fits better; "
+            "let it be estimated, or doubt the structure."
+        )
+    return ResidualTest(
+        name="held parameter",
+        output=held.name,
+        statistic=statistic,
+        dof=dof,
+        p_value=p_value,
+        passed=passed,
+        level=level,
+        worst_lag=None,
+        worst_signal=held.name,
+        judged=True,
+        sentence=agrees if passed else contradicted,
+    )
