@@ -130,6 +130,25 @@ def fit(
         bool,
         typer.Option("--stable", rich_help_panel=_FITTING, help="Admit only stable models."),
     ] = False,
+    max_iterations: Annotated[
+        int | None,
+        typer.Option(
+            "--max-iterations",
+            metavar="N",
+            min=1,
+            rich_help_panel=_FITTING,
+            help="Longest search from one start; 200 for most structures.",
+        ),
+    ] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            "--tolerance",
+            metavar="X",
+            rich_help_panel=_FITTING,
+            help="Relative change of error and step at which a search has converged, e.g. 1e-9.",
+        ),
+    ] = None,
     initial_state: Annotated[
         str,
         typer.Option(
@@ -184,7 +203,14 @@ def fit(
         picture_format(plot)
     origin = {"files": [str(p.resolve()) for p in logs], "read": read.to_json()}
     options = fit_options.estimation(
-        focus, initial, fix or [], bound or [], option or [], origin | {"prepare": steps.to_json()}
+        focus,
+        initial,
+        fix or [],
+        bound or [],
+        option or [],
+        origin | {"prepare": steps.to_json()},
+        max_iterations,
+        tolerance,
     )
     request = Request(
         structures=fit_options.structures(structure),

@@ -25,6 +25,8 @@ def estimation(
     bound: Sequence[str],
     option: Sequence[str],
     origin: Mapping[str, Any],
+    max_iterations: int | None = None,
+    tolerance: float | None = None,
 ) -> "FitOptions":
     """How to fit.
 
@@ -34,19 +36,26 @@ def estimation(
         bound: ``NAME=LOW:HIGH`` each.
         option: ``NAME=VALUE`` each, for the structure to read.
         origin: where the data come from, stored with the model.
+        max_iterations: limit of each search, None for the structure's own.
+        tolerance: relative change at which a search has converged, None for the structure's own.
 
     Raises:
         UsageError: an option cannot be read.
     """
+    from sysid.errors import UsageError
     from sysid.estimation.search import FitOptions
     from sysid.structures.base import Focus, Initial
 
+    if tolerance is not None and not 0.0 < tolerance < 1.0:
+        raise UsageError(f"--tolerance is a relative change between 0 and 1, got {tolerance:g}")
     return FitOptions(
         focus=Focus(reading.choice(focus, [f.value for f in Focus], "--focus")),
         initial=Initial(reading.choice(initial, [i.value for i in Initial], "--initial")),
         fixed=dict(_fixed(item) for item in fix),
         bounds=dict(_bounded(item) for item in bound),
         structure_options=dict(_pair(item, "--option", "units=20") for item in option),
+        max_evaluations=max_iterations,
+        tolerance=tolerance,
         extra=dict(origin),
     )
 

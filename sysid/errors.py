@@ -36,8 +36,8 @@ class Termination(Enum):
     CONVERGED_GRADIENT = "Converged: the gradient vanished, a stationary point was reached."
     NO_FREE_PARAMETERS = "Nothing was estimated: every parameter is fixed."
     MAX_ITERATIONS = (
-        "Stopped at the iteration limit before converging: lower the orders or look at the "
-        "warnings."
+        "Stopped at the iteration limit before converging: its numbers may still move; lower the "
+        "orders or allow more iterations."
     )
     AT_BOUND = "Converged with a parameter on its bound: widen the bound or doubt the structure."
     DIVERGED = (

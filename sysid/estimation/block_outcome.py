@@ -170,7 +170,7 @@ class _Last:
             problem.chain,
             p,
             self.data,
-            evaluations=min(EVALUATIONS, self.options.max_evaluations),
+            evaluations=min(EVALUATIONS, self.options.limit()),
             held_entries=tuple(fixed),
             tolerance=tolerance,
             problem=problem,
@@ -198,8 +198,8 @@ class _Last:
             lower=lower,
             upper=upper,
             huber=huber,
-            max_evaluations=self.options.max_evaluations,
-            tolerance=SETTLED,
+            max_evaluations=self.options.limit(),
+            tolerance=self.options.precision(SETTLED),
             patience=PATIENCE,
         )
 

@@ -90,7 +90,7 @@ def by_multi_start(
     if options.robust:
         r = setting.problem(None).residual(p)
         huber = HUBER_WIDTH * max(1.4826 * float(np.median(np.abs(r))), 1e-12)
-    last = setting.descend(p, free, None, options.max_evaluations, huber)
+    last = setting.descend(p, free, None, options.limit(), huber)
     return _outcome(setting, last, free, (*reports, *notes))
 
 

@@ -12,7 +12,7 @@ from sysid.data.record import Array, Record
 from sysid.errors import ModelError, Termination
 from sysid.estimation.holdout import shortened
 from sysid.estimation.search import FitOptions, half_square
-from sysid.estimation.solvers import TOLERANCE, Solution, levenberg_marquardt, many_starts
+from sysid.estimation.solvers import Solution, levenberg_marquardt, many_starts
 from sysid.structures.base import Initial, Parameter
 from sysid.structures.grey_box import GreyBox
 from sysid.structures.grey_box_runs import GreyErrors, Masks, scan
@@ -101,7 +101,7 @@ class Setting:
             upper=np.concatenate([self.upper, none]),
             huber=huber,
             max_evaluations=evaluations,
-            tolerance=COARSE if kept is not None else TOLERANCE,
+            tolerance=COARSE if kept is not None else self.options.precision(),
         )
 
 

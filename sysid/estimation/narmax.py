@@ -130,7 +130,7 @@ def _searched(
     starts: list[StartReport] = []
     known: list[Mapping[Term, float]] = []
     chunk = 0
-    limit = min(options.max_evaluations, SEARCH_EVALUATIONS)
+    limit = min(options.limit(), SEARCH_EVALUATIONS)
     for i, channel in enumerate(records[0].outputs):
         row = Row(s, i, small)
         found, tried = search_terms(row, refine, limit)
@@ -214,7 +214,7 @@ def _one_step(
             huber = HUBER_WIDTH * max(1.4826 * float(np.median(np.abs(e - np.median(e)))), 1e-300)
         found = levenberg_marquardt(
             problem, p, free=free[index], lower=lower[index], upper=upper[index], huber=huber,
-            max_evaluations=options.max_evaluations,
+            max_evaluations=options.limit(),
         )  # fmt: skip
         theta[index] = found.p
         solved.append((problem, found))

@@ -161,8 +161,8 @@ def searching(options: FitOptions) -> FitOptions:
     """The options of a fit that only has to rank: coarse, and given up where nothing is gained."""
     return replace(
         options,
-        max_evaluations=min(options.max_evaluations, SEARCH_EVALUATIONS),
-        tolerance=max(options.tolerance, SEARCH_TOLERANCE),
+        max_evaluations=min(options.limit(), SEARCH_EVALUATIONS),
+        tolerance=max(options.precision(), SEARCH_TOLERANCE),
         patience=SEARCH_PATIENCE,
     )
 

@@ -10,6 +10,11 @@ from sysid.data.record import Array, Index, Record
 from sysid.errors import DataError, ModelError, Termination
 from sysid.estimation import initial
 from sysid.estimation.solvers import HUBER_WIDTH, TOLERANCE, Solution, levenberg_marquardt
+from sysid.estimation.state_prior import (
+    RunawayStatesError,
+    WatchedStates,
+    descend_with_prior,
+)
 from sysid.estimation.uncertainty import Uncertainty, uncertainty
 from sysid.structures.base import Focus, Initial, Parameter, Problem, Structure
 from sysid.structures.model import StartReport
@@ -27,6 +32,9 @@ MAX_RUNS = 3
 USABLE = 1e50
 """Errors beyond this are those of a start that cannot be run."""
 
+EVALUATIONS = 200
+"""Usual limit of a search: a well-posed one ends after some twenty evaluations."""
+
 LINEAR = 0.5
 """Relative deviation from linearity up to which a start lies in the basin of a found minimum."""
 
@@ -43,8 +51,9 @@ class FitOptions:
         stable: admit only parameters whose free run is stable.
         fixed: values of parameters that are not estimated, by name.
         bounds: (lower, upper) by name.
-        max_evaluations: limit of each search.
-        tolerance: relative change of cost and step at which a search has converged.
+        max_evaluations: limit of each search; None for what is usual with the structure.
+        tolerance: relative change of cost and step at which a search has converged; None for
+            what is usual with the structure.
         patience: evaluations without such a change after which it is given up, None for never.
         structure_options: options of the structure itself, as text.
         extra: facts to keep in the model's provenance (how the files were read …).
@@ -56,11 +65,19 @@ class FitOptions:
     stable: bool = False
     fixed: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    max_evaluations: int = 200
-    tolerance: float = TOLERANCE
+    max_evaluations: int | None = None
+    tolerance: float | None = None
     patience: int | None = None
     structure_options: Mapping[str, str] = field(default_factory=dict)
     extra: Mapping[str, object] = field(default_factory=dict)
+
+    def limit(self, usual: int = EVALUATIONS) -> int:
+        """Evaluations of a search: what was asked for, else what is usual there."""
+        return usual if self.max_evaluations is None else self.max_evaluations
+
+    def precision(self, usual: float = TOLERANCE) -> float:
+        """Tolerance of a search: what was asked for, else what is usual there."""
+        return usual if self.tolerance is None else self.tolerance
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,18 +238,32 @@ class Search:
         huber: float | None,
         states: bool = True,
     ) -> Solution:
-        lower, upper = self._limits(problem)
-        return levenberg_marquardt(
-            problem,
-            p0,
-            free=self._free(problem, states),
-            lower=lower,
-            upper=upper,
-            huber=huber,
-            max_evaluations=self.options.max_evaluations,
-            tolerance=self.options.tolerance,
-            patience=self.options.patience,
-        )
+        def descend(chosen: Problem, start: Array) -> Solution:
+            lower, upper = self._limits(problem)
+            return levenberg_marquardt(
+                chosen,
+                start,
+                free=self._free(problem, states),
+                lower=lower,
+                upper=upper,
+                huber=huber,
+                max_evaluations=self.options.limit(),
+                tolerance=self.options.precision(),
+                patience=self.options.patience,
+            )
+
+        if not (states and problem.n_initial):
+            return descend(problem, p0)
+        size = self._output_size(problem)
+        try:
+            return descend(WatchedStates(problem, size), p0)
+        except RunawayStatesError:
+            return descend_with_prior(problem, p0, size, descend, huber)
+
+    def _output_size(self, problem: Problem) -> float:
+        """‖y‖ of the outputs of a problem, over all records."""
+        which = sorted(set(problem.channels))
+        return float(np.sqrt(sum(np.sum(r.y[:, which] ** 2) for r in self.records)))
 
     @staticmethod
     def _with_states(problem: Problem, theta: Array) -> Array:

@@ -220,15 +220,21 @@ def _ended(
 ) -> Solution:
     r = problem.residual(p)
     weights = np.ones(len(r))
-    cost = 0.5 * float(r @ r)
+    cost = loss(r, huber)
     if huber is not None:
-        size = np.abs(r)
-        weights = np.minimum(1.0, huber / np.maximum(size, 1e-300))
-        cost = float(np.sum(np.where(size <= huber, 0.5 * r**2, huber * (size - 0.5 * huber))))
+        weights = np.minimum(1.0, huber / np.maximum(np.abs(r), 1e-300))
     if not np.isfinite(cost) or np.max(np.abs(r), initial=0.0) >= 1e99:
         termination = Termination.DIVERGED
     J = problem.jacobian(p) if jacobian is None else jacobian
     return Solution(p, cost, r, J, weights, termination, evaluations, at_bound)
+
+
+def loss(r: Array, huber: float | None) -> float:
+    """½‖r‖², or Huber's loss where a threshold is given."""
+    if huber is None:
+        return 0.5 * float(r @ r)
+    size = np.abs(r)
+    return float(np.sum(np.where(size <= huber, 0.5 * r**2, huber * (size - 0.5 * huber))))
 
 
 def _inside(x: Array, lower: Array, upper: Array) -> Array:
