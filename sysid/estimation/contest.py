@@ -33,6 +33,9 @@ PARALLEL_WORK = 400_000
 
 LINEAR = ("arx", "armax", "oe", "bj")
 
+ANY = "any"
+"""Stands for every delay."""
+
 Progress = Callable[[float, str], None]
 
 
@@ -99,7 +102,9 @@ def run_contest(
             progress(0.9 + 0.1 * k / len(tasks), f"fitting {name} to all data")
         started = perf_counter()
         search = searches.get(name)
-        orders = chosen[0] if search is None else search[0].best.orders
+        # one candidate is fitted as asked for, alone and in company: what a structure that
+        # searches within itself found on the part that was fitted only says how good it is
+        orders = chosen[0] if len(chosen) == 1 or search is None else search[0].best.orders
         structure = structure_class(name).from_orders(
             dict(orders), nu, ny, options.structure_options
         )
@@ -170,18 +175,20 @@ def _searches(
     failed: dict[str, str] = {}
     total = sum(len(grid) for _, grid in searched)
     work = total * data.samples
+    # chains of one structure and one delay: neighbours stay together for warm starts, whether
+    # one process searches or several; ARX has no start and shares one pass of linear algebra
+    chains = [
+        (name, [o for o in grid if nk in (ANY, o.get("nk"))], grid)
+        for name, grid in searched
+        for nk in ([ANY] if name == "arx" else _distinct([o.get("nk") for o in grid]))
+    ]
     if jobs > 1 and work > PARALLEL_WORK:
         from joblib import Parallel, delayed
 
-        # chains of one structure and one delay: neighbours stay together for warm starts
-        chains = [
-            (name, [o for o in grid if o.get("nk") == nk])
-            for name, grid in searched
-            for nk in _distinct([o.get("nk") for o in grid])
-        ]
         chains.sort(key=lambda c: -len(c[1]) * _WEIGHT.get(c[0], 1))
         outcomes = Parallel(n_jobs=jobs, return_as="generator_unordered")(
-            delayed(_timed)(name, grid, data, options, criterion) for name, grid in chains
+            delayed(_timed)(name, chain, grid, data, options, criterion)
+            for name, chain, grid in chains
         )
         done = 0
         for outcome in outcomes:
@@ -191,14 +198,15 @@ def _searches(
                 progress(0.9 * done / total, f"searched {done} of {total} orders")
     else:
         done = 0
-        for name, grid in searched:
+        for name, chain, grid in chains:
 
             def tell(k: int, n: int, what: str, base: int = done) -> None:
                 if progress:
                     progress(0.9 * (base + k) / total, what)
 
-            _collect(_timed(name, grid, data, options, criterion, tell), found, failed)
-            done += len(grid)
+            outcome = _timed(name, chain, grid, data, options, criterion, tell)
+            _collect(outcome, found, failed)
+            done += len(chain)
     return found, {k: v for k, v in failed.items() if k not in found}
 
 
@@ -210,6 +218,7 @@ Outcome = tuple[str, OrderSearch | str, int, float]
 
 def _timed(
     name: str,
+    chain: Sequence[Mapping[str, Any]],
     grid: Sequence[Mapping[str, Any]],
     data: HoldOut,
     options: FitOptions,
@@ -218,12 +227,12 @@ def _timed(
 ) -> Outcome:
     started = perf_counter()
     try:
-        search = search_orders(name, grid, data, options, criterion, progress)
+        search = search_orders(name, chain, data, options, criterion, progress, grid)
     except UsageError:
         raise
     except SysidError as error:
-        return name, str(error), len(grid), perf_counter() - started
-    return name, search, len(grid), perf_counter() - started
+        return name, str(error), len(chain), perf_counter() - started
+    return name, search, len(chain), perf_counter() - started
 
 
 def _collect(

@@ -101,6 +101,7 @@ def search_orders(
     options: FitOptions,
     criterion: str = "fit",
     progress: Progress | None = None,
+    rivals: Sequence[Mapping[str, Any]] = (),
 ) -> OrderSearch:
     """Rank the orders of one structure.
 
@@ -113,6 +114,8 @@ def search_orders(
         options: how to fit.
         criterion: what ranks.
         progress: called with (done, all, what) after each candidate.
+        rivals: orders searched elsewhere that these will be ranked with: information criteria
+            leave out the samples which not all of them predict.
 
     Raises:
         DataError: not one of the candidates could be fitted.
@@ -125,7 +128,9 @@ def search_orders(
         if progress:
             progress(len(grid), len(grid), f"{name}: {len(grid)} orders in one pass")
     else:
-        found = _one_after_another(structures, data, options, criterion, progress)
+        others = [cls.from_orders(dict(o), nu, ny, options.structure_options) for o in rivals]
+        common = max(s.first_sample() for s in (*structures, *others))
+        found = _one_after_another(structures, data, options, criterion, common, progress)
     if not found:
         raise DataError(
             f"{data.whole[0].name}: none of the {len(grid)} orders of {name} could be fitted; "
@@ -184,6 +189,7 @@ def _one_after_another(
     data: HoldOut,
     options: FitOptions,
     criterion: str,
+    common: int,
     progress: Progress | None,
 ) -> list[Candidate]:
     """Fit each candidate, warm-started from the best smaller neighbours already fitted."""
@@ -191,7 +197,6 @@ def _one_after_another(
     train = data.train
     options = searching(options)
     fitted: dict[int, tuple[float, dict[str, float]]] = {}
-    common = max(s.first_sample() for s in structures)
     for k, s in enumerate(structures):
         names = [p.name for p in s.parameters(train[0].inputs, train[0].outputs)]
         warm = [

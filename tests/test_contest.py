@@ -1,0 +1,97 @@
+"""One contest: what is asked for is fitted the same way alone and in company, and who may lead."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from sysid.data.preprocess import Detrend
+from sysid.data.record import Channel, Record
+from sysid.estimation import contest
+from sysid.estimation.contest import LINEAR, run_contest
+from sysid.estimation.holdout import hold_out
+from sysid.estimation.orders import Candidate, OrderSearch, search_orders
+from sysid.estimation.pem import fit
+from sysid.estimation.search import FitOptions
+from sysid.structures.base import Structure
+from sysid.structures.model import Model
+from sysid.structures.registry import structure_class, structure_classes
+
+
+def _motor(samples: int = 260, noise: float = 0.05) -> Record:
+    """A first-order motor behind a saturation: one input, one output, from rest."""
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.uniform(-1.0, 1.0, samples // 5), 5)
+    y = lfilter([0.0, 0.3], [1.0, -0.7], np.tanh(1.5 * u)) + noise * rng.standard_normal(samples)
+    return Record(u[:, None], y[:, None], 0.1, (Channel("u", "V"),), (Channel("y", "rad/s"),))
+
+
+def _asked(names: Sequence[str], record: Record, patch: pytest.MonkeyPatch) -> dict[str, Structure]:
+    """The structures that a contest fits to all data, by name, without fitting any of them."""
+    seen: dict[str, Structure] = {}
+
+    def searched(name: str, grid: Sequence[Mapping[str, Any]], *_: Any, **__: Any) -> OrderSearch:
+        # what a search within a structure brings back: orders that nobody asked for
+        found = [dict(o) | dict.fromkeys(structure_class(name).order_names, 1) for o in grid]
+        return OrderSearch(name, "fit", tuple(Candidate(o, 2, 0.1, 0.1) for o in found), 0.02)
+
+    def fitted(structure: Structure, *_: Any, **__: Any) -> Model:
+        seen[structure.name] = structure
+        plain = structure_class("arx").from_orders({"na": 1, "nb": 1, "nk": 1}, 1, 1)
+        return fit(plain, [record])
+
+    patch.setattr(contest, "search_orders", searched)
+    patch.setattr(contest, "fit", fitted)
+    run_contest(names, [record], FitOptions(), Detrend.none(1, 1))
+    return seen
+
+
+NONLINEAR = [
+    name
+    for name in structure_classes()
+    if name not in LINEAR and structure_class(name).applies(_motor())
+]
+
+
+def test_there_are_nonlinear_structures_to_compare() -> None:
+    assert {"hammerstein-wiener", "narmax", "narx-wavelet", "dc-motor"} <= set(NONLINEAR)
+
+
+@pytest.mark.parametrize("name", NONLINEAR)
+def test_the_same_request_is_the_same_structure(name: str) -> None:
+    """Alone, beside a linear one, beside all others: the same structure goes to the same fit."""
+    record = _motor()
+    found = []
+    for company in ([name], [name, "arx"], [*NONLINEAR, "oe"]):
+        with pytest.MonkeyPatch.context() as patch:
+            found.append(_asked(company, record, patch)[name])
+    assert found[0] == found[1] == found[2]
+
+
+@pytest.mark.parametrize("name", ["hammerstein-wiener"])
+def test_the_same_request_is_the_same_model(name: str) -> None:
+    """The fits themselves, to the last bit."""
+    record = _motor(200)
+    options = FitOptions(max_evaluations=15)
+    alone = run_contest([name], [record], options, Detrend.none(1, 1)).entries
+    beside = run_contest([name, "arx"], [record], options, Detrend.none(1, 1)).entries
+    (other,) = (e.model for e in beside if e.model.structure.name == name)
+    assert alone[0].model.structure == other.structure
+    assert np.array_equal(alone[0].model.theta, other.theta)
+
+
+def test_orders_searched_apart_are_ranked_over_the_same_samples() -> None:
+    """Chains of one delay each give the scores that a single search over all delays gives."""
+    data = hold_out([_motor()])
+    grid = [{"nb": 1, "nf": 1, "nk": nk} for nk in (1, 2, 9)]
+    options = FitOptions()
+    whole = search_orders("oe", grid, data, options, "bic")
+    scores = {c.orders["nk"]: c.score for c in whole.candidates}
+    for o in grid:
+        apart = search_orders("oe", [o], data, options, "bic", None, grid)
+        # another start may end elsewhere within the tolerance of a search, 1e-4 of the cost
+        assert apart.best.score == pytest.approx(scores[o["nk"]], abs=0.05)
+    alone = search_orders("oe", grid[:1], data, options, "bic")
+    assert abs(alone.best.score - scores[1]) > 1.0
