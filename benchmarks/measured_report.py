@@ -7,8 +7,8 @@ from measured_records import PROTOCOLS, Protocol, available
 
 from sysid.estimation.assessment import Assessment, Policy
 from sysid.estimation.identify import Identification, Request, identify
-from sysid.estimation.orders import orders_text
 from sysid.report.markdown import table
+from sysid.structures.orders import orders_text
 
 HEAD = """# The linear structures on measured records
 

@@ -11,13 +11,13 @@ from sysid.data.io import read_logs
 from sysid.errors import ModelError
 from sysid.estimation.comparison import Contender, compare
 from sysid.estimation.identify import Identification, Request, identify
-from sysid.estimation.orders import orders_text
 from sysid.mission.mapping import as_robot
 from sysid.mission.result import MissionResult
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission, load_mission
 from sysid.report.markdown import table
 from sysid.structures.model import Model
+from sysid.structures.orders import orders_text
 
 LOGS = ("prbs", "multilevel", "multisine")
 

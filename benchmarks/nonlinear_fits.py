@@ -15,7 +15,7 @@ from sysid.estimation.contest import LINEAR, run_contest
 from sysid.estimation.figures import Start, outputs
 from sysid.estimation.holdout import hold_out
 from sysid.estimation.identify import choose_detrend
-from sysid.estimation.orders import free_run_error, orders_text
+from sysid.estimation.orders import free_run_error
 from sysid.estimation.pem import fit
 from sysid.estimation.search import FitOptions
 from sysid.estimation.standings import Entry
@@ -26,6 +26,7 @@ from sysid.structures.hammerstein_wiener import HammersteinWiener
 from sysid.structures.model import Model
 from sysid.structures.narmax import NARMAX
 from sysid.structures.narx_wavelet import NarxWavelet
+from sysid.structures.orders import orders_text
 from sysid.structures.registry import BUILT_IN, structure_class
 from sysid.structures.wiener_hammerstein import WienerHammerstein
 

@@ -24,7 +24,7 @@ from sysid.errors import SysidError
 from sysid.estimation.figures import Start, outputs
 from sysid.estimation.holdout import hold_out
 from sysid.estimation.identify import choose_detrend
-from sysid.estimation.orders import free_run_error, orders_text
+from sysid.estimation.orders import free_run_error
 from sysid.estimation.pem import fit
 from sysid.estimation.search import FitOptions
 from sysid.report.markdown import table
@@ -32,7 +32,7 @@ from sysid.structures.base import Structure
 from sysid.structures.block_structure import BlockStructure
 from sysid.structures.hammerstein_wiener import HammersteinWiener
 from sysid.structures.model import Model
-from sysid.structures.orders import parse_orders
+from sysid.structures.orders import orders_text, parse_orders
 from sysid.structures.registry import structure_class
 from sysid.structures.wiener_hammerstein import WienerHammerstein
 

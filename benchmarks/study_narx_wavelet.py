@@ -20,11 +20,10 @@ from sysid.data.record import Record
 from sysid.estimation.contest import run_contest
 from sysid.estimation.figures import Start, outputs
 from sysid.estimation.identify import choose_detrend
-from sysid.estimation.orders import orders_text
 from sysid.estimation.search import FitOptions
 from sysid.report.markdown import table
 from sysid.structures.model import Model
-from sysid.structures.orders import parse_orders
+from sysid.structures.orders import orders_text, parse_orders
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from . import reading, render
+from . import reading, render, targets
 from .fit_report import residual_words
 from .workspace import StoredModel, Workspace
 
@@ -66,11 +66,9 @@ def compare(
     from sysid.estimation.comparison import compare as rank
     from sysid.estimation.figures import Start
     from sysid.estimation.orders import check_criterion
-    from sysid.report.plots import picture_format
 
     check_criterion(criteria)
-    if plot is not None:
-        picture_format(plot)
+    targets.check_picture(plot)
     place = Workspace(workspace)
     stored = [place.load(i) for i in dict.fromkeys(models)] if models else place.all()
     start = Start(reading.choice(initial_state, [s.value for s in Start], "--initial-state"))
@@ -176,7 +174,7 @@ def _show(ranking: "Ranking", folds: "Mapping[str, CrossValidation]", plot: Path
 def _row(
     line: "Ranked", names: list[str], folds: "Mapping[str, CrossValidation]", shown: str
 ) -> list[object]:
-    from sysid.estimation.orders import orders_text
+    from sysid.structures.orders import orders_text
 
     figures, id = line.figures, line.contender.id
     parts = [p["fit_percent"] for p in (figures, *figures.get("k_step", []), figures["one_step"])]

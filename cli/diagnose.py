@@ -8,7 +8,7 @@ import typer
 
 from sysid.errors import DataError, ModelError, UsageError
 
-from . import packages, reading, render
+from . import packages, reading, render, targets
 from .diagnose_files import keep_models, write_results
 from .diagnose_report import show
 from .workspace import StoredModel, Workspace
@@ -91,6 +91,8 @@ def diagnose(
     experiments that would tell more (next_*.csv) are written to a folder.
     """
     place = Workspace(workspace)
+    if output is not None:
+        targets.check(output, "-o")
     folder = _folder(output or place.diagnosis_dir, logs, val or [])
     _mission_files(mission, plant)
     if plant is not None and model is not None:

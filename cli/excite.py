@@ -8,7 +8,7 @@ import typer
 
 from sysid.errors import UsageError
 
-from . import reading, render
+from . import reading, render, targets
 
 if TYPE_CHECKING:
     from sysid.data.excitation import Schedule
@@ -60,6 +60,12 @@ def excite(
         tuple[float, float] | None,
         typer.Option(metavar="MIN MAX", help="steps: time a level is held [s]."),
     ] = None,
+    on: Annotated[
+        float | None, typer.Option(metavar="S", help="pulses: time each is driven [s].")
+    ] = None,
+    pause: Annotated[
+        float | None, typer.Option(metavar="S", help="pulses: time at rest between them [s].")
+    ] = None,
     seed: Annotated[
         int | None, typer.Option(min=0, metavar="N", help="prbs, multisine, steps: random seed.")
     ] = None,
@@ -76,11 +82,13 @@ def excite(
 
     given = {
         "duration": duration, "amplitude": amplitude, "clock": clock, "offset": offset,
-        "band": band, "levels": levels, "hold": hold, "seed": seed,
+        "band": band, "levels": levels, "hold": hold, "on": on, "pause": pause, "seed": seed,
     }  # fmt: skip
     options = {name: value for name, value in given.items() if value is not None}
+    path = output or Path(f"schedule_{design.value}.csv")
+    targets.check(path, "-o")
     schedule = _schedule(design, {"dt": dt, **options}, tracks, tuple(names or ()))
-    path = write_schedule(schedule, output or Path(f"schedule_{design.value}.csv"))
+    path = write_schedule(schedule, path)
     facts = _facts(schedule, design, path)
     if json:
         render.document(facts)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from . import reading, render
+from . import reading, render, targets
 from .workspace import Workspace
 
 
@@ -25,6 +25,8 @@ def export(
     from sysid.plant.package import write_package
     from sysid.plant.selftest import TOLERANCE, selftest
 
+    if output is not None:
+        targets.check(output, "-o")
     place = Workspace(workspace)
     stored = place.chosen(model)
     path = write_package(stored.model, output or place.plant_dir, stored.report, stored.id)

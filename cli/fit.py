@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from . import fit_options, reading, render
+from . import fit_options, reading, render, targets
 from .fit_report import show
 from .workspace import StoredModel, Workspace
 
@@ -197,10 +197,8 @@ def fit(
     ahead in free run on a held-out part of the estimation data comes first.
     """
     from sysid.estimation.identify import Request
-    from sysid.report.plots import picture_format
 
-    if plot is not None:
-        picture_format(plot)
+    targets.check_picture(plot)
     origin = {"files": [str(p.resolve()) for p in logs], "read": read.to_json()}
     options = fit_options.estimation(
         focus,
@@ -250,7 +248,10 @@ def _identify(
     judged = read_files(val, read) if val else ()
     held: list[Record] = [steps.apply(r) for f in judged for r in f.records]
     require_usable(records)
-    findings = [*(f for file in files for f in file.findings), *inspect_records(records)]
+    findings = [
+        *(f for file in files for f in file.findings),
+        *inspect_records(records, least=Severity.WARNING),
+    ]
     notes = tuple(f.text for f in findings if f.severity >= Severity.WARNING)
     with render.progress("Fitting", total=1000) as tick:
         done = 0

@@ -19,8 +19,8 @@ MANY = 24
 
 def show(stored: "Sequence[StoredModel]", found: "Identification", plot: Path | None) -> None:
     """Print the ranking, the winner's parameters and figures, and what to do next."""
-    from sysid.estimation.orders import orders_text
     from sysid.report.step_words import step_sentences
+    from sysid.structures.orders import orders_text
 
     best = found.assessments[0]
     names = list(best.estimation.free_run.fit_percent)

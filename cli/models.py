@@ -81,7 +81,7 @@ def _list(stored: "list[StoredModel]", root: Path) -> None:
     if not stored:
         render.say(f"The workspace {root} holds no model; run `sysid fit` first.")
         return
-    from sysid.estimation.orders import orders_text
+    from sysid.structures.orders import orders_text
 
     rows = [
         (

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 def draw_fit(path: Path, title: str, found: "Identification") -> None:
     """Draw measured, simulated and residual of the winner with its residual correlations."""
     from sysid.criteria.residuals import autocorrelation, cross_correlation
-    from sysid.estimation.orders import orders_text
     from sysid.estimation.pem import head_window
     from sysid.report.fit_picture import FitPicture
     from sysid.report.plots import plot_fit
+    from sysid.structures.orders import orders_text
 
     best = found.assessments[0]
     model = best.model
@@ -56,9 +56,9 @@ TITLE = 70
 def draw_ranking(path: Path, ranking: "Ranking") -> None:
     """Draw the models of a comparison as bars with their fits beside them."""
     from sysid.criteria.information import CRITERIA
-    from sysid.estimation.orders import orders_text
     from sysid.report.plots import plot_ranking
     from sysid.report.ranking_drawing import RankingPicture, RankingRow
+    from sysid.structures.orders import orders_text
 
     from . import render
 

@@ -7,7 +7,7 @@ import typer
 
 from sysid.errors import DataError, ModelError, UsageError
 
-from . import packages, reading, render
+from . import packages, reading, render, targets
 from .workspace import Workspace
 
 if TYPE_CHECKING:
@@ -38,14 +38,14 @@ def simulate(
     json: reading.Json = False,
 ) -> None:
     """Drive the exported plant through a mission, or replay a log's inputs through it."""
-    from sysid.report.plots import picture_format
 
-    if plot is not None:
-        picture_format(plot)
+    targets.check_picture(plot)
     place = Workspace(workspace)
     package = _load(place, plant, accept_changes)
     drives = mission.suffix.lower() in _MISSION_FILES
     name = f"{mission.stem}.csv" if drives else f"{mission.stem}_replay.csv"
+    if log is not None:
+        targets.check(log, "--log")
     target = log or place.missions_dir / name
     if target.exists() and mission.exists() and target.samefile(mission):
         raise UsageError(f"--log {target} would overwrite what is simulated; name another file")

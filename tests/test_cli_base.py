@@ -520,3 +520,15 @@ def test_documents_hold_plain_values_only() -> None:
     }
     with pytest.raises(TypeError, match="object"):
         documents.plain(object())
+
+
+@pytest.mark.parametrize("line", ["fit log.csv", "compare", "simulate log.csv"])
+def test_a_picture_never_makes_folders(
+    line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, out, err = ask(capsys, [*line.split(), "--plot", "new/folder/p.png"])
+    assert (code, out) == (2, "")
+    assert "the folder new/folder does not exist" in err
+    assert err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from sysid_cli.app import main
 
 from sysid.data.record import Record
 from sysid.estimation.pem import fit
@@ -23,7 +24,7 @@ from sysid.structures.registry import structure_class
 
 LOG = Path(__file__).resolve().parent.parent / "datasets" / "devastator" / "prbs.csv"
 NUMERIC = ("numpy", "scipy", "pandas", "pyarrow", "matplotlib", "joblib", "sysid.data.record")
-HEAVY = ("jax", "jaxlib", "jaxopt", "matplotlib", "sklearn", "pysindy")
+HEAVY = ("jax", "jaxlib", "jaxopt", "matplotlib", "sklearn", "pysindy", "pandas")
 ATTEMPTS = 3
 """The best of three counts: one may meet a busy moment, all three hardly."""
 
@@ -110,6 +111,53 @@ print(json.dumps({{"code": code, "found": found, "cap": os.environ.get("OPENBLAS
 @pytest.mark.parametrize("arguments", [["--help"], ["fit", "--help"], ["--version"]])
 def test_help_imports_no_numeric_library(arguments: list[str], tmp_path: Path) -> None:
     assert imported_by(arguments, NUMERIC, tmp_path)["found"] == []
+
+
+@pytest.mark.parametrize("arguments", [["structures"], ["structures", "bj"], ["models"]])
+def test_what_only_describes_models_waits_for_no_filter(
+    arguments: list[str], tmp_path: Path
+) -> None:
+    """These took 1.6 and 1.0 s, nearly all of it scipy.signal; without it 0.3 s."""
+    line = ["fit", str(LOG), "--structure", "arx", "--orders", "na=2 nb=2"]
+    assert main([*line, "--workspace", str(tmp_path / ".sysid")]) == 0
+    slow = ("scipy.signal", "scipy.stats", "scipy.optimize", "pandas", "pyarrow", *HEAVY)
+    done = imported_by(arguments, slow, tmp_path)
+    assert (done["code"], done["found"]) == (0, [])
+
+
+def test_linear_fit_costs_little_more_than_its_libraries(tmp_path: Path) -> None:
+    """Processor time of a fit of 10⁴ samples as a command, over that of what it must import.
+
+    The two runs meet the same machine, so that their ratio says what the fit adds: measured 2.6
+    with pandas and the test for nonlinearity, whose notes a fit does not show, 1.7 without.
+    """
+    record = simulated(10_000, seed=1)
+    rows = np.column_stack([record.t, record.u, record.y])
+    log = tmp_path / "log.csv"
+    np.savetxt(log, rows, fmt="%.9g", delimiter=",", header="t,u,y", comments="")
+    line = ["fit", str(log), "--structure", "arx", "--orders", "na=2 nb=2"]
+    libraries = "import csv, numpy, scipy.linalg, scipy.signal"
+    command = f"from sysid_cli.app import main; main({line!r})"
+    for _ in range(ATTEMPTS):
+        ratio = processor_time(command, tmp_path) / processor_time(libraries, tmp_path)
+        if ratio < 2.1:
+            return
+    pytest.fail(f"a fit takes {ratio:.2f} times what its libraries take")
+
+
+def processor_time(code: str, folder: Path) -> float:
+    """Seconds of user and system time that Python needs for ``code``."""
+    before = os.times()
+    subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=folder,
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+        capture_output=True,
+        check=True,
+    )
+    after = os.times()
+    spent = after.children_user - before.children_user
+    return spent + after.children_system - before.children_system
 
 
 def test_linear_fit_imports_nothing_heavy_and_caps_blas(tmp_path: Path) -> None:

@@ -16,9 +16,9 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.signal import lfilter
 
 from sysid.criteria.fit import Array, Signals, as_records
+from sysid.data.filtering import lfilter
 from sysid.errors import DataError
 
 BLOCK = 8192

@@ -7,7 +7,6 @@ the PWM is rounded to whole µs, as the robot takes it. The same arguments give 
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import signal
 
 from sysid.data.columns import ROBOT_INPUTS
 from sysid.data.record import Array
@@ -58,6 +57,8 @@ def prbs(
     count = sample_count(duration, dt, amplitude, offset, names)
     if clock < 1:
         raise UsageError(f"the clock of a PRBS must be 1 sample or more, got {clock}")
+    from scipy import signal
+
     steps = -(-count // clock)
     bits = min(max(3, int(np.ceil(np.log2(steps + 1)))), 20)
     sequence = 2.0 * signal.max_len_seq(bits)[0] - 1.0
@@ -174,6 +175,8 @@ def chirp(
             f"a sweep of {part * dt:g} s does not hold one period of {low:g} Hz; drive longer or "
             "raise the lowest frequency"
         )
+    from scipy import signal
+
     t = np.arange(part) * dt
     sweep = signal.chirp(t, low, t[-1], high, method="logarithmic", phi=-90)
     u = np.zeros((count, len(names)))

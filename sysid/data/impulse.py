@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import fdtrc
 
 from sysid.data.record import Array, Record
 from sysid.errors import DataError
@@ -209,7 +209,7 @@ def chance(fit: LongRegression, j: int, index: NDArray[np.int64]) -> float:
     """p-value of "these coefficients of output j are all zero"."""
     value, rank = _wald(fit, j, index)
     free = fit.samples - fit.a[j].size - fit.b[j].size
-    return float(stats.f.sf(value / max(rank, 1), max(rank, 1), free))
+    return float(fdtrc(max(rank, 1), free, value / max(rank, 1)))
 
 
 def _wald(fit: LongRegression, j: int, index: NDArray[np.int64]) -> tuple[float, int]:

@@ -21,8 +21,9 @@ Sources: Luukkonen, Saikkonen & Teräsvirta (1988) for the score test with produ
 §8.2, for surrogates from a fitted linear model.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,8 +105,8 @@ def nonlinearity_tests(records: Sequence[Record]) -> tuple[NonlinearityTest, ...
     found = [measured.scored(j, first.ny, driven) for j in range(first.ny)]
     rng = np.random.default_rng(0)
     null = np.zeros((SURROGATES, first.ny))
-    for b in range(SURROGATES):
-        twin = _Linear.of(_surrogate(records, measured, rng), lags)
+    for b, surrogate in enumerate(_surrogates(records, measured, rng)):
+        twin = _Linear.of(surrogate, lags)
         null[b] = [twin.scored(j, first.ny, driven).z for j in range(first.ny)]
     tests = []
     for j, name in enumerate(first.output_names):
@@ -184,12 +185,13 @@ class _Linear:
 
 def _judged(Z: Array, e: Array, labels: Sequence[str]) -> _Score:
     """Learn on the blocks so far, test on the next."""
-    blocks = _blocks(len(e))
+    order, blocks = _blocks(len(e))
+    Z, e = Z[order], e[order]
     G = [Z[rows].T @ Z[rows] for rows in blocks]
     right = [Z[rows].T @ e[rows] for rows in blocks]
     scores: list[float] = []
     explained = total = 0.0
-    gram, moment, count = sum(G[:LEARNED]), sum(right[:LEARNED]), sum(map(len, blocks[:LEARNED]))
+    gram, moment, count = sum(G[:LEARNED]), sum(right[:LEARNED]), blocks[LEARNED].start
     for b in range(LEARNED, len(blocks)):
         gamma = _ridge(np.asarray(gram), np.asarray(moment), count)
         g, own = Z[blocks[b]] @ gamma, e[blocks[b]]
@@ -218,7 +220,8 @@ def _products(v: Array, kinds: Sequence[str]) -> tuple[Array, list[str]]:
     labels: list[str] = []
     for k, what in enumerate(kinds):
         x = v[:, k]
-        columns += [x**2, np.abs(x), x**3, x * np.abs(x)]
+        square, size = x * x, np.abs(x)
+        columns += [square, size, square * x, x * size]
         labels += [f"even in the {what}"] * 2 + [f"odd in the {what}"] * 2
         for m in range(k):
             columns.append(x * v[:, m])
@@ -227,14 +230,19 @@ def _products(v: Array, kinds: Sequence[str]) -> tuple[Array, list[str]]:
     return np.column_stack(columns), labels
 
 
-def _blocks(rows: int) -> list[Array]:
+def _blocks(rows: int) -> tuple[NDArray[np.int64], list[slice]]:
     """Rows of ten blocks, each four pieces from all over the log, in a fixed shuffled order.
 
     A law that shows at one level only is then met while learning and while testing.
+
+    Returns:
+        the rows, block after block, and where each block stands among them.
     """
     pieces = np.array_split(np.arange(rows), 4 * BLOCKS)
     order = np.random.default_rng(0).permutation(4 * BLOCKS)
-    return [np.concatenate([pieces[k] for k in np.sort(order[b::BLOCKS])]) for b in range(BLOCKS)]
+    blocks = [np.concatenate([pieces[k] for k in np.sort(order[b::BLOCKS])]) for b in range(BLOCKS)]
+    ends = np.cumsum([0, *map(len, blocks)])
+    return np.concatenate(blocks), [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
 
 def _pieces(records: Sequence[Record]) -> list[Record]:
@@ -260,10 +268,12 @@ def _order(records: Sequence[Record]) -> int:
     return max(2, min(found + max(found // 2, 4), most))
 
 
-def _surrogate(records: Sequence[Record], fit: _Linear, rng: np.random.Generator) -> list[Record]:
-    """The records with outputs that the linear predictor makes from shuffled errors.
+def _surrogates(
+    records: Sequence[Record], fit: _Linear, rng: np.random.Generator
+) -> Iterator[list[Record]]:
+    """The records with outputs that the linear predictor makes from shuffled errors, many times.
 
-    Each stretch starts from the measured past, and all stretches advance at once.
+    Each stretch starts from the measured past; all stretches of all surrogates advance at once.
     """
     order, ny = len(fit.lags) - 1, records[0].ny
     u_mean = [r.u[order:].mean(axis=0) for r in records]
@@ -276,19 +286,22 @@ def _surrogate(records: Sequence[Record], fit: _Linear, rng: np.random.Generator
     longest = max(b - a for _, a, b in starts)
     A = fit.theta[: ny * order].reshape(ny, order, ny)
     B = fit.theta[ny * order :].reshape(records[0].nu, order + 1, ny)
-    y = np.zeros((order + longest, len(starts), ny))
+    y = np.zeros((order + longest, SURROGATES, len(starts), ny))
     forced = np.zeros((longest, len(starts), ny))
-    errors = fit.errors[rng.integers(0, len(fit.errors), (longest, len(starts)))]
+    drawn = rng.integers(0, len(fit.errors), (SURROGATES, longest, len(starts))).swapaxes(0, 1)
     for s, (k, a, b) in enumerate(starts):
-        y[:order, s] = records[k].y[a - order : a] - y_mean[k]
+        past = records[k].y[a - order : a] - y_mean[k]
+        y[:order, :, s] = past[:, None]
         u = records[k].u[a - order : b] - u_mean[k]
         for lag in range(order + 1):
             forced[: b - a, s] += u[order - lag : len(u) - lag] @ B[:, lag]
     back = A.transpose(1, 0, 2)[::-1].reshape(order * ny, ny)
     for t in range(longest):
-        past = y[t : t + order].transpose(1, 0, 2).reshape(len(starts), order * ny)
-        y[t + order] = past @ back + forced[t] + errors[t]
-    made = [r.y.copy() for r in records]
-    for s, (k, a, b) in enumerate(starts):
-        made[k][a:b] = y[order : order + b - a, s] + y_mean[k]
-    return [replace(r, y=m) for r, m in zip(records, made, strict=True)]
+        past = y[t : t + order].transpose(1, 2, 0, 3).reshape(-1, order * ny)
+        free = (past @ back).reshape(SURROGATES, len(starts), ny)
+        y[t + order] = free + forced[t] + fit.errors[drawn[t]]
+    for each in range(SURROGATES):
+        made = [r.y.copy() for r in records]
+        for s, (k, a, b) in enumerate(starts):
+            made[k][a:b] = y[order : order + b - a, each, s] + y_mean[k]
+        yield [replace(r, y=m) for r, m in zip(records, made, strict=True)]

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import signal
 
 from sysid.data.record import Array, Record
 from sysid.errors import DataError, ModelError, UsageError
@@ -176,6 +175,8 @@ def low_pass(record: Record, cutoff: float, order: int = 4) -> Record:
         )
     if order < 1:
         raise UsageError(f"a filter of order {order} does nothing; choose 1 or more")
+    from scipy import signal
+
     sections = signal.butter(order, cutoff / nyquist, output="sos")
     pad = 3 * (2 * len(sections) + 1)
     if len(record) <= pad:
@@ -209,6 +210,8 @@ def decimate(record: Record, factor: int) -> Record:
             f"{record.name}: {len(record)} samples decimated by {factor} leave {count}; "
             "choose a smaller factor"
         )
+    from scipy import signal
+
     sections = signal.cheby1(8, 0.05, 0.8 / factor, output="sos")
     pad = min(len(record) - 1, 27 * factor)
     y = signal.sosfiltfilt(sections, record.y, axis=0, padlen=pad)

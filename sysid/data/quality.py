@@ -52,7 +52,9 @@ DYNAMIC_CHECKS: tuple[Callable[[Sequence[Record]], list[Finding]], ...] = (
 )
 
 
-def inspect_records(records: Sequence[Record], order: int = 8) -> tuple[Finding, ...]:
+def inspect_records(
+    records: Sequence[Record], order: int = 8, least: Severity = Severity.OK
+) -> tuple[Finding, ...]:
     """Every check, in a fixed order, each with at least one verdict in words.
 
     Length, missing samples and constant channels come first; where one of them is fatal the other
@@ -63,6 +65,7 @@ def inspect_records(records: Sequence[Record], order: int = 8) -> tuple[Finding,
     Args:
         records: experiments with the same channels.
         order: order the inputs should excite; the number of lags of the largest model wanted.
+        least: findings below it are not wanted; a check that has no others is then spared.
 
     Raises:
         DataError: there is no record.
@@ -77,8 +80,9 @@ def inspect_records(records: Sequence[Record], order: int = 8) -> tuple[Finding,
             found += check(records)
         found += check_excitation(records, order)
         for check in DYNAMIC_CHECKS:
-            found += check(records)
-    return tuple(found)
+            if check is not check_nonlinearity or least <= Severity.NOTE:
+                found += check(records)
+    return tuple(f for f in found if f.severity >= least)
 
 
 def require_usable(records: Sequence[Record]) -> None:

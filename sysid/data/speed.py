@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import signal
 
 from sysid.data.impulse import long_regression
 from sysid.data.record import Array, Record
@@ -81,6 +80,8 @@ def _explained(records: Sequence[Record], step: Array) -> Array:
     """Share of each output's variance that the inputs explain through the step responses."""
     if not np.all(np.isfinite(step)):
         return np.zeros(step.shape[1])
+    from scipy import signal
+
     impulse = np.diff(step, axis=0, prepend=0.0)
     left, total = np.zeros(step.shape[1]), np.zeros(step.shape[1])
     for r in records:

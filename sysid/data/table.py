@@ -1,4 +1,4 @@
-"""A log file as named columns of numbers: CSV and Parquet through pandas."""
+"""A log file as named columns of numbers: plain CSV by NumPy, what is odd and Parquet by pandas."""
 
 import io
 import re
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 _BRACKETS = re.compile(r"(?P<base>.*?\S)\s*[\[(](?P<unit>[^\[\]()]*)[\])]")
 LARGEST = 1e100
 """No measured number is larger, and the squares of larger ones overflow."""
+QUICK_ROWS = 100_000
+"""Rows up to which NumPy reads a log sooner (0.2 s) than pandas is imported (0.3 s)."""
 _MISSING = ("", "na", "nan", "n/a", "null", "none", "-nan", "#n/a", "<na>")
 
 
@@ -74,16 +76,18 @@ class Table:
         Raises:
             DataError: the first cell reads as a date but another one does not.
         """
-        import pandas as pd
-
         column = self.names.index(name)
         if isinstance(self.source, Layout):
             sep = self.source.delimiter
             first = split_line(self.source.rows[0], sep)[column]
             if first.lower() in _MISSING or not re.search(r"\d[-/:.T]\d+[-/:T]", first):
                 return None
+            import pandas as pd
+
             cells = pd.Series([split_line(r, sep)[column] for r in self.source.rows])
         else:
+            import pandas as pd
+
             cells = self.source.iloc[:, column]
             if pd.api.types.is_numeric_dtype(cells):
                 return None
@@ -101,10 +105,15 @@ class Table:
         return np.asarray(elapsed, dtype=np.float64)
 
     def _text(self, index: list[int]) -> Array:
-        import pandas as pd
-
         layout = self.source
         assert isinstance(layout, Layout)
+        quick = _plain_numbers(layout, index)
+        return self._odd_text(layout, index) if quick is None else quick
+
+    def _odd_text(self, layout: Layout, index: list[int]) -> Array:
+        """Cells that are missing, quoted or written with a comma, and very long logs."""
+        import pandas as pd
+
         order = sorted(set(index))
         # pandas returns the columns in file order, whatever order is asked for.
         options: dict[str, Any] = {
@@ -173,6 +182,18 @@ class Table:
                 )
             parts.append(numbers.to_numpy(dtype=np.float64, na_value=np.nan))
         return np.column_stack(parts)
+
+
+def _plain_numbers(layout: Layout, index: list[int]) -> Array | None:
+    """The columns of a short log whose cells are nothing but numbers; None for any other log."""
+    long = len(layout.rows) > QUICK_ROWS
+    if long or layout.decimal != "." or any('"' in row for row in layout.rows):
+        return None
+    sep = None if layout.delimiter == " " else layout.delimiter
+    try:
+        return np.loadtxt(layout.rows, delimiter=sep, usecols=index, ndmin=2, comments=None)
+    except ValueError:
+        return None
 
 
 def read_table(

@@ -14,7 +14,7 @@ three robust standard deviations, so that jumps count no more than others.
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from sysid.data.impulse import feedback_tests
 from sysid.data.record import Array, Record
@@ -78,7 +78,7 @@ def reaction(records: Sequence[Record], j: int, surprise: Sequence[Array]) -> tu
     free = len(y) - X.shape[1]
     if a <= 0.0 or b <= 0.0:
         return 1.0, 0.0
-    return float(f_distribution.sf((a - b) / ANSWER / (b / free), ANSWER, free)), 1.0 - b / a
+    return float(fdtrc(ANSWER, free, max(a - b, 0.0) / ANSWER / (b / free))), 1.0 - b / a
 
 
 def _moves(records: Sequence[Record], j: int) -> bool:

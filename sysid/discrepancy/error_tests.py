@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from sysid.criteria.coloured import ar_fit
 from sysid.data.record import Array
@@ -40,7 +40,7 @@ def f_test(w: Array, X: Array, spent: int) -> float:
     rest = float(w @ w) - explained
     if q == 0 or free < 10 or rest <= 0.0:
         return 1.0
-    return float(f_distribution.sf(explained / q / (rest / free), q, free))
+    return float(fdtrc(q, free, explained / q / (rest / free)))
 
 
 def level_chance(e: Sequence[Array], own: Sequence[Array]) -> float:
@@ -67,7 +67,7 @@ def level_chance(e: Sequence[Array], own: Sequence[Array]) -> float:
     rest = left - level * constant
     noise = ar_fit(np.split(rest, ends), ORDER)
     t = level**2 * float(constant @ constant) / max(noise.long_run_variance, 1e-300)
-    return float(f_distribution.sf(t, 1, max(len(y) // 50, 5)))
+    return float(fdtrc(1, max(len(y) // 50, 5), t))
 
 
 def ripple_chance(
@@ -91,6 +91,6 @@ def ripple_chance(
         best = max(best, float(np.max((ss * cw**2 - 2.0 * cs * cw * sw + cc * sw**2) / det)))
     free = len(w) - nuisance.shape[1] - 2
     rest = max(float(w @ w) - best, 1e-300)
-    one = float(f_distribution.sf(best / 2.0 / (rest / free), 2, free))
+    one = float(fdtrc(2, free, best / 2.0 / (rest / free)))
     apart = min(len(RIPPLES), 2.0 * span * float(np.ptp(RIPPLES)) / (2.0 * np.pi))
     return min(1.0, apart * one)

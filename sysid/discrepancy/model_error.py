@@ -17,9 +17,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from sysid.criteria.coloured import ar_fit
+from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Record
 from sysid.discrepancy.diagnosis import ResidualVerdict
 from sysid.discrepancy.error_tests import (

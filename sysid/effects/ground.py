@@ -7,7 +7,6 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.effects.base import Context, Place
-from sysid.effects.catalogue import catalogue, effect
 from sysid.errors import UsageError
 
 _CONTEXT = Context(*((0.0,) * len(fields(Context))))
@@ -33,6 +32,10 @@ class Ground:
     parameters: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if not self.effects:  # as in nearly every model: spare it the import of all effects
+            return
+        from sysid.effects.catalogue import catalogue, effect
+
         for id in self.effects:
             if effect(id).place is not Place.POSE:
                 raise UsageError(f"{id} does not act between the tracks and the ground")
@@ -48,6 +51,10 @@ class Ground:
         Args:
             omega: wheel speeds, left and right in the last axis, (…, 2) [rad/s].
         """
+        if not self.effects:
+            return omega
+        from sysid.effects.catalogue import effect
+
         for id in self.effects:
             omega, _ = effect(id).step(np, omega, (), self.parameters[id], _CONTEXT)
         return omega

@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, hankel
-from scipy.signal import lfilter
 
+from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Record
 from sysid.estimation import initial
 from sysid.estimation.block_fit import ChainData, descend

@@ -14,11 +14,10 @@ from sysid.estimation.block_fit import (
     descend,
     outer_abscissae,
 )
-from sysid.estimation.orders import orders_text
 from sysid.estimation.sign_recovery import signed_starts
 from sysid.estimation.static_change import with_statics
 from sysid.structures.hammerstein_wiener import HammersteinWiener
-from sysid.structures.orders import Orders
+from sysid.structures.orders import Orders, orders_text
 from sysid.structures.static import IDENTITY, Static, parse_static
 
 PROXY = "piecewise:8"

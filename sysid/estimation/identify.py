@@ -11,10 +11,11 @@ from sysid.estimation.assessment import Assessment, Policy, assess
 from sysid.estimation.contest import LINEAR, run_contest
 from sysid.estimation.figures import require_left
 from sysid.estimation.grid import parse_grid
-from sysid.estimation.orders import check_criterion, orders_text
+from sysid.estimation.orders import check_criterion
 from sysid.estimation.search import FitOptions
 from sysid.estimation.standings import Entry
 from sysid.structures.model import SAME_CLOCK
+from sysid.structures.orders import orders_text
 from sysid.structures.registry import structure_class
 
 SHOWN_CANDIDATES = 10

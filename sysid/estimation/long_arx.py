@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter
 from scipy.special import fdtri
 
+from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Record
 from sysid.estimation import normal_equations as ne
 from sysid.estimation.output_error import passing, reflected

@@ -16,6 +16,7 @@ from sysid.estimation.pem import fit, head_window
 from sysid.estimation.search import FitOptions
 from sysid.structures.arx import ARX
 from sysid.structures.base import Focus, Structure
+from sysid.structures.orders import orders_text
 from sysid.structures.registry import structure_class
 
 Progress = Callable[[int, int, str], None]
@@ -280,26 +281,3 @@ def _arx_at_once(structures: Sequence[Structure], data: HoldOut, criterion: str)
         if np.isfinite(score):
             found.append(Candidate(s.order_values(), n, score, error, bounded_run(s, a.theta)))
     return found
-
-
-def orders_text(orders: Mapping[str, Any]) -> str:
-    """``na=2 nb=2 nk=1``, matrices as ``na=1,0;0,1``, as short as --orders reads them back."""
-    parts = []
-    for name, value in orders.items():
-        rows = value if isinstance(value, list | tuple) else [value]
-        cells = [list(r) if isinstance(r, list | tuple) else [r] for r in rows]
-        parts.append(f"{name}={_shortest(name, cells)}")
-    return " ".join(parts)
-
-
-def _shortest(name: str, cells: list[list[Any]]) -> str:
-    flat = [c for row in cells for c in row]
-    same = len(set(flat)) == 1
-    if name == "na" and len(cells) > 1:
-        own = {row[i] for i, row in enumerate(cells)}
-        same = len(own) == 1 and sum(flat) == sum(row[i] for i, row in enumerate(cells))
-    if same:
-        return str(cells[0][0])
-    if all(len(row) == 1 for row in cells) and name in ("nc", "nd"):
-        return ",".join(str(c) for c in flat)
-    return ";".join(",".join(str(c) for c in row) for row in cells)

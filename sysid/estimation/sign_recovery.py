@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
+from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Record
 from sysid.estimation.bla import linear_starts
 from sysid.estimation.output_error import reflected

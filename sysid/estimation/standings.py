@@ -12,11 +12,11 @@ from sysid.estimation.orders import (
     OrderSearch,
     bounded_run,
     free_run_error,
-    orders_text,
 )
 from sysid.estimation.pem import head_window
 from sysid.estimation.search import FitOptions
 from sysid.structures.model import Model
+from sysid.structures.orders import orders_text
 
 FOLLOWS = 1.5
 """A model whose free run over all data errs by more than so many times the best one's does not

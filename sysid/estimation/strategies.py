@@ -12,7 +12,6 @@ from sysid.estimation import closed_form
 from sysid.estimation.search import FitOptions, Search, assembled
 from sysid.estimation.uncertainty import with_confounded
 from sysid.structures.base import Parameter, Structure
-from sysid.structures.grey_box import GreyBox
 from sysid.structures.model import StartReport
 
 
@@ -62,12 +61,20 @@ GREY = "sysid.estimation.grey_box:by_multi_start"
 
 def strategy(structure: Structure) -> Strategy:
     """The way to fit this structure."""
-    own = _OWN.get(structure.name, GREY if isinstance(structure, GreyBox) else None)
+    own = _OWN.get(structure.name, GREY if _grey(structure) else None)
     if own is None:
         return by_search
     module, _, name = own.partition(":")
     found: Strategy = getattr(import_module(module), name)
     return found
+
+
+def _grey(structure: Structure) -> bool:
+    if structure.linear:  # most fits are, and need not wait for the import
+        return False
+    from sysid.structures.grey_box import GreyBox
+
+    return isinstance(structure, GreyBox)
 
 
 def by_search(

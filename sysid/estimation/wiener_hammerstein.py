@@ -15,13 +15,14 @@ from sysid.errors import ModelError
 from sysid.estimation.block_fit import ChainData, abscissae, descend, outer_abscissae
 from sysid.estimation.block_outcome import finished
 from sysid.estimation.holdout import hold_out, shortened
-from sysid.estimation.orders import orders_text, tie_margin
+from sysid.estimation.orders import tie_margin
 from sysid.estimation.search import FitOptions
 from sysid.estimation.static_change import with_statics
 from sysid.estimation.strategies import Outcome, Warm
 from sysid.estimation.wiener_hammerstein_starts import Candidate, ranked_starts
 from sysid.structures.base import Parameter
 from sysid.structures.model import StartReport
+from sysid.structures.orders import orders_text
 from sysid.structures.static import Static, parse_static
 from sysid.structures.wiener_hammerstein import WienerHammerstein
 

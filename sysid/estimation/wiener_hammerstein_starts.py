@@ -13,14 +13,14 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
+from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Record
 from sysid.estimation.bla import input_denominators
 from sysid.estimation.block_fit import ChainData, Fitted, descend
 from sysid.estimation.holdout import shortened
-from sysid.estimation.orders import orders_text
 from sysid.structures.block_layers import LinearLayer
+from sysid.structures.orders import orders_text
 from sysid.structures.static import Static, parse_static
 from sysid.structures.wiener_hammerstein import WienerHammerstein
 

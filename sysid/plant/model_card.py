@@ -5,10 +5,10 @@ from importlib.resources import files
 from string import Template
 from typing import Any
 
-from sysid.estimation.orders import orders_text
 from sysid.plant.c_code import why_no_c_code
 from sysid.plant.selftest import TOLERANCE
 from sysid.structures.model import Model
+from sysid.structures.orders import orders_text
 
 _C_USAGE = """In C99, without heap or globals (`c/plant.h`, `c/plant.c`); the self-test prints its
 largest relative error:

@@ -20,8 +20,8 @@ from sys import maxsize
 from typing import Any
 
 import numpy as np
-from scipy.signal import lfilter, lfilter_zi
 
+from sysid.data.filtering import lfilter, lfilter_zi
 from sysid.data.record import Array
 from sysid.structures.block_layers import Layer, LinearLayer, StaticLayer
 from sysid.structures.predictor import roots_inside

@@ -1,8 +1,8 @@
 """Consecutive lags of a signal as rows, and what a filter makes of them."""
 
 import numpy as np
-from scipy.signal import lfilter
 
+from sysid.data.filtering import lfilter
 from sysid.data.record import Array
 
 

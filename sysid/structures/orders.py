@@ -170,3 +170,26 @@ def _checked(name: str, value: Any) -> int:
     if not whole or not 0 <= int(value) <= MAX_ORDER:
         raise UsageError(f"{name}: orders are whole numbers from 0 to {MAX_ORDER}, got {value!r}")
     return int(value)
+
+
+def orders_text(orders: Mapping[str, Any]) -> str:
+    """``na=2 nb=2 nk=1``, matrices as ``na=1,0;0,1``, as short as --orders reads them back."""
+    parts = []
+    for name, value in orders.items():
+        rows = value if isinstance(value, list | tuple) else [value]
+        cells = [list(r) if isinstance(r, list | tuple) else [r] for r in rows]
+        parts.append(f"{name}={_shortest(name, cells)}")
+    return " ".join(parts)
+
+
+def _shortest(name: str, cells: list[list[Any]]) -> str:
+    flat = [c for row in cells for c in row]
+    same = len(set(flat)) == 1
+    if name == "na" and len(cells) > 1:
+        own = {row[i] for i, row in enumerate(cells)}
+        same = len(own) == 1 and sum(flat) == sum(row[i] for i, row in enumerate(cells))
+    if same:
+        return str(cells[0][0])
+    if all(len(row) == 1 for row in cells) and name in ("nc", "nd"):
+        return ",".join(str(c) for c in flat)
+    return ";".join(",".join(str(c) for c in row) for row in cells)

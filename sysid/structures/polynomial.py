@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.signal import lfilter
 
+from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Channel, Index, Record
 from sysid.structures.base import Focus, Initial, Parameter, Problem, Structure, refuse_options
 from sysid.structures.orders import Orders, spread

@@ -21,8 +21,8 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.signal import lfilter
 
+from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Index
 from sysid.structures.base import Problem
 from sysid.structures.lagged import impulse, lags, monic, shifted, through

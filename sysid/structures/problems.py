@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.signal import lfilter
 
+from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Index
 from sysid.structures.base import Problem
 from sysid.structures.predictor import HUGE, RowErrors, largest_radius, roots_inside

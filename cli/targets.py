@@ -1,0 +1,36 @@
+"""Files and folders that a person asks to be written: refused before the work, not after it."""
+
+from pathlib import Path
+
+from sysid.errors import UsageError
+
+
+def check(path: Path, option: str, new_folder: bool = True) -> None:
+    """Refuse a place whose folder is not there: a slip of the pen must not make a tree of them.
+
+    Args:
+        path: the file or folder to write.
+        option: what the place was named with.
+        new_folder: whether the last folder on the way may be new.
+
+    Raises:
+        UsageError: a folder does not exist.
+    """
+    folder = path.parent.parent if new_folder else path.parent
+    if not folder.is_dir():
+        what = "is not a folder" if folder.exists() else "does not exist"
+        raise UsageError(f"{option} {path}: the folder {folder} {what}; make it or name another")
+
+
+def check_picture(path: Path | None) -> None:
+    """Refuse a ``--plot`` that cannot be drawn; nothing is drawn where it is not given.
+
+    Raises:
+        UsageError: the folder does not exist, or the name ends neither in .svg nor in .png.
+    """
+    if path is None:
+        return
+    from sysid.report.plots import picture_format
+
+    picture_format(path)
+    check(path, "--plot", new_folder=False)
