@@ -14,7 +14,7 @@ from diagnose_cases import Case
 
 from sysid.report.markdown import table
 
-SAMPLES_ONLY = frozenset({"quantisation", "dropouts"})
+SAMPLES_ONLY = frozenset({"quantisation", "held-telemetry", "dropouts"})
 """Found by looking at the samples: named in any place, and no gap to close."""
 
 

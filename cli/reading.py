@@ -108,6 +108,16 @@ SpeedOf = Annotated[
         help="Output that is a position or counter: model its speed instead.",
     ),
 ]
+Held = Annotated[
+    str,
+    typer.Option(
+        "--held",
+        metavar="HOW",
+        rich_help_panel=_PANEL,
+        help="Sensors slower than the log: auto reads it at their rate, keep every row, N one "
+        "sample every N rows.",
+    ),
+]
 
 _PREPARING = "Preparing the log"
 Trim = Annotated[
@@ -162,6 +172,7 @@ def read_options(
     resample: Resample = "auto",
     unwrap: Unwrap = None,
     speed_of: SpeedOf = None,
+    held: Held = "auto",
 ) -> "ReadOptions":
     """The options above as the library takes them; this signature is their one declaration.
 
@@ -184,6 +195,7 @@ def read_options(
         resample=check_policy(resample),
         unwrap=parse_periods(unwrap or []),
         speed_of=_names(speed_of),
+        held=held,
     )
 
 

@@ -32,8 +32,9 @@ STAGES = {
 
 SAMPLES = """## In the samples themselves
 
-`quantisation` (readings on a grid) and `dropouts` (readings lost, held or zero) are read off the
-samples. They are told and masked, not added to the model.
+`quantisation` (readings on a grid), `held-telemetry` (a sensor slower than the log, whose readings
+repeat until the next one) and `dropouts` (readings lost, held or zero) are read off the samples.
+They are told and masked, not added to the model.
 """
 
 OWN = """## One of your own

@@ -20,7 +20,9 @@ RECORD, _ = logged("steps", 3, "white", 1200)
 SLOW = replace(RECORD, u=np.rint(0.3 * RECORD.u), sha256="")
 
 
-@pytest.mark.parametrize("id", [*catalogue(), "changed-parameter", "quantisation", "dropouts"])
+@pytest.mark.parametrize(
+    "id", [*catalogue(), "changed-parameter", "quantisation", "held-telemetry", "dropouts"]
+)
 def test_every_effect_has_a_schedule_a_robot_can_run(id: str) -> None:
     assert id in PROGRAMMES_OF
     found = experiment_for(id, SLOW, SCALES)

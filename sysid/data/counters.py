@@ -271,30 +271,23 @@ def parse_periods(given: Sequence[str]) -> dict[str, float]:
     return found
 
 
-def positions(
-    t: Array,
+def continued(
     values: Array,
     names: Sequence[str],
     outputs: Mapping[str, Conversion],
     headings: Sequence[str],
     unwrap: Mapping[str, float],
-    speed_of: Sequence[str],
     where: str,
-) -> tuple[Array, dict[str, Conversion], tuple[Finding, ...]]:
-    """Outputs that count or turn without their jumps, and as speeds where these are wanted.
+) -> tuple[Array, tuple[Finding, ...]]:
+    """Outputs that count or turn, and headings, without their jumps.
 
     Args:
-        t: instants of the rows [s], (N,).
         values: (N, n), as the file has them.
         names: of the columns.
         outputs: output → its unit.
         headings: columns of the pose that are angles.
         unwrap: output → period, 0 to leave it, as ``without_jumps`` takes them.
-        speed_of: outputs to be replaced by their speed.
         where: name of the file.
-
-    Returns:
-        the columns, the outputs by their new names and units, and what was done.
 
     Raises:
         UsageError, DataError: an option names no output or does not fit its readings.
@@ -302,30 +295,54 @@ def positions(
     turns: dict[str, tuple[float, ...] | None] = dict.fromkeys(headings, (2.0 * pi, 360.0))
     for name, unit in outputs.items():
         turns[name] = (2.0 * pi / unit.scale,) if unit.unit == "rad" else () if unit.unit else None
-    out, said = without_jumps(values, names, turns, unwrap, where)
+    return without_jumps(values, names, turns, unwrap, where)
+
+
+def as_speeds(
+    t: Array,
+    values: Array,
+    names: Sequence[str],
+    outputs: Mapping[str, Conversion],
+    speed_of: Sequence[str],
+    where: str,
+) -> tuple[Array, dict[str, Conversion], tuple[Finding, ...]]:
+    """Outputs ``speed_of`` replaced by their speeds: columns, outputs with units, what was done.
+
+    Args:
+        t: instants of the rows [s], (N,).
+        values: (N, n), without jumps.
+        names: of the columns.
+        outputs: output → its unit.
+        speed_of: outputs to be replaced.
+        where: name of the file.
+
+    Raises:
+        UsageError: one of them is no output.
+    """
     for name in speed_of:
         if name not in outputs:
             raise UsageError(
                 f"--speed-of names {name!r}, which is no output of {where}; they are "
                 f"{', '.join(outputs)}"
             )
+    out = values.copy()
     found: dict[str, Conversion] = {}
+    said: list[Finding] = []
     for name, unit in outputs.items():
         if name not in speed_of:
             found[name] = unit
             continue
         k = list(names).index(name)
-        position = out[:, k].copy()
-        out[:, k] = speeds(t, position)
+        out[:, k] = speeds(t, values[:, k])
         rate = Conversion(f"{unit.unit or 'counts'}/s", unit.scale, unit.file_unit)
         found[f"{name}_speed"] = rate
-        step = grain(position) * unit.scale / float(np.median(np.diff(t)))
+        step = grain(values[:, k]) * unit.scale / float(np.median(np.diff(t)))
         text = (
             f"{where}: {name}_speed is the speed between readings of {name}; one step of {name} "
             f"in a sample is {step:.3g} {rate.unit}."
         )
-        said = (*said, Finding("counter", Severity.NOTE, text, channel=name, record=where))
-    return out, found, said
+        said.append(Finding("counter", Severity.NOTE, text, channel=name, record=where))
+    return out, found, tuple(said)
 
 
 def speeds(t: Array, y: Array) -> Array:

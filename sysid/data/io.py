@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.columns import Choice, choose_columns
-from sysid.data.counters import positions
+from sysid.data.counters import as_speeds, continued
 from sysid.data.files import read_bytes
 from sysid.data.finding import Finding, Severity
+from sysid.data.held import at_sensor_rate, slow_sensors
 from sysid.data.read_options import ReadOptions
 from sysid.data.record import Array, Channel, Record
 from sysid.data.table import Table, read_table
@@ -138,24 +139,35 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
     inputs, outputs = conversions(
         choice.inputs, choice.outputs, bracketed, options.units, options.pwm_max, table.where
     )
-    counts, outputs, jumps = positions(
-        t[rows],
-        values[rows],
-        signals,
-        outputs,
-        choice.pose[2:],
-        options.unwrap,
-        options.speed_of,
-        table.where,
+    read, jumps = continued(
+        values[rows], signals, outputs, choice.pose[2:], options.unwrap, table.where
+    )
+    sizes = (len(choice.inputs), len(choice.outputs))
+    slow = slow_sensors(t[rows], read, signals, sizes, options.held, table.where)
+    read, outputs, derived = as_speeds(
+        t[rows], slow.values, signals, outputs, options.speed_of, table.where
     )
     channels = (
         tuple(c.channel(n, grid.dt) for n, c in inputs.items()),
         tuple(c.channel(n, grid.dt) for n, c in outputs.items()),
     )
-    findings = (*_reading_notes(table, choice, channels), *findings, *lost, *jumps, *grid.findings)
+    findings = (
+        *_reading_notes(table, choice, channels),
+        *findings,
+        *lost,
+        *jumps,
+        *slow.findings,
+        *derived,
+        *grid.findings,
+    )
     digest = hashlib.sha256(data).hexdigest()
     records = tuple(
-        _record(counts, t[rows], grid, segment, channels, choice, name, digest)
+        at_sensor_rate(
+            _record(read, t[rows], grid, segment, channels, choice, name, digest),
+            slow,
+            t[rows],
+            slice(segment.start, segment.stop),
+        )
         for segment, name in zip(grid.segments, _names(path.name, grid), strict=True)
     )
     return LogFile(path, records, findings, options)

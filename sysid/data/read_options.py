@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.held import check_held
 from sysid.data.timing import ResamplePolicy, check_policy
 from sysid.data.units import conversion, pwm_conversion
 from sysid.errors import UsageError
@@ -25,6 +26,8 @@ class ReadOptions:
         resample: what to do about jitter, gaps and missing cells (see ``timing``).
         unwrap: output → number after which its counter starts over, 0 to leave its jumps alone;
             an empty name for every output; else it is seen from the readings (see ``counters``).
+        held: what to do about sensors slower than the log: ``auto`` reads the log at their rate,
+            ``keep`` leaves every row, a number is that of the rows in a sample (see ``held``).
         speed_of: outputs that are positions and are read as the speed between their readings.
 
     Raises:
@@ -42,6 +45,7 @@ class ReadOptions:
     resample: ResamplePolicy = "auto"
     unwrap: Mapping[str, float] = field(default_factory=dict, hash=False)
     speed_of: tuple[str, ...] = ()
+    held: str = "auto"
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -51,6 +55,7 @@ class ReadOptions:
         put(self, "units", dict(self.units))
         put(self, "unwrap", {name: float(period) for name, period in self.unwrap.items()})
         check_policy(self.resample)
+        check_held(self.held)
         if self.ts is not None and not (np.isfinite(self.ts) and self.ts > 0):
             raise UsageError(f"--ts must be a positive sample time in seconds, got {self.ts:g}")
         if self.decimal not in (None, ".", ","):

@@ -159,6 +159,7 @@ def _lower(text: str) -> str:
 
 _SAMPLES = {
     "quantisation": "Hold several slow speeds and look at the readings' digits.",
+    "held-telemetry": "Let the drive send every reading, or log only when one arrives.",
     "dropouts": "Drive fast and steadily and look for readings that jump to zero or repeat.",
 }
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sysid.data.held import own_rate, without_repeats
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.discrepancy.closed_loop import in_closed_loop
@@ -112,7 +113,7 @@ def plain_base(
         words = "per track its own command, first order, one sample of delay, no offset"
     else:
         # a body that a force moves: friction would otherwise hide in a higher order
-        order, delay = (1, 1) if on_rate else _order_and_delay(estimation)
+        order, delay = (1, 1) if on_rate else _order_and_delay(without_repeats(estimation))
         level = not may_lack_sign(estimation)
         order = order if level else LARGEST_ORDER
         late = "one sample" if delay == 1 else f"{delay} samples"
@@ -120,7 +121,7 @@ def plain_base(
         words += " and a level" if level else ""
         words += f" for the rate of the output, which integrates, every {first.dt:.3g} s" * on_rate
     model = SuperModel(effects, order, first.ny, typical_speed(estimation), first.dt)
-    in_loop = in_closed_loop(estimation)
+    in_loop = in_closed_loop(own_rate(estimation))
     search = NamingSearch(
         model,
         parts.estimation,
@@ -175,7 +176,7 @@ def given_base(
     def driven(r: Record) -> Record:
         return replace(r, u=given.drive(runs[id(r)]))
 
-    in_loop = in_closed_loop(estimation)
+    in_loop = in_closed_loop(own_rate(estimation))
     found = NamingSearch(
         plain,
         [driven(r) for r in parts.estimation],

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.criteria.coloured import effective_sample_size
+from sysid.data.held import fresh_only, refreshes
 from sysid.data.record import Array, Record
 
 BLOCKS = 24
@@ -200,8 +201,17 @@ def noise_floor(records: Sequence[Record]) -> Array:
     spread is the standard deviation of white reading noise. Where the commands rest often enough,
     only readings on which no command has just changed count, by their root mean square without
     outliers; else the median absolute deviation of all of them, which passes over transients as
-    long as they are a minority.
+    long as they are a minority. Of a sensor slower than the log only fresh readings count.
     """
+    slow = refreshes(records)
+    if any(slow):
+        each = [_floor(fresh_only(records, i, s)) for i, s in enumerate(slow)]
+        return np.concatenate(each)
+    return _floor(records)
+
+
+def _floor(records: Sequence[Record]) -> Array:
+    """``noise_floor`` of readings that are all fresh."""
     third = np.concatenate([np.diff(r.y, n=3, axis=0) for r in records if len(r) > 3])
     calm = np.concatenate([_calm(r) for r in records if len(r) > 3])
     rough = 1.4826 * np.median(np.abs(third), axis=0)

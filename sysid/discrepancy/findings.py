@@ -47,7 +47,7 @@ def _sentence(text: str, values: Sequence[Value], ties: Sequence[str]) -> str:
 
 
 def sample_effects(found: SampleEffects) -> tuple[NamedEffect, ...]:
-    """Quantisation and dropouts: read off the samples, they lower no error and have no p-value."""
+    """Coarse, repeated and lost readings: seen in the samples, they lower no error."""
     effects = []
     if found.coarse:
         effects.append(
@@ -61,6 +61,20 @@ def sample_effects(found: SampleEffects) -> tuple[NamedEffect, ...]:
                 0.0,
                 (),
                 " ".join(c.sentence for c in found.coarse),
+            )
+        )
+    if found.held:
+        effects.append(
+            NamedEffect(
+                "held-telemetry",
+                "sensor",
+                tuple(c.output for c in found.held),
+                tuple(Value(f"period[{c.output}]", c.seconds, None, "s") for c in found.held),
+                0.0,
+                0.0,
+                0.0,
+                (),
+                " ".join(c.sentence for c in found.held),
             )
         )
     if found.lost:

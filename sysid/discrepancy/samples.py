@@ -1,7 +1,10 @@
-"""Effects that are read off the samples themselves: coarse readings and lost readings.
+"""Effects that are read off the samples themselves: coarse, repeated and lost readings.
 
 Quantisation: all readings lie on a lattice whose step is larger than the noise. A finer lattice
 (any converter has one) does not matter and is not named.
+
+Held telemetry: a sensor slower than the log, whose readings repeat until the next one. Only fresh
+ones count, at their own times.
 
 Dropouts: readings that jump to exactly zero and back between two neighbours alike, or that repeat
 the last reading to the last digit while the speed moves on. They are masked, with a sentence that
@@ -15,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.held import refreshes
 from sysid.data.record import Array, Record
 
 Mask = NDArray[np.bool_]
@@ -69,6 +73,26 @@ class Lost:
         )
 
 
+@dataclass(frozen=True)
+class Held:
+    """A sensor slower than the log: rows from reading to reading, phase, share that repeats."""
+
+    output: str
+    period: float
+    seconds: float
+    phase: int
+    share: float
+
+    @property
+    def sentence(self) -> str:
+        """What it is, how often, and what was done."""
+        return (
+            f"{self.output} is refreshed every {self.period:.3g} rows ({self.seconds:.3g} s, "
+            f"mostly in row {self.phase + 1} of {round(self.period)}); {100 * self.share:.0f} % of "
+            "the rows repeat the last reading and are left out."
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class SampleEffects:
     """What inspecting the samples found.
@@ -76,17 +100,25 @@ class SampleEffects:
     Attributes:
         coarse: outputs with quantisation.
         lost: outputs with dropouts.
-        weights: 0 where a reading was lost, 1 elsewhere, (N, ny) a record.
+        weights: 0 where a reading was lost or repeats the last one, 1 elsewhere, (N, ny) a
+            record.
+        held: outputs whose sensor is slower than the log.
     """
 
     coarse: tuple[Coarse, ...]
     lost: tuple[Lost, ...]
     weights: tuple[Array, ...]
+    held: tuple[Held, ...] = ()
 
     @property
     def ids(self) -> tuple[str, ...]:
         """Ids of the catalogue that were found."""
-        return (("quantisation",) if self.coarse else ()) + (("dropouts",) if self.lost else ())
+        found = {
+            "quantisation": self.coarse,
+            "held-telemetry": self.held,
+            "dropouts": self.lost,
+        }
+        return tuple(id for id, outputs in found.items() if outputs)
 
     @property
     def hidden(self) -> int:
@@ -103,12 +135,20 @@ def inspect_samples(records: Sequence[Record]) -> SampleEffects:
     weights = [np.ones(r.y.shape) for r in records]
     coarse: list[Coarse] = []
     lost: list[Lost] = []
+    held: list[Held] = []
     total = sum(len(r) for r in records)
+    slow = refreshes(records)
     for i, name in enumerate(records[0].output_names):
         series = [r.y[:, i] for r in records]
         step = lattice(np.concatenate(series))
         masks = [np.zeros(len(y), dtype=bool) for y in series]
-        for holds in (False, True):
+        refresh = slow[i]
+        if refresh is not None:
+            masks = [~fresh for fresh in refresh.fresh]
+            phase = refresh.phase(0, max(round(refresh.period), 1))
+            seconds = refresh.period * records[0].dt
+            held.append(Held(name, refresh.period, seconds, phase, refresh.repeated))
+        for holds in (False, True) if refresh is None else ():
             sure = [_bursts(r, i, step, holds, strict=True) for r in records]
             count = sum(int(np.sum(np.diff(m.astype(int), prepend=0) == 1)) for m in sure)
             if count < max(FEWEST, FEWEST_SHARE * total):
@@ -123,11 +163,12 @@ def inspect_samples(records: Sequence[Record]) -> SampleEffects:
             w[m, i] = 0.0
         kept = np.concatenate([y[~m] for y, m in zip(series, masks, strict=True)])
         if step > 0.0:
-            noise = max(reading_noise(series), step / np.sqrt(12.0))
+            fresh_only = [y[~m] for y, m in zip(series, masks, strict=True)]
+            noise = max(reading_noise(fresh_only), step / np.sqrt(12.0))
             size = float(np.quantile(np.abs(kept), 0.95)) or 1.0
             if step >= COARSE * noise and step >= VISIBLE * size:
                 coarse.append(Coarse(name, step, step / noise))
-    return SampleEffects(tuple(coarse), tuple(lost), tuple(weights))
+    return SampleEffects(tuple(coarse), tuple(lost), tuple(weights), tuple(held))
 
 
 def smallest_named(records: Sequence[Record]) -> dict[str, float | None]:

@@ -43,6 +43,7 @@ PROGRAMMES_OF: dict[str, tuple[str, ...]] = {
     "sensor-bias": ("rests", "coasting"),
     "changed-parameter": ("levels", "repeat"),
     "quantisation": ("cruise",),
+    "held-telemetry": ("reversals",),
     "dropouts": ("cruise",),
 }
 """Programmes that show each effect, the best first."""

@@ -31,7 +31,7 @@ def about(id: str) -> Effect:
 def catalogue() -> dict[str, Effect]:
     """Effects that have a step, by id; other packages add theirs as ``sysid.effects``.
 
-    Quantisation and dropouts are read off the samples and have no step.
+    Quantisation, held telemetry and dropouts are read off the samples and have no step.
     """
     found = {e.id: e for e in (*actuator.EFFECTS, *motor.EFFECTS, *sensor.EFFECTS)}
     found |= {e.id: e for e in vehicle.EFFECTS}

@@ -143,7 +143,7 @@ def residual_sentence(test: ResidualVerdict) -> str:
 
 def evidence_sentence(effect: NamedEffect) -> str:
     """Why an effect was accepted."""
-    if effect.id in ("quantisation", "dropouts"):
+    if effect.id in ("quantisation", "held-telemetry", "dropouts"):
         return "read off the samples themselves; the model stays as it is"
     return (
         f"held out, {percent(100 * effect.heldout_gain)} of the error went; "
