@@ -14,6 +14,7 @@ from .diagnose_report import show
 from .workspace import StoredModel, Workspace
 
 if TYPE_CHECKING:
+    from sysid.data.finding import Finding
     from sysid.data.preparation import Preparation
     from sysid.data.read_options import ReadOptions
     from sysid.data.record import Record
@@ -90,6 +91,8 @@ def diagnose(
     Both models stay in the workspace; diagnosis.json, a page (index.html) and schedules of the
     experiments that would tell more (next_*.csv) are written to a folder.
     """
+    from sysid.data.finding import Severity
+
     place = Workspace(workspace)
     if output is not None:
         targets.check(output, "-o")
@@ -102,12 +105,20 @@ def diagnose(
     read, steps = _as_fitted(given, read, steps)
     if read.resample == "auto":  # an empty reading is one of the things to be found: a dropout
         read = replace(read, resample="hold")
-    estimation = _records(logs, read, steps)
-    held = _records(val, read, steps) if val else None
-    _apart(estimation, held)
-    base = given or (place.best_for(estimation[0]) if plant is None else None)
     package = packages.read(plant, accept_changes) if plant is not None else None
+    estimation, notes = _records(logs, read, steps)
+    base = given or (place.best_for(estimation[0]) if plant is None else None)
+    doubted = base.model if base else package.model() if package else None
+    slow = read.held == "auto" and any(n.code == "held-telemetry" for n in notes)
+    if slow and not (doubted and doubted.fits_clock(estimation[0])):
+        # no model at the sensor's rate: repeats are masked, and commands keep their instants
+        read = replace(read, held="keep")
+        estimation, notes = _records(logs, read, steps)
+    held, more = _records(val, read, steps) if val else (None, [])
+    _apart(estimation, held)
     found = _run(estimation, held, base, (mission, lengths), package)
+    told = (n.text for n in (*notes, *more) if n.severity >= Severity.WARNING)
+    found = replace(found, warnings=(*dict.fromkeys(told), *found.warnings))
     origin = {"files": [str(p.resolve()) for p in logs], "read": read.to_json()}
     before, after = keep_models(place, found, base, origin | {"prepare": steps.to_json()})
     document = write_results(folder, found, before, after)
@@ -194,13 +205,17 @@ def _as_fitted(
     return read, steps
 
 
-def _records(logs: list[Path], read: "ReadOptions", steps: "Preparation") -> "list[Record]":
-    from sysid.data.io import read_logs
+def _records(
+    logs: list[Path], read: "ReadOptions", steps: "Preparation"
+) -> "tuple[list[Record], list[Finding]]":
+    """The records of logs, and what there is to say about the reading."""
+    from sysid.data.io import read_files
     from sysid.data.quality import require_usable
 
-    records = [steps.apply(r) for r in read_logs(logs, read)]
+    files = read_files(logs, read)
+    records = [steps.apply(r) for file in files for r in file.records]
     require_usable(records)
-    return records
+    return records, [f for file in files for f in file.findings]
 
 
 def _apart(estimation: "list[Record]", held: "list[Record] | None") -> None:

@@ -43,7 +43,8 @@ def covariance_of(base: Base, node: Node) -> Array:
     H = information(base.search.model, node.q, node.free, base.search.data)
     errors = np.concatenate(node.errors.estimation)
     variance = float(np.nanmean(errors**2))
-    share = float(np.min(effective_samples(node.errors.estimation))) / len(errors)
+    counted = np.maximum(np.isfinite(errors).sum(axis=0), 1)
+    share = float(np.min(effective_samples(node.errors.estimation) / counted))
     return np.asarray(variance * np.linalg.pinv(H, hermitian=True) / max(min(share, 1.0), 1e-3))
 
 
@@ -98,7 +99,7 @@ def model_of(base: Base, node: Node) -> Model:
         inside = [k for k, slot in enumerate(slots) if slot in at]
         index = [at[slots[k]] for k in inside]
         covariance[np.ix_(inside, inside)] = free[np.ix_(index, index)]
-    parts = [e[np.isfinite(e).all(axis=1)] for e in node.errors.estimation]
+    parts = _rows_together(node.errors.estimation)
     errors = np.concatenate(parts)
     values = [np.concatenate([r.u for r in records]), np.concatenate([r.y for r in records])]
     return Model(
@@ -117,6 +118,22 @@ def model_of(base: Base, node: Node) -> Model:
         ranges=np.array([(c.min(), c.max()) for block in values for c in block.T]),
         provenance=Provenance(_sources(records), {"made_by": "diagnose"}, __version__),
     )
+
+
+def _rows_together(errors: Sequence[Array]) -> list[Array]:
+    """Errors of all outputs in rows of their own, (M, ny) a record.
+
+    Slow sensors whose readings never share a row are put side by side in their order.
+    """
+    parts = [e[np.isfinite(e).all(axis=1)] for e in errors]
+    if sum(map(len, parts)) > errors[0].shape[1]:
+        return parts
+    found = []
+    for e in errors:
+        columns = [c[np.isfinite(c)] for c in e.T]
+        shortest = min(len(c) for c in columns)
+        found.append(np.column_stack([c[:shortest] for c in columns]))
+    return found
 
 
 def _sources(records: Sequence[Record]) -> tuple[Source, ...]:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sysid.data.held import without_repeats
 from sysid.data.record import Array, Record
 from sysid.discrepancy.augment import covariance_of, values_of
 from sysid.discrepancy.base_model import Base
@@ -120,7 +121,11 @@ def absorbed(base: Base, naming: Naming) -> tuple[str, ...]:
 
 
 def traces(base: Base, naming: Naming) -> tuple[Trace, ...]:
-    """Records with the runs of both models; what does not count is marked."""
+    """Records with the runs of both models; what does not count is marked.
+
+    Readings of a slow sensor are joined by lines: in a row of its own fresh reading another output
+    has none.
+    """
     found = []
     model = base.search.model
     for role, records, data in (
@@ -135,7 +140,7 @@ def traces(base: Base, naming: Naming) -> tuple[Trace, ...]:
         weights = data.split(data.weight)
         found += [
             Trace(r, x, y, role, np.asarray(w.max(axis=1) > 0.0, dtype=np.float64))
-            for r, x, y, w in zip(records, before, after, weights, strict=True)
+            for r, x, y, w in zip(without_repeats(records), before, after, weights, strict=True)
         ]
     return tuple(found)
 

@@ -64,7 +64,7 @@ def localise(
 
     Args:
         records: where the model was run.
-        errors: free-run errors (N, ny) on each.
+        errors: free-run errors (N, ny) on each; NaN where a sample does not count.
         floor: measurement noise of each output, (ny,).
         scales: full drive of each track's command.
         seed: of the bootstrap.
@@ -72,13 +72,14 @@ def localise(
     rng = np.random.default_rng(seed)
     found: list[Region] = []
     for i, channel in enumerate(records[0].outputs):
-        excess = [e[:, i] ** 2 - floor[i] ** 2 for e in errors]
+        counted = [np.isfinite(e[:, i]) for e in errors]
+        excess = [e[c, i] ** 2 - floor[i] ** 2 for e, c in zip(errors, counted, strict=True)]
         total = float(np.sum(np.concatenate(excess)))
         if total <= LEAST * floor[i] ** 2 * sum(len(e) for e in excess):
             continue
         masks = [regimes(r, i, scales) for r in records]
         for name in masks[0]:
-            inside = [m[name] for m in masks]
+            inside = [m[name][c] for m, c in zip(masks, counted, strict=True)]
             share = float(np.mean(np.concatenate(inside)))
             if not FEWEST <= share <= 0.9:
                 continue

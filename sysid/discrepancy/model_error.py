@@ -20,7 +20,7 @@ import numpy as np
 
 from sysid.criteria.coloured import ar_fit
 from sysid.data.filtering import lfilter
-from sysid.data.record import Array, Record
+from sysid.data.record import Array, Index, Record
 from sysid.discrepancy.diagnosis import ResidualVerdict
 from sysid.discrepancy.error_tests import (
     ORDER,
@@ -123,7 +123,7 @@ def structure_left(
         else:
             own = [s[:, i] for s in slopes]
         own = [_with_transient(z, records, simulated, i, scales) for z in own]
-        kept = [_stretches(x) for x in filled]
+        kept = [_fresh(x[:, i]) or _stretches(y) for x, y in zip(errors, filled, strict=True)]
         e, own, columns, angle = (
             [x[part] for x, parts in zip(whole, kept, strict=True) for part in parts]
             for whole in (
@@ -184,6 +184,22 @@ def _filled(e: Array) -> Array:
         if high - low <= BRIDGED and not missing.all():
             out[low:high] = np.interp(t[low:high], t[~missing], e[~missing])
     return out
+
+
+def _fresh(e: Array) -> list[Index]:
+    """Rows of a sensor slower than the log, in stretches without gaps; none for a faster one.
+
+    Lines between its readings would be no errors of the model but a colour of our own.
+    """
+    there = np.flatnonzero(np.isfinite(e))
+    if len(there) < 2:
+        return []
+    steps = np.diff(there)
+    usual = float(np.median(steps))
+    if usual < 2.0:
+        return []
+    parts = np.split(there, np.flatnonzero(steps > 2.0 * usual) + 1)
+    return [p for p in parts if len(p) > 3 * ORDER]
 
 
 def _stretches(e: Array) -> list[slice]:

@@ -292,8 +292,7 @@ class Study:
     def _where(self, naming: Naming, after: bool) -> tuple[Region, ...]:
         old = self.doubted.base.node if self.doubted is not None else naming.base
         node = naming.final if after else old
-        errors = [np.nan_to_num(e) for e in node.errors.held]
-        return localise(self.base.parts.held, errors, self.floor, self.scales, self.seed)
+        return localise(self.base.parts.held, node.errors.held, self.floor, self.scales, self.seed)
 
     def _unseen(
         self, naming: Naming, told: PoseDiagnosis | None, named: Sequence[str]
@@ -348,7 +347,7 @@ class Study:
                 "another gain."
             )
         if hidden:
-            found.append(f"{hidden} lost readings are left out of every figure.")
+            found.append(f"{hidden} lost or repeated readings are left out of every figure.")
         if told is not None and not told.effects and sum(told.windows) < FEW_WINDOWS:
             found.append(
                 f"The pose gives only {sum(told.windows)} windows of motion to judge slip and "

@@ -73,27 +73,31 @@ def measure_gap(
 ) -> Gap:
     """The gap on held-out records, from free-run errors (N, ny) before and after.
 
-    Rows that are not finite do not count. A floor that held-out errors fall below is none (a wave
+    Errors that are not finite do not count. A floor that held-out errors fall below is none (a wave
     at constant speed passes for noise): nothing is taken off then, which understates the share.
     """
     old, new = np.concatenate(before), np.concatenate(after)
-    counted = np.isfinite(old).all(axis=1) & np.isfinite(new).all(axis=1)
-    old, new = old[counted], new[counted]
-    floor = np.where(np.sqrt(np.mean(new**2, axis=0)) < REFUTED * floor, 0.0, floor)
+    there = np.isfinite(old) & np.isfinite(new)
+    rows = there.any(axis=1)
+    # each output counts as if it had a reading in every row: a slow sensor's stand for more
+    weight = (there[rows] / np.mean(there[rows], axis=0)).astype(np.float64)
+    old, new = (np.where(there[rows], e[rows], 0.0) for e in (old, new))
+    floor = np.where(np.sqrt(np.mean(weight * new**2, axis=0)) < REFUTED * floor, 0.0, floor)
     channels = {
         n: ChannelGap(
-            float(np.sqrt(np.mean(old[:, i] ** 2))),
-            float(np.sqrt(np.mean(new[:, i] ** 2))),
+            float(np.sqrt(np.mean(weight[:, i] * old[:, i] ** 2))),
+            float(np.sqrt(np.mean(weight[:, i] * new[:, i] ** 2))),
             float(floor[i]),
         )
         for i, n in enumerate(names)
     }
-    scale = np.sqrt(np.mean(old**2, axis=0)) + 1e-300
+    scale = np.sqrt(np.mean(weight * old**2, axis=0)) + 1e-300
     # an output that was at its floor has no gap to close: only its noise would be counted
     open_ = scale**2 > ABOVE * floor**2
     at = np.flatnonzero(open_ if open_.any() else np.ones(len(scale), dtype=bool))
-    a = np.sum((old[:, at] ** 2 - floor[at] ** 2) / scale[at] ** 2, axis=1)
-    b = np.sum((new[:, at] ** 2 - floor[at] ** 2) / scale[at] ** 2, axis=1)
+    per = weight[:, at] / scale[at] ** 2
+    a = np.sum((old[:, at] ** 2 - floor[at] ** 2) * per, axis=1)
+    b = np.sum((new[:, at] ** 2 - floor[at] ** 2) * per, axis=1)
     size = max(len(a) // BLOCKS, 5)
     pairs = np.array(
         [(a[k : k + size].sum(), b[k : k + size].sum()) for k in range(0, len(a), size)]

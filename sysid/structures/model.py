@@ -153,11 +153,15 @@ class Model:
                 f"{record.name} has {_arrow(got)} but the model was fitted to {_arrow(wanted)}; "
                 "choose the columns with --input and --output"
             )
-        if abs(record.dt - self.dt) > SAME_CLOCK * self.dt:
+        if not self.fits_clock(record):
             raise ModelError(
                 f"{record.name} is sampled every {record.dt:g} s but the model every "
                 f"{self.dt:g} s; resample the log or fit a model to it"
             )
+
+    def fits_clock(self, record: Record) -> bool:
+        """Whether a record has the model's sample time."""
+        return abs(record.dt - self.dt) <= SAME_CLOCK * self.dt
 
     def simulate(self, u: Array, x0: Array | None = None, t0: float = 0.0) -> Array:
         """Free run for inputs ``u`` (N, nu) in physical units from state x0, shape (N, ny)."""
