@@ -47,7 +47,12 @@ def _described(p: Protocol) -> str:
 
 def _identified(p: Protocol) -> Identification:
     inside, outside = p.read()
-    request = Request(jobs=2, policy=Policy(skip=p.skip))
+    request = Request(
+        jobs=2,
+        # as the protocols have it; a robot's zeros are physical
+        detrend="none" if inside.is_robot_log else "mean",
+        policy=Policy(skip=p.skip),
+    )
     return identify([inside], [outside], request)
 
 

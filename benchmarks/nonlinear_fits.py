@@ -14,7 +14,6 @@ from sysid.errors import SysidError
 from sysid.estimation.contest import LINEAR, run_contest
 from sysid.estimation.figures import Start, outputs
 from sysid.estimation.holdout import hold_out
-from sysid.estimation.identify import choose_detrend
 from sysid.estimation.orders import free_run_error
 from sysid.estimation.pem import fit
 from sysid.estimation.search import FitOptions
@@ -97,7 +96,7 @@ def fitted(record: str, name: str) -> Fitted:
     trial = RECORDS[record]()
     asked = OPTIONS.get((record, name), {})
     options = FitOptions(structure_options=asked)
-    detrend = choose_detrend(trial.train, "auto")
+    detrend = trial.detrend
     names = LINEAR if name == BEST_LINEAR else (name,)
     started = process_time()
     try:

@@ -15,6 +15,7 @@ from sysid_datasets import path as bundled
 
 from sysid.criteria.fit import fit_percent, rmse, rrse
 from sysid.data.io import read_log
+from sysid.data.preprocess import Detrend
 from sysid.data.read_options import ReadOptions
 from sysid.data.record import Array, Record
 
@@ -52,6 +53,13 @@ class Trial:
     factor: float
     least: dict[str, float]
     aim: dict[str, float]
+
+    @property
+    def detrend(self) -> Detrend:
+        """What published protocols remove: the means, except from a robot's log."""
+        first = self.train[0]
+        none = Detrend.none(first.nu, first.ny)
+        return none if first.is_robot_log else Detrend.means(self.train)
 
     def figure(self, measured: list[Array], simulated: list[Array]) -> float:
         """The protocol's figure, mean over outputs."""

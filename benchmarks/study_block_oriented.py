@@ -23,7 +23,6 @@ from sysid.data.record import Record
 from sysid.errors import SysidError
 from sysid.estimation.figures import Start, outputs
 from sysid.estimation.holdout import hold_out
-from sysid.estimation.identify import choose_detrend
 from sysid.estimation.orders import free_run_error
 from sysid.estimation.pem import fit
 from sysid.estimation.search import FitOptions
@@ -136,7 +135,7 @@ def inner_fit(structure: Structure, trial: Trial, detrend: Detrend) -> str:
 def rows(entry: Entry) -> Iterator[list[str]]:
     """One line of the table for every test of a record."""
     trial = circuit() if entry.record == "circuit" else TRIALS[entry.record]()
-    detrend = choose_detrend(trial.train, "auto")
+    detrend = trial.detrend
     first = trial.train[0]
     structure = structure_class(entry.structure).from_orders(
         parse_orders(entry.orders), first.nu, first.ny, entry.options

@@ -20,7 +20,6 @@ from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
 from sysid.errors import SysidError
 from sysid.estimation.figures import Start, outputs
-from sysid.estimation.identify import choose_detrend
 from sysid.estimation.pem import fit
 from sysid.estimation.search import FitOptions
 from sysid.report.markdown import table
@@ -94,7 +93,7 @@ def fitted(entry: Entry, records: tuple[Record, ...], detrend: Detrend) -> Model
 def rows(entry: Entry) -> Iterator[tuple[list[str], str]]:
     """One line of the table for every test of a record, and what was estimated."""
     trial = TRIALS[entry.record]()
-    detrend = choose_detrend(trial.train, "auto")
+    detrend = trial.detrend
     try:
         model = fitted(entry, trial.train, detrend)
     except SysidError as error:

@@ -19,7 +19,6 @@ from records import TRIALS, Trial
 from sysid.data.record import Record
 from sysid.estimation.contest import run_contest
 from sysid.estimation.figures import Start, outputs
-from sysid.estimation.identify import choose_detrend
 from sysid.estimation.search import FitOptions
 from sysid.report.markdown import table
 from sysid.structures.model import Model
@@ -79,9 +78,7 @@ def fitted(entry: Entry) -> Line:
     options = FitOptions(structure_options=entry.options)
     grid = [parse_orders(entry.orders)] if entry.orders else None
     started = perf_counter()
-    contest = run_contest(
-        ("narx-wavelet",), trial.train, options, choose_detrend(trial.train, "auto"), grid=grid
-    )
+    contest = run_contest(("narx-wavelet",), trial.train, options, trial.detrend, grid=grid)
     seconds = perf_counter() - started
     model = contest.entries[0].model
     by_output: dict[str, list[float]] = {}

@@ -83,7 +83,7 @@ def fit(
             "--detrend",
             metavar="HOW",
             rich_help_panel=_FITTING,
-            help="auto, none, mean or linear; what is removed is stored and re-applied.",
+            help="Levels: auto, none, level (estimated with the model), mean or linear (removed).",
         ),
     ] = "auto",
     initial: Annotated[

@@ -52,9 +52,10 @@ def show(stored: "Sequence[StoredModel]", found: "Identification", plot: Path | 
     _parameters(best)
     _figures(best)
     render.say(f"Residuals: {residual_words(best.residuals.as_dict())}.")
-    for line in best.model.structure.equations(
-        best.model.theta, best.model.inputs, best.model.outputs
-    ):
+    level = best.model.level_sentence()
+    if level:
+        render.say(level)
+    for line in best.model.equations():
         render.say(f"  {line}")
     ending = best.model.termination.value
     if ending not in best.warnings:

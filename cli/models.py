@@ -110,7 +110,10 @@ def _document(stored: "StoredModel") -> None:
 def _show(stored: "StoredModel") -> None:
     model = stored.model
     render.say(f"{stored.id}: {model.structure.title}", "bold")
-    for line in model.structure.equations(model.theta, model.inputs, model.outputs):
+    level = model.level_sentence()
+    if level:
+        render.say(level)
+    for line in model.equations():
         render.say(f"  {line}")
     for sentence in _steps(stored):
         render.say(f"  {sentence}")

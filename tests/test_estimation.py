@@ -566,7 +566,7 @@ def test_offsets_are_removed_and_put_back(name: str) -> None:
     assert moved.predict(shifted, 1, 10)[20:] == pytest.approx(
         zero.predict(plain, 1, 10)[20:] - 300.0, abs=1e-4
     )
-    without = of(system, shifted)
+    without = fit(system.model_structure, [shifted], detrend="none")
     assert np.max(np.abs(without.theta - system.truth)) > 3 * np.max(
         np.abs(moved.theta - system.truth)
     )

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.errors import DataError, Termination, UsageError
-from sysid.estimation.identify import choose_detrend
 from sysid.estimation.narx import everything, with_ranges
 from sysid.estimation.narx_search import largest
 from sysid.estimation.pem import fit
@@ -320,7 +320,7 @@ def test_everything_is_fitted_at_last() -> None:
 def test_offsets_are_kept_with_the_model() -> None:
     r = simulated(400)
     away = Record(r.u + 3.0, r.y - 2.0, r.dt)
-    shift = choose_detrend([away], "mean")
+    shift = Detrend.means([away])
     model = fit(made({**SMALL, "refine": "none"}), [away], detrend=shift)
     plain = shift.remove(away)
     run = model.structure.simulate(model.theta, plain.u[50:])

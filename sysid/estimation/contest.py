@@ -11,6 +11,8 @@ from sysid.errors import DataError, ModelError, SysidError, UsageError
 from sysid.estimation.delays import choose_delay
 from sysid.estimation.grid import default_grid
 from sysid.estimation.holdout import HoldOut, hold_out, shortened
+from sysid.estimation.offset_choice import choose_offsets, start_of
+from sysid.estimation.offsets import Offsets
 from sysid.estimation.orders import (
     OrderSearch,
     bounded_run,
@@ -18,11 +20,12 @@ from sysid.estimation.orders import (
     search_orders,
     tie_margin,
 )
-from sysid.estimation.pem import fit
+from sysid.estimation.pem import check_data, fit
 from sysid.estimation.search import FitOptions
 from sysid.estimation.standings import Entry, in_order, reason
 from sysid.structures.base import Structure
 from sysid.structures.model import Model
+from sysid.structures.polynomial import PolynomialStructure
 from sysid.structures.registry import structure_class
 
 SEARCH_SAMPLES = 12_000
@@ -37,6 +40,9 @@ ANY = "any"
 """Stands for every delay."""
 
 Progress = Callable[[float, str], None]
+
+Data = tuple[HoldOut, tuple[bool, ...]]
+"""What a structure's search sees, and by output whether it estimates a level."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +64,7 @@ def run_contest(
     names: Sequence[str],
     records: Sequence[Record],
     options: FitOptions,
-    detrend: Detrend,
+    detrend: Detrend | Offsets | str = "auto",
     *,
     grid: Sequence[Mapping[str, Any]] | None = None,
     criterion: str = "fit",
@@ -71,7 +77,7 @@ def run_contest(
         names: structures to fit.
         records: estimation data.
         options: how to fit.
-        detrend: offsets stored with each model.
+        detrend: what is done about the records' levels: a policy, or what was chosen before.
         grid: orders to try, or None for each structure's default grid; a single entry is fitted
             without a search.
         criterion: what ranks orders and structures.
@@ -82,14 +88,18 @@ def run_contest(
         DataError: no structure could be fitted.
         UsageError: the orders do not fit a structure.
     """
-    plain = tuple(detrend.remove(r) for r in records)
-    small = shortened(plain, SEARCH_SAMPLES)
-    data = hold_out(small)
-    nu, ny = plain[0].nu, plain[0].ny
-    tasks = []
-    nk = choose_delay(data) if grid is None else 1
+    check_data(records)
+    small = shortened(records, SEARCH_SAMPLES)
+    nu, ny = records[0].nu, records[0].ny
+    offsets, nk = _offsets_and_delay(records, small, detrend, search=grid is None)
+    tasks, data, words = [], {}, ""
     for name in names:
-        chosen = list(grid) if grid is not None else _grid(name, nu, ny, data.samples, nk)
+        raw = {"nk": nk} if grid is None else dict(grid[0])
+        own = _offsets_of(name, raw, small, offsets, options)
+        data[name] = (hold_out([own.detrend.remove(r) for r in small]), own.estimated)
+        held, words = data[name][0].held, data[name][0].words
+        samples = data[name][0].samples
+        chosen = list(grid) if grid is not None else _grid(name, nu, ny, samples, nk)
         for orders in chosen:
             structure_class(name).from_orders(dict(orders), nu, ny, options.structure_options)
         tasks.append((name, chosen))
@@ -109,7 +119,7 @@ def run_contest(
             dict(orders), nu, ny, options.structure_options
         )
         try:
-            model, notes = _fitted(structure, records, options, detrend)
+            model, notes = _fitted(structure, records, options, offsets)
         except (DataError, ModelError) as error:
             if len(tasks) == 1:
                 raise
@@ -121,14 +131,43 @@ def run_contest(
         raise DataError("; ".join(failed.values()) or "no structure could be fitted")
     if progress:
         progress(1.0, "done")
-    order = in_order(entries, records, options, criterion, tie_margin(data.held))
-    return Contest(
-        order.entries, reason(order, criterion, data.words, given=grid is not None), failed
-    )
+    order = in_order(entries, records, options, criterion, tie_margin(held))
+    return Contest(order.entries, reason(order, criterion, words, given=grid is not None), failed)
+
+
+def _offsets_and_delay(
+    records: Sequence[Record],
+    small: Sequence[Record],
+    detrend: Detrend | Offsets | str,
+    *,
+    search: bool,
+) -> tuple[Offsets, int | list[list[int]]]:
+    """What is done about levels, and the delay to search with, which that choice needs."""
+    known = Offsets.of_detrend(detrend) if isinstance(detrend, Detrend) else detrend
+    first = start_of(records, known) if isinstance(known, str) else known
+    nk: int | list[list[int]] = 1
+    if search:
+        data = hold_out([first.detrend.remove(r) for r in small])
+        nk = choose_delay(data, any(first.estimated))
+    return choose_offsets(records, known, nk) if isinstance(known, str) else known, nk
+
+
+def _offsets_of(
+    name: str,
+    orders: Mapping[str, Any],
+    records: Sequence[Record],
+    offsets: Offsets,
+    options: FitOptions,
+) -> Offsets:
+    cls, first = structure_class(name), records[0]
+    if issubclass(cls, PolynomialStructure):
+        return offsets
+    made = cls.from_orders(dict(orders), first.nu, first.ny, options.structure_options)
+    return offsets.for_structure(made, records)
 
 
 def _fitted(
-    structure: Structure, records: Sequence[Record], options: FitOptions, detrend: Detrend
+    structure: Structure, records: Sequence[Record], options: FitOptions, detrend: Offsets
 ) -> tuple[Model, tuple[str, ...]]:
     """The fit; for output-error structures a second one with stable poles where it needs it.
 
@@ -159,7 +198,7 @@ def _grid(
 
 def _searches(
     tasks: Sequence[tuple[str, list[Any]]],
-    data: HoldOut,
+    data: Mapping[str, Data],
     options: FitOptions,
     criterion: str,
     jobs: int,
@@ -174,7 +213,7 @@ def _searches(
     found: dict[str, tuple[OrderSearch, float]] = {}
     failed: dict[str, str] = {}
     total = sum(len(grid) for _, grid in searched)
-    work = total * data.samples
+    work = total * max(d.samples for d, _ in data.values())
     # chains of one structure and one delay: neighbours stay together for warm starts, whether
     # one process searches or several; ARX has no start and shares one pass of linear algebra
     chains = [
@@ -187,7 +226,7 @@ def _searches(
 
         chains.sort(key=lambda c: -len(c[1]) * _WEIGHT.get(c[0], 1))
         outcomes = Parallel(n_jobs=jobs, return_as="generator_unordered")(
-            delayed(_timed)(name, chain, grid, data, options, criterion)
+            delayed(_timed)(name, chain, grid, data[name], options, criterion)
             for name, chain, grid in chains
         )
         done = 0
@@ -204,7 +243,7 @@ def _searches(
                 if progress:
                     progress(0.9 * (base + k) / total, what)
 
-            outcome = _timed(name, chain, grid, data, options, criterion, tell)
+            outcome = _timed(name, chain, grid, data[name], options, criterion, tell)
             _collect(outcome, found, failed)
             done += len(chain)
     return found, {k: v for k, v in failed.items() if k not in found}
@@ -220,14 +259,14 @@ def _timed(
     name: str,
     chain: Sequence[Mapping[str, Any]],
     grid: Sequence[Mapping[str, Any]],
-    data: HoldOut,
+    data: Data,
     options: FitOptions,
     criterion: str,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> Outcome:
     started = perf_counter()
     try:
-        search = search_orders(name, chain, data, options, criterion, progress, grid)
+        search = search_orders(name, chain, data[0], options, criterion, progress, grid, data[1])
     except UsageError:
         raise
     except SysidError as error:

@@ -8,6 +8,7 @@ import numpy as np
 from sysid.data.record import Record
 from sysid.errors import DataError, SysidError, UsageError
 from sysid.estimation.figures import Start, outputs
+from sysid.estimation.offsets import Offsets
 from sysid.estimation.pem import fit
 from sysid.estimation.search import FitOptions
 from sysid.structures.model import Model
@@ -60,12 +61,13 @@ def cross_validate(
             f"{records[0].name}: {folds} folds leave blocks under {SHORTEST_BLOCK} samples; use "
             "fewer folds or a longer log"
         )
+    again = Offsets.again(model.detrend, model.level, len(model.outputs))
     squares, counts, failed = [], [], 0
     total = np.zeros(len(model.outputs))
     for k in range(folds):
         inside, held = _fold(records, folds, k)
         try:
-            refit = fit(model.structure, inside, options, detrend=model.detrend)
+            refit = fit(model.structure, inside, options, detrend=again)
         except SysidError:
             failed += 1
             continue

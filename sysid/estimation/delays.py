@@ -10,9 +10,11 @@ from sysid.data.record import Record
 from sysid.errors import DataError, ModelError
 from sysid.estimation.holdout import HoldOut
 from sysid.estimation.orders import free_run_error, searching, tie_margin
-from sysid.estimation.pem import fit
+from sysid.estimation.pem import fit_prepared
 from sysid.estimation.search import FitOptions
+from sysid.structures.constant_input import with_constant, with_ones
 from sysid.structures.oe import OE
+from sysid.structures.polynomial import PolynomialStructure
 
 LONGEST_DELAY = 30
 
@@ -26,7 +28,7 @@ PLAIN = 1
 Row = tuple[int, ...]
 
 
-def choose_delay(data: HoldOut) -> int | list[list[int]]:
+def choose_delay(data: HoldOut, level: bool = False) -> int | list[list[int]]:
     """The delay of every pair: a number where all agree, else a matrix (outputs × inputs).
 
     The long regression that estimates delays misleads where the sampling is much faster than the
@@ -35,6 +37,10 @@ def choose_delay(data: HoldOut) -> int | list[list[int]]:
     tried in a free run of low order; the estimate stays unless another one is clearly better,
     and a plant without dead time is preferred where a single coefficient an input, which leaves
     no slack to hide a delay in, does as well.
+
+    Args:
+        data: what to fit and what to choose on, offsets removed.
+        level: whether each of these models estimates a level of its own.
     """
     first = data.whole[0]
     try:
@@ -43,20 +49,22 @@ def choose_delay(data: HoldOut) -> int | list[list[int]]:
     except DataError:
         return PLAIN
     rows = [
-        _confirmed(_only(data, output), [d for d in found if d.output == output])
+        _confirmed(_only(data, output), [d for d in found if d.output == output], level)
         for output in first.output_names
     ]
     alike = len({nk for row in rows for nk in row}) == 1
     return rows[0][0] if alike else [list(row) for row in rows]
 
 
-def _confirmed(data: HoldOut, found: Sequence[Delay]) -> Row:
+def _confirmed(data: HoldOut, found: Sequence[Delay], level: bool) -> Row:
     """The delays to one output."""
     estimate = _estimate(found)
     plain = (PLAIN,) * len(found)
     if estimate == plain:
         return plain
-    tried = {row: _errors(data, row) for row in (estimate, *_neighbours(found, estimate), plain)}
+    tried = {
+        row: _errors(data, row, level) for row in (estimate, *_neighbours(found, estimate), plain)
+    }
     best = min(min(errors) for errors in tried.values())
     limit = (1.0 + tie_margin(data.held)) * best
     if not np.isfinite(best):
@@ -85,21 +93,24 @@ def _neighbours(found: Sequence[Delay], estimate: Row) -> list[Row]:
     return [tuple(nk + s for nk in estimate) for s in steps if min(estimate) + s >= 0]
 
 
-def _errors(data: HoldOut, row: Row) -> tuple[float, float]:
+def _errors(data: HoldOut, row: Row, level: bool) -> tuple[float, float]:
     """Free-run error with one coefficient an input and with two, the better of one and two poles.
 
     Fitted as output error, which does not suffer from the noise as ARX does.
     """
     one, two = (
-        min(_error(data, {"nb": nb, "nf": nf, "nk": [list(row)]}) for nf in (1, 2)) for nb in (1, 2)
+        min(_error(data, {"nb": nb, "nf": nf, "nk": [list(row)]}, level) for nf in (1, 2))
+        for nb in (1, 2)
     )
     return one, two
 
 
-def _error(data: HoldOut, orders: dict[str, Any]) -> float:
-    structure = OE.from_orders(orders, data.whole[0].nu, 1)
+def _error(data: HoldOut, orders: dict[str, Any], level: bool) -> float:
+    structure: PolynomialStructure = OE.from_orders(orders, data.whole[0].nu, 1)
+    if level:
+        structure, data = with_constant(structure, (True,)), data.of(with_ones)
     try:
-        theta = fit(structure, data.train, searching(FitOptions())).theta
+        theta = fit_prepared(structure, data.train, searching(FitOptions())).theta
     except (DataError, ModelError):
         return float("inf")
     if not structure.stable(theta):

@@ -12,8 +12,15 @@ import numpy as np
 from sysid.criteria.fit import Array
 from sysid.criteria.held_parameters import Held, held_parameter_tests
 from sysid.criteria.verdicts import ResidualTest
-from sysid.data.record import Index
+from sysid.data.record import Index, Record
+from sysid.structures.constant_input import (
+    constant_places,
+    widened_theta,
+    with_constant,
+    with_ones,
+)
 from sysid.structures.model import Model
+from sysid.structures.polynomial import PolynomialStructure
 
 
 def held_entries(model: Model) -> Index:
@@ -46,6 +53,32 @@ def uncertain_columns(model: Model, columns: Array, output: int) -> Array:
     values, vectors = np.linalg.eigh(correlation)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     return np.asarray((columns[:, sure] * spread) @ root)
+
+
+def level_column(model: Model, record: Record, output: int, fitted: bool) -> Array:
+    """∂ŷ/∂c of an estimated level, (N, 1), or no column.
+
+    On data not fitted to it is scaled by the level's standard error; that the level's error goes
+    with those of other parameters is left out.
+
+    Args:
+        model: the model.
+        record: without its offsets: about them the constant is zero.
+        output: number of the output.
+        fitted: whether the model was fitted to these data.
+    """
+    s = model.structure
+    if not model.level.estimated or not isinstance(s, PolynomialStructure):
+        return np.zeros((len(record), 0))
+    wide = with_constant(s, tuple(k == output for k in range(s.ny)))
+    r, theta = with_ones(record), widened_theta(wide, model.theta)
+    columns = wide.gradient_columns(theta, r.u, r.y, output)
+    place = int(constant_places(wide)[0][0] - wide.row_index(output)[0])
+    scale = 1.0
+    if not fitted:
+        error = model.level.y_error[output] if model.level.y_error else 0.0
+        scale = float(s.polynomials(model.theta).A[output][output].sum()) * error
+    return np.asarray(columns[:, [place]] * (scale if np.isfinite(scale) else 1.0))
 
 
 def held_tests(

@@ -13,7 +13,12 @@ from sysid.criteria.residuals import residual_report
 from sysid.criteria.verdicts import ResidualReport
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError
-from sysid.estimation.estimated import estimated_columns, held_tests, uncertain_columns
+from sysid.estimation.estimated import (
+    estimated_columns,
+    held_tests,
+    level_column,
+    uncertain_columns,
+)
 from sysid.estimation.pem import head_window
 from sysid.structures.model import Model
 
@@ -161,7 +166,13 @@ def residual_tests(
     ]
     inputs, names = [r.u for r in kept], [c.name for c in model.inputs]
     part = estimated_columns if fitted else uncertain_columns
-    parts = [[part(model, c, i) for c in columns] for i, columns in enumerate(jacobians)]
+    parts = [
+        [
+            np.column_stack([part(model, c, i), level_column(model, r, i, fitted)])
+            for r, c in zip(kept, columns, strict=True)
+        ]
+        for i, columns in enumerate(jacobians)
+    ]
     absorbed, uncertain = (parts, None) if fitted else (None, parts)
     report = residual_report(
         errors,

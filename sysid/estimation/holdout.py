@@ -1,6 +1,6 @@
 """Holding data out: how orders and structures are chosen without touching validation data."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +39,13 @@ class HoldOut:
     whole: tuple[Record, ...]
     counted: tuple[NDArray[np.bool_], ...]
     words: str
+
+    def of(self, changed: Callable[[Record], Record]) -> "HoldOut":
+        """The same split of records that are changed sample by sample."""
+        train, held, whole = (
+            tuple(changed(r) for r in part) for part in (self.train, self.held, self.whole)
+        )
+        return HoldOut(train, held, whole, self.counted, self.words)
 
     @property
     def samples(self) -> int:

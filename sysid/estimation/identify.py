@@ -4,13 +4,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
 from sysid.errors import DataError, UsageError
 from sysid.estimation.assessment import Assessment, Policy, assess
 from sysid.estimation.contest import LINEAR, run_contest
 from sysid.estimation.figures import require_left
 from sysid.estimation.grid import parse_grid
+from sysid.estimation.offset_choice import start_of
 from sysid.estimation.orders import check_criterion
 from sysid.estimation.search import FitOptions
 from sysid.estimation.standings import Entry
@@ -19,8 +19,6 @@ from sysid.structures.orders import orders_text
 from sysid.structures.registry import structure_class
 
 SHOWN_CANDIDATES = 10
-
-DETREND = ("auto", "none", "mean", "linear")
 
 
 @dataclass(frozen=True)
@@ -31,8 +29,7 @@ class Request:
         structures: names; empty for the four linear ones.
         orders: text such as ``na=2 nb=2 nk=1`` or ``na=1:4 nb=1:4 nk=1``; None to search.
         options: how to fit.
-        detrend: ``auto`` removes means except from robot logs, whose zeros are physical;
-            ``none``, ``mean`` or ``linear``.
+        detrend: what is done about levels, one of ``offset_choice.POLICIES``.
         criterion: what ranks orders and structures.
         split: share of each record used for estimation, None for all of it.
         policy: how figures are made.
@@ -87,7 +84,7 @@ def identify(
     for part in (inside, outside):
         if part:
             require_left(part, request.policy.skip)
-    detrend = choose_detrend(inside, request.detrend)
+    start_of(inside, request.detrend)  # refuses a policy that does not exist
     names = request.structures or LINEAR
     for name in names:
         structure_class(name)
@@ -108,7 +105,7 @@ def identify(
         names,
         inside,
         options,
-        detrend,
+        request.detrend,
         grid=grid,
         criterion=request.criterion,
         jobs=request.jobs,
@@ -127,20 +124,6 @@ def identify(
         for entry in contest.entries
     )
     return Identification(judged, contest.reason, contest.failed, inside, outside)
-
-
-def choose_detrend(records: Sequence[Record], policy: str) -> Detrend:
-    """Offsets and trends for these records under a policy.
-
-    Raises:
-        UsageError: the policy is unknown.
-    """
-    if policy not in DETREND:
-        raise UsageError(f"no detrending {policy!r}; choose one of {', '.join(DETREND)}")
-    first = records[0]
-    if policy == "none" or (policy == "auto" and first.is_robot_log):
-        return Detrend.none(first.nu, first.ny)
-    return Detrend.linear(records) if policy == "linear" else Detrend.means(records)
 
 
 def _parts(

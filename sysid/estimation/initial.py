@@ -217,7 +217,11 @@ def _split(common: RowLayout, lay: RowLayout, theta: Array) -> Array:
         kept = slow_first[: nf if nb else 0]
         tail = np.real(np.poly(kept))[1:] if len(kept) else np.zeros(0)
         tails.append(np.concatenate([tail, np.zeros(nf - len(tail))]))
-    return np.concatenate([theta[n:], *tails])
+    b = theta[n:].copy()
+    if lay.constant and lay.nb[-1]:
+        # in the common-pole row the constant passes the poles, in this one it does not
+        b[-1] /= float(np.real(np.prod(1.0 - poles)))
+    return np.concatenate([b, *tails])
 
 
 def _with_noise(records: Sequence[Record], lay: RowLayout, theta: Array) -> Array:

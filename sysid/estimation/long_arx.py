@@ -99,7 +99,8 @@ def settled(
 def _long_order(records: Sequence[Record], lay: RowLayout) -> int:
     """Order of the long ARX: grows with the record, leaves twenty samples a coefficient."""
     n = sum(len(r) for r in records)
-    signals = 1 + sum(1 for nb in lay.nb if nb) + sum(1 for na in lay.na if na)
+    driven = lay.nb[:-1] if lay.constant else lay.nb
+    signals = 1 + sum(1 for nb in driven if nb) + sum(1 for na in lay.na if na)
     return int(np.clip(n // (20 * signals), max(lay.start, 2), 3 * max(lay.start, 8)))
 
 
@@ -107,6 +108,8 @@ def _long_layout(records: Sequence[Record], lay: RowLayout) -> RowLayout:
     order = _long_order(records, lay)
     na = tuple(order if n or j == lay.output else 0 for j, n in enumerate(lay.na))
     nb = tuple(max(order + 1 - nk, nb) if nb else 0 for nb, nk in zip(lay.nb, lay.nk, strict=True))
+    if lay.constant:
+        nb = (*nb[:-1], lay.nb[-1])
     return replace(plain_row(lay), na=na, nb=nb)
 
 

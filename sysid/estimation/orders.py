@@ -12,11 +12,13 @@ from sysid.data.record import Array, Record
 from sysid.errors import DataError, ModelError, UsageError
 from sysid.estimation.arx_at_once import promising, solved_at_once
 from sysid.estimation.holdout import HoldOut
-from sysid.estimation.pem import fit, head_window
+from sysid.estimation.pem import fit_prepared, head_window
 from sysid.estimation.search import FitOptions
 from sysid.structures.arx import ARX
 from sysid.structures.base import Focus, Structure
+from sysid.structures.constant_input import with_constant, with_ones, without_constant
 from sysid.structures.orders import orders_text
+from sysid.structures.polynomial import PolynomialStructure
 from sysid.structures.registry import structure_class
 
 Progress = Callable[[int, int, str], None]
@@ -103,6 +105,7 @@ def search_orders(
     criterion: str = "fit",
     progress: Progress | None = None,
     rivals: Sequence[Mapping[str, Any]] = (),
+    estimated: Sequence[bool] = (),
 ) -> OrderSearch:
     """Rank the orders of one structure.
 
@@ -117,6 +120,7 @@ def search_orders(
         progress: called with (done, all, what) after each candidate.
         rivals: orders searched elsewhere that these will be ranked with: information criteria
             leave out the samples which not all of them predict.
+        estimated: by output, whether a linear structure has a level that is estimated with it.
 
     Raises:
         DataError: not one of the candidates could be fitted.
@@ -124,6 +128,11 @@ def search_orders(
     cls = structure_class(name)
     nu, ny = data.whole[0].nu, data.whole[0].ny
     structures = [cls.from_orders(dict(o), nu, ny, options.structure_options) for o in grid]
+    if any(estimated) and issubclass(cls, PolynomialStructure):
+        structures = [
+            with_constant(s, estimated) for s in structures if isinstance(s, PolynomialStructure)
+        ]
+        data = data.of(with_ones)
     if cls is ARX and options.focus is Focus.PREDICTION and _unconstrained(options):
         found = _arx_at_once(structures, data, criterion)
         if progress:
@@ -206,7 +215,7 @@ def _one_after_another(
             if set(values) <= set(names)
         ]
         try:
-            model = fit(s, train, options, warm=warm)
+            model = fit_prepared(s, train, options, warm)
         except (DataError, ModelError):
             model = None
         if model is not None:
@@ -219,10 +228,10 @@ def _one_after_another(
                 score = _information(s, model.theta, model.n_estimated, train, common, criterion)
             if np.isfinite(score):
                 stable = bounded_run(s, model.theta)
-                found.append(Candidate(s.order_values(), len(names), score, error, stable))
+                found.append(Candidate(_orders(s), len(names), score, error, stable))
                 fitted[k] = (score, dict(zip(names, model.theta.tolist(), strict=True)))
         if progress:
-            progress(k + 1, len(structures), f"{s.name} {orders_text(s.order_values())}")
+            progress(k + 1, len(structures), f"{s.name} {orders_text(_orders(s))}")
     return found
 
 
@@ -279,5 +288,10 @@ def _arx_at_once(structures: Sequence[Structure], data: HoldOut, criterion: str)
             loss = from_loss(float(np.exp(a.log_det)), a.samples, n, s.ny)
             score, error = float(getattr(loss, criterion)), float("nan")
         if np.isfinite(score):
-            found.append(Candidate(s.order_values(), n, score, error, bounded_run(s, a.theta)))
+            found.append(Candidate(_orders(s), n, score, error, bounded_run(s, a.theta)))
     return found
+
+
+def _orders(s: Structure) -> dict[str, Any]:
+    """Orders as the user knows them: without the constant."""
+    return (without_constant(s) if isinstance(s, PolynomialStructure) else s).order_values()

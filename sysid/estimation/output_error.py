@@ -150,7 +150,7 @@ def own_poles(records: Sequence[Record], lay: RowLayout, theta: Array) -> Array:
     """[b…, f…] with poles of its own for each input, by refitting what the other inputs leave."""
     active = [j for j, (nb, nf) in enumerate(zip(lay.nb, lay.nf, strict=True)) if nb and nf]
     fed = [j for j, nb in enumerate(lay.nb) if nb]
-    if len(fed) < 2 or not active:
+    if len(fed) - lay.constant < 2 or not active:
         return theta
     _, b, _, _, f = replace(lay, nc=0, nd=0).slices()
 

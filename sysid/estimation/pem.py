@@ -7,9 +7,12 @@ import numpy as np
 
 from sysid import __version__
 from sysid.criteria.information import information_criteria
+from sysid.data.level import Level
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.errors import DataError, UsageError
+from sysid.estimation.levelled import fit_with_level
+from sysid.estimation.offsets import Offsets
 from sysid.estimation.search import FitOptions
 from sysid.estimation.strategies import Outcome, strategy
 from sysid.structures.base import Initial, Parameter, Structure
@@ -25,7 +28,7 @@ def fit(
     records: Sequence[Record],
     options: FitOptions | None = None,
     *,
-    detrend: Detrend | None = None,
+    detrend: Detrend | Offsets | str = "auto",
     warm: Sequence[tuple[str, Array]] = (),
 ) -> Model:
     """Estimate a structure's parameters from one or several experiments.
@@ -36,8 +39,9 @@ def fit(
         structure: what to fit.
         records: experiments with equal channels and sample time.
         options: focus, initial states, loss, constraints.
-        detrend: offsets and trends to remove and to store with the model (default none); a
-            physical structure takes the records as they are.
+        detrend: a policy as ``sysid fit`` knows them (see ``offset_choice.POLICIES``), offsets
+            chosen before, or what to remove and to store with the model; a physical structure
+            takes the records as they are.
         warm: further named starts, e.g. from a neighbouring order.
 
     Raises:
@@ -48,13 +52,52 @@ def fit(
     options = options or FitOptions()
     records = tuple(records)
     check_records(structure, records)
-    if detrend is None or structure.physical:
-        detrend = Detrend.none(structure.nu, structure.ny)
-    plain = tuple(detrend.remove(r) for r in records)
+    offsets = _offsets(structure, records, detrend)
     parameters = _constrained(structure, records[0], options)
     _check_length(structure, records, parameters)
+    if any(offsets.estimated) and isinstance(structure, PolynomialStructure):
+        found = fit_with_level(structure, records, offsets, options, parameters, warm)
+        if found is not None:
+            plain = tuple(found.at_fit.remove(r) for r in records)
+            return _model(found.outcome, records, plain, options, found.detrend, found.level)
+    plain = tuple(offsets.detrend.remove(r) for r in records)
     outcome = strategy(structure)(structure, plain, options, parameters, warm)
-    return _model(outcome, records, plain, options, detrend)
+    return _model(outcome, records, plain, options, offsets.detrend, offsets.level)
+
+
+def fit_prepared(
+    structure: Structure,
+    records: Sequence[Record],
+    options: FitOptions,
+    warm: Sequence[tuple[str, Array]] = (),
+) -> Model:
+    """Fit to records from which offsets are removed already, which were checked as a whole.
+
+    A piece of a log may hold a channel that never moves, and so does the constant of a level.
+    """
+    records = tuple(records)
+    parameters = _constrained(structure, records[0], options)
+    _check_length(structure, records, parameters)
+    outcome = strategy(structure)(structure, records, options, parameters, warm)
+    none = Detrend.none(structure.nu, structure.ny)
+    return _model(outcome, records, records, options, none, Level())
+
+
+def _offsets(
+    structure: Structure, records: Sequence[Record], detrend: Detrend | Offsets | str
+) -> Offsets:
+    if isinstance(detrend, Detrend):
+        offsets = Offsets.of_detrend(detrend)
+    elif isinstance(detrend, Offsets):
+        offsets = detrend
+    elif structure.physical:
+        return Offsets.none(structure.nu, structure.ny)
+    else:
+        # it tries models on held-out data, which are fitted here
+        from sysid.estimation.offset_choice import choose_offsets
+
+        offsets = choose_offsets(records, detrend)
+    return offsets.for_structure(structure, records)
 
 
 def check_records(structure: Structure, records: Sequence[Record]) -> None:
@@ -72,6 +115,17 @@ def check_records(structure: Structure, records: Sequence[Record]) -> None:
             f"{first.name} has {first.nu} inputs and {first.ny} outputs but the structure has "
             f"{structure.nu} and {structure.ny}"
         )
+    check_data(records)
+
+
+def check_data(records: Sequence[Record]) -> None:
+    """Refuse records that no structure can be fitted to.
+
+    Raises:
+        DataError: unequal channels or sample times, numbers that are not finite, or a channel
+            that never changes.
+    """
+    first = records[0]
     for r in records:
         same = r.input_names == first.input_names and r.output_names == first.output_names
         if not same or abs(r.dt - first.dt) > 1e-6 * first.dt:
@@ -149,10 +203,11 @@ def _model(
     plain: Sequence[Record],
     options: FitOptions,
     detrend: Detrend,
+    level: Level,
 ) -> Model:
     structure, theta, parameters = outcome.structure, outcome.theta, outcome.parameters
     n_states = outcome.n_states
-    n_estimated = sum(p.fixed is None for p in parameters) + n_states
+    n_estimated = sum(p.fixed is None for p in parameters) + level.estimated + n_states
     # the errors that were minimised: from rest, or from states fitted to the whole record
     own_states = n_states > 0 or options.initial is Initial.BACKCAST
     errors = [structure.errors(theta, r.u, r.y, len(r) if own_states else 0) for r in plain]
@@ -174,11 +229,14 @@ def _model(
         inputs=first.inputs,
         outputs=first.outputs,
         detrend=detrend,
+        level=level,
         noise_covariance=joint.T @ joint / len(joint),
         n_estimated=n_estimated,
         criteria=criteria,
         termination=outcome.termination,
-        initial_states=tuple(structure.fitted_state(theta, r.u, r.y, window) for r in plain),
+        initial_states=tuple(
+            structure.fitted_state(theta, r.u, r.y, window) for r in map(detrend.remove, records)
+        ),
         ranges=np.column_stack([lows, highs]),
         at_bound=outcome.at_bound,
         null_directions=tuple(

@@ -17,6 +17,7 @@ from sysid.estimation.state_prior import (
 )
 from sysid.estimation.uncertainty import Uncertainty, uncertainty
 from sysid.structures.base import Focus, Initial, Parameter, Problem, Structure
+from sysid.structures.constant_input import constant_places
 from sysid.structures.model import StartReport
 from sysid.structures.polynomial import PolynomialStructure
 
@@ -168,7 +169,8 @@ class Search:
         if estimated is not zero and self._states_matter(estimated, candidates[order[0]]):
             problem = estimated
         points = [self._with_states(problem, t) for t in candidates]
-        if problem.n_initial:  # what the states explain says nothing about a start
+        if problem.n_initial or len(self._levels(problem)):
+            # what states and levels explain says nothing about a start
             costs = [half_square(problem.residual(p)) for p in points]
             order = sorted(range(len(costs)), key=lambda k: costs[k])
         runs = {order[0]: self._descend(problem, points[order[0]], huber)}
@@ -265,16 +267,36 @@ class Search:
         which = sorted(set(problem.channels))
         return float(np.sqrt(sum(np.sum(r.y[:, which] ** 2) for r in self.records)))
 
-    @staticmethod
-    def _with_states(problem: Problem, theta: Array) -> Array:
-        """A start with the initial states that suit it best: the errors are linear in them."""
+    def _with_states(self, problem: Problem, theta: Array) -> Array:
+        """A start with the initial states and levels that suit it best.
+
+        The errors are linear in both.
+        """
         p = problem.initial_guess(theta)
         r = problem.residual(p)
-        if problem.n_initial and np.all(np.abs(r) < USABLE):
-            n = len(problem.index)
-            basis = problem.initial_columns(p)
-            p[n:] = np.linalg.lstsq(basis, -r, rcond=1e-12)[0]
+        levels = self._levels(problem)
+        if (problem.n_initial or len(levels)) and np.all(np.abs(r) < USABLE):
+            basis, places = self._state_columns(problem, p, levels)
+            size = np.linalg.norm(basis, axis=0)
+            size[size == 0.0] = 1.0
+            p[places] -= np.linalg.lstsq(basis / size, r, rcond=1e-12)[0] / size
         return p
+
+    def _levels(self, problem: Problem) -> Index:
+        """Entries of p that are levels: coefficients of a constant input."""
+        s = self.structure
+        if not isinstance(s, PolynomialStructure) or not s.orders.constant:
+            return np.zeros(0, dtype=np.intp)
+        return np.flatnonzero(np.isin(problem.index, constant_places(s)[0]))
+
+    @staticmethod
+    def _state_columns(problem: Problem, p: Array, levels: Index) -> tuple[Array, Index]:
+        """∂ε/∂(levels, initial states), and where these stand in p."""
+        n = len(problem.index)
+        places = np.concatenate([levels, n + np.arange(problem.n_initial)]).astype(np.intp)
+        if len(levels):
+            return problem.jacobian(p)[:, places], places
+        return problem.initial_columns(p), places
 
     @staticmethod
     def _known_basin(problem: Problem, runs: Mapping[int, Solution], p: Array) -> bool:
@@ -299,9 +321,11 @@ class Search:
         spread = float(np.median(np.abs(quick.residual - np.median(quick.residual))))
         return HUBER_WIDTH * max(1.4826 * spread, 1e-12 * float(np.max(np.abs(quick.residual))))
 
-    @staticmethod
-    def _states_matter(problem: Problem, theta: Array) -> bool:
-        """F-test of the initial states at fixed θ (they enter the errors linearly)."""
+    def _states_matter(self, problem: Problem, theta: Array) -> bool:
+        """F-test of the initial states at fixed θ (they enter the errors linearly).
+
+        What a level explains as well is no evidence for them.
+        """
         k = problem.n_initial
         if k == 0:
             return False
@@ -309,9 +333,15 @@ class Search:
         r = problem.residual(p)
         if not np.all(np.abs(r) < USABLE) or len(r) <= k + len(theta):
             return False
-        basis = problem.initial_columns(p)
+        levels = self._levels(problem)
+        basis, _ = self._state_columns(problem, p, levels)
         size = np.linalg.norm(basis, axis=0)
         basis = basis / np.where(size > 0.0, size, 1.0)
+        if len(levels):
+            flat = np.linalg.qr(basis[:, : len(levels)])[0]
+            r = r - flat @ (flat.T @ r)
+            basis = basis[:, len(levels) :]
+            basis = basis - flat @ (flat.T @ basis)
         share = basis.T @ r
         # from the k x k Gram matrix: k is small and the record long
         gained = float(share @ np.linalg.lstsq(basis.T @ basis, share, rcond=1e-12)[0])

@@ -30,7 +30,7 @@ def model_card(model: Model, described: Mapping[str, Any]) -> str:
     before, core, after = described["blocks"]
     ins = ", ".join(c["name"] for c in described["inputs"])
     outs = ", ".join(c["name"] for c in described["outputs"])
-    equations = model.structure.equations(model.theta, model.inputs, model.outputs)
+    equations = model.equations()
     return _fill(
         name=_cell(described["name"]),
         summary=f"{model.structure.title}, from {_cell(ins)} to {_cell(outs)}, one sample every "

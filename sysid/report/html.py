@@ -164,8 +164,7 @@ def _names(found: Diagnosis, role: str) -> Iterable[str]:
 
 
 def _equations(found: Diagnosis) -> tuple[str, ...]:
-    m = found.after
-    return tuple(m.structure.equations(m.theta, m.inputs, m.outputs))
+    return found.after.equations()
 
 
 def _number(value: Any, digits: int = 4) -> str:

@@ -108,6 +108,11 @@ class Structure(ABC):
     linear: ClassVar[bool] = False
 
     @property
+    def counts_from_zero(self) -> bool:
+        """Whether what θ says is about the inputs' own zeros; it then has a level of its own."""
+        return self.physical
+
+    @property
     @abstractmethod
     def nu(self) -> int:
         """Number of inputs."""

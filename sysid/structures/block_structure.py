@@ -38,6 +38,11 @@ class BlockStructure(Structure):
         """This structure with the statics of another chain of the same layers."""
 
     @property
+    def counts_from_zero(self) -> bool:
+        """Always: the edges of a static are values of the command itself."""
+        return True
+
+    @property
     def nu(self) -> int:
         """Number of inputs."""
         return self.chain.nu

@@ -10,6 +10,7 @@ import numpy as np
 
 from sysid.criteria.information import InformationCriteria
 from sysid.data.files import write_atomic
+from sysid.data.level import Level, shifted
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import ModelError, Termination
@@ -98,6 +99,7 @@ class Model:
         starts: every start tried.
         warnings: what a user should know about this fit.
         provenance: data, options, version.
+        level: how the offsets in ``detrend`` were found, and their standard errors.
     """
 
     structure: Structure
@@ -119,6 +121,7 @@ class Model:
     starts: tuple[StartReport, ...] = ()
     warnings: tuple[str, ...] = ()
     provenance: Provenance = field(default_factory=Provenance)
+    level: Level = field(default_factory=Level)
 
     @property
     def stable(self) -> bool:
@@ -139,6 +142,18 @@ class Model:
             )
             for p, v, s in zip(self.parameters, self.theta, errors, strict=True)
         )
+
+    def equations(self) -> tuple[str, ...]:
+        """The fitted equations in physical numbers: offsets stand where they were removed."""
+        return self.structure.equations(
+            self.theta,
+            shifted(self.inputs, self.detrend.u_offset.tolist()),
+            shifted(self.outputs, self.detrend.y_offset.tolist()),
+        )
+
+    def level_sentence(self) -> str:
+        """Where the model counts from, in one line; empty where that is zero without question."""
+        return self.level.sentence(self.detrend, self.inputs, self.outputs)
 
     def check(self, record: Record) -> None:
         """Refuse a record this model cannot be run on.
@@ -231,6 +246,7 @@ class Model:
             "inputs": [asdict(c) for c in self.inputs],
             "outputs": [asdict(c) for c in self.outputs],
             "detrend": self.detrend.to_json(),
+            "level": self.level.to_json(),
             "noise_covariance": [[_number(c) for c in row] for row in self.noise_covariance],
             "n_estimated": self.n_estimated,
             "criteria": {k: _number(v) for k, v in asdict(self.criteria).items()},
@@ -261,6 +277,8 @@ class Model:
         if not isinstance(raw, Mapping) or raw.get("schema") != SCHEMA:
             raise ModelError(f"this is not a model of schema {SCHEMA}; fit it again")
         try:
+            detrend = Detrend.from_json(raw["detrend"])
+            known = raw.get("level")
             table = raw["parameters"]
             theta = np.array([float(p["value"]) for p in table], dtype=np.float64)
             structure = structure_from_json(raw)
@@ -286,7 +304,7 @@ class Model:
                 dt=float(raw["sample_time"]),
                 inputs=inputs,
                 outputs=outputs,
-                detrend=Detrend.from_json(raw["detrend"]),
+                detrend=detrend,
                 noise_covariance=_array(raw["noise_covariance"], len(outputs), np.nan),
                 n_estimated=int(raw["n_estimated"]),
                 criteria=InformationCriteria(
@@ -304,6 +322,7 @@ class Model:
                     raw["provenance"]["options"],
                     raw["provenance"]["version"],
                 ),
+                level=Level.of_detrend(detrend) if known is None else Level.from_json(known),
             )
         except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
             raise ModelError(f"the model is damaged ({error}); fit it again") from None

@@ -86,6 +86,11 @@ class NARMAX(Structure):
     }
 
     @property
+    def counts_from_zero(self) -> bool:
+        """Where the user gave the terms: they are products of the readings themselves."""
+        return bool(self.terms)
+
+    @property
     def nu(self) -> int:
         """Number of inputs."""
         return self.orders.nu

@@ -25,6 +25,7 @@ class Orders:
         nd: order of D per output, (ny,).
         nf: order of F from input j to output i, (ny, nu).
         nk: input delay in samples, 0 = direct feed-through, (ny, nu).
+        constant: whether the last input is the constant 1, whose coefficients are levels.
     """
 
     na: Matrix
@@ -33,6 +34,7 @@ class Orders:
     nd: tuple[int, ...]
     nf: Matrix
     nk: Matrix
+    constant: bool = False
 
     @property
     def ny(self) -> int:

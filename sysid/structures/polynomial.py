@@ -63,7 +63,7 @@ class PolynomialStructure(Structure):
     def layout(self, i: int) -> RowLayout:
         """Orders of the equation of output ``i``."""
         o = self.orders
-        return RowLayout(i, o.na[i], o.nb[i], o.nk[i], o.nc[i], o.nd[i], o.nf[i])
+        return RowLayout(i, o.na[i], o.nb[i], o.nk[i], o.nc[i], o.nd[i], o.nf[i], o.constant)
 
     def row_index(self, i: int) -> Index:
         """Entries of θ that belong to output ``i``."""

@@ -42,6 +42,8 @@ class RowLayout:
     nc: int
     nd: int
     nf: tuple[int, ...]
+    constant: bool = False
+    """Whether the last input is the constant 1: it has no other lags worth trying."""
 
     @cached_property
     def start(self) -> int:

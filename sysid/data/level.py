@@ -1,0 +1,135 @@
+"""Where a model counts from: its zero, a level that was estimated, or means that were removed."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from sysid.data.preprocess import Detrend
+from sysid.data.record import Channel
+from sysid.errors import ModelError
+
+
+class Origin(Enum):
+    """What the numbers in a ``Detrend`` are."""
+
+    ZERO = "zero"
+    REST = "rest"
+    ESTIMATED = "estimated"
+    MEANS = "means"
+    LINES = "lines"
+    INSIDE = "inside"
+
+
+@dataclass(frozen=True)
+class Level:
+    """How the level of a model was found, and what it is worth.
+
+    Attributes:
+        origin: what was done.
+        u_error, y_error: standard errors of the offsets, one a channel; zero where the offset is
+            no estimate, infinite where the data hold no information. Empty for all zeros.
+        estimated: numbers estimated along with the structure's parameters.
+        why: why so, as a sentence; empty where there was no choice.
+    """
+
+    origin: Origin = Origin.ZERO
+    u_error: tuple[float, ...] = ()
+    y_error: tuple[float, ...] = ()
+    estimated: int = 0
+    why: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON-able values; infinite errors as null."""
+        return {
+            "origin": self.origin.value,
+            "u_std_error": [_finite(e) for e in self.u_error],
+            "y_std_error": [_finite(e) for e in self.y_error],
+            "estimated": self.estimated,
+            "why": self.why,
+        }
+
+    @staticmethod
+    def from_json(raw: Mapping[str, Any]) -> "Level":
+        """Undo ``to_json``.
+
+        Raises:
+            ModelError: a key is missing or a value is of another kind.
+        """
+        try:
+            u, y = (
+                tuple(np.inf if e is None else float(e) for e in raw[f"{side}_std_error"])
+                for side in ("u", "y")
+            )
+            return Level(Origin(raw["origin"]), u, y, int(raw["estimated"]), str(raw["why"]))
+        except (KeyError, TypeError, ValueError):
+            raise ModelError("the level stored with the model is damaged; fit again") from None
+
+    @staticmethod
+    def of_detrend(detrend: Detrend) -> "Level":
+        """The level of a model that only knows what was removed, as in files of version 0.1.0."""
+        if detrend.is_none:
+            return Level()
+        sloped = any(detrend.to_json()[k] and any(detrend.to_json()[k]) for k in _SLOPES)
+        return Level(Origin.LINES if sloped else Origin.MEANS)
+
+    def sentence(
+        self, detrend: Detrend, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> str:
+        """One line with numbers and units, empty where there is nothing to say."""
+        u = _values(inputs, detrend.u_offset.tolist(), self.u_error)
+        y = _values(outputs, detrend.y_offset.tolist(), self.y_error)
+        why = f"; {self.why}" if self.why else ""
+        if self.origin is Origin.ZERO:
+            return f"Level: zero{why}." if self.why else ""
+        if self.origin is Origin.INSIDE:
+            return f"Level: part of the structure; it counts from the channels' own zeros{why}."
+        if self.origin is Origin.MEANS:
+            return f"Level: the means {y} and {u} were removed; the model is of deviations{why}."
+        if self.origin is Origin.LINES:
+            return (
+                f"Level: straight lines were removed from every channel, at t = 0 s {y} and {u}; "
+                f"the model is of deviations{why}."
+            )
+        how = "read off the rest at the head" if self.origin is Origin.REST else "estimated"
+        if any(self.u_error):
+            return f"Level: nothing drifts at {u} (output counted from {y}); {how}{why}."
+        return f"Level: {y} at {u}; {how}{why}."
+
+
+_SLOPES = ("u_slope", "y_slope")
+
+
+def shifted(channels: Sequence[Channel], offsets: Sequence[float]) -> tuple[Channel, ...]:
+    """The channels named as an equation in physical numbers needs them: ``(y - 71.3)``."""
+    return tuple(
+        Channel(f"({c.name} {'+' if v < 0 else '-'} {abs(v):.5g})" if v else c.name, c.unit)
+        for c, v in zip(channels, offsets, strict=True)
+    )
+
+
+def _values(channels: Sequence[Channel], offsets: Sequence[float], errors: Sequence[float]) -> str:
+    """``y = 71.3 ± 0.2 °C``, every channel."""
+    known = errors or (0.0,) * len(channels)
+    return ", ".join(
+        f"{c.name} = {value_with_error(float(v), e)}{f' {c.unit}' if c.unit else ''}"
+        for c, v, e in zip(channels, offsets, known, strict=True)
+    )
+
+
+def value_with_error(value: float, error: float) -> str:
+    """``71.3 ± 0.2``: rounded at the second digit of the error, which is left out where it is 0."""
+    if not np.isfinite(error):
+        return f"{value:.4g} (unknown)"
+    if error <= 0.0:
+        return f"{value:.5g}"
+    digits = max(1 - int(np.floor(np.log10(error))), 0)
+    if digits > 8:
+        return f"{value:.6g} ± {error:.2g}"
+    return f"{value:.{digits}f} ± {error:.{digits}f}" if digits else f"{value:.0f} ± {error:.2g}"
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

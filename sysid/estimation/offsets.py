@@ -1,0 +1,85 @@
+"""Offsets of a fit: what is taken off the data first, and whether a level is estimated with θ."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sysid.data.level import Level, Origin
+from sysid.data.preprocess import Detrend
+from sysid.data.record import Array, Record
+from sysid.structures.base import Structure
+
+
+@dataclass(frozen=True, eq=False)
+class Offsets:
+    """How one fit deals with the levels of its data.
+
+    Attributes:
+        detrend: what is removed before the fit.
+        origin: what these numbers are.
+        estimated: by output, whether a constant is estimated with the parameters of a linear
+            structure; the level it stands for is added to ``detrend`` afterwards.
+        y_error: standard errors of removed output levels, empty where they are no estimates.
+        at_rest: whether ``detrend`` is where the log rests at its head.
+        why: why so, as the end of a sentence.
+    """
+
+    detrend: Detrend
+    origin: Origin = Origin.ZERO
+    estimated: tuple[bool, ...] = ()
+    y_error: tuple[float, ...] = ()
+    at_rest: bool = False
+    why: str = ""
+
+    @staticmethod
+    def none(nu: int, ny: int, why: str = "") -> "Offsets":
+        """Nothing is removed and nothing estimated."""
+        return Offsets(Detrend.none(nu, ny), why=why)
+
+    @staticmethod
+    def of_detrend(detrend: Detrend) -> "Offsets":
+        """Offsets that are known: they are removed, and nothing is estimated."""
+        return Offsets(detrend, Level.of_detrend(detrend).origin)
+
+    @staticmethod
+    def again(detrend: Detrend, level: Level, ny: int) -> "Offsets":
+        """The same treatment for another fit of the same structure, e.g. to part of the data."""
+        return Offsets(
+            detrend, level.origin, (True,) * ny if level.estimated else (), level.y_error,
+            why=level.why,
+        )  # fmt: skip
+
+    @property
+    def level(self) -> Level:
+        """The level of a model with which nothing was estimated."""
+        return Level(self.origin, (), self.y_error, 0, self.why)
+
+    def for_structure(self, structure: Structure, records: Sequence[Record]) -> "Offsets":
+        """What these offsets mean to one structure.
+
+        A physical structure counts from the channels' own zeros. Nonlinear ones with a level of
+        their own do, too, because what they describe (the edges of a dead zone, the terms of an
+        equation) is about these zeros; those that begin a free run from past outputs are moved
+        where zero is no place the data come near.
+        """
+        nu, ny = structure.nu, structure.ny
+        if structure.physical:
+            return Offsets.none(nu, ny)
+        asked = self.origin in (Origin.MEANS, Origin.LINES)
+        if structure.linear or asked or self.origin is Origin.ZERO:
+            return self
+        if structure.counts_from_zero:
+            return Offsets(Detrend.none(nu, ny), Origin.INSIDE)
+        if self.at_rest:
+            return replace(self, origin=Origin.REST, estimated=())
+        u, y = ([getattr(r, side) for r in records] for side in ("u", "y"))
+        moved = Detrend(_where_far(u), _where_far(y))
+        return Offsets(moved, Origin.INSIDE)
+
+
+def _where_far(values: Sequence[Array]) -> Array:
+    """The means of channels whose values all lie on one side of zero, zero for the others."""
+    joined = np.concatenate(values)
+    low, high = joined.min(axis=0), joined.max(axis=0)
+    return np.where((low <= 0.0) & (high >= 0.0), 0.0, joined.mean(axis=0))
