@@ -89,11 +89,11 @@ def _added(found: "Diagnosis", before: str, after: str) -> None:
     stem = f"the plainest base ({found.plainer})" if found.plainer else ""
     render.say(f"{after} is {stem or f'{before} ({found.base_words})'} with:")
     rows: list[list[Any]] = [
-        [e.id if k == 0 else "", p.name, p.value, render.number(p.std_error, 2), p.unit]
+        [e.id if k == 0 else "", p.name, p.value, p.words or render.number(None), p.unit]
         for e in found.effects
         for k, p in enumerate(e.parameters)
     ]
-    render.table(["effect", "parameter", "value", "± std. error", "unit"], rows)
+    render.table(["effect", "parameter", "value", "± std. error, or 95 %", "unit"], rows)
 
 
 def _shrunk(found: "Diagnosis") -> None:

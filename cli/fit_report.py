@@ -101,8 +101,10 @@ def _parameters(a: "Assessment") -> None:
     rows = [
         [
             p.name,
-            render.number(p.value, 6),
-            render.standard_error(p.std_error, fixed=p.fixed, at_bound=p.at_bound),
+            render.number(p.value if p.visited else None, 6),
+            render.standard_error(
+                p.std_error, fixed=p.fixed, at_bound=p.at_bound, visited=p.visited
+            ),
             ""
             if p.fixed or p.at_bound or not p.value or not isfinite(p.std_error)
             else f"{100.0 * p.std_error / abs(p.value):.2g} %",

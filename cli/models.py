@@ -125,8 +125,10 @@ def _show(stored: "StoredModel") -> None:
     table = [
         (
             p.name,
-            p.value,
-            render.standard_error(p.std_error, fixed=p.fixed, at_bound=p.at_bound),
+            p.value if p.visited else None,
+            render.standard_error(
+                p.std_error, fixed=p.fixed, at_bound=p.at_bound, visited=p.visited
+            ),
             p.unit,
         )
         for p in model.parameter_table()
@@ -157,6 +159,11 @@ def _pole(pole: dict[str, float]) -> str:
 
 def _parameters(stored: "StoredModel") -> list[dict[str, Any]]:
     return [
-        {"name": p.name, "value": p.value, "std_error": p.std_error, "unit": p.unit}
+        {
+            "name": p.name,
+            "value": p.value if p.visited else None,
+            "std_error": p.std_error,
+            "unit": p.unit,
+        }
         for p in stored.model.parameter_table()
     ]

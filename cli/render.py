@@ -117,8 +117,12 @@ def number(value: float | None, digits: int = 5) -> str:
     return f"{value:.{digits}g}"
 
 
-def standard_error(value: float | None, *, fixed: bool, at_bound: bool) -> str:
+def standard_error(
+    value: float | None, *, fixed: bool, at_bound: bool, visited: bool = True
+) -> str:
     """A parameter's standard error, or in words why it has none."""
+    if not visited:
+        return "not visited"
     if fixed:
         return "fixed"
     if at_bound:

@@ -144,7 +144,8 @@ def test_the_augmented_model_runs_as_the_search_did(tmp_path: Path) -> None:
     )
     named = found.effects[0]
     truth = {"plus[omega_l]", "minus[omega_l]"} & {p.name for p in named.parameters}
-    assert all(p.std_error is not None and p.std_error < 0.01 for p in named.parameters)
+    # an edge lies between two commands, and the jump with it: here they are up to 0.1 apart
+    assert all(p.std_error is not None and p.std_error < 0.05 for p in named.parameters)
     assert truth or named.channels == ("omega_r",)
 
 

@@ -140,7 +140,9 @@ def test_document(
     assert set(effect) == {
         "id", "stage", "channels", "parameters", "evidence", "indistinguishable", "sentence",
     }  # fmt: skip
-    assert set(effect["parameters"][0]) == {"name", "value", "std_error", "unit"}
+    assert set(effect["parameters"][0]) == {
+        "name", "value", "std_error", "unit", "interval", "visited",
+    }  # fmt: skip
     assert set(effect["evidence"]) == {"delta_bic", "p_value", "heldout_gain"}
     assert found["candidates"][0] == {"id": "dead-zone", "score": 0.9}
     assert {"region", "share_of_excess", "share_of_samples"} <= set(found["where"][0])

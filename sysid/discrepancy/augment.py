@@ -1,6 +1,7 @@
 """From a node of the search to an ordinary model: saved, compared, exported, simulated."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from sysid.discrepancy.base_model import Base, full_drive
 from sysid.discrepancy.batched_search import information
 from sysid.discrepancy.diagnosis import Value
 from sysid.discrepancy.evidence import effective_samples
-from sysid.discrepancy.named_sets import Node
+from sysid.discrepancy.named_sets import Interval, Node
 from sysid.effects.catalogue import CHANGED, effect
 from sysid.errors import Termination
 from sysid.structures.augmented import Augmented
@@ -48,8 +49,17 @@ def covariance_of(base: Base, node: Node) -> Array:
     return np.asarray(variance * np.linalg.pinv(H, hermitian=True) / max(min(share, 1.0), 1e-3))
 
 
-def values_of(base: Base, node: Node, id: str) -> tuple[Value, ...]:
-    """The numbers of an effect with standard errors; None where nothing was estimated."""
+def values_of(
+    base: Base, node: Node, id: str, intervals: Mapping[int, Interval] | None = None
+) -> tuple[Value, ...]:
+    """The numbers of an effect with standard errors; None where nothing was estimated.
+
+    Args:
+        base: of the diagnosis.
+        node: the model with the effect.
+        id: of the effect.
+        intervals: of numbers whose standard error no slope tells, by slot.
+    """
     m = base.search.model
     names = base.search.estimation[0].output_names
     unit = base.search.estimation[0].outputs[0].unit
@@ -62,24 +72,46 @@ def values_of(base: Base, node: Node, id: str) -> tuple[Value, ...]:
         tag = "" if slot.track < 0 else f"[{names[slot.track]}]"
         if k not in at and id != CHANGED.id and node.q[k] == slot.null and slot.track >= 0:
             continue
-        error = float(np.sqrt(max(covariance[at[k], at[k]], 0.0))) if k in at else None
-        words = units.get(slot.name, "").replace("speed", unit)
-        found.append(Value(f"{slot.name}{tag}", float(node.q[k]), error, words))
+        value, words = float(node.q[k]), units.get(slot.name, "").replace("speed", unit)
+        told = (intervals or {}).get(k)
+        if told is None:
+            error = float(np.sqrt(max(covariance[at[k], at[k]], 0.0))) if k in at else None
+            found.append(Value(f"{slot.name}{tag}", value, error, words))
+        else:
+            error = told.std_error(value)
+            found.append(_interval_value(f"{slot.name}{tag}", value, told, words))
+        if not found[-1].visited:
+            continue
         if id in DRY and slot.name in ("level", "excess"):
             # dry friction as the command that it takes: what a person with a robot turns up
             full = float(full_drive(base.parts.estimation)[slot.track]) / abs(
                 node.q[m.place["core", "gain", slot.track]]
             )
             channel = base.search.estimation[0].inputs[slot.track]
-            scaled = None if error is None else error * full
-            found.append(
-                Value(f"{slot.name}_command{tag}", float(node.q[k] * full), scaled, channel.unit)
-            )
+            name = f"{slot.name}_command{tag}"
+            if told is not None:
+                found.append(_interval_value(name, value * full, told.times(full), channel.unit))
+            else:
+                scaled = None if error is None else error * full
+                found.append(Value(name, value * full, scaled, channel.unit))
     return tuple(found)
 
 
-def model_of(base: Base, node: Node) -> Model:
-    """The node as a Model with values, standard errors, figures and provenance."""
+def _interval_value(name: str, value: float, told: Interval, unit: str) -> Value:
+    if not told.visited:
+        return Value(name, math.nan, None, unit)
+    return Value(name, value, told.std_error(value), unit, (told.low, told.high))
+
+
+def model_of(base: Base, node: Node, intervals: Mapping[int, Interval] | None = None) -> Model:
+    """The node as a Model with values, standard errors, figures and provenance.
+
+    Args:
+        base: of the diagnosis.
+        node: what to make a model of.
+        intervals: of numbers whose standard error no slope tells, by slot. One that the log never
+            visits does nothing in the model, and its variance is infinite.
+    """
     search = base.search
     records = search.estimation
     first = records[0]
@@ -99,20 +131,31 @@ def model_of(base: Base, node: Node) -> Model:
         inside = [k for k, slot in enumerate(slots) if slot in at]
         index = [at[slots[k]] for k in inside]
         covariance[np.ix_(inside, inside)] = free[np.ix_(index, index)]
+    parameters = structure.parameters(first.inputs, first.outputs)
+    theta, unseen = node.q[slots], []
+    for k, slot in enumerate(slots):
+        told = (intervals or {}).get(slot)
+        if told is None:
+            continue
+        if not told.visited:
+            theta[k] = search.model.slots[slot].null
+            unseen.append(k)
+        covariance = _with_error(covariance, k, told.std_error(float(theta[k])))
     parts = _rows_together(node.errors.estimation)
     errors = np.concatenate(parts)
     values = [np.concatenate([r.u for r in records]), np.concatenate([r.y for r in records])]
     return Model(
         structure=structure,
-        theta=node.q[slots],
+        theta=theta,
         covariance=covariance,
-        parameters=structure.parameters(first.inputs, first.outputs),
+        parameters=parameters,
         dt=first.dt,
         inputs=first.inputs,
         outputs=first.outputs,
         detrend=Detrend.none(first.nu, first.ny),
         noise_covariance=errors.T @ errors / len(errors),
         n_estimated=len(node.free),
+        null_directions=tuple({parameters[k].name: 1.0} for k in unseen),
         criteria=information_criteria(parts, len(node.free)),
         termination=Termination.CONVERGED_COST,
         ranges=np.array([(c.min(), c.max()) for block in values for c in block.T]),
@@ -134,6 +177,19 @@ def _rows_together(errors: Sequence[Array]) -> list[Array]:
         shortest = min(len(c) for c in columns)
         found.append(np.column_stack([c[:shortest] for c in columns]))
     return found
+
+
+def _with_error(covariance: Array, k: int, error: float | None) -> Array:
+    """Another standard error of one number, its correlations kept; None is an infinite one."""
+    out = covariance.copy()
+    old = float(np.sqrt(max(covariance[k, k], 0.0)))
+    if error is None or old == 0.0:
+        out[k, :] = out[:, k] = 0.0
+        out[k, k] = np.inf if error is None else error**2
+        return out
+    out[k, :] *= error / old
+    out[:, k] *= error / old
+    return out
 
 
 def _sources(records: Sequence[Record]) -> tuple[Source, ...]:

@@ -1,5 +1,6 @@
 """Diagnosis: what a diagnosis found, as frozen nouns and as JSON."""
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,20 +15,63 @@ VERDICTS = ("effects-found", "no-missing-effect", "unexplained")
 
 @dataclass(frozen=True)
 class Value:
-    """One number of a named effect; ``std_error`` is None where the log does not tell it."""
+    """One number of a named effect.
+
+    Attributes:
+        name: with the output that it belongs to in brackets.
+        value: NaN where the log never goes where the number acts.
+        std_error: None where the log does not tell it.
+        unit: of value, error and interval.
+        interval: a 95 % interval where slopes tell no standard error; an end that the log leaves
+            open is None.
+    """
 
     name: str
     value: float
     std_error: float | None
     unit: str
+    interval: tuple[float | None, float | None] | None = None
+
+    @property
+    def visited(self) -> bool:
+        """Whether the log goes where the number acts."""
+        return not math.isnan(self.value)
+
+    @property
+    def words(self) -> str:
+        """What is known beside the value: an error, an interval, or why there is none."""
+        if not self.visited:
+            return "not visited"
+        if self.interval is not None:
+            low, high = self.interval
+            if low is None and high is None:
+                return "not determined"
+            if low is None or high is None:
+                return f"at most {high:.4g}" if low is None else f"at least {low:.4g}"
+            return f"{low:.4g} to {high:.4g}"
+        return "" if self.std_error is None else f"± {self.std_error:.2g}"
+
+    @property
+    def shown(self) -> str:
+        """The number in a sentence, after its name."""
+        unit = f" {self.unit}" if self.unit else ""
+        if not self.visited:
+            return "is not visited"
+        if self.interval is None:
+            return f"= {self.value:.3g} {self.words}{unit}".replace("  ", " ")
+        if None in self.interval:
+            return f"is {self.words}{unit}"
+        return f"= {self.value:.4g} ({self.words}){unit}"
 
     def to_json(self) -> dict[str, Any]:
-        """{name, value, std_error, unit}."""
+        """{name, value, std_error, unit, interval, visited}."""
         return {
             "name": self.name,
-            "value": self.value,
+            "value": self.value if self.visited else None,
             "std_error": self.std_error,
             "unit": self.unit,
+            "interval": None if self.interval is None else list(self.interval),
+            "visited": self.visited,
         }
 
 

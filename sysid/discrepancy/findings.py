@@ -11,7 +11,12 @@ from sysid.discrepancy.base_model import Base
 from sysid.discrepancy.diagnosis import NamedEffect, Trace, Value
 from sysid.discrepancy.named_sets import Named, Naming
 from sysid.discrepancy.samples import SampleEffects
+from sysid.effects.base import Effect
 from sysid.effects.catalogue import about
+
+NEAR, APART = 0.005, 0.02
+"""Shares of full drive: what an end of an interval is rounded to, and a gap between commands that
+matters."""
 
 ABSORBED = (5.0, 0.05)
 """A number of the base counts as having absorbed an effect when it moves by more standard errors,
@@ -22,7 +27,7 @@ def named_effect(base: Base, naming: Naming, n: Named) -> NamedEffect:
     """An accepted effect of the chain."""
     e = about(n.id)
     names = base.parts.estimation[0].output_names
-    values = values_of(base, naming.final, n.id)
+    values = values_of(base, naming.final, n.id, naming.intervals)
     return NamedEffect(
         n.id,
         e.stage,
@@ -32,19 +37,66 @@ def named_effect(base: Base, naming: Naming, n: Named) -> NamedEffect:
         n.evidence.p_value,
         1.0 - n.evidence.ratio,
         n.ties,
-        _sentence(e.sentence, values, n.ties),
+        sentence_of(e, values, n.ties),
     )
 
 
-def _sentence(text: str, values: Sequence[Value], ties: Sequence[str]) -> str:
-    shown = [v for v in values if v.std_error is not None][:4]
-    if shown:
-        numbers = ", ".join(
-            f"{v.name} = {v.value:.3g} ± {v.std_error:.1g}{f' {v.unit}' if v.unit else ''}"
-            for v in shown
-        )
-        text += f" Here {numbers}."
+def sentence_of(e: Effect, values: Sequence[Value], ties: Sequence[str]) -> str:
+    """What an effect is, by the sign of its number, and how large; what it cannot be told from."""
+    text = _by_sign(e, values)
+    known = [v for v in values if v.std_error is not None or v.interval is not None][:4]
+    told = [v for v in (*known, *(v for v in values if not v.visited)) if v.words]
+    if told:
+        text += f" Here {', '.join(f'{v.name} {v.shown}' for v in told)}."
     return text + (f" This log cannot tell it from {', '.join(ties)}." if ties else "")
+
+
+def _by_sign(e: Effect, values: Sequence[Value]) -> str:
+    """What the effect is; where its first number has the other sign, what that is."""
+    if not e.opposite or not e.parameters:
+        return e.sentence
+    first = e.parameters[0]
+    mine = [v for v in values if v.name.partition("[")[0] == first.name and v.visited]
+    below = [v for v in mine if v.value < first.null]
+    if not below:
+        return e.sentence
+    if len(below) == len(mine):
+        return e.opposite
+    where = ", ".join(v.name.partition("[")[2].rstrip("]") for v in below)
+    return f"{e.sentence} On {where} the opposite: {e.opposite[:1].lower()}{e.opposite[1:]}"
+
+
+def indistinct_edges(base: Base, naming: Naming, records: Sequence[Record]) -> tuple[str, ...]:
+    """What a dead zone's numbers lack where no command lies between the edges that explain the log.
+
+    Then only jump less width is told, by commands beyond the edge.
+    """
+    model, found = base.search.model, []
+    scales = base.scales
+    u = np.concatenate([r.u for r in records]) / scales
+    for k, told in naming.intervals.items():
+        slot = model.slots[k]
+        if slot.owner != "dead-zone" or slot.name == "jump" or not told.visited:
+            continue
+        if told.low is None or told.high is None:
+            continue
+        sign = 1.0 if slot.name == "plus" else -1.0
+        d = np.unique(np.round(sign * u[:, min(slot.track, u.shape[1] - 1)], 6))
+        inside = d[(d > told.low + NEAR) & (d < told.high - NEAR)]
+        if len(inside) or told.high - told.low < APART:
+            continue
+        below, above = d[d <= told.low + NEAR], d[d >= told.high - NEAR]
+        if not len(below) or not len(above) or above[0] - below[-1] < APART:
+            continue
+        i = min(slot.track, len(records[0].inputs) - 1)
+        name, unit = records[0].inputs[i].name, records[0].inputs[i].unit
+        ends = " and ".join(f"{sign * v * scales[i]:.4g}" for v in (below[-1], above[0]))
+        found.append(
+            f"{name} has no command between {ends}{f' {unit}' if unit else ''}: where in between "
+            f"the dead zone ends, and how far it then jumps, this log cannot tell; it tells the "
+            "difference of both."
+        )
+    return tuple(found)
 
 
 def sample_effects(found: SampleEffects) -> tuple[NamedEffect, ...]:

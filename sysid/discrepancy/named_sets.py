@@ -1,13 +1,41 @@
 """Sets of effects in the course of a search: fitted, judged, named."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array
 from sysid.discrepancy.evidence import Errors, Evidence
+
+NORMAL = 1.96
+"""Half a 95 % interval in standard errors of a normal law."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A 95 % interval of one number.
+
+    Attributes:
+        low, high: its ends; None where the log does not contradict that there is no limit.
+        visited: whether the log depends on the number at all.
+    """
+
+    low: float | None
+    high: float | None
+    visited: bool = True
+
+    def std_error(self, value: float) -> float | None:
+        """The longer side in standard errors of a normal law; None where an end is open."""
+        if self.low is None or self.high is None or not self.visited:
+            return None
+        return max(self.high - value, value - self.low) / NORMAL
+
+    def times(self, factor: float) -> "Interval":
+        """That of the number in another unit."""
+        low, high = (None if v is None else factor * v for v in (self.low, self.high))
+        return Interval(low, high, self.visited)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +94,7 @@ class Naming:
         minor: effects that help a little but not enough to be proven, with their evidence.
         candidates: score of every effect at the first stage, best first: the likelihood ratio
             (in units of BIC) over both parts of the data.
+        intervals: of numbers whose standard error no slope tells, by slot.
     """
 
     base: Node
@@ -73,6 +102,7 @@ class Naming:
     named: tuple[Named, ...]
     minor: tuple[tuple[str, Evidence], ...]
     candidates: tuple[tuple[str, float], ...]
+    intervals: Mapping[int, Interval] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from sysid.discrepancy.diagnosis import Diagnosis, Experiment, Trace
 from sysid.discrepancy.evidence import PROVEN, PROVEN_IN_LOOP
 from sysid.discrepancy.explain import described, explain
 from sysid.discrepancy.ground_model import with_ground
+from sysid.discrepancy.intervals import intervals_of
 from sysid.discrepancy.localise import Region, localise
 from sysid.discrepancy.model_error import FEWEST, Left, structure_left
 from sysid.discrepancy.named_sets import Naming, Node
@@ -195,6 +196,13 @@ class Study:
         minor = (*((n.id, n.evidence) for n in naming.named), *naming.minor)
         return replace(naming, final=naming.base, named=(), minor=minor)
 
+    def measured(self, naming: Naming) -> Naming:
+        """With intervals of the numbers that slopes cannot judge; estimates may move a little."""
+        if not naming.named:
+            return naming
+        final, intervals = intervals_of(self.base.search, naming.final)
+        return replace(naming, final=final, intervals=intervals)
+
     def unexplained(self, naming: Naming) -> bool:
         """Whether the model after leaves structure, and errors far above the noise."""
         new = naming.final.errors.mean_squares()[1]
@@ -221,7 +229,7 @@ class Study:
             found: what the search has found.
             told: what is missing between tracks and ground.
         """
-        naming, left_before = found.naming, found.before
+        naming, left_before = self.measured(found.naming), found.before
         left_after = self.left(naming, after=True) if naming.named else left_before
         base, first = self.base, self.base.parts.estimation[0]
         samples = inspect_samples(base.parts.estimation)
@@ -249,9 +257,9 @@ class Study:
         if effects or found.withdrawn or off or (structured and not slight):
             verdict = "effects-found" if effects else "unexplained"
         before = model if model is not None else model_of(base, naming.base)
-        after = model_of(base, naming.final) if naming.named else before
+        after = model_of(base, naming.final, naming.intervals) if naming.named else before
         if told is not None and told.effects:
-            after = model_of(base, naming.final)
+            after = model_of(base, naming.final, naming.intervals)
             channels = track_channels(first) or (0, 1)
             after = with_ground(after, told.ground, told.std_errors, tracks=channels)
             gap = gap if naming.named else told.gap
@@ -346,6 +354,7 @@ class Study:
                 "static curve is not identifiable from this log, because each looks like "
                 "another gain."
             )
+        found += findings.indistinct_edges(self.base, naming, self.base.parts.estimation)
         if hidden:
             found.append(f"{hidden} lost or repeated readings are left out of every figure.")
         if told is not None and not told.effects and sum(told.windows) < FEW_WINDOWS:

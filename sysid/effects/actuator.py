@@ -85,7 +85,7 @@ EFFECTS = (
         "The command takes effect later than the model thinks.",
         "Every response starts late by the same time, at all levels.",
         "Steps at irregular instants.",
-        (EffectParameter("delay", "s", 0.0, 0.0, float(DELAY_LINE), (1.5, 6.0), "dt"),),
+        (EffectParameter("delay", "s", 0.0, 0.0, float(DELAY_LINE), (1.5, 6.0), "dt", kinks=True),),
         _delay,
         states=DELAY_LINE,
         on_past=_delay_on,
@@ -99,8 +99,8 @@ EFFECTS = (
         "Large commands of different size reach one and the same speed.",
         "Steps at 60, 80, 90 and 100 % of full drive in both directions.",
         (
-            EffectParameter("plus", "drive", 1e3, 0.1, 0.999, (0.6, 0.8), "drive"),
-            EffectParameter("minus", "drive", 1e3, 0.1, 0.999, (0.6, 0.8), "drive"),
+            EffectParameter("plus", "drive", 1e3, 0.1, 0.999, (0.6, 0.8), "drive", kinks=True),
+            EffectParameter("minus", "drive", 1e3, 0.1, 0.999, (0.6, 0.8), "drive", kinks=True),
         ),
         _saturation,
         ties=("sensor-saturation",),
@@ -114,9 +114,9 @@ EFFECTS = (
         "The track stands while the command is small; steady speed is a line that misses zero.",
         "A slow staircase through zero in both directions.",
         (
-            EffectParameter("plus", "drive", 0.0, 0.0, 0.8, (0.08, 0.2, 0.4), "drive"),
-            EffectParameter("minus", "drive", 0.0, 0.0, 0.8, (0.08, 0.2, 0.4), "drive"),
-            EffectParameter("jump", "drive", 0.0, 0.0, 0.8, (0.0, 0.0, 0.0), "drive"),
+            EffectParameter("plus", "drive", 0.0, 0.0, 0.8, (0.08, 0.2, 0.4), "drive", jumps=True),
+            EffectParameter("minus", "drive", 0.0, 0.0, 0.8, (0.08, 0.2, 0.4), "drive", jumps=True),
+            EffectParameter("jump", "drive", 0.0, 0.0, 0.8, (0.0, 0.0, 0.0), "drive", jumps=True),
         ),
         _dead_zone,
         ties=("coulomb-friction", "stiction"),
@@ -132,6 +132,7 @@ EFFECTS = (
         (EffectParameter("kappa", "1/drive", 0.0, -0.9, 0.95, (0.3, -0.2), "one"),),
         _concave,
         ties=("supply-sag",),
+        opposite="The harder it is driven, the more it answers to every further step.",
     ),
     Effect(
         "direction-asymmetry",
@@ -177,7 +178,11 @@ EFFECTS = (
         "The drive cannot change faster than some rate.",
         "Large steps are ramps; small steps are not affected.",
         "Steps of very different size.",
-        (EffectParameter("rate", "drive/s", 1e12, 0.05, 100.0, (1.0, 3.0, 8.0), "one"),),
+        (
+            EffectParameter(
+                "rate", "drive/s", 1e12, 0.05, 100.0, (1.0, 3.0, 8.0), "one", kinks=True
+            ),
+        ),
         _rate_limit,
         states=1,
     ),

@@ -67,6 +67,9 @@ class EffectParameter:
         choice: whether it is one of its starts and never in between: tried, not searched.
         stepwise: whether a run changes with it by jumps, so that no slope says where to go: it is
             looked for on ever finer grids.
+        kinks: whether a run's slope in it jumps where a sample passes an edge: its interval is
+            read off the likelihood, not off slopes.
+        jumps: the same where the run itself jumps.
     """
 
     name: str
@@ -78,6 +81,8 @@ class EffectParameter:
     scaled_by: str = "one"
     choice: bool = False
     stepwise: bool = False
+    kinks: bool = False
+    jumps: bool = False
 
 
 Step = Callable[[Any, Signal, State, Mapping[str, Signal], Context], tuple[Signal, State]]
@@ -118,6 +123,8 @@ class Effect:
             a first reading says of the speed.
         ties: effects that many logs cannot tell from it.
         rare: whether one of these is rather named where a log cannot tell.
+        opposite: the sentence where the first number lies below its null value, for an effect that
+            then does the opposite; empty where the sentence holds on both sides.
     """
 
     id: str
@@ -138,3 +145,4 @@ class Effect:
     undone: Callable[[Signal, Mapping[str, Signal]], Signal] | None = None
     ties: tuple[str, ...] = ()
     rare: bool = False
+    opposite: str = ""

@@ -204,6 +204,7 @@ EFFECTS = (
         "One track at a constant command while the other steps.",
         (EffectParameter("share", "", 0.0, -0.6, 0.6, (0.1, -0.1), "one"),),
         _coupling,
+        opposite="One track's torque helps the other through the body.",
     ),
     Effect(
         "thermal-fade",
@@ -266,7 +267,7 @@ EFFECTS = (
         "Dry friction: a constant resistance while moving, standstill below it.",
         "It stands at small commands and stops sooner than it should.",
         "A slow staircase through zero, and coasting from speed.",
-        (EffectParameter("level", "speed", 0.0, 0.0, 3.0, (0.05, 0.15, 0.3), "speed"),),
+        (EffectParameter("level", "speed", 0.0, 0.0, 3.0, (0.05, 0.15, 0.3), "speed", kinks=True),),
         _coulomb,
         holds=lambda p: p["level"],
         ties=("stiction", "dead-zone"),
@@ -280,9 +281,9 @@ EFFECTS = (
         "It starts with a jump at a higher command than the one at which it stops.",
         "Slow ramps up from rest and down to rest.",
         (
-            EffectParameter("level", "speed", 0.0, 0.0, 3.0, (0.04, 0.1), "speed"),
-            EffectParameter("excess", "speed", 0.0, 0.0, 1.5, (0.08, 0.15), "speed"),
-            EffectParameter("speed", "speed", 0.1, 0.01, 0.35, (0.05, 0.15), "speed"),
+            EffectParameter("level", "speed", 0.0, 0.0, 3.0, (0.04, 0.1), "speed", kinks=True),
+            EffectParameter("excess", "speed", 0.0, 0.0, 1.5, (0.08, 0.15), "speed", kinks=True),
+            EffectParameter("speed", "speed", 0.1, 0.01, 0.35, (0.05, 0.15), "speed", kinks=True),
         ),
         _stiction,
         holds=lambda p: p["level"] + p["excess"],
@@ -323,7 +324,9 @@ EFFECTS = (
         "Falls are straight lines, rises are exponentials.",
         "Steps to zero from several speeds.",
         (
-            EffectParameter("rate", "speed/s", 1e6, 0.02, 100.0, (0.4, 1.0, 3.0) * 3, "speed"),
+            EffectParameter(
+                "rate", "speed/s", 1e6, 0.02, 100.0, (0.4, 1.0, 3.0) * 3, "speed", kinks=True
+            ),
             EffectParameter(
                 "overrun", "", 0.0, 0.0, 1.0, (0.0,) * 3 + (1.0,) * 3 + (0.0,) * 3, choice=True
             ),
@@ -347,8 +350,12 @@ EFFECTS = (
         "Frequent reversals at several speeds.",
         (
             EffectParameter("gap", "rad", 0.0, 0.0, 12.0, _GAPS, stepwise=True),
-            EffectParameter("inertia", "", 1.0, 0.1, 1.0, (1.0,) * 3 + (0.8,) * 3 + (0.4,) * 3),
-            EffectParameter("coast", "", 0.0, 0.0, 3.0, (1.0,) * 3 + (0.4,) * 3 + (0.2,) * 3),
+            EffectParameter(
+                "inertia", "", 1.0, 0.1, 1.0, (1.0,) * 3 + (0.8,) * 3 + (0.4,) * 3, kinks=True
+            ),
+            EffectParameter(
+                "coast", "", 0.0, 0.0, 3.0, (1.0,) * 3 + (0.4,) * 3 + (0.2,) * 3, kinks=True
+            ),
         ),
         _backlash,
         _loose,

@@ -8,7 +8,7 @@ from sysid.criteria.verdicts import ResidualReport, ResidualTest
 from sysid.errors import Termination
 from sysid.estimation.figures import Figures
 from sysid.estimation.orders import INTEGRATING
-from sysid.structures.model import Model
+from sysid.structures.model import Model, unvisited
 
 GOOD_PREDICTION = 80.0
 """One-step fit [%] from which a poor free run deserves a warning."""
@@ -82,13 +82,24 @@ def _stability(model: Model) -> list[str]:
 
 def _information(model: Model) -> list[str]:
     found = []
+    alone = [name for d in model.null_directions if (name := unvisited(d))]
+    if alone:
+        shown = ", ".join(alone[:6]) + (" …" if len(alone) > 6 else "")
+        why = "the input does not excite it" if model.structure.linear else "no sample goes there"
+        found.append(
+            f"The data hold no information about {shown}: {why}. Record data that do, or leave it "
+            "out of the model."
+        )
+    together = "their inputs move together" if len(model.inputs) > 1 else "only their sum counts"
     for direction in model.null_directions:
+        if unvisited(direction):
+            continue
         names = sorted(direction, key=lambda n: -abs(direction[n]))
         shown = ", ".join(names[:6]) + (" …" if len(names) > 6 else "")
         found.append(
-            f"The data hold no information about a combination of {shown}: their inputs move "
-            "together or do not excite it. The smallest such values were taken; excite the "
-            "inputs independently (sysid excite) to tell them apart."
+            f"The data hold no information about a combination of {shown}: {together}, or too "
+            "little is excited. The smallest such values were taken; a richer input (sysid excite) "
+            "tells them apart."
         )
     table = [p for p in model.parameter_table() if not p.fixed]
     vague = [p.name for p in table if np.isfinite(p.std_error) and p.std_error > abs(p.value)]

@@ -72,7 +72,7 @@ class Assessment:
             "parameters": [
                 {
                     "name": p.name,
-                    "value": p.value,
+                    "value": p.value if p.visited else None,
                     "std_error": p.std_error,
                     "unit": p.unit,
                     "fixed": p.fixed,

@@ -271,11 +271,14 @@ class Augmented(Structure):
             else:
                 lines.append(f"{y.name} = core of order {self.order}, gain {core.gain[i]:.5g}")
         for id in self.effects:
+            e = effect(id)
             numbers = ", ".join(
-                f"{k} = {' / '.join(f'{v:.4g}' for v in np.unique(values))}"
-                for k, values in parameters[id].items()
+                f"{name} = {value:.4g}"
+                for p in e.parameters
+                for name, value in _named(p.name, parameters[id][p.name], e, outputs)
+                if value != p.null
             )
-            lines.append(f"{id}: {effect(id).equation} with {numbers}")
+            lines.append(f"{id}: {e.equation}" + (f" with {numbers}" if numbers else ""))
         return tuple(lines)
 
     def properties(self, theta: Array, dt: float) -> dict[str, Any]:
@@ -288,6 +291,15 @@ class Augmented(Structure):
                 id: {k: v.tolist() for k, v in values.items()} for id, values in parameters.items()
             },
         }
+
+
+def _named(
+    name: str, values: Array, e: Effect, outputs: Sequence[Channel]
+) -> list[tuple[str, float]]:
+    """Every value beside the name of its output; a value that all outputs share stands once."""
+    if e.shared or len(outputs) == 1:
+        return [(name, float(values[0]))]
+    return [(f"{name}[{c.name}]", float(v)) for c, v in zip(outputs, values, strict=True)]
 
 
 def _flat(

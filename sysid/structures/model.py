@@ -26,7 +26,11 @@ SAME_CLOCK = 0.01
 
 @dataclass(frozen=True)
 class ParameterEstimate:
-    """A parameter with its estimate: one row of the parameter table."""
+    """A parameter with its estimate: one row of the parameter table.
+
+    ``visited`` is False where the log never goes where the parameter acts; its value, which the
+    model then runs with, says nothing of the plant.
+    """
 
     name: str
     value: float
@@ -34,6 +38,18 @@ class ParameterEstimate:
     unit: str
     fixed: bool
     at_bound: bool
+    visited: bool = True
+
+
+ALONE = 0.999
+"""Weight from which a direction without information is a single parameter."""
+
+
+def unvisited(direction: Mapping[str, float]) -> str:
+    """The one parameter that a direction without information consists of; empty for several."""
+    name = max(direction, key=lambda n: abs(direction[n]))
+    size = sum(w * w for w in direction.values()) ** 0.5
+    return name if abs(direction[name]) > ALONE * size else ""
 
 
 @dataclass(frozen=True)
@@ -131,6 +147,7 @@ class Model:
     def parameter_table(self) -> tuple[ParameterEstimate, ...]:
         """Value ± standard error of every parameter, in θ's order."""
         errors = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        unseen = {unvisited(d) for d in self.null_directions}
         return tuple(
             ParameterEstimate(
                 p.name,
@@ -139,6 +156,7 @@ class Model:
                 p.unit,
                 p.fixed is not None,
                 p.name in self.at_bound,
+                p.fixed is not None or p.name not in unseen or self.structure.linear,
             )
             for p, v, s in zip(self.parameters, self.theta, errors, strict=True)
         )
