@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from sysid.data.delay import estimate_delays
+from sysid.data.feedback import feedback_tests
 from sysid.data.finding import Finding, Severity, worst
-from sysid.data.impulse import feedback_tests, long_regression
+from sysid.data.impulse import long_regression
 from sysid.data.io import read_log
 from sysid.data.quality import excitation_order, inspect_records, require_usable
 from sysid.data.record import PWM_FULL_SCALE, Channel, Record
@@ -401,11 +402,21 @@ def test_feedback_alarms_at_its_level_in_open_loop() -> None:
     assert 2 <= low <= 22  # binomial(200, 0.05): outside with a chance below 1e-3
 
 
-def test_feedback_within_the_sample_is_noted() -> None:
+def test_feedback_within_the_sample_is_seen_and_is_no_delay_of_the_plant() -> None:
     findings = inspect_records([controlled(within=0)])
+    (delay,) = [f for f in findings if f.code == "delay"]
+    assert "1 from u" in delay.text
+    (feedback,) = [f for f in findings if f.code == "feedback"]
+    assert feedback.severity is Severity.WARNING
+    assert not [f for f in findings if f.code == "nonlinearity" and f.severity > Severity.OK]
+
+
+def test_feedthrough_in_open_loop_is_noted_and_no_feedback() -> None:
+    findings = inspect_records([motor(delay=0)])
     (note,) = [f for f in findings if f.code == "delay"]
     assert note.severity is Severity.NOTE
     assert "a controller answers within the sample" in note.advice
+    assert "feedback" not in alarms(findings)
 
 
 @pytest.mark.parametrize(("pole", "dt"), [(0.7, 0.1), (0.9, 0.02), (0.98, 0.01)])

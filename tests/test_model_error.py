@@ -5,8 +5,8 @@ import pytest
 from scipy.signal import lfilter
 from sysid_datasets.driving import STYLES, speed_loop
 
+from sysid.data.feedback import in_closed_loop
 from sysid.data.record import Array, Channel, Record
-from sysid.discrepancy.closed_loop import in_closed_loop
 from sysid.discrepancy.model_error import structure_left
 from sysid.errors import DataError
 

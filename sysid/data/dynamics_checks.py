@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data.delay import estimate_delays
+from sysid.data.feedback import feedback_tests, in_feedback
 from sysid.data.finding import Finding, Severity
-from sysid.data.impulse import feedback_tests
 from sysid.data.nonlinearity import nonlinearity_tests
 from sysid.data.record import Array, Record
 from sysid.data.speed import estimate_speed
@@ -102,20 +102,19 @@ def check_feedback(records: Sequence[Record]) -> list[Finding]:
         tests = feedback_tests(records)
     except DataError:
         return [_too_short("feedback")]
-    # The share keeps harmless round-off of huge records from being called feedback.
     found = [
         Finding(
             "feedback",
             Severity.WARNING,
             f"The input {test.input} answers to surprises in {test.output} "
-            f"({100 * test.share:.2g} % of their variance, p = {test.p_value:.1g}): the data were "
+            f"({100 * test.share:.2g} % of its own, {_chance(test.p_value)}): the data were "
             "recorded in closed loop.",
             "Prefer structures with a noise model (ARX, ARMAX, BJ) and one-step focus; OE is "
-            "biased here.",
+            "biased here unless its residuals are white.",
             test.output,
         )
         for test in tests
-        if test.p_value < 1e-6 and test.share > 0.015
+        if test.seen
     ]
     return found or [Finding("feedback", Severity.OK, "No feedback from output to input is seen.")]
 
@@ -124,10 +123,11 @@ def check_delay(records: Sequence[Record]) -> list[Finding]:
     """The delay of every pair with its interval, output by output.
 
     An answer within the sample is either feedthrough or a controller that reads y(t) before it
-    writes u(t); one record cannot tell these apart, so it is noted.
+    writes u(t). Where a controller is seen it is the controller's; where none is, one record cannot
+    tell these apart for certain, so it is noted.
     """
     try:
-        delays = estimate_delays(records)
+        delays = estimate_delays(records, shortest=int(in_feedback(records)))
     except DataError:
         return [_too_short("delay")]
     found = []
@@ -194,14 +194,14 @@ def check_sampling(records: Sequence[Record]) -> list[Finding]:
 def check_nonlinearity(records: Sequence[Record]) -> list[Finding]:
     """Whether the log asks for a nonlinear model, output by output."""
     try:
-        tests = nonlinearity_tests(records)
+        tests = nonlinearity_tests(records, feedback=in_feedback(records))
     except DataError:
         return [_too_short("nonlinearity")]
     found = []
     for t in tests:
         if t.p_value >= NONLINEAR / len(tests):
             continue
-        p = f"p = {t.p_value:.1g}" if t.p_value >= 1e-12 else "p < 1e-12"
+        p = _chance(t.p_value)
         much = f"{100.0 * t.share:.2g} %" if t.share >= TRACE else "a trace"
         found.append(
             Finding(
@@ -227,6 +227,10 @@ _TRY = {
     "structures; for a motor dc-motor.",
     "of both input and output": "Compare narmax and narx-wavelet with the linear structures.",
 }
+
+
+def _chance(p_value: float) -> str:
+    return f"p = {p_value:.1g}" if p_value >= 1e-12 else "p < 1e-12"
 
 
 def _immediate(records: Sequence[Record]) -> set[str]:

@@ -1,4 +1,4 @@
-"""What the data say before any model is chosen: a long regression, and feedback seen with it.
+"""What the data say before any model is chosen: a long regression.
 
 Every record is regressed, output by output, on its own past and on the inputs around now:
 
@@ -59,7 +59,11 @@ class LongRegression:
 
 
 def long_regression(
-    records: Sequence[Record], order: int, first: int = 0, last: int | None = None
+    records: Sequence[Record],
+    order: int,
+    first: int = 0,
+    last: int | None = None,
+    far: Sequence[int] | NDArray[np.int64] = (),
 ) -> LongRegression:
     """Fit the regression with ``order`` output lags and input lags ``first`` … ``last``.
 
@@ -71,12 +75,13 @@ def long_regression(
         order: number of output lags n.
         first: first input lag; negative to look into the future.
         last: last input lag; None for ``order``.
+        far: further input lags, where the inputs act after a long delay.
 
     Raises:
         DataError: there are too few samples for that many lags.
     """
     last = order if last is None else last
-    lags = np.arange(first, last + 1)
+    lags = np.union1d(np.arange(first, last + 1), np.asarray(far, dtype=np.int64))
     X, Y, groups = regressors(records, order, lags)
     count, width = X.shape
     free = count - width - groups
@@ -142,12 +147,19 @@ def _from_1(last: int) -> range:
     return range(1, last + 1)
 
 
-def chosen_order(records: Sequence[Record], orders: Sequence[int] = (2, 4, 8, 12, 16)) -> int:
-    """The number of lags of lowest BIC; 0 when there are too few samples for any."""
+def chosen_order(
+    records: Sequence[Record],
+    orders: Sequence[int] = (2, 4, 8, 12, 16),
+    far: Sequence[int] | NDArray[np.int64] = (),
+) -> int:
+    """The number of lags of lowest BIC; 0 when there are too few samples for any.
+
+    ``far``: further input lags in every regression.
+    """
     best, found = np.inf, 0
     for order in orders:
         try:
-            fit = long_regression(records, order)
+            fit = long_regression(records, order, far=far)
         except DataError:
             break
         score = bic(fit, fit.samples)
@@ -162,57 +174,14 @@ def bic(fit: LongRegression, samples: int) -> float:
     return float(samples * np.log(spread).sum() + (fit.a.size + fit.b.size) * np.log(samples))
 
 
-@dataclass(frozen=True)
-class FeedbackTest:
-    """Whether the inputs answer to the output's innovations.
-
-    Attributes:
-        output, input: the pair with the clearest answer.
-        p_value: of "no input answers to this output", F test.
-        share: part of the output's innovation variance that the future inputs explain, 0 … 1.
-    """
-
-    output: str
-    input: str
-    p_value: float
-    share: float
-
-
-def feedback_tests(records: Sequence[Record], ahead: int = 5) -> tuple[FeedbackTest, ...]:
-    """Look for feedback: is what surprises in y(t) followed by a reaction of u(t+1 … t+ahead)?
-
-    The regression is extended by future inputs. In open loop their coefficients are zero
-    whatever the input is, deterministic or not; F = (SSR₀ − SSR₁)/q / (SSR₁/(N − p)).
-
-    Raises:
-        DataError: there are too few samples for the regression.
-    """
-    order = chosen_order(records)
-    if not order:
-        raise DataError(f"{records[0].name}: too few samples to look for feedback; record longer")
-    fit = long_regression(records, order, -ahead, order)
-    tests = []
-    _, nu, width = fit.b.shape
-    future = np.concatenate([i * width + np.flatnonzero(fit.lags < 0) for i in range(nu)])
-    free = fit.samples - fit.a[0].size - fit.b[0].size
-    for j, output in enumerate(records[0].output_names):
-        gain, _ = _wald(fit, j, future)
-        share = gain / (gain + free)
-        p = chance(fit, j, future)
-        each = [_wald(fit, j, future[i * ahead : (i + 1) * ahead])[0] for i in range(nu)]
-        name = records[0].input_names[int(np.argmax(each))]
-        tests.append(FeedbackTest(output, name, p, share))
-    return tuple(tests)
-
-
 def chance(fit: LongRegression, j: int, index: NDArray[np.int64]) -> float:
     """p-value of "these coefficients of output j are all zero"."""
-    value, rank = _wald(fit, j, index)
+    value, rank = wald(fit, j, index)
     free = fit.samples - fit.a[j].size - fit.b[j].size
     return float(fdtrc(max(rank, 1), free, value / max(rank, 1)))
 
 
-def _wald(fit: LongRegression, j: int, index: NDArray[np.int64]) -> tuple[float, int]:
+def wald(fit: LongRegression, j: int, index: NDArray[np.int64]) -> tuple[float, int]:
     """bᵀ (σ² C)⁺ b and its rank for the coefficients ``index`` of output ``j``."""
     b = fit.b[j].ravel()[index]
     c = fit.covariance[np.ix_(index, index)]

@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from sysid.data.far_delay import NEAR, far_lags, first_seen
 from sysid.data.impulse import chosen_order, regressors
 from sysid.data.record import Array, Record
 from sysid.errors import DataError
@@ -54,6 +55,9 @@ LEAST_SPREAD = 1.0
 
 STRETCH = 200
 """Samples after which a surrogate starts again from the measured past: it must not drift away."""
+
+ROWS_A_LAG = 12
+"""Samples for each further lag around a long delay."""
 
 FEWEST = 150
 KNOWN = 1e-11
@@ -82,11 +86,15 @@ class NonlinearityTest:
     samples: int
 
 
-def nonlinearity_tests(records: Sequence[Record]) -> tuple[NonlinearityTest, ...]:
+def nonlinearity_tests(
+    records: Sequence[Record], *, feedback: bool = False
+) -> tuple[NonlinearityTest, ...]:
     """One test an output; experiments are pooled, each with its own means.
 
     Args:
         records: experiments with the same channels.
+        feedback: whether a controller was running. The input of the same sample then tells the
+            reading that it answers to, which is no law of the plant, and is left out.
 
     Raises:
         DataError: too few samples for the linear predictor and its blocks.
@@ -99,14 +107,18 @@ def nonlinearity_tests(records: Sequence[Record]) -> tuple[NonlinearityTest, ...
         raise DataError(
             f"{first.name}: {samples} samples are too few to tell nonlinear from linear"
         )
-    lags = np.arange(0, order + 1, dtype=np.int64)
-    measured = _Linear.of(records, lags)
+    windows = [w for row in first_seen(records) for w in row]
+    far = far_lags(windows, max(order, NEAR))
+    if len(far) * first.nu * ROWS_A_LAG > samples:  # the record is too short for so many lags
+        far = far[:0]
+    lags = np.union1d(np.arange(int(feedback), order + 1), far)
+    measured = _Linear.of(records, order, lags)
     driven = measured.strongest(first.ny, first.nu)
     found = [measured.scored(j, first.ny, driven) for j in range(first.ny)]
     rng = np.random.default_rng(0)
     null = np.zeros((SURROGATES, first.ny))
     for b, surrogate in enumerate(_surrogates(records, measured, rng)):
-        twin = _Linear.of(surrogate, lags)
+        twin = _Linear.of(surrogate, order, lags)
         null[b] = [twin.scored(j, first.ny, driven).z for j in range(first.ny)]
     tests = []
     for j, name in enumerate(first.output_names):
@@ -129,6 +141,7 @@ class _Score:
 class _Linear:
     """The linear predictor of all outputs: scaled lags X, outputs Y, coefficients, errors."""
 
+    order: int
     lags: NDArray[np.int64]
     X: Array
     Y: Array
@@ -137,8 +150,8 @@ class _Linear:
     errors: Array
 
     @staticmethod
-    def of(records: Sequence[Record], lags: NDArray[np.int64]) -> "_Linear":
-        X, Y, _ = regressors(records, int(lags[-1]), lags)
+    def of(records: Sequence[Record], order: int, lags: NDArray[np.int64]) -> "_Linear":
+        X, Y, _ = regressors(records, order, lags)
         scale = np.sqrt(np.mean(X**2, axis=0))
         scale[scale == 0.0] = 1.0
         X = X / scale
@@ -146,11 +159,11 @@ class _Linear:
         known = values > KNOWN * values[-1]
         basis = X @ (vectors[:, known] / np.sqrt(values[known]))
         theta = (vectors[:, known] / values[known]) @ (vectors[:, known].T @ (X.T @ Y))
-        return _Linear(lags, X, Y, basis, theta / scale[:, None], Y - X @ theta)
+        return _Linear(order, lags, X, Y, basis, theta / scale[:, None], Y - X @ theta)
 
     def strongest(self, ny: int, nu: int) -> list[list[int]]:
         """For each output the columns of X of each input's strongest lags."""
-        width, order = len(self.lags), len(self.lags) - 1
+        width, order = len(self.lags), self.order
         power = np.abs(self.theta) * 1.0
         found = []
         for j in range(ny):
@@ -163,7 +176,7 @@ class _Linear:
 
     def scored(self, output: int, ny: int, driven: Sequence[Sequence[int]]) -> _Score:
         """z of one output."""
-        order = len(self.lags) - 1
+        order = self.order
         own = [output * order + k for k in range(min(LAGS, order))]
         others = [i * order for i in range(ny) if i != output]
         room = max(MOST_SIGNALS - len(own) - len(others), LAGS)
@@ -275,26 +288,27 @@ def _surrogates(
 
     Each stretch starts from the measured past; all stretches of all surrogates advance at once.
     """
-    order, ny = len(fit.lags) - 1, records[0].ny
-    u_mean = [r.u[order:].mean(axis=0) for r in records]
-    y_mean = [r.y[order:].mean(axis=0) for r in records]
+    order, ny = fit.order, records[0].ny
+    head = max(order, int(fit.lags[-1]))
+    u_mean = [r.u[head:].mean(axis=0) for r in records]
+    y_mean = [r.y[head:].mean(axis=0) for r in records]
     starts = [
         (k, a, min(a + STRETCH, len(r)))
         for k, r in enumerate(records)
-        for a in range(order, len(r), STRETCH)
+        for a in range(head, len(r), STRETCH)
     ]
     longest = max(b - a for _, a, b in starts)
     A = fit.theta[: ny * order].reshape(ny, order, ny)
-    B = fit.theta[ny * order :].reshape(records[0].nu, order + 1, ny)
+    B = fit.theta[ny * order :].reshape(records[0].nu, len(fit.lags), ny)
     y = np.zeros((order + longest, SURROGATES, len(starts), ny))
     forced = np.zeros((longest, len(starts), ny))
     drawn = rng.integers(0, len(fit.errors), (SURROGATES, longest, len(starts))).swapaxes(0, 1)
     for s, (k, a, b) in enumerate(starts):
         past = records[k].y[a - order : a] - y_mean[k]
         y[:order, :, s] = past[:, None]
-        u = records[k].u[a - order : b] - u_mean[k]
-        for lag in range(order + 1):
-            forced[: b - a, s] += u[order - lag : len(u) - lag] @ B[:, lag]
+        u = records[k].u[a - head : b] - u_mean[k]
+        for at, lag in enumerate(fit.lags):
+            forced[: b - a, s] += u[head - lag : len(u) - lag] @ B[:, at]
     back = A.transpose(1, 0, 2)[::-1].reshape(order * ny, ny)
     for t in range(longest):
         past = y[t : t + order].transpose(1, 2, 0, 3).reshape(-1, order * ny)

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sysid.data.feedback import in_closed_loop
 from sysid.data.held import own_rate, without_repeats
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
-from sysid.discrepancy.closed_loop import in_closed_loop
 from sysid.discrepancy.evidence import PROVEN, PROVEN_IN_LOOP
 from sysid.discrepancy.integrating import integrates, rates, step_of
 from sysid.discrepancy.named_sets import Node

@@ -10,7 +10,7 @@ from sysid.data.record import Record
 from sysid.errors import DataError, ModelError, SysidError, UsageError
 from sysid.estimation.delays import choose_delay
 from sysid.estimation.grid import default_grid
-from sysid.estimation.holdout import HoldOut, hold_out, shortened
+from sysid.estimation.holdout import HoldOut, hold_out, longest_of, shortened
 from sysid.estimation.offset_choice import choose_offsets, start_of
 from sysid.estimation.offsets import Offsets
 from sysid.estimation.orders import (
@@ -96,7 +96,10 @@ def run_contest(
     for name in names:
         raw = {"nk": nk} if grid is None else dict(grid[0])
         own = _offsets_of(name, raw, small, offsets, options)
-        data[name] = (hold_out([own.detrend.remove(r) for r in small]), own.estimated)
+        data[name] = (
+            hold_out([own.detrend.remove(r) for r in small], longest_of(nk)),
+            own.estimated,
+        )
         held, words = data[name][0].held, data[name][0].words
         samples = data[name][0].samples
         chosen = list(grid) if grid is not None else _grid(name, nu, ny, samples, nk)

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 
 from sysid.data.delay import Delay, estimate_delays
+from sysid.data.feedback import in_feedback
 from sysid.data.record import Record
 from sysid.errors import DataError, ModelError
-from sysid.estimation.holdout import HoldOut
+from sysid.estimation.holdout import HoldOut, allowing
 from sysid.estimation.orders import free_run_error, searching, tie_margin
 from sysid.estimation.pem import fit_prepared
 from sysid.estimation.search import FitOptions
@@ -17,6 +18,7 @@ from sysid.structures.oe import OE
 from sysid.structures.polynomial import PolynomialStructure
 
 LONGEST_DELAY = 30
+"""Delays up to this one are looked for everywhere, longer ones where a correlation shows them."""
 
 WEAK = 0.05
 """An input that explains less than this part of what the output's main input explains takes that
@@ -45,7 +47,7 @@ def choose_delay(data: HoldOut, level: bool = False) -> int | list[list[int]]:
     first = data.whole[0]
     try:
         longest = min(LONGEST_DELAY, max(min(len(r) for r in data.whole) // 20, 2))
-        found = estimate_delays(data.whole, longest)
+        found = estimate_delays(data.whole, longest, shortest=int(in_feedback(data.whole)))
     except DataError:
         return PLAIN
     rows = [
@@ -62,6 +64,7 @@ def _confirmed(data: HoldOut, found: Sequence[Delay], level: bool) -> Row:
     plain = (PLAIN,) * len(found)
     if estimate == plain:
         return plain
+    data = allowing(data, [estimate])
     tried = {
         row: _errors(data, row, level) for row in (estimate, *_neighbours(found, estimate), plain)
     }

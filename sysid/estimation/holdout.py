@@ -53,19 +53,24 @@ class HoldOut:
         return sum(len(r) for r in self.train)
 
 
-def hold_out(records: Sequence[Record]) -> HoldOut:
+def hold_out(records: Sequence[Record], dead_time: int = 0) -> HoldOut:
     """Split estimation data into a part to fit on and a part to choose on.
 
     30 % of every record are held out: in interleaved blocks, so that they cover the operating
     range even where a record is ordered by level or sign; at its end where it is short or one
     of many.
+
+    Args:
+        records: estimation data.
+        dead_time: the longest delay [samples]. Every piece loses as many at its head; records are
+            cut less often where that would cost a piece more than half of its samples.
     """
     train: list[Record] = []
     held: list[Record] = []
     counted, cuts = [], []
     for r in records:
         n = len(r)
-        cut = ONCE if len(records) >= MANY else next(c for least, c in CUTS if n >= least)
+        cut = ONCE if len(records) >= MANY else _cut(n, dead_time)
         edges = [round(share * n) for block in cut for share in block]
         held += [r.rows(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
         bounds = [0, *edges, n]
@@ -77,6 +82,28 @@ def hold_out(records: Sequence[Record]) -> HoldOut:
         counted.append(mask)
         cuts.append(cut)
     return HoldOut(tuple(train), tuple(held), tuple(records), tuple(counted), _words(cuts))
+
+
+def longest_of(nk: int | Sequence[Sequence[int]]) -> int:
+    """The longest of the delays of all pairs."""
+    return nk if isinstance(nk, int) else max(max(row) for row in nk)
+
+
+def allowing(data: HoldOut, nk: int | Sequence[Sequence[int]]) -> HoldOut:
+    """The same data, cut less often where delays ``nk`` are long."""
+    return hold_out(data.whole, longest_of(nk))
+
+
+def _cut(samples: int, dead_time: int) -> tuple[tuple[float, float], ...]:
+    """The way to cut a record: the most blocks that its length and the delay allow."""
+    for least, cut in CUTS:
+        bounds = [0.0, *(share for block in cut for share in block), 1.0]
+        shortest = min(
+            (b - a) * samples for a, b in zip(bounds[::2], bounds[1::2], strict=True) if b > a
+        )
+        if samples >= least and shortest >= 2 * dead_time:
+            return cut
+    return ONCE
 
 
 def _words(cuts: Sequence[object]) -> str:

@@ -15,7 +15,7 @@ from sysid.errors import UsageError
 from sysid.estimation import closed_form
 from sysid.estimation.arx_at_once import promising, solved_at_once
 from sysid.estimation.grid import default_grid
-from sysid.estimation.holdout import hold_out, shortened
+from sysid.estimation.holdout import hold_out, longest_of, shortened
 from sysid.estimation.offsets import Offsets
 from sysid.estimation.orders import bounded_run, free_run_error
 from sysid.structures.arx import ARX
@@ -246,7 +246,8 @@ class _Evidence:
 
     def held_out_error(self, offsets: Offsets) -> float:
         """Free-run error on held-out samples of the best ARX, relative to their spread."""
-        data = hold_out([offsets.detrend.remove(r) for r in self.records])
+        plain = [offsets.detrend.remove(r) for r in self.records]
+        data = hold_out(plain, longest_of(self._nk))
         first = self.records[0]
         grid: Sequence[Mapping[str, Any]] = default_grid(
             "arx", first.nu, first.ny, data.samples, self._nk

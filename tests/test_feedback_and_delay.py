@@ -1,0 +1,199 @@
+"""Feedback and long delays, seen in a log before any model: alarm rates, power, what is read."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import run, write_log
+from scipy.signal import lfilter
+
+from sysid.data.delay import estimate_delays
+from sysid.data.feedback import feedback_tests
+from sysid.data.quality import inspect_records
+from sysid.data.record import Record
+from sysid.estimation.delays import choose_delay
+from sysid.estimation.holdout import hold_out
+from sysid.estimation.identify import Request, identify
+
+DT = 0.1
+RUN_IN = 200
+A, B = (1.0, -1.5, 0.6), (0.1, 0.05)
+"""The plant: poles at 0.75 ± 0.19j."""
+
+
+def held(rng: np.random.Generator, samples: int, each: int) -> np.ndarray:
+    return np.repeat(rng.uniform(-1.0, 1.0, samples // each + 1), each)[:samples]
+
+
+def prbs(rng: np.random.Generator, samples: int) -> np.ndarray:
+    return np.repeat(rng.choice([-1.0, 1.0], samples // 4 + 1), 4)[:samples]
+
+
+def slow(rng: np.random.Generator, samples: int) -> np.ndarray:
+    return lfilter([1.0], [1.0, -0.95], rng.standard_normal(samples + RUN_IN))[RUN_IN:]
+
+
+def multisine(rng: np.random.Generator, samples: int) -> np.ndarray:
+    phase = 2.0 * np.pi * np.outer(np.arange(samples), np.arange(1, 20)) / 200.0
+    return np.cos(phase + rng.uniform(0.0, 2.0 * np.pi, 19)).sum(axis=1) / 5.0
+
+
+def chirp(rng: np.random.Generator, samples: int) -> np.ndarray:
+    k = np.arange(samples)
+    return np.sin(2.0 * np.pi * (0.005 * k + 0.05 * k**2 / samples) + rng.uniform(0.0, 6.3))
+
+
+INPUTS: dict[str, Callable[[np.random.Generator, int], np.ndarray]] = {
+    "prbs": prbs,
+    "steps": lambda rng, n: held(rng, n, 15),
+    "white": lambda rng, n: rng.standard_normal(n),
+    "slow": slow,
+    "multisine": multisine,
+    "chirp": chirp,
+}
+
+
+def open_loop(
+    kind: str,
+    seed: int,
+    samples: int = 800,
+    *,
+    delay: int = 1,
+    noise: tuple[float, ...] = (1.0,),
+    bend: float = 0.0,
+    ratio: float = 0.1,
+) -> Record:
+    """The plant behind a delay, driven by an input of some kind; ``bend`` adds u|u|."""
+    rng = np.random.default_rng([seed, samples])
+    u = INPUTS[kind](rng, samples)
+    late = np.concatenate([np.zeros(delay), u[: samples - delay]])
+    clean = lfilter(B, A, late + bend * late * np.abs(late))
+    e = lfilter([1.0], noise, rng.standard_normal(samples + RUN_IN))[RUN_IN:]
+    return Record(u[:, None], (clean + ratio * clean.std() / e.std() * e)[:, None], DT)
+
+
+def controlled(
+    seed: int,
+    samples: int = 800,
+    *,
+    gain: float = 0.8,
+    integral: float = 0.0,
+    reference: str = "steps",
+    sensor: float = 0.0,
+) -> Record:
+    """The plant with process noise under a controller that answers in the same row."""
+    rng = np.random.default_rng([seed, samples])
+    r = held(rng, samples, 40) if reference == "steps" else INPUTS[reference](rng, samples)
+    x, u, y, total = np.zeros(samples), np.zeros(samples), np.zeros(samples), 0.0
+    for t in range(samples):
+        for k in (1, 2):
+            if t >= k:
+                x[t] += -A[k] * x[t - k] + B[k - 1] * u[t - k]
+        x[t] += 0.05 * rng.standard_normal()
+        y[t] = x[t] + sensor * rng.standard_normal()
+        total += integral * (r[t] - y[t])
+        u[t] = gain * (r[t] - y[t]) + total
+    return Record(u[:, None], y[:, None], DT)
+
+
+# ------------------------------------------------------------------ feedback
+
+
+def test_open_loop_is_seldom_accused() -> None:
+    """Nominal 1 % over 180 logs: six or more have a chance below 1 %.
+
+    Smooth inputs are the hard ones: what they were long ago can be told from any five samples.
+    """
+    alarms = []
+    for kind in INPUTS:
+        for case, options in enumerate(
+            (
+                {},
+                {"noise": (1.0, -0.9)},
+                {"delay": 21},
+                {"delay": 61, "noise": (1.0, -0.9)},
+                {"bend": 0.3, "ratio": 0.02},
+                {"delay": 0},
+            )
+        ):
+            for seed in range(5):
+                log = open_loop(kind, 10 * seed + case, **options)  # type: ignore[arg-type]
+                if feedback_tests([log])[0].seen:
+                    alarms.append((kind, options))
+    assert len(alarms) < 6, alarms
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"gain": 0.2},
+        {"integral": 0.05},
+        {"integral": 0.05, "reference": "white"},
+        {"sensor": 0.05},
+    ],
+    ids=["P", "low gain", "PI", "PI, white reference", "P, noisy sensor"],
+)
+def test_a_controller_that_answers_in_the_same_row_is_seen(options: dict[str, float]) -> None:
+    logs = [controlled(seed, 1200, **options) for seed in range(6)]  # type: ignore[arg-type]
+    assert sum(feedback_tests([log])[0].seen for log in logs) >= 5
+    findings = {f.code: f for f in inspect_records([logs[0]])}
+    assert "closed loop" in findings["feedback"].text
+    assert findings["nonlinearity"].text.startswith("No nonlinearity")
+    assert "1 from u" in findings["delay"].text or "(1 to" in findings["delay"].text
+
+
+def test_feedback_is_not_called_nonlinear() -> None:
+    """Eight linear loops: two alarms at 1 % have a chance below 0.3 %."""
+    logs = [controlled(seed, 1000) for seed in range(8)]
+    found = [f for log in logs for f in inspect_records([log]) if f.code == "nonlinearity"]
+    assert sum("answers nonlinearly" in f.text for f in found) < 2
+
+
+# ------------------------------------------------------------------ delays
+
+
+@pytest.mark.parametrize("kind", ["prbs", "steps", "white", "slow"])
+@pytest.mark.parametrize("delay", [1, 21, 31, 61, 180])
+def test_delays_up_to_a_quarter_of_the_record(kind: str, delay: int) -> None:
+    """At 20 dB, to within one sample."""
+    for seed, noise in enumerate(((1.0,), (1.0, -0.9))):
+        (found,) = estimate_delays([open_loop(kind, seed, delay=delay, noise=noise)])
+        assert found.delay is not None
+        assert abs(found.delay - delay) <= 1
+
+
+def test_two_outputs_with_delays_of_their_own() -> None:
+    first, second = open_loop("prbs", 5, delay=3), open_loop("prbs", 5, delay=47)
+    both = Record(first.u, np.hstack([first.y, second.y]), DT)
+    assert [d.delay for d in estimate_delays([both])] == [3, 47]
+
+
+def test_noise_alone_has_no_far_delay() -> None:
+    """No effect is there; at about one chance in a thousand a log, none of 20 is expected."""
+    rng = np.random.default_rng(8)
+    for _ in range(20):
+        log = Record(prbs(rng, 600)[:, None], rng.standard_normal((600, 1)), DT)
+        assert estimate_delays([log])[0].delay is None
+
+
+def test_the_order_search_uses_a_long_delay() -> None:
+    log = open_loop("prbs", 4, 700, delay=61)
+    assert choose_delay(hold_out([log])) == 61
+    found = identify([log], [], Request(structures=("arx", "oe")))
+    best = found.assessments[0].model.structure
+    assert not found.failed
+    assert best.order_values()["nk"] in (61, [[61]])
+    assert found.assessments[0].estimation.free_run.mean_fit > 89.0  # 90 % at 20 dB
+
+
+def test_what_inspect_says_of_a_long_delay(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = open_loop("steps", 6, delay=41)
+    path = write_log(tmp_path / "late.csv", ["u", "y"], [log.u[:, 0], log.y[:, 0]])
+    found = run(capsys, "inspect", path)
+    text = " ".join(found.out.split())
+    assert "Delay to y in samples: 41 from u" in text
+    assert "No feedback from output to input is seen" in text
