@@ -201,7 +201,8 @@ def noise_floor(records: Sequence[Record]) -> Array:
     spread is the standard deviation of white reading noise. Where the commands rest often enough,
     only readings on which no command has just changed count, by their root mean square without
     outliers; else the median absolute deviation of all of them, which passes over transients as
-    long as they are a minority. Of a sensor slower than the log only fresh readings count.
+    long as they are a minority. Of a sensor slower than the log only fresh readings count. It is
+    never less than what rounding to the reading's steps q leaves, q/√12.
     """
     slow = refreshes(records)
     if any(slow):
@@ -219,7 +220,19 @@ def _floor(records: Sequence[Record]) -> Array:
         _spread(third[calm[:, i], i], rough[i]) if calm[:, i].sum() >= FEWEST_CALM else rough[i]
         for i in range(third.shape[1])
     ]
-    return np.asarray(np.array(found) / np.sqrt(20.0))
+    return np.maximum(np.array(found) / np.sqrt(20.0), _step(records) / np.sqrt(12.0))
+
+
+def _step(records: Sequence[Record]) -> Array:
+    """Smallest difference between two different readings of each output, (ny,): its resolution."""
+    values = np.concatenate([r.y for r in records])
+    found = np.zeros(values.shape[1])
+    for i, column in enumerate(values.T):
+        apart = np.diff(np.unique(column))
+        # rounding of a computation is no step of a sensor
+        apart = apart[apart > 1e-9 * float(np.max(np.abs(column), initial=0.0))]
+        found[i] = float(np.min(apart, initial=np.inf))
+    return np.where(np.isfinite(found), found, 0.0)
 
 
 def _calm(record: Record) -> NDArray[np.bool_]:

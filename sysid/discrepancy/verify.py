@@ -73,16 +73,19 @@ def measure_gap(
 ) -> Gap:
     """The gap on held-out records, from free-run errors (N, ny) before and after.
 
-    Errors that are not finite do not count. A floor that held-out errors fall below is none (a wave
-    at constant speed passes for noise): nothing is taken off then, which understates the share.
+    Errors that are not finite do not count. A floor that held-out errors fall below was none (a
+    wave at constant speed passes for noise): what is jagged in those errors themselves is the
+    floor then, see ``floor_of_errors``.
     """
+    refined = floor_of_errors(after)
     old, new = np.concatenate(before), np.concatenate(after)
     there = np.isfinite(old) & np.isfinite(new)
     rows = there.any(axis=1)
     # each output counts as if it had a reading in every row: a slow sensor's stand for more
     weight = (there[rows] / np.mean(there[rows], axis=0)).astype(np.float64)
     old, new = (np.where(there[rows], e[rows], 0.0) for e in (old, new))
-    floor = np.where(np.sqrt(np.mean(weight * new**2, axis=0)) < REFUTED * floor, 0.0, floor)
+    reached = np.sqrt(np.mean(weight * new**2, axis=0))
+    floor = np.where(reached < REFUTED * floor, np.minimum(refined, reached), floor)
     channels = {
         n: ChannelGap(
             float(np.sqrt(np.mean(weight[:, i] * old[:, i] ** 2))),
@@ -118,3 +121,18 @@ def measure_gap(
         (float(min(low, 100.0)), float(min(high, 100.0))),
         channels,
     )
+
+
+def floor_of_errors(errors: Sequence[Array]) -> Array:
+    """Reading noise from what a model leaves, (ny,): third differences over √20, as for readings.
+
+    What a model misses is smooth beside white noise, and what it explains is gone: so this is the
+    better estimate where a signal is too quick for ``evidence.noise_floor``. The median absolute
+    deviation passes over the samples that are not; of a slow sensor fresh readings follow each other.
+    """
+    found = np.zeros(errors[0].shape[1])
+    for i in range(len(found)):
+        there = [e[np.isfinite(e[:, i]), i] for e in errors]
+        third = np.concatenate([np.diff(e, n=3) for e in there])
+        found[i] = 1.4826 * np.median(np.abs(third)) / np.sqrt(20.0) if len(third) else 0.0
+    return found
