@@ -238,7 +238,6 @@ def _identify(
     steps: "Preparation",
     request: "Request",
 ) -> "Identification":
-    from sysid.data.finding import Severity
     from sysid.data.io import read_files
     from sysid.data.quality import inspect_records, require_usable
     from sysid.estimation.identify import identify
@@ -248,11 +247,9 @@ def _identify(
     judged = read_files(val, read) if val else ()
     held: list[Record] = [steps.apply(r) for f in judged for r in f.records]
     require_usable(records)
-    findings = [
-        *(f for file in files for f in file.findings),
-        *inspect_records(records, least=Severity.WARNING),
-    ]
-    notes = tuple(f.text for f in findings if f.severity >= Severity.WARNING)
+    # with orders given the one slow check is spared: the residual tests of the fit judge it
+    checks = inspect_records(records, nonlinearity=request.orders is None)
+    findings = [*(f for file in files for f in file.findings), *checks]
     with render.progress("Fitting", total=1000) as tick:
         done = 0
 
@@ -261,7 +258,7 @@ def _identify(
             tick(round(1000 * share) - done)
             done = round(1000 * share)
 
-        return identify(records, held, request, progress, notes)
+        return identify(records, held, request, progress, findings)
 
 
 def _document(stored: list[StoredModel], found: "Identification") -> None:

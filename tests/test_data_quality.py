@@ -262,7 +262,16 @@ def test_clean_logs_raise_no_alarm(make: Callable[..., Record], seed: int) -> No
 def test_every_check_speaks_in_a_fixed_order() -> None:
     order = [f.code for f in inspect_records([robot()])]
     expected = ["length", "missing", "constant", "stuck", "saturation", "resolution", "outliers"]
-    expected += ["robot", "excitation", "sampling", "sampling", "delay", "delay", "feedback"]
+    expected += [
+        "robot",
+        "levels",
+        "excitation",
+        "sampling",
+        "sampling",
+        "delay",
+        "delay",
+        "feedback",
+    ]
     expected += ["nonlinearity"]
     assert order == expected
     assert all(f.sentence.endswith(".") for f in inspect_records([robot()]))

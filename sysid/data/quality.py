@@ -13,6 +13,7 @@ from sysid.data.dynamics_checks import (
     excitation_order,
 )
 from sysid.data.finding import Finding, Severity, worst
+from sysid.data.level_checks import check_levels
 from sysid.data.record import Record
 from sysid.data.robot_checks import check_robot
 from sysid.data.signal_checks import (
@@ -43,6 +44,7 @@ SIGNAL_CHECKS: tuple[Callable[[Sequence[Record]], list[Finding]], ...] = (
     check_resolution,
     check_outliers,
     check_robot,
+    check_levels,
 )
 DYNAMIC_CHECKS: tuple[Callable[[Sequence[Record]], list[Finding]], ...] = (
     check_sampling,
@@ -53,7 +55,7 @@ DYNAMIC_CHECKS: tuple[Callable[[Sequence[Record]], list[Finding]], ...] = (
 
 
 def inspect_records(
-    records: Sequence[Record], order: int = 8, least: Severity = Severity.OK
+    records: Sequence[Record], order: int = 8, nonlinearity: bool = True
 ) -> tuple[Finding, ...]:
     """Every check, in a fixed order, each with at least one verdict in words.
 
@@ -65,7 +67,7 @@ def inspect_records(
     Args:
         records: experiments with the same channels.
         order: order the inputs should excite; the number of lags of the largest model wanted.
-        least: findings below it are not wanted; a check that has no others is then spared.
+        nonlinearity: whether to run the one check that takes longer than a quick fit.
 
     Raises:
         DataError: there is no record.
@@ -80,9 +82,9 @@ def inspect_records(
             found += check(records)
         found += check_excitation(records, order)
         for check in DYNAMIC_CHECKS:
-            if check is not check_nonlinearity or least <= Severity.NOTE:
+            if nonlinearity or check is not check_nonlinearity:
                 found += check(records)
-    return tuple(f for f in found if f.severity >= least)
+    return tuple(found)
 
 
 def require_usable(records: Sequence[Record]) -> None:

@@ -220,7 +220,8 @@ def _floor(records: Sequence[Record]) -> Array:
         _spread(third[calm[:, i], i], rough[i]) if calm[:, i].sum() >= FEWEST_CALM else rough[i]
         for i in range(third.shape[1])
     ]
-    return np.maximum(np.array(found) / np.sqrt(20.0), _step(records) / np.sqrt(12.0))
+    rounding = _step(records) / np.sqrt(12.0)
+    return np.asarray(np.maximum(np.array(found) / np.sqrt(20.0), rounding))
 
 
 def _step(records: Sequence[Record]) -> Array:

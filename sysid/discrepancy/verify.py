@@ -128,7 +128,7 @@ def floor_of_errors(errors: Sequence[Array]) -> Array:
 
     What a model misses is smooth beside white noise, and what it explains is gone: so this is the
     better estimate where a signal is too quick for ``evidence.noise_floor``. The median absolute
-    deviation passes over the samples that are not; of a slow sensor fresh readings follow each other.
+    deviation passes over the samples that are not. Of a slow sensor only fresh readings count.
     """
     found = np.zeros(errors[0].shape[1])
     for i in range(len(found)):

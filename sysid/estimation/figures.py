@@ -117,7 +117,7 @@ def figures(
     return Figures(
         data=data,
         horizon=horizon,
-        initial_state=_sentence(model, start, skip),
+        initial_state=_sentence(model, start, skip, max(map(len, records))),
         samples=counted,
         fit_percent=dict(zip(names, fits.tolist(), strict=True)),
         rmse=dict(zip(names, errors.tolist(), strict=True)),
@@ -212,12 +212,14 @@ def _window(model: Model, start: Start, skip: int) -> int:
     return head_window(model.structure, model.theta, skip)
 
 
-def _sentence(model: Model, start: Start, skip: int) -> str:
+def _sentence(model: Model, start: Start, skip: int, longest: int) -> str:
     window = _window(model, start, skip)
     if window == 0:
         return "zero" if start is Start.ZERO else "none (the model has no memory)"
     if window == model.structure.n_states(model.theta):
         return f"measured outputs of the first {window} samples"
+    if window >= longest:
+        return f"estimated from all {longest} samples"
     return f"estimated from the first {window} samples"
 
 

@@ -4,10 +4,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from sysid.data.finding import Finding
 from sysid.data.record import Record
 from sysid.errors import DataError, UsageError
 from sysid.estimation.assessment import Assessment, Policy, assess
 from sysid.estimation.contest import LINEAR, run_contest
+from sysid.estimation.data_notes import notes_for
 from sysid.estimation.figures import require_left
 from sysid.estimation.grid import parse_grid
 from sysid.estimation.offset_choice import start_of
@@ -62,7 +64,7 @@ def identify(
     validation: Sequence[Record],
     request: Request,
     progress: Callable[[float, str], None] | None = None,
-    notes: Sequence[str] = (),
+    findings: Sequence[Finding] = (),
 ) -> Identification:
     """Choose orders and structures on the estimation data, fit them, and judge them.
 
@@ -73,7 +75,7 @@ def identify(
         validation: records of separate validation logs, may be empty.
         request: what to do.
         progress: called with (share done, what).
-        notes: warnings about the data to pass on.
+        findings: what is known about the data; each model is told what matters to it.
 
     Raises:
         DataError: the data cannot serve.
@@ -119,7 +121,7 @@ def identify(
             request.policy,
             entry.seconds,
             _searched(entry),
-            (*notes, *entry.notes),
+            (*notes_for(entry.model.structure, findings), *entry.notes),
         )
         for entry in contest.entries
     )

@@ -1,0 +1,27 @@
+"""What is known about the data and matters to one kind of model: said again with its fit."""
+
+from collections.abc import Sequence
+
+from sysid.data.finding import Finding, Severity
+from sysid.structures.base import Structure
+
+FOR_LINEAR = ("nonlinearity",)
+"""Findings that are no fault of the log but say what a linear structure cannot follow."""
+
+FOR_NONLINEAR = ("levels",)
+"""Findings that say what no nonlinear structure can learn from this log."""
+
+
+def notes_for(structure: Structure, findings: Sequence[Finding]) -> tuple[str, ...]:
+    """The sentences of warnings, and of the notes that matter to such a structure.
+
+    Args:
+        structure: what was fitted.
+        findings: verdicts on the data, of any severity.
+    """
+    codes = FOR_LINEAR if structure.linear else FOR_NONLINEAR
+    return tuple(
+        f.text
+        for f in findings
+        if f.severity >= Severity.WARNING or (f.severity >= Severity.NOTE and f.code in codes)
+    )
