@@ -371,7 +371,7 @@ REFUSALS = [
     ("dc-motor", (1, 1), {"nb": 2}, {}, "physical model and has no orders"),
     ("dc-motor", (1, 1), {}, {"frictions": "none"}, "no option 'frictions'"),
     ("dc-motor", (1, 1), {}, {"friction": "viscous"}, "choose one of auto, none"),
-    ("dc-motor", (1, 1), {}, {"output": "torque"}, "choose one of speed, position"),
+    ("dc-motor", (1, 1), {}, {"output": "torque"}, "choose one of auto, speed, position"),
     ("dc-motor", (1, 1), {}, {"integrator": "euler"}, "choose one of exact, rk4"),
     ("dc-motor", (2, 2), {}, {"shared": "gain"}, "'gain' cannot be shared"),
     ("dc-motor", (1, 1), {}, {"torque_constant": "-1"}, "a number above 0"),

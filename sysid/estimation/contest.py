@@ -165,7 +165,8 @@ def _offsets_of(
     cls, first = structure_class(name), records[0]
     if issubclass(cls, PolynomialStructure):
         return offsets
-    made = cls.from_orders(dict(orders), first.nu, first.ny, options.structure_options)
+    own = {k: v for k, v in orders.items() if k in cls.order_names}  # grey boxes have none
+    made = cls.from_orders(own, first.nu, first.ny, options.structure_options)
     return offsets.for_structure(made, records)
 
 

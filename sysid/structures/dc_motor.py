@@ -7,6 +7,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from sysid.data.integrating import is_position
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import UsageError
 from sysid.structures.constants import Constant, Rung, Signal
@@ -26,7 +27,7 @@ from sysid.structures.grey_box import GreyBox
 _CHOICES = MappingProxyType(
     {
         "input": ("auto", "pwm", "voltage"),
-        "output": ("speed", "position"),
+        "output": ("auto", "speed", "position"),
         "integrator": ("exact", "rk4", "implicit"),
         "friction": ("auto", "none", "coulomb", "stribeck", "full"),
         "parameters": ("lumped", "bench"),
@@ -52,7 +53,8 @@ class DCMotor(GreyBox):
 
     Attributes:
         input: ``pwm`` [µs], ``voltage`` or ``auto``: by the input's name.
-        output: ``speed`` or ``position``.
+        output: ``speed``, ``position`` or ``auto``: by the output's unit, else by whether its
+            readings integrate the input.
         integrator: ``exact`` (linear part by matrix exponential, friction implicit, stops found
             inside a step), ``rk4``, or ``implicit`` (as exact, but stops at the end of a step).
         friction: ``auto`` adds mechanisms as held-out data pay for them; ``none``, ``coulomb``,
@@ -80,7 +82,8 @@ class DCMotor(GreyBox):
         {
             "input": "pwm (µs, limited at full drive), voltage, or auto (default): pwm for columns "
             "called pwm…",
-            "output": "what is read: speed (default) or position",
+            "output": "what is read: speed, position, or auto (default): by the output's unit, or "
+            "by whether its readings integrate the input",
             "friction": "none, coulomb, stribeck, full (with offset, asymmetry and drag), or auto "
             "(default): each mechanism only where held-out data pay for it",
             "parameters": "lumped (default: gain, time constant, Coulomb level …) or bench (R, "
@@ -190,7 +193,7 @@ class DCMotor(GreyBox):
         w = x[: self.ny]
         net = p["gain"] * (xp.minimum(xp.maximum(u, -p["limit"]), p["limit"]) - p["offset"])
         after = STEPS[self.integrator](xp, p, w, net, h)
-        if self.output == "speed":
+        if self.output != "position":
             return after
         return xp.concatenate([after, x[self.ny :] + 0.5 * h * (w + after)])
 
@@ -226,7 +229,9 @@ class DCMotor(GreyBox):
         return float(np.min(np.linalg.eigvalsh(matrix)))
 
     def memory(self, theta: Array) -> float:
-        """Two of the slowest time constants."""
+        """Two of the slowest time constants; a position keeps what its first speed was wrong by."""
+        if self.output == "position":
+            return float("inf")
         own, _ = self.motion(np, self.unpack(np, theta))["inertia"]
         return 2.0 * float(np.max(own))
 
@@ -245,14 +250,18 @@ class DCMotor(GreyBox):
     # ----------------------------------------------------------------- starts
 
     def for_record(self, record: Record) -> Self:
-        """With the kind of input settled."""
-        if self.input != "auto":
-            return self
-        pwm = all(
-            n.startswith("pwm") or c.unit == "µs"
-            for n, c in zip(record.input_names, record.inputs, strict=True)
-        )
-        return replace(self, input="pwm" if pwm else "voltage")
+        """With the kinds of input and output settled."""
+        found = self
+        if self.input == "auto":
+            pwm = all(
+                n.startswith("pwm") or c.unit == "µs"
+                for n, c in zip(record.input_names, record.inputs, strict=True)
+            )
+            found = replace(found, input="pwm" if pwm else "voltage")
+        if self.output == "auto":
+            position = all(is_position([record], i) for i in range(record.ny))
+            found = replace(found, output="position" if position else "speed")
+        return found
 
     def first_guess(self, records: Sequence[Record]) -> tuple[tuple[str, Array], ...]:
         """From differences of the outputs over several spans."""
@@ -271,7 +280,7 @@ class DCMotor(GreyBox):
 
     def state_guess(self, theta: Array, u: Array, y: Array) -> Array:
         """First outputs; of positions also their slope over the head."""
-        if self.output == "speed":
+        if self.output != "position":
             return np.array(y[0], dtype=np.float64)
         n = max(len(y) - 1, 1)
         t = np.arange(len(y)) - n / 2.0

@@ -24,7 +24,7 @@ def lumped(m: "DCMotor") -> tuple[Constant, ...]:
     return (
         Constant(
             "gain",
-            "{y}/{u}" if m.output == "speed" else "({y}/s)/{u}",
+            "{y}/{u}" if m.output != "position" else "({y}/s)/{u}",
             1.0,
             each=True,
             spread=1.5,
@@ -69,7 +69,7 @@ def shape(m: "DCMotor") -> tuple[Constant, ...]:
     """What friction does beside sliding evenly, the limit of the drive and a constant load."""
     pwm = m.input == "pwm"
     each = {n: n not in m.shared for n in OPTIONAL_EACH}
-    speed = "{y}" if m.output == "speed" else "{y}/s"
+    speed = "{y}" if m.output != "position" else "{y}/s"
     return (
         Constant(
             "breakaway",
@@ -137,7 +137,7 @@ def shape(m: "DCMotor") -> tuple[Constant, ...]:
         ),
         Constant(
             "drag",
-            "1/({y})" if m.output == "speed" else "s/{y}",
+            "1/({y})" if m.output != "position" else "s/{y}",
             0.0,
             0.0,
             free=not m.held(["drag"]),

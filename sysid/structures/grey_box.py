@@ -119,6 +119,10 @@ class GreyBox(Structure):
         """Time after which an initial state is forgotten [s]; zero when unknown."""
         return 0.0
 
+    def forgets_after(self, theta: Array) -> float:
+        """``memory`` in samples."""
+        return self.memory(theta) / self.dt if self.dt > 0.0 else 0.0
+
     # ----------------------------------------------------------------- θ and p
 
     @property
