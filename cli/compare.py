@@ -6,16 +6,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sysid.errors import UsageError
+
 from . import reading, render, targets
 from .fit_report import residual_words
 from .workspace import StoredModel, Workspace
 
 if TYPE_CHECKING:
+    from sysid.data.read_options import ReadOptions
     from sysid.data.record import Record
     from sysid.estimation.comparison import Contender, Ranked, Ranking
     from sysid.estimation.cross_validation import CrossValidation
 
 
+@reading.composed(read=reading.read_options)
 def compare(
     models: Annotated[
         list[str] | None,
@@ -58,6 +62,8 @@ def compare(
     plot: Annotated[
         Path | None, typer.Option("--plot", metavar="FILE", help="Draw the ranking: .svg or .png.")
     ] = None,
+    *,
+    read: "ReadOptions",
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
     json: reading.Json = False,
 ) -> None:
@@ -74,7 +80,9 @@ def compare(
     start = Start(reading.choice(initial_state, [s.value for s in Start], "--initial-state"))
     policy = Policy(start, skip, tuple(sorted(set(horizon or []))))
     with render.progress("Comparing"):
-        ranking = rank([_contender(s) for s in stored], criteria, _validation(stored, val), policy)
+        ranking = rank(
+            [_contender(s) for s in stored], criteria, _validation(stored, val, read), policy
+        )
     crossed = _cross_validated(ranking, folds)
     place.remember("best", ranking.best.contender.id)
     if plot is not None:
@@ -113,19 +121,23 @@ def _estimation_data(stored: StoredModel) -> "tuple[Record, ...] | None":
 
 
 def _validation(
-    stored: list[StoredModel], val: list[Path] | None
+    stored: list[StoredModel], val: list[Path] | None, read: "ReadOptions"
 ) -> "tuple[tuple[Record, ...], str] | None":
-    """The validation logs, read as the newest model's data were."""
+    """The validation logs, read as the newest model's data were unless the line says how."""
+    from sysid.data.read_options import ReadOptions
+
     if not val:
+        if read != ReadOptions():
+            raise UsageError("options of reading a log are for that of --val; name it")
         return None
     from sysid.data.io import read_logs
     from sysid.data.preparation import Preparation
-    from sysid.data.read_options import ReadOptions
 
     options = stored[-1].model.provenance.options if stored else {}
     steps = Preparation.from_json(options.get("prepare", {}))
-    read = read_logs(val, ReadOptions.from_json(options.get("read", {})))
-    records = tuple(steps.apply(r) for r in read)
+    if read == ReadOptions():
+        read = ReadOptions.from_json(options.get("read", {}))
+    records = tuple(steps.apply(r) for r in read_logs(val, read))
     return records, ", ".join(dict.fromkeys(r.name for r in records))
 
 

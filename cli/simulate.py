@@ -11,12 +11,14 @@ from . import packages, reading, render, targets
 from .workspace import Workspace
 
 if TYPE_CHECKING:
+    from sysid.data.read_options import ReadOptions
     from sysid.plant.package import Package
     from sysid.structures.plant import Plant
 
 _MISSION_FILES = (".yaml", ".yml")
 
 
+@reading.composed(read=reading.read_options)
 def simulate(
     mission: Annotated[
         Path, typer.Argument(metavar="MISSION|LOG", help="A mission (YAML), or a log to replay.")
@@ -33,16 +35,21 @@ def simulate(
         typer.Option(metavar="FILE", help="CSV to write [WORKSPACE/missions/NAME.csv]."),
     ] = None,
     accept_changes: packages.AcceptChanges = False,
-    ts: reading.SampleTime = None,
+    *,
+    read: "ReadOptions",
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
     json: reading.Json = False,
 ) -> None:
     """Drive the exported plant through a mission, or replay a log's inputs through it."""
 
+    from sysid.data.read_options import ReadOptions
+
     targets.check_picture(plot)
     place = Workspace(workspace)
     package = _load(place, plant, accept_changes)
     drives = mission.suffix.lower() in _MISSION_FILES
+    if drives and read != ReadOptions():
+        raise UsageError(f"{mission} is a mission: options of reading a log have no use with it")
     name = f"{mission.stem}.csv" if drives else f"{mission.stem}_replay.csv"
     if log is not None:
         targets.check(log, "--log")
@@ -52,7 +59,7 @@ def simulate(
     if drives:
         facts = _drive(mission, package.plant(), target, plot)
     else:
-        facts = _replay(mission, package.plant(), target, plot, ts)
+        facts = _replay(mission, package.plant(), target, plot, read)
     facts["warnings"] = [*package.notes, *facts["warnings"]]
     render.document(facts) if json else _show(mission.name, facts)
 
@@ -92,13 +99,13 @@ def _drive(path: Path, plant: "Plant", log: Path, plot: Path | None) -> dict[str
 
 
 def _replay(
-    path: Path, plant: "Plant", log: Path, plot: Path | None, ts: float | None
+    path: Path, plant: "Plant", log: Path, plot: Path | None, read: "ReadOptions"
 ) -> dict[str, Any]:
     from sysid.plant.replay import read_for, replay, write_replay
 
     from .run_pictures import draw_replay
 
-    result = replay(plant, read_for(plant, path, ts))
+    result = replay(plant, read_for(plant, path, read))
     facts = result.summary() | {"log": write_replay(result, log)}
     if plot is not None:
         draw_replay(plot, result)

@@ -1,6 +1,7 @@
 """Schedules: runnable, within the log's range, and the one that separates a tie."""
 
 from dataclasses import replace
+from fnmatch import fnmatch
 
 import numpy as np
 import pytest
@@ -30,6 +31,7 @@ def test_every_effect_has_a_schedule_a_robot_can_run(id: str) -> None:
     assert found.columns == ("t", "pwm_l", "pwm_r")
     assert found.effects == (id,)
     assert id in found.purpose
+    assert fnmatch(found.file, "next_*.csv")  # as the documentation calls it
     assert rows[0].tolist() == [0.0, 0.0, 0.0]
     assert rows[-1, 1:].tolist() == [0.0, 0.0]
     assert np.all(np.diff(rows[:, 0]) > 0.0)

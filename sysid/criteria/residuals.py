@@ -386,7 +386,10 @@ def _affordable(lags: int, keep: Sequence[Mask], signals: int) -> int:
     """
     samples = sum(int(k.sum()) for k in keep)
     if samples < 20:
-        raise DataError(f"residual tests need at least 20 residuals, got {samples}")
+        raise DataError(
+            f"{samples} one-step errors are too few to test a model by, at least 20 are needed; "
+            "record longer, or lower the orders"
+        )
     return max(min(lags, samples // (10 * max(signals, 1))), 1)
 
 

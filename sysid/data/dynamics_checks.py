@@ -144,9 +144,7 @@ def check_delay(records: Sequence[Record]) -> list[Finding]:
         mine = [d for d in delays if d.output == output]
         severity, advice = (
             Severity.OK,
-            ""
-            if all(d.certain for d in mine)
-            else "Let the fit search the delay (leave nk out of --orders).",
+            "" if all(d.certain for d in mine) else "Let the fit search the delay (give no nk).",
         )
         if any(d.delay == 0 and d.certain for d in mine):
             severity = Severity.NOTE

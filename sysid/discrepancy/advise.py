@@ -145,7 +145,7 @@ def _written(
 ) -> Experiment:
     columns = ("t", *record.input_names)
     return Experiment(
-        purpose, ids, columns, _scaled(rows, record, scales), f"try_{'_'.join(ids[:3])}.csv"
+        purpose, ids, columns, _scaled(rows, record, scales), f"next_{'_'.join(ids[:3])}.csv"
     )
 
 

@@ -18,7 +18,7 @@ from sysid.discrepancy.naming import Progress
 from sysid.discrepancy.pose import PoseDiagnosis, diagnose_pose
 from sysid.discrepancy.study import Outcome, Study
 from sysid.effects.catalogue import CHANGED, chain_effects
-from sysid.errors import SysidError
+from sysid.errors import DataError, SysidError
 from sysid.mission.spec import load_mission
 from sysid.structures.model import Model
 from sysid.vehicle.kinematics import Geometry
@@ -63,6 +63,7 @@ def diagnose(
         ModelError: the model cannot be run on them.
     """
     started = time.perf_counter()
+    _require_enough(estimation, held)
     say = progress or (lambda text, share: None)
     say("the model before", 0.02)
     effects = chain_effects()
@@ -92,6 +93,20 @@ def diagnose(
         result = replace(result, path=_path(mission, whole, result, geometry))
     say("done", 1.0)
     return replace(result, seconds=time.perf_counter() - started)
+
+
+FEWEST = 60
+"""Samples of a diagnosis: two thirds carry the base and the effects, and the held-out third must
+hold the 20 that a test of errors needs."""
+
+
+def _require_enough(estimation: Sequence[Record], held: Sequence[Record] | None) -> None:
+    samples = sum(map(len, estimation)) + sum(map(len, held or ()))
+    if samples < FEWEST:
+        raise DataError(
+            f"{estimation[0].name}: {samples} samples are too few to tell what is missing from "
+            f"noise; record at least {FEWEST}, better some hundreds"
+        )
 
 
 def _around(

@@ -75,8 +75,8 @@ def _stability(model: Model) -> list[str]:
             "with any error; differentiate the output or fit its rate."
         ]
     return [
-        f"The free run of this model is unstable (largest pole at radius {worst:.4f}): use "
-        "--stable, lower orders or --focus simulation."
+        f"The free run of this model is unstable (largest pole at radius {worst:.4f}): lower "
+        "the orders, or fit it with `sysid fit --stable` or `sysid fit --focus simulation`."
     ]
 
 
@@ -120,7 +120,7 @@ def _simulation(free_run: Figures, one_step: Figures) -> list[str]:
             found.append(
                 f"{name}: one step ahead the fit is {predicted:.1f} % but in free run only "
                 f"{simulated:.1f} %: a good predictor, not a good simulator. Try oe, "
-                "--focus simulation or a nonlinear structure."
+                "`sysid fit --focus simulation` or a nonlinear structure."
             )
     return found
 

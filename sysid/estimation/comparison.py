@@ -131,7 +131,7 @@ def compare(
     if validation is None and criterion in ERROR_CRITERIA and not lines[0].figures["held_out"]:
         notes.append(
             "Judged on the data the models were fitted to, which favours large models: give "
-            "--val LOG, or fit with --split."
+            "--val LOG, or fit with `sysid fit --split`."
         )
     data = validation[1] if validation else str(lines[0].figures["data"])
     return Ranking(criterion, tuple(lines), excluded, tuple(notes), data)

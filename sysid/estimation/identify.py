@@ -4,7 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from sysid.data.finding import Finding
+from sysid.data.quality import FEWEST
 from sysid.data.record import Record
 from sysid.errors import DataError, UsageError
 from sysid.estimation.assessment import Assessment, Policy, assess
@@ -82,10 +85,12 @@ def identify(
         UsageError: the request contradicts itself or the data.
     """
     require_same_channels(records, validation)
+    require_unseen(records, validation)
     inside, outside, labels = _parts(records, validation, request.split)
     for part in (inside, outside):
         if part:
             require_left(part, request.policy.skip)
+    require_enough(inside, outside, request.split)
     start_of(inside, request.detrend)  # refuses a policy that does not exist
     names = request.structures or LINEAR
     for name in names:
@@ -156,6 +161,42 @@ def _searched(entry: Entry) -> dict[str, Any]:
             for c in entry.search.candidates[:SHOWN_CANDIDATES]
         ],
     }
+
+
+def require_enough(
+    inside: Sequence[Record], outside: Sequence[Record], split: float | None
+) -> None:
+    """Refuse a split that leaves one of its parts too short to fit on or to judge on.
+
+    Raises:
+        DataError: a part has fewer than FEWEST samples.
+    """
+    if split is None:
+        return
+    parts = ((sum(map(len, inside)), "fit on"), (sum(map(len, outside)), "judge on"))
+    for samples, what in parts:
+        if samples < FEWEST:
+            raise DataError(
+                f"a split at {split:g} of {sum(n for n, _ in parts)} samples leaves {samples} to "
+                f"{what}, at least {FEWEST} are needed; split elsewhere or record longer"
+            )
+
+
+def require_unseen(records: Sequence[Record], validation: Sequence[Record]) -> None:
+    """Refuse validation records that are estimation records too, whatever their files are called.
+
+    Raises:
+        UsageError: one is.
+    """
+    for r in validation:
+        for e in records:
+            same_file = bool(r.sha256) and r.sha256 == e.sha256
+            if same_file or (np.array_equal(r.u, e.u) and np.array_equal(r.y, e.y)):
+                called = r.name if r.name == e.name else f"{r.name} (the same as {e.name})"
+                raise UsageError(
+                    f"{called} cannot judge what is fitted to it; give another log to judge on, or "
+                    "hold back a part of this one with --split 0.7"
+                )
 
 
 def require_same_channels(records: Sequence[Record], validation: Sequence[Record]) -> None:

@@ -265,7 +265,7 @@ def _static_answer(
         if abs(answer.y[j] - rest.y[j]) <= 1e-9 * max(abs(answer.y[j]), abs(rest.y[j])):
             raise ModelError(
                 f"output {plant.outputs[j].name} does not answer a constant input "
-                f"{plant.inputs[i].name}; choose other channels with --input and --output"
+                f"{plant.inputs[i].name}; fit it with other inputs or outputs"
             )
     return rest, answer
 

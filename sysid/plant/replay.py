@@ -46,24 +46,25 @@ class Replay:
         }
 
 
-def read_for(plant: Plant, path: str | Path, ts: float | None = None) -> Record:
+def read_for(plant: Plant, path: str | Path, options: ReadOptions | None = None) -> Record:
     """Read the columns of a log that a plant needs.
 
     Args:
         plant: names the columns; its sample time is taken where the log does not tell its own.
         path: CSV or Parquet.
-        ts: the log's sample time [s], or None.
+        options: how to read it; the columns are the plant's unless they are named here.
 
     Raises:
         DataError, UsageError: the log cannot serve; see ``sysid.data.io``.
     """
-    options = ReadOptions(
-        inputs=tuple(c.name for c in plant.inputs),
-        outputs=tuple(c.name for c in plant.outputs),
-        ts=ts,
+    options = options or ReadOptions()
+    options = replace(
+        options,
+        inputs=options.inputs or tuple(c.name for c in plant.inputs),
+        outputs=options.outputs or tuple(c.name for c in plant.outputs),
     )
     log = read_file(path, options)
-    if ts is None and any(f.code == "sample-time" for f in log.findings):
+    if options.ts is None and any(f.code == "sample-time" for f in log.findings):
         options = replace(options, ts=plant.dt)
     return read_log(path, options)
 
@@ -90,8 +91,8 @@ def replay(plant: Plant, record: Record) -> Replay:
         simulated = run(plant, record.u)
     if not np.all(np.isfinite(simulated)):
         raise ModelError(
-            f"the plant runs away on {record.name}: it is unstable; fit with --stable or choose "
-            "another model"
+            f"the plant runs away on {record.name}: it is unstable; fit it with "
+            "`sysid fit --stable` or choose another model"
         )
     return Replay(record, simulated, outside_domain(plant, record.u))
 

@@ -105,14 +105,16 @@ def _channel(found: Diagnosis, i: int) -> dict[str, str]:
             lambda figure: diagnosis_drawing.draw_worst(figure, windows, changed=changed),
             f"{channel.name} where the model before is worst",
         ),
-        "profiles": inline_svg(
+        "profiles": inline_svg(  # a short log has none
             f"profiles{i}",
             diagnosis_drawing.profiles_size(profiles),
             lambda figure: diagnosis_drawing.draw_profiles(
                 figure, profiles, unit, floor, changed=changed
             ),
             f"Residuals of {channel.name} against the regime variables",
-        ),
+        )
+        if profiles
+        else "",
         "regimes": inline_svg(
             f"regimes{i}",
             diagnosis_drawing.regimes_size(regimes),
