@@ -248,8 +248,11 @@ def _identify(
     held: list[Record] = [steps.apply(r) for f in judged for r in f.records]
     require_usable(records)
     # with orders given the one slow check is spared: the residual tests of the fit judge it
-    checks = inspect_records(records, nonlinearity=request.orders is None)
-    findings = [*(f for file in files for f in file.findings), *checks]
+    findings = inspect_records(
+        records,
+        nonlinearity=request.orders is None,
+        reading=[f for file in files for f in file.findings],
+    )
     with render.progress("Fitting", total=1000) as tick:
         done = 0
 

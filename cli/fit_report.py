@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from . import render
 
 if TYPE_CHECKING:
+    from sysid.data.record import Channel
     from sysid.estimation.assessment import Assessment
     from sysid.estimation.identify import Identification
 
@@ -115,8 +116,17 @@ def _parameters(a: "Assessment") -> None:
     render.table(["parameter", "value", "± std. error", "relative", "unit"], rows)
 
 
+def in_both_units(value: float, channel: "Channel") -> str:
+    """An error of a channel in its unit, and in the file's own where that is another one."""
+    text = f"{render.number(value, 4)} {channel.unit}".strip()
+    if channel.scale == 1.0 or not channel.file_unit:
+        return text
+    return f"{text} ({render.number(value / channel.scale, 4)} {channel.file_unit})"
+
+
 def _figures(a: "Assessment") -> None:
     rows = []
+    channels = {c.name: c for c in a.model.outputs}
     for part in (a.estimation, a.validation):
         if part is None:
             continue
@@ -128,7 +138,7 @@ def _figures(a: "Assessment") -> None:
                     horizon,
                     name,
                     render.number(fit, 5),
-                    render.number(f.rmse[name], 4),
+                    in_both_units(f.rmse[name], channels[name]),
                     f.initial_state,
                 ]
                 for name, fit in f.fit_percent.items()

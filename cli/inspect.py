@@ -30,7 +30,7 @@ def inspect(
 
     files = read_files(logs, read)
     records = [steps.apply(r) for file in files for r in file.records]
-    findings = (*(f for file in files for f in file.findings), *inspect_records(records, order))
+    findings = inspect_records(records, order, reading=[f for file in files for f in file.findings])
     verdict = worst(findings)
     (_document if json else _show)(records, findings, verdict.word)
     if verdict is Severity.FATAL:

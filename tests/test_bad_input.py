@@ -223,7 +223,7 @@ CASES = (
     _log("still.csv", "time stands still"),
     _log("gap.csv", "line 13"),
     _log("irregular.csv", "irregular"),
-    _log("epoch.csv", "column t"),
+    Case("fit {epoch.csv} --unit t=rpm", 2, "t=rpm is no unit of time"),
     _log("same_name.csv", "two columns named u"),
     _log("no_name.csv", "column 3"),
     _log("unclear.csv", "left, right"),

@@ -182,7 +182,7 @@ def test_columns_by_option(tmp_path: Path) -> None:
 def test_units_convert_and_are_stored(
     tmp_path: Path, options: dict[str, object], channel: str, factor: float, unit: str
 ) -> None:
-    rows = [(round(0.1 * k, 1), k % 5, -(k % 3), k % 7, k % 4) for k in range(30)]
+    rows = [(round(0.1 * k, 1), k % 5 * 4000, -(k % 3) * 900, k % 7, k % 4) for k in range(30)]
     path = put(tmp_path, table("t,pwm_l,pwm_r,omega_l,omega_r", rows))
     plain, record = read_log(path), read_log(path, ReadOptions(**options))  # type: ignore[arg-type]
     names = (*record.input_names, *record.output_names)
@@ -324,7 +324,10 @@ BAD_FILES: dict[str, tuple[str | bytes, str]] = {
     "nameless column": ("t,u,,y\n0,1,2,3\n", "column 3 has no name"),
     "one column": ("y\n1\n2\n", "only the column y"),
     "text cell": ("t,u,y\n0,1,2\n0.1,fast,3\n", "line 3, column u: 'fast' is no number"),
-    "units row": ("t,u,y\ns,V,V\n0,1,2\n", "line 2, column t: 's' is no number; write numbers"),
+    "words below the header": (
+        "t,u,y\nred,green,blue\n0,1,2\n",
+        "line 2, column u: .green. is no number; write numbers",
+    ),
     "long row": ("t,u,y\n0,1,2\n0.1,1,2,9\n0.2,1,2\n", "line 3 has 4 cells where the header has 3"),
     "short row": ("t,u,y\n0,1,2\n0.1,1\n0.2,1,2\n", "line 3 has 2 cells"),
     "decimal commas": ("t,u,y\n0,0,1,5,2,0\n0,1,1,5,2,0\n", "line 2 has 6 cells.*decimal comma"),
@@ -364,10 +367,6 @@ BAD_FILES: dict[str, tuple[str | bytes, str]] = {
     "time still": ("t,u,y\n" + "0,1,2\n" * 30, "time stands still"),
     "time missing": ("t,u,y\n0,1,2\n,2,3\n2,2,3\n", "line 3, column t: the time is missing"),
     "time infinite": ("t,u,y\n0,1,2\ninf,2,3\n2,2,3\n", "line 3, column t: infinity"),
-    "epoch in milliseconds": (
-        table("timestamp,u,y", [(1714564800000 + 100 * k, k % 2, k) for k in range(20)]),
-        "timestamp_ms",
-    ),
     "bad date": ("time,u,y\n2024-05-01T12:00:00,1,2\nsoon,1,2\n", "line 3.*'soon' is no date"),
     "irregular": (
         table("t,u,y", [(f"{t:.3f}", 1, 2) for t in np.cumsum([0.01, 0.05, 0.2, 0.7] * 20)]),

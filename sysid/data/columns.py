@@ -1,34 +1,24 @@
 """Which column of a log is what: time, inputs, outputs and pose, by option or by name."""
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
+from sysid.data.column_words import SIDES, Meaning, meaning, words
+from sysid.data.pose_columns import PoseColumns, find_pose
+from sysid.data.time_column import (
+    Read,
+    TimeColumn,
+    find_time,
+    is_counter,
+    is_time,
+    tells_time,
+    unit_in_name,
+)
 from sysid.errors import DataError, UsageError
 
 ROBOT_INPUTS = ("pwm_l", "pwm_r")
 ROBOT_OUTPUTS = ("omega_l", "omega_r")
-POSE = ("x", "y", "psi")
-TIME_COLUMNS: dict[str, float] = {
-    "t": 1.0,
-    "time": 1.0,
-    "t_s": 1.0,
-    "time_s": 1.0,
-    "timestamp": 1.0,
-    "timestamp_s": 1.0,
-    "t_ms": 1e-3,
-    "time_ms": 1e-3,
-    "timestamp_ms": 1e-3,
-    "t_us": 1e-6,
-    "time_us": 1e-6,
-    "timestamp_us": 1e-6,
-    "t_ns": 1e-9,
-    "time_ns": 1e-9,
-    "timestamp_ns": 1e-9,
-}
-"""Names of a time column -> its unit [s]."""
-COUNTERS = ("sample", "samples", "index", "k", "n")
-
 _INPUT = re.compile(r"u|u\d+|u\d*_.+|in|in\d+|in\d*_.+|input.*|pwm.*|cmd.*|command.*|volt.*", re.I)
 _OUTPUT = re.compile(
     r"y|y\d+|y\d*_.+|out|out\d+|out\d*_.+|output.*|omega.*|w|w\d+|w_.+|speed.*|vel.*|tacho.*", re.I
@@ -46,7 +36,10 @@ class Choice:
         time: name of the time column, or None.
         unit: unit of the time column [s]; None when it only counts samples.
         ignored: the other columns.
-        rule: how inputs and outputs were found: "option", "robot" or "prefix".
+        rule: how inputs and outputs were found: "option", "robot", "prefix" or "last", where the
+            only column left was taken.
+        clock: the time column with how it was found, or None.
+        alike: columns that look like parts of a pose but are none here, and why.
     """
 
     inputs: tuple[str, ...]
@@ -56,6 +49,8 @@ class Choice:
     unit: float | None
     ignored: tuple[str, ...]
     rule: str
+    clock: TimeColumn | None = None
+    alike: PoseColumns = field(default_factory=PoseColumns)
 
 
 def choose_columns(
@@ -64,12 +59,16 @@ def choose_columns(
     outputs: Sequence[str] = (),
     time: str | None = None,
     where: str = "log",
+    read: Read | None = None,
+    timed: bool = False,
 ) -> Choice:
     """Say which column is what.
 
-    Inputs and outputs given by name win. Otherwise the robot's convention holds (pwm_l, pwm_r,
-    omega_l, omega_r, optionally x, y, psi), then prefixes: ``u…``, ``in…``, ``pwm…``, ``cmd…``,
-    ``volt…`` are inputs, ``y…``, ``out…``, ``omega…``, ``w_…``, ``speed…``, ``vel…`` are outputs.
+    Inputs and outputs given by name win. Otherwise left and right commands and speeds are looked
+    for (``pwm_l``, ``pwmL``, ``left_pwm``, ``cmd_right``; ``omega_l``, ``rpmL``, ``v_left``), then
+    prefixes: ``u…``, ``in…``, ``pwm…``, ``cmd…``, ``volt…`` are inputs, ``y…``, ``out…``,
+    ``omega…``, ``w_…``, ``speed…``, ``vel…`` are outputs, then words (``duty``, ``Spannung``;
+    ``rpm``, ``Drehzahl``, ``temperature``), then the only column that is left.
     References (``…_ref``, ``…_hat``) are never taken for outputs.
 
     Args:
@@ -77,39 +76,144 @@ def choose_columns(
         inputs, outputs: names asked for; empty to go by convention.
         time: the time column asked for; None to go by name.
         where: what to call the file in messages.
+        read: reads a column as numbers, to see which one rises as a time does; None to go by
+            names alone.
+        timed: whether the sample time is known from elsewhere, so that no column need tell it.
 
     Raises:
-        UsageError: a name asked for is not there, is asked for twice, or is both input and output.
+        UsageError: a name asked for is not there, is asked for twice, is both input and output,
+            or is the time.
         DataError: inputs or outputs cannot be told from the names.
     """
     asked_u = tuple(_find(n, names, "--input", where) for n in inputs)
     asked_y = tuple(_find(n, names, "--output", where) for n in outputs)
     _no_repeats(asked_u, asked_y, where)
-    clock, unit = _time_column(names, (*asked_u, *asked_y), time, where)
-    free = [n for n in names if n not in (*asked_u, *asked_y, clock)]
-    lower = {n.lower(): n for n in free}
-    pose = tuple(lower[p] for p in POSE) if all(p in lower for p in POSE) else ()
-
-    robot_u = tuple(lower[n] for n in ROBOT_INPUTS if n in lower)
-    robot_y = tuple(lower[n] for n in ROBOT_OUTPUTS if n in lower)
-    rule = "prefix"
+    clock = _clock(names, asked_u, asked_y, time, where, read, timed)
+    taken = () if clock is None else (clock.name, *((clock.fine,) if clock.fine else ()))
+    free = [n for n in names if n not in (*asked_u, *asked_y, *taken)]
+    found = find_pose(free)
     if asked_u and asked_y:
         found_u, found_y, rule = asked_u, asked_y, "option"
-    elif len(robot_u) == 2 and len(robot_y) == 2 and not asked_u and not asked_y:
-        found_u, found_y, rule = robot_u, robot_y, "robot"
     else:
-        found_u = asked_u or tuple(n for n in free if _INPUT.fullmatch(n))
-        measured = [n for n in free if _OUTPUT.fullmatch(n) and not _NOT_MEASURED.search(n.lower())]
+        found_u, found_y, rule = _signals(free, asked_u, asked_y, found.names)
+    if not found_u or not found_y:
+        raise DataError(_unclear(names, found_u, found_y, taken, where))
+    used = {*found_u, *found_y, *taken}
+    pose = found.names
+    if any(p in used for p in pose):
+        pose, found = (), PoseColumns((), pose, "one of them is an input or output")
+    alike = tuple(n for n in found.alike if n not in used)
+    ignored = tuple(n for n in names if n not in used and n not in pose)
+    return Choice(
+        found_u,
+        found_y,
+        pose,
+        clock.name if clock else None,
+        None if clock is None or clock.counts else unit_in_name(clock.name) or 1.0,
+        ignored,
+        rule,
+        clock,
+        PoseColumns(pose, alike if len(alike) > 1 or pose else (), found.why),
+    )
+
+
+def _clock(
+    names: Sequence[str],
+    asked_u: tuple[str, ...],
+    asked_y: tuple[str, ...],
+    time: str | None,
+    where: str,
+    read: Read | None,
+    timed: bool,
+) -> TimeColumn | None:
+    """The time column; a signal asked for that is the time is refused."""
+    asked = (*asked_u, *asked_y)
+    if time is not None:
+        name = _find(time, names, "--time", where)
+        if name in asked:
+            raise UsageError(f"column {name} of {where} is the time; it cannot be a signal too")
+        return TimeColumn(name, counts=is_counter(name))
+    own = find_time(names, None if timed else read, ())
+    for name in asked:
+        told = is_time(name) or is_counter(name)
+        if (told and tells_time(read, name)) or (own is not None and own.name == name and not told):
+            side = "input" if name in asked_u else "output"
+            fits = _is_input if side == "input" else _is_output
+            others = [n for n in names if n not in asked and not (is_time(n) or is_counter(n))]
+            others = [n for n in others if fits(n)] or others
+            what = (
+                "counts rows" if is_counter(name) else "is the time" if told else "rises as a time"
+            )
+            instead = f"such as --{side} {_quoted(others[:1])}" if others else "or record one"
+            raise UsageError(
+                f"column {name} of {where} {what} and cannot be the {side}; name another column, "
+                f"{instead}"
+            )
+    return find_time(names, read, asked)
+
+
+def _signals(
+    free: Sequence[str],
+    asked_u: tuple[str, ...],
+    asked_y: tuple[str, ...],
+    pose: tuple[str, ...],
+) -> tuple[tuple[str, ...], tuple[str, ...], str]:
+    """Inputs and outputs by name, and the rule that found them."""
+    meant = {n: meaning(n) for n in free if n not in pose}
+    both_u, both_y = _sides(meant, "command"), _sides(meant, "speed")
+    if both_u and both_y and not asked_u and not asked_y:
+        return both_u, both_y, "robot"
+    found_u = asked_u or tuple(n for n in free if _is_input(n))
+    found_y = asked_y
+    if not found_y:
+        measured = [n for n in free if _is_output(n) and n not in found_u]
         if pose and any(n not in pose for n in measured):
             measured = [n for n in measured if n not in pose]
-        found_y = asked_y or tuple(n for n in measured if n not in found_u)
-    if not found_u or not found_y:
-        raise DataError(_unclear(names, found_u, found_y, clock, where))
-    used = {*found_u, *found_y, clock}
-    if any(p in used for p in pose):
-        pose = ()
-    ignored = tuple(n for n in names if n not in used and n not in pose)
-    return Choice(found_u, found_y, pose, clock, unit, ignored, rule)
+        found_y = tuple(measured)
+    left = {n: m for n, m in meant.items() if n not in (*found_u, *found_y)}
+    found_u = found_u or both_u or _plainest(left, ("command",))
+    left = {n: m for n, m in left.items() if n not in found_u}
+    found_y = found_y or both_y or _plainest(left, ("speed", "reading"))
+    rest = [n for n, m in left.items() if m.quantity == "other" and n not in found_y]
+    rest = [n for n in rest if not set(words(n)) <= set(SIDES)]  # "left" tells nothing but a side
+    if bool(found_u) != bool(found_y) and len(rest) == 1 and len(left) == 1:
+        last = (rest[0],)
+        return found_u or last, found_y or last, "last"
+    return found_u, found_y, "prefix"
+
+
+def _is_input(name: str) -> bool:
+    return bool(_INPUT.fullmatch(name)) and meaning(name).quantity != "supply"
+
+
+def _is_output(name: str) -> bool:
+    """By its prefix, unless a word says that it is a set point, or commanded (``speed_cmd``)."""
+    if not _OUTPUT.fullmatch(name) or _NOT_MEASURED.search(name.lower()):
+        return False
+    told = meaning(name)
+    plain = name.lower().startswith(("y", "out"))
+    return plain or told.quantity not in ("reference", "command")
+
+
+def _sides(meant: Mapping[str, Meaning], quantity: str) -> tuple[str, ...]:
+    """The left and the right column of a quantity, of the plainest words that have both."""
+    ranks = sorted({m.rank for m in meant.values() if m.quantity == quantity})
+    for rank in ranks:
+        of = {n: m for n, m in meant.items() if m.quantity == quantity and m.rank == rank}
+        sides = [[n for n, m in of.items() if m.side == side] for side in ("left", "right")]
+        if all(len(names) == 1 for names in sides):
+            return sides[0][0], sides[1][0]
+    return ()
+
+
+def _plainest(meant: Mapping[str, Meaning], quantities: Sequence[str]) -> tuple[str, ...]:
+    """The one column of the plainest words, or none: several of one kind are not chosen among."""
+    for quantity in quantities:
+        of = {n: m.rank for n, m in meant.items() if m.quantity == quantity}
+        if of:
+            best = tuple(n for n, rank in of.items() if rank == min(of.values()))
+            return best if len(best) == 1 else ()
+    return ()
 
 
 def _find(name: str, names: Sequence[str], option: str, where: str) -> str:
@@ -138,40 +242,17 @@ def _no_repeats(inputs: tuple[str, ...], outputs: tuple[str, ...], where: str) -
         )
 
 
-def _time_column(
-    names: Sequence[str], taken: tuple[str, ...], asked: str | None, where: str
-) -> tuple[str | None, float | None]:
-    if asked is not None:
-        name = _find(asked, names, "--time", where)
-        if name in taken:
-            raise UsageError(f"column {name} of {where} is the time; it cannot be a signal too")
-        key = name.lower()
-        return name, None if key in COUNTERS else TIME_COLUMNS.get(key, _unit_of_suffix(key))
-    lower = {n.lower(): n for n in names if n not in taken}
-    for key, unit in TIME_COLUMNS.items():
-        if key in lower:
-            return lower[key], unit
-    for key in COUNTERS:
-        if key in lower:
-            return lower[key], None
-    return None, None
-
-
-def _unit_of_suffix(name: str) -> float:
-    return {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}.get(name.rsplit("_", 1)[-1], 1.0)
-
-
 def _unclear(
     names: Sequence[str],
     inputs: tuple[str, ...],
     outputs: tuple[str, ...],
-    clock: str | None,
+    taken: tuple[str, ...],
     where: str,
 ) -> str:
     missing = "input and which output"
     if inputs or outputs:
         missing = "the input" if outputs else "the output"
-    free = [n for n in names if n not in (*inputs, *outputs, clock)]
+    free = [n for n in names if n not in (*inputs, *outputs, *taken)]
     if not free:
         return (
             f"{where} has no column left for {missing}: its columns are {_listed(names)}; "
@@ -180,7 +261,28 @@ def _unclear(
     return (
         f"{where}: cannot tell which column is {missing} among {_listed(names)}; "
         "say so with --input NAME and --output NAME, or name the columns u… and y…"
+        f"{_example(free, inputs, outputs)}"
     )
+
+
+def _example(free: Sequence[str], inputs: tuple[str, ...], outputs: tuple[str, ...]) -> str:
+    """The options filled in with the file's own columns, as likely as their names allow."""
+    pose = find_pose(free).names
+    meant = {n: meaning(n) for n in free if n not in pose} or {n: meaning(n) for n in free}
+    free = list(meant)
+    commands = sorted((n for n in free if meant[n].quantity == "command"), key=free.index)
+    readings = [n for n in free if meant[n].quantity in ("speed", "reading")]
+    plain = [n for n in free if meant[n].quantity == "other"]
+    u = inputs or tuple((commands or plain or readings)[:1])
+    y = outputs or tuple([n for n in (*readings, *plain, *free) if n not in u][:1])
+    if not u or not y:
+        return ""
+    return f" (for example --input {_quoted(u)} --output {_quoted(y)})"
+
+
+def _quoted(names: Sequence[str]) -> str:
+    text = ",".join(names[:3])
+    return f"'{text}'" if re.search(r"[^\w,.+-]", text) else text
 
 
 def _listed(names: Sequence[str], most: int = 15) -> str:

@@ -1,20 +1,24 @@
 """Logs into records: CSV and Parquet files, their columns, units and time."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.clock import doubled_rows
+from sysid.data.column_words import meaning
 from sysid.data.columns import Choice, choose_columns
 from sysid.data.counters import as_speeds, continued
 from sysid.data.files import read_bytes
 from sysid.data.finding import Finding, Severity
 from sysid.data.held import at_sensor_rate, slow_sensors
+from sysid.data.pose_reading import pose_in_si, usable_pose
 from sysid.data.read_options import ReadOptions
 from sysid.data.record import Array, Channel, Record
+from sysid.data.row_times import column_reader, row_times
 from sysid.data.table import Table, read_table
 from sysid.data.timing import (
     Grid,
@@ -23,16 +27,10 @@ from sysid.data.timing import (
     onto_grid,
     plan_grid,
 )
-from sysid.data.units import conversions
+from sysid.data.units import conversions, without_false_pulses
 from sysid.errors import DataError, UsageError
 
 __all__ = ["LogFile", "ReadOptions", "read_file", "read_files", "read_log", "read_logs"]
-
-UNLIKELY_STEP = 10.0
-"""Whole-numbered times at least this far apart [s] may well be milliseconds."""
-
-MAX_COUNT = 1e11
-"""A time stamp in seconds since 1970 beyond this (the year 5138) must be in another unit."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +42,14 @@ class LogFile:
         records: one experiment, or several where the file was split at gaps.
         findings: verdicts on time stamps, missing cells, units and ignored columns.
         options: the options it was read with.
+        origin: what was subtracted from its stamps [s] where they count from 1970; else 0.
     """
 
     path: Path
     records: tuple[Record, ...]
     findings: tuple[Finding, ...]
     options: ReadOptions
+    origin: float = 0.0
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -116,32 +116,47 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
     data = read_bytes(path)
     table = read_table(data, path.name, options.delimiter, options.decimal)
     wanted = options.outputs or options.speed_of
-    choice = choose_columns(table.names, options.inputs, wanted, options.time, table.where)
+    choice = choose_columns(
+        table.names,
+        options.inputs,
+        wanted,
+        options.time,
+        table.where,
+        column_reader(table),
+        options.ts is not None,
+    )
+    bracketed = dict(zip(table.names, table.units, strict=True))
+    choice, pose_units = usable_pose(choice, bracketed, options.units, table.where)
     signals = (*choice.inputs, *choice.outputs, *choice.pose)
-    stamps = None if choice.time is None else table.seconds(choice.time)
-    clock = () if choice.time is None or stamps is not None else (choice.time,)
-    values = table.columns((*signals, *clock))
-    if clock:
-        values, stamps = values[:, :-1], values[:, -1] * (choice.unit or 1.0)
-    t, findings = _instants(table, choice, stamps, options)
+    values = table.columns(signals)
+    clock = row_times(table, choice.clock, options.units, options.ts)
+    t, findings = clock.t, clock.findings
     policy: ResamplePolicy = "auto" if options.resample == "hold" else options.resample
     if options.resample == "hold":
         values = _held(values, range(len(choice.inputs), len(signals)))
     keep, lost = _complete_rows(table, values, signals, policy)
-    rows = np.flatnonzero(keep)
+    twice = doubled_rows(t, values) & keep
+    rows = np.flatnonzero(keep & ~twice)
     if len(rows) < 2:
         raise DataError(
             f"{table.where} has {len(rows)} row{'' if len(rows) == 1 else 's'} of numbers; "
             "a log needs many"
         )
     grid = plan_grid(t[rows], policy, lambda i: table.place(int(rows[i])), table.where)
-    bracketed = dict(zip(table.names, table.units, strict=True))
     inputs, outputs = conversions(
-        choice.inputs, choice.outputs, bracketed, options.units, options.pwm_max, table.where
+        choice.inputs,
+        choice.outputs,
+        bracketed,
+        _of_signals(options.units, choice),
+        options.pwm_max,
+        table.where,
     )
-    read, jumps = continued(
-        values[rows], signals, outputs, choice.pose[2:], options.unwrap, table.where
-    )
+    largest = np.max(np.abs(values[rows]), axis=0)
+    by_option = {n.lower() for n in options.units}
+    told = {n for n in choice.inputs if bracketed[n] or n.lower() in by_option}
+    inputs = without_false_pulses(inputs, told, dict(zip(signals, largest, strict=True)))
+    values, of_pose = pose_in_si(values[rows], choice, pose_units, table.where)
+    read, jumps = continued(values, signals, outputs, choice.pose[2:], options.unwrap, table.where)
     sizes = (len(choice.inputs), len(choice.outputs))
     slow = slow_sensors(t[rows], read, signals, sizes, options.held, table.where)
     read, outputs, derived = as_speeds(
@@ -153,7 +168,9 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
     )
     findings = (
         *_reading_notes(table, choice, channels),
+        *of_pose,
         *findings,
+        *_doubled(table, twice),
         *lost,
         *jumps,
         *slow.findings,
@@ -170,84 +187,24 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
         )
         for segment, name in zip(grid.segments, _names(path.name, grid), strict=True)
     )
-    return LogFile(path, records, findings, options)
+    return LogFile(path, records, findings, options, clock.origin)
 
 
-def _instants(
-    table: Table, choice: Choice, stamps: Array | None, options: ReadOptions
-) -> tuple[Array, tuple[Finding, ...]]:
-    """Instants [s] of every row, from the time column, a counter or ``ts`` alone."""
-    where = table.where
-    if stamps is None:
-        every: Array = np.arange(len(table), dtype=np.float64) * (options.ts or 1.0)
-        return every, _unknown_unit(options, where)
-    missing = np.flatnonzero(np.isnan(stamps))
-    if len(missing):
-        raise DataError(
-            f"{table.place(int(missing[0]))}, column {choice.time}: the time is missing; "
-            "mend or delete that line"
-        )
-    t = stamps
-    if choice.unit is None:  # a counter: one row is one sample, whatever it counts in
-        return (t - t[0]) / _median_step(t) * (options.ts or 1.0), _unknown_unit(options, where)
-    if np.max(np.abs(t)) > MAX_COUNT:
-        raise DataError(
-            f"{where}, column {choice.time}: {t[0]:.4g} s is no time; if it counts milliseconds "
-            f"name the column {choice.time}_ms (_us, _ns)"
-        )
-    step = _median_step(t)
-    if options.ts is None:
-        return t, _counted(choice, t, step, where)
-    if abs(step / options.ts - 1.0) <= 0.01:
-        return t, ()
-    return t / step * options.ts, (
-        Finding(
-            "sample-time",
-            Severity.WARNING,
-            f"{where}: column {choice.time} says {step:.4g} s between samples, --ts says "
-            f"{options.ts:g} s; --ts was used.",
-            "Leave --ts out if the time column is right.",
-            record=where,
-        ),
-    )
+def _of_signals(units: Mapping[str, str], choice: Choice) -> dict[str, str]:
+    """The units by option without those of the time and the pose, which are read on their own."""
+    own = {n.lower() for n in (*choice.pose, choice.time or "")}
+    signals = {n.lower() for n in (*choice.inputs, *choice.outputs)}
+    return {n: u for n, u in units.items() if n.lower() not in own - signals}
 
 
-def _counted(choice: Choice, t: Array, step: float, where: str) -> tuple[Finding, ...]:
-    """A doubt about whole numbers far apart under a name that tells no unit: milliseconds?"""
-    unit_told = choice.time is not None and choice.time.lower().endswith("_s")
-    if unit_told or step < UNLIKELY_STEP or np.any(t != np.rint(t)):
+def _doubled(table: Table, twice: NDArray[np.bool_]) -> tuple[Finding, ...]:
+    n = int(np.count_nonzero(twice))
+    if not n:
         return ()
-    return (
-        Finding(
-            "sample-time",
-            Severity.WARNING,
-            f"{where}: column {choice.time} counts in whole numbers, {step:.4g} apart, and was "
-            f"read in seconds: a sample every {step:.4g} s.",
-            f"If it counts milliseconds, name the column {choice.time}_ms (_us, _ns) or give "
-            f"--ts {step * 1e-3:.4g}.",
-            record=where,
-        ),
-    )
-
-
-def _median_step(t: Array) -> float:
-    step = float(np.median(np.diff(t))) if len(t) > 1 else 1.0
-    return step if step > 0 else 1.0
-
-
-def _unknown_unit(options: ReadOptions, where: str) -> tuple[Finding, ...]:
-    if options.ts is not None:
-        return ()
-    return (
-        Finding(
-            "sample-time",
-            Severity.WARNING,
-            f"{where} does not tell its sample time: it was set to 1 s, so every time below "
-            "counts samples.",
-            "Give the sample time in seconds with --ts.",
-            record=where,
-        ),
-    )
+    first = table.place(int(np.flatnonzero(twice)[0]))
+    more = "" if n == 1 else f" (the first of {n} such lines)"
+    text = f"{first}: the line before it again, time and all{more}; it was left out."
+    return (Finding("doubled-lines", Severity.NOTE, text, record=table.where),)
 
 
 def _held(values: Array, columns: Sequence[int]) -> Array:
@@ -303,6 +260,19 @@ def _reading_notes(
         f"{table.where}: {c.name} was converted from {c.file_unit} to {c.unit} (× {c.scale:.6g})."
         for c in converted
     ]
+    signals = (*choice.inputs, *choice.outputs)
+    notes += [
+        f"{table.where}: {name} was read as a switch ({how})."
+        for name, how in table.switches(signals).items()
+    ]
+    if choice.rule == "last":
+        last = (
+            choice.outputs[0]
+            if meaning(choice.outputs[0]).quantity == "other"
+            else choice.inputs[0]
+        )
+        side = "output" if last in choice.outputs else "input"
+        notes.append(f"{table.where}: {last} was taken for the {side}: no other column is left.")
     if choice.ignored:
         notes.append(f"{table.where}: not used: {', '.join(choice.ignored)}.")
     return tuple(Finding("reading", Severity.NOTE, n, record=table.where) for n in notes)

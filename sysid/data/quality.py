@@ -38,6 +38,9 @@ __all__ = [
 FEWEST = 20
 """Records with fewer samples in all are too short for any of the fits."""
 
+INCOMPLETE = frozenset(("missing", "gaps"))
+"""Codes of findings of reading after which nobody may say that no sample is missing."""
+
 SIGNAL_CHECKS: tuple[Callable[[Sequence[Record]], list[Finding]], ...] = (
     check_stuck,
     check_saturation,
@@ -55,9 +58,15 @@ DYNAMIC_CHECKS: tuple[Callable[[Sequence[Record]], list[Finding]], ...] = (
 
 
 def inspect_records(
-    records: Sequence[Record], order: int = 8, nonlinearity: bool = True
+    records: Sequence[Record],
+    order: int = 8,
+    nonlinearity: bool = True,
+    reading: Sequence[Finding] = (),
 ) -> tuple[Finding, ...]:
-    """Every check, in a fixed order, each with at least one verdict in words.
+    """What reading found, then every check in a fixed order, each with a verdict in words.
+
+    A record stands on its uniform grid when it is checked, whatever was missing in the file; only
+    the findings of reading know what was filled in, and no check may say the opposite.
 
     Length, missing samples and constant channels come first; where one of them is fatal the other
     checks have nothing to stand on and are left out. Then stuck values, clipping, resolution and
@@ -68,6 +77,7 @@ def inspect_records(
         records: experiments with the same channels.
         order: order the inputs should excite; the number of lags of the largest model wanted.
         nonlinearity: whether to run the one check that takes longer than a quick fit.
+        reading: findings of the files that the records come from.
 
     Raises:
         DataError: there is no record.
@@ -75,6 +85,8 @@ def inspect_records(
     if not records:
         raise DataError("there is no record to inspect; name at least one log")
     found = [*_check_length(records), *check_finite(records)]
+    if any(f.code in INCOMPLETE for f in reading):
+        found = [f for f in found if (f.code, f.severity) != ("missing", Severity.OK)]
     if worst(tuple(found)) < Severity.FATAL:
         found += check_constant(records)
     if worst(tuple(found)) < Severity.FATAL:
@@ -84,7 +96,7 @@ def inspect_records(
         for check in DYNAMIC_CHECKS:
             if nonlinearity or check is not check_nonlinearity:
                 found += check(records)
-    return tuple(found)
+    return (*reading, *found)
 
 
 def require_usable(records: Sequence[Record]) -> None:

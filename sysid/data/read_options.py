@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data.held import check_held
+from sysid.data.time_column import unit_of
 from sysid.data.timing import ResamplePolicy, check_policy
 from sysid.data.units import conversion, pwm_conversion
 from sysid.errors import UsageError
@@ -63,7 +64,8 @@ class ReadOptions:
         if self.pwm_max is not None:
             pwm_conversion(self.pwm_max)
         for channel, unit in self.units.items():
-            conversion(unit, channel)
+            if unit_of(unit) is None:  # a unit of time may be that of the time column
+                conversion(unit, channel)
 
     def to_json(self) -> dict[str, Any]:
         """The options as a JSON object; defaults are left out."""

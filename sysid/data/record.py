@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sysid.data.column_words import is_drive, is_wheel_speed
 from sysid.errors import DataError
 
 Array = NDArray[np.float64]
@@ -126,10 +127,19 @@ class Record:
 
     @property
     def is_robot_log(self) -> bool:
-        """Whether this is a robot log (PWM in, wheel speed out): zero is then a physical zero."""
-        return all(n.startswith("pwm") for n in self.input_names) and all(
-            n.startswith("omega") for n in self.output_names
+        """Whether drives are commanded and wheel speeds measured: zero is then a physical zero.
+
+        By what the columns were recognised as (``pwm_l``, ``left_pwm``, ``cmd_right``; ``omega_l``,
+        ``rpmL``, ``v_left``) and their units, see ``column_words``.
+        """
+        return all(is_drive(c.name, c.unit) for c in self.inputs) and all(
+            is_wheel_speed(c.name, c.unit) for c in self.outputs
         )
+
+    @property
+    def is_in_pulse_widths(self) -> bool:
+        """Whether every input is PWM in µs, whose full drive is known."""
+        return all(c.unit == "µs" for c in self.inputs)
 
     def rows(self, start: int, stop: int) -> "Record":
         """The samples ``start`` ≤ k < ``stop`` as a record of their own (same hash, later t0)."""

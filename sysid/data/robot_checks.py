@@ -5,8 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sysid.data.column_words import words
 from sysid.data.finding import Finding, Severity
 from sysid.data.record import PWM_FULL_SCALE, Array, Record
+from sysid.data.units import LEAST_PULSE
 
 TOP_OMEGA = 0.43 / 0.0215
 """Sprocket speed at top speed [rad/s]: 0.43 m/s over the sprocket radius of 0.0215 m."""
@@ -36,6 +38,8 @@ def _pwm_scale(record: Record, u: Array) -> list[Finding]:
     top = float(np.max(np.abs(u)))
     if any(c.scale != 1.0 for c in record.inputs):
         return []
+    if not all("pwm" in words(n) for n in record.input_names):
+        return []  # a command of another scale, which nothing here says should be µs
     if top > 1.0001 * PWM_FULL_SCALE:
         guess, why = top, f"goes up to {top:.6g}, beyond ±20000 µs"
     elif 0 < top <= 1.0:
@@ -44,7 +48,7 @@ def _pwm_scale(record: Record, u: Array) -> list[Finding]:
         guess, why = 100.0, f"stays within ±{top:.4g}, as a command in percent does"
     elif top <= 255.0:
         guess, why = 255.0, f"stays within ±{top:.4g}, as an 8-bit command does"
-    elif top <= 1100.0:
+    elif top <= LEAST_PULSE:
         guess, why = 1000.0, f"stays within ±{top:.5g}, where nothing moves in µs of ±20000"
     else:
         return []
@@ -65,7 +69,12 @@ def _omega_unit(record: Record, u: Array, y: Array) -> list[Finding]:
     drive = min(1.0, float(np.percentile(np.max(np.abs(u), axis=1), 97)) / PWM_FULL_SCALE)
     seen = float(np.percentile(np.max(np.abs(y), axis=1), 97))
     expected = TOP_OMEGA * drive
-    if drive < 0.1 or seen == 0 or any(c.scale != 1.0 for c in record.outputs):
+    if (
+        not record.is_in_pulse_widths
+        or drive < 0.1
+        or seen == 0
+        or any(c.scale != 1.0 for c in record.outputs)
+    ):
         return []
     ratio = seen / expected
     if 0.25 <= ratio <= 2.0:

@@ -146,9 +146,10 @@ def check_saturation(records: Sequence[Record]) -> list[Finding]:
                             record.name,
                         )
                     )
-        for name, u in zip(record.input_names, record.u.T, strict=True):
+        for channel, u in zip(record.inputs, record.u.T, strict=True):
+            name = channel.name
             full = np.mean(np.abs(u) >= 0.9999 * PWM_FULL_SCALE)
-            if name.startswith("pwm") and full > 0.05:
+            if channel.unit == "µs" and full > 0.05:
                 text = f"{record.name}: {name} is at full drive for {100 * full:.2g} % of the time."
                 advice = "Near full drive the motors saturate; a linear model is worst there."
                 found.append(Finding("saturation", Severity.NOTE, text, advice, name, record.name))

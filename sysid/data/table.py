@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sysid.data.dates import date_format, seconds_of
+from sysid.data.header import MISSING, STATES
 from sysid.data.record import Array
 from sysid.data.text_layout import Layout, lay_out, split_line
 from sysid.errors import DataError
@@ -20,7 +22,6 @@ LARGEST = 1e100
 """No measured number is larger, and the squares of larger ones overflow."""
 QUICK_ROWS = 100_000
 """Rows up to which NumPy reads a log sooner (0.2 s) than pandas is imported (0.3 s)."""
-_MISSING = ("", "na", "nan", "n/a", "null", "none", "-nan", "#n/a", "<na>")
 
 
 @dataclass(frozen=True)
@@ -70,8 +71,10 @@ class Table:
             )
         return values
 
-    def seconds(self, name: str) -> Array | None:
-        """A column of dates as seconds since its first cell, or None when it holds numbers.
+    def dates(self, name: str) -> tuple[Array, float] | None:
+        """A column of dates or times of day: seconds since its first cell, and that cell's own.
+
+        None when it holds numbers.
 
         Raises:
             DataError: the first cell reads as a date but another one does not.
@@ -79,30 +82,24 @@ class Table:
         column = self.names.index(name)
         if isinstance(self.source, Layout):
             sep = self.source.delimiter
-            first = split_line(self.source.rows[0], sep)[column]
-            if first.lower() in _MISSING or not re.search(r"\d[-/:.T]\d+[-/:T]", first):
+            if date_format(split_line(self.source.rows[0], sep)[column]) is None:
                 return None
-            import pandas as pd
-
-            cells = pd.Series([split_line(r, sep)[column] for r in self.source.rows])
+            cells = [split_line(r, sep)[column] for r in self.source.rows]
         else:
             import pandas as pd
 
-            cells = self.source.iloc[:, column]
-            if pd.api.types.is_numeric_dtype(cells):
+            frame = self.source.iloc[:, column]
+            if pd.api.types.is_numeric_dtype(frame):
                 return None
-        try:
-            stamps = pd.to_datetime(cells, errors="coerce", utc=True, format="ISO8601")
-        except (ValueError, TypeError, OverflowError):
-            return None
-        bad = np.flatnonzero(stamps.isna().to_numpy())
-        if len(bad):
+            stamp = pd.api.types.is_datetime64_any_dtype(frame)
+            cells = [c.isoformat() if stamp else str(c) for c in frame]
+        found = seconds_of(cells)
+        if isinstance(found, int):
             raise DataError(
-                f"{self.place(int(bad[0]))}, column {name}: {str(cells.iloc[bad[0]])!r} is no date "
-                "like 2024-05-01T12:00:00.100; write the time in seconds"
+                f"{self.place(found)}, column {name}: {cells[found]!r} is no date written as the "
+                f"first one, {cells[0]}; mend or delete that line"
             )
-        elapsed = (stamps - stamps.iloc[0]).dt.total_seconds()
-        return np.asarray(elapsed, dtype=np.float64)
+        return found
 
     def _text(self, index: list[int]) -> Array:
         layout = self.source
@@ -130,14 +127,59 @@ class Table:
             frame = pd.read_csv(
                 io.StringIO(text),
                 dtype=np.float64,
-                na_values=list(_MISSING),
+                na_values=list(MISSING),
                 **options,
             )
         except (ValueError, OverflowError, pd.errors.ParserError):
-            raise DataError(self._not_a_number(order)) from None
+            return self._with_states(index)
         if len(frame) != len(layout.rows):  # a quote swallowed line ends
             raise DataError(f"{self.where}: a quotation mark is never closed; delete it")
         return np.ascontiguousarray(frame[index].to_numpy(dtype=np.float64))
+
+    def _with_states(self, index: list[int]) -> Array:
+        """The columns where one of them holds the words of a switch, such as ON and OFF.
+
+        Raises:
+            DataError: a cell is neither a number nor, in a column of such words, one of them.
+        """
+        layout = self.source
+        assert isinstance(layout, Layout)
+        cells = [split_line(row, layout.delimiter) for row in layout.rows]
+        out = np.full((len(cells), len(index)), np.nan)
+        for j, column in enumerate(index):
+            texts = [row[column].strip('"') for row in cells]
+            states = _states(texts)
+            if states is not None:
+                out[:, j] = states
+                continue
+            for i, text in enumerate(texts):
+                number = text.replace(",", ".") if layout.decimal == "," else text
+                if text.lower() not in MISSING:
+                    if not _is_number(number):
+                        raise DataError(self._not_a_number(index))
+                    out[i, j] = float(number)
+        return out
+
+    def switches(self, names: Sequence[str]) -> dict[str, str]:
+        """The columns of these that hold a switch's words -> the words, as ``OFF = 0, ON = 1``."""
+        found: dict[str, str] = {}
+        for name in names:
+            column = self.names.index(name)
+            if isinstance(self.source, Layout):
+                first = split_line(self.source.rows[0], self.source.delimiter)[column].strip('"')
+                if _is_number(first):
+                    continue
+                rows = self.source.rows
+                texts = [split_line(r, self.source.delimiter)[column].strip('"') for r in rows]
+            elif _is_text(self.source.iloc[:, column]):
+                texts = [str(c) for c in self.source.iloc[:, column]]
+            else:
+                continue
+            if _states(texts) is not None:
+                told = {t: STATES[t.lower()] for t in texts if t.lower() in STATES}
+                words = sorted(told.items(), key=lambda pair: pair[1])
+                found[name] = ", ".join(f"{word} = {value:g}" for word, value in words)
+        return found
 
     def _not_a_number(self, index: list[int]) -> str:
         """Name the first cell that is no number."""
@@ -148,7 +190,7 @@ class Table:
             for column in index:
                 text = cells[column]
                 number = text.replace(",", ".") if layout.decimal == "," else text
-                if text.lower() in _MISSING or _is_number(number):
+                if text.lower() in MISSING or _is_number(number):
                     continue
                 hint = "mend or delete that line"
                 if re.fullmatch(r"[+-]?\d+,\d+", text):
@@ -170,6 +212,11 @@ class Table:
         parts = []
         for i in index:
             column = frame.iloc[:, i]
+            texts = [str(c) for c in column] if _is_text(column) else []
+            states = _states(texts) if texts else None
+            if states is not None:
+                parts.append(states)
+                continue
             numbers = pd.to_numeric(column, errors="coerce")
             if pd.api.types.is_datetime64_any_dtype(column) or len(numbers) != len(column):
                 numbers = pd.Series(np.full(len(column), np.nan))
@@ -235,6 +282,10 @@ def read_table(
             " (if it has them, give the delimiter)"
         )
     names, units = _names_and_units(raw)
+    if isinstance(source, Layout) and any(source.units):
+        units = tuple(u or below for u, below in zip(units, source.units, strict=True))
+        told = ", ".join(f"{n} in {u}" for n, u in zip(names, source.units, strict=True) if u)
+        notes += (f"{where}: the units stand below the header: {told}.",)
     return Table(where, names, units, notes, source)
 
 
@@ -259,6 +310,25 @@ def _names_and_units(raw: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, 
     if len(set(bases)) != len(bases):
         return raw, ("",) * len(raw)
     return tuple(bases), tuple(m["unit"].strip() if m else "" for m in split)
+
+
+def _is_text(column: "pd.Series[Any]") -> bool:
+    import pandas as pd
+
+    return bool(pd.api.types.is_string_dtype(column) or pd.api.types.is_object_dtype(column))
+
+
+def _states(texts: Sequence[str]) -> Array | None:
+    """The numbers of a column of a switch's words (0 and 1 may stand among them), or None."""
+    lower = [t.strip().lower() for t in texts]
+    values = {t: STATES[t] for t in set(lower) if t in STATES}
+    if not values:
+        return None
+    values |= {t: float(t) for t in set(lower) if t in ("0", "1")}
+    values |= {t: float("nan") for t in set(lower) if t in MISSING}
+    if not set(lower) <= set(values):
+        return None
+    return np.array([values[t] for t in lower], dtype=np.float64)
 
 
 def _is_number(text: str) -> bool:

@@ -1,14 +1,14 @@
 """How a text log is laid out: encoding, header, delimiter, decimal sign, lines with data."""
 
-import csv
 import re
 from dataclasses import dataclass
 
+from sysid.data.dates import date_format
+from sysid.data.header import bare_unit, cells_of, find_header, is_numeric
 from sysid.errors import DataError, UsageError
 
 DELIMITERS = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
 """Words a person may use for a delimiter."""
-_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf)", re.I)
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _MAGIC = {
     b"PK\x03\x04": "a spreadsheet or zip archive; export the sheet as CSV",
@@ -35,6 +35,7 @@ class Layout:
         rows: the data lines, blank ones left out.
         lines: line number of each data line in the file, counted from 1.
         notes: what a person should know about the reading.
+        units: cells of a row of units below the header, as many as names; empty cells without.
     """
 
     names: tuple[str, ...]
@@ -43,6 +44,7 @@ class Layout:
     rows: list[str]
     lines: list[int]
     notes: tuple[str, ...]
+    units: tuple[str, ...] = ()
 
 
 def lay_out(data: bytes, where: str, delimiter: str | None, decimal: str | None) -> Layout:
@@ -58,36 +60,38 @@ def lay_out(data: bytes, where: str, delimiter: str | None, decimal: str | None)
     numbered = [(i, line) for i, line in enumerate(lines, 1) if line and not line.isspace()]
     if not numbered:
         raise DataError(f"{where} is empty; a log needs a header row and rows of numbers")
-    head_at = 0
-    while head_at < len(numbered) and numbered[head_at][1].lstrip().startswith("#"):
-        head_at += 1
-    if head_at and (head_at == len(numbered) or _numeric(numbered[head_at][1])):
-        head_at -= 1  # numpy.savetxt puts the header behind a "#"
-    first, header = numbered[head_at][0], numbered[head_at][1].strip("\ufeff").lstrip(" #")
-    body = numbered[head_at + 1 :]
-    rows, numbers = [line for _, line in body], [i for i, _ in body]
+    found = find_header(numbered)
+    first, header = found.line[0], found.line[1].strip("\ufeff").lstrip(" ")
+    rows, numbers = [line for _, line in found.body], [i for i, _ in found.body]
+    notes += tuple(f"{where}: {note}." for note in found.notes)
 
-    sep = _delimiter(header, rows[:20], delimiter)
-    names = tuple(c.strip() for c in _cells(header, sep))
-    if _numeric(header):
+    sep = cut = _delimiter(header, rows[:20], delimiter)
+    if sep == "," and decimal != "." and _quoted_commas(rows[:200]):
+        # a comma between cells and inside the numbers: only the quotes tell them apart
+        header, *rows = ["\t".join(cells_of(line, ",")) for line in (header, *rows)]
+        sep, decimal = "\t", ","
+    names = tuple(c.strip() for c in cells_of(header, sep))
+    if is_numeric(header):
         raise DataError(
             f"{where}, line {first} holds numbers where the column names belong; add a header row "
             "such as t,u,y"
         )
     if not rows:
         raise DataError(f"{where} has a header but no rows of numbers; record the log again")
-    point = decimal or _decimal(rows[:200], sep)
+    point = decimal or _decimal(rows, sep)
     if point not in (".", ","):
         raise UsageError(f"the decimal sign must be '.' or ',', got {point!r}")
     if point == sep:
         raise UsageError(f"delimiter and decimal sign cannot both be {sep!r}; give another one")
     names, rows, numbers, more = _even_out(names, rows, numbers, sep, where, complete)
-    return Layout(names, sep, point, rows, numbers, (*notes, *more))
+    units = () if found.units is None else tuple(map(bare_unit, cells_of(found.units, cut)))
+    units = (*units, *[""] * len(names))[: len(names)]
+    return Layout(names, sep, point, rows, numbers, (*notes, *more), units)
 
 
 def split_line(line: str, delimiter: str) -> list[str]:
     """The cells of one line, stripped."""
-    return [c.strip() for c in _cells(line, delimiter)]
+    return [c.strip() for c in cells_of(line, delimiter)]
 
 
 def _decode(data: bytes, where: str) -> tuple[str, tuple[str, ...]]:
@@ -120,17 +124,10 @@ def _looks_wide(data: bytes) -> bool:
     return max(head[0::2].count(0), head[1::2].count(0)) > len(head) // 4
 
 
-def _cells(line: str, sep: str) -> list[str]:
-    if sep == " ":
-        return line.split()
-    if '"' in line:
-        return next(csv.reader([line], delimiter=sep), [])
-    return line.split(sep)
-
-
-def _numeric(line: str) -> bool:
-    cells = [c.strip('"') for c in re.split(r"[;\t ]+|,(?=\s)|,", line.strip()) if c]
-    return bool(cells) and all(_NUMBER.fullmatch(c) for c in cells)
+def _quoted_commas(rows: list[str]) -> bool:
+    """Whether cells in quotes hold decimal commas, and none a decimal point."""
+    cells = [c.strip() for row in rows if '"' in row for c in cells_of(row, ",")]
+    return any(_DECIMAL_COMMA.fullmatch(c) for c in cells) and not any("." in c for c in cells)
 
 
 def _delimiter(header: str, rows: list[str], asked: str | None) -> str:
@@ -153,9 +150,12 @@ def _decimal(rows: list[str], sep: str) -> str:
     """A comma if some cell reads as ``1,5`` and none as ``1.5``; a comma delimiter forbids it."""
     if sep == ",":
         return "."
-    cells = [c.strip().strip('"') for row in rows for c in _cells(row, sep)]
+    # a log that starts at rest may have no fraction in its first rows
+    shown = rows[:200] + [r for r in rows[200:] if "," in r][:200]
+    cells = [c.strip().strip('"') for row in shown for c in cells_of(row, sep)]
     comma = any(_DECIMAL_COMMA.fullmatch(c) for c in cells)
-    return "," if comma and not any("." in c for c in cells) else "."
+    points = (c for c in cells if "." in c)
+    return "," if comma and all(date_format(c) for c in points) else "."
 
 
 def _even_out(
@@ -168,10 +168,12 @@ def _even_out(
 ) -> tuple[tuple[str, ...], list[str], list[int], tuple[str, ...]]:
     """Check that every row has as many cells as the header; forgive a cut-off last line."""
     plain = sep != " " and not any('"' in r for r in rows)
-    counts = [r.count(sep) + 1 if plain else len(_cells(r, sep)) for r in rows]
+    counts = [r.count(sep) + 1 if plain else len(cells_of(r, sep)) for r in rows]
     wanted = len(names)
-    if wanted > 1 and not names[-1] and all(not _cells(r, sep)[-1].strip() for r in rows[:1]):
+    if wanted > 1 and not names[-1] and all(not cells_of(r, sep)[-1].strip() for r in rows[:1]):
         names = names[:-1]  # every line, the header too, ends in a delimiter
+    elif wanted > 1 and set(counts) == {wanted - 1} and names[-1].lower() in ("", "comment"):
+        names, wanted = names[:-1], wanted - 1  # only the header ends in a delimiter or "Comment"
     elif set(counts) == {wanted + 1} and all(r.rstrip(" ").endswith(sep) for r in rows):
         wanted += 1  # every line but the header ends in a delimiter
     notes: tuple[str, ...] = ()

@@ -2,10 +2,12 @@
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
+from sysid.data.column_words import words
 from sysid.data.record import PWM_FULL_SCALE, Channel
+from sysid.data.unit_words import ending, synonym
 from sysid.errors import UsageError
 
 _TURN = 2.0 * math.pi
@@ -22,9 +24,12 @@ UNITS: dict[str, tuple[str, float]] = {
     "mm/s": ("m/s", 1e-3),
     "cm/s": ("m/s", 1e-2),
     "km/h": ("m/s", 1.0 / 3.6),
+    "mph": ("m/s", 0.44704),
     "m": ("m", 1.0),
     "cm": ("m", 1e-2),
     "mm": ("m", 1e-3),
+    "um": ("m", 1e-6),
+    "km": ("m", 1e3),
     "m/s^2": ("m/s^2", 1.0),
     "V": ("V", 1.0),
     "mV": ("V", 1e-3),
@@ -35,15 +40,22 @@ UNITS: dict[str, tuple[str, float]] = {
     "kN": ("N", 1e3),
     "Nm": ("Nm", 1.0),
     "mNm": ("Nm", 1e-3),
+    "kW": ("W", 1e3),
     "kg": ("kg", 1.0),
+    "g": ("kg", 1e-3),
     "Pa": ("Pa", 1.0),
+    "hPa": ("Pa", 1e2),
     "kPa": ("Pa", 1e3),
+    "mbar": ("Pa", 1e2),
     "bar": ("Pa", 1e5),
     "degC": ("degC", 1.0),
     "K": ("K", 1.0),
     "Hz": ("Hz", 1.0),
     "s": ("s", 1.0),
     "ms": ("s", 1e-3),
+    "ns": ("s", 1e-9),
+    "min": ("s", 60.0),
+    "h": ("s", 3600.0),
     "us": ("µs", 1.0),
     "µs": ("µs", 1.0),
     "drive": ("µs", PWM_FULL_SCALE),
@@ -52,21 +64,9 @@ UNITS: dict[str, tuple[str, float]] = {
 }
 """File unit -> (unit in the Record, factor). ``drive`` is PWM as a fraction of full drive."""
 
-_SUFFIXES = {
-    "rad_s": "rad/s",
-    "rads": "rad/s",
-    "radps": "rad/s",
-    "rpm": "rpm",
-    "deg_s": "deg/s",
-    "rev_s": "rev/s",
-    "rps": "rev/s",
-    "m_s": "m/s",
-    "mps": "m/s",
-    "mm_s": "mm/s",
-    "us": "us",
-    **{u: u for u in ("rad", "deg", "m", "cm", "mm", "V", "mV", "A", "mA", "W", "N", "kN", "Nm")},
-    **{u: u for u in ("kg", "Pa", "kPa", "bar", "degC", "K", "Hz")},
-}
+LEAST_PULSE = 1100.0
+"""PWM that never goes beyond this is not in µs of ±20000, of which nothing moves below."""
+
 _TICKS = re.compile(r"ticks(?P<rate>/s)?/(?P<per_turn>[0-9.eE+]+)")
 _COUNTS = re.compile(
     r"(?:counts?|cpr)(?P<rate>/s)?(?:/rev\s*=\s*|\s*=\s*|/)(?P<per_turn>[0-9.eE+]+)(?:/rev)?"
@@ -121,7 +121,12 @@ def conversion(unit: str, channel: str = "") -> Conversion:
         return Conversion(to, scale, unit)
     known = {u.lower(): u for u in UNITS if u.lower() not in ("mv", "ma", "mnm")}
     if unit.lower() in known:
-        return conversion(known[unit.lower()], channel)
+        to, scale = UNITS[known[unit.lower()]]
+        return Conversion(to, scale, unit)
+    spelt = synonym(unit)
+    if spelt in UNITS:
+        to, scale = UNITS[spelt]
+        return Conversion(to, scale, unit)
     raise UsageError(
         f"unknown unit {unit!r}{where}; known are {', '.join(UNITS)}, "
         "ticks/360 (encoder ticks counted in a sample, 360 a turn), ticks/s/360 and "
@@ -144,20 +149,42 @@ def from_name(name: str) -> Conversion:
     """The conversion that a column's name tells: ``u_V``, ``y_qm_m``, ``w_rad_s``, ``pwm_l``.
 
     A rotational speed never ends in a length or force: ``omega_m`` is the motor's speed, not
-    metres, so such an ending is no unit there.
+    metres, so such an ending is no unit there. The word ``rpm`` is a unit wherever it stands
+    (``rpm_left``, ``rpmL``).
     """
-    lower = name.lower()
-    rotation = lower.startswith(("omega", "w_"))
-    for suffix in sorted(_SUFFIXES, key=len, reverse=True):
-        if name.endswith("_" + suffix):
-            found = conversion(_SUFFIXES[suffix])
-            if not rotation or found.unit == "rad/s":
-                return found
-    if lower.startswith("pwm"):
-        return conversion("us")
-    if lower.startswith("omega"):
-        return conversion("rad/s")
+    base, unit = ending(name)
+    told = words(base)
+    rotation = told[:1] in (("omega",), ("w",))
+    if unit:
+        found = conversion(unit)
+        if not rotation or found.unit == "rad/s":
+            return found
+    for word, own in (("rpm", "rpm"), ("upm", "rpm"), ("pwm", "us"), ("omega", "rad/s")):
+        if word in told:
+            return conversion(own)
     return UNKNOWN
+
+
+def without_false_pulses(
+    found: Mapping[str, Conversion], told: Collection[str], largest: Mapping[str, float]
+) -> dict[str, Conversion]:
+    """Inputs that only their names call PWM in µs, and whose size says another scale, unlabelled.
+
+    Args:
+        found: input → conversion.
+        told: inputs whose unit an option or a bracket tells.
+        largest: input → its largest absolute number in the file.
+    """
+    return {
+        n: UNKNOWN
+        if c.unit == "µs"
+        and not c.file_unit.startswith("±")
+        and c.scale == 1.0
+        and n not in told
+        and 0.0 < largest[n] <= LEAST_PULSE
+        else c
+        for n, c in found.items()
+    }
 
 
 def conversions(
@@ -196,7 +223,7 @@ def conversions(
         told[meant[0]] = conversion(unit, name)
     if pwm_max is not None:
         free = [n for n in inputs if n not in told and from_name(n).unit in ("", "µs")]
-        named = [n for n in free if n.lower().startswith("pwm")]
+        named = [n for n in free if "pwm" in words(n)]
         if not free:
             raise UsageError(
                 f"--pwm-max {pwm_max:g} converts PWM inputs, but those of {where} have other units "

@@ -1,0 +1,148 @@
+"""What the words of a column's name say: its side, whether it commands, measures, tells time."""
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+from sysid.data.unit_words import ending
+
+Quantity = Literal["command", "speed", "reading", "reference", "supply", "other"]
+"""What a column holds: a command to the plant, a speed, another reading, a set point, the supply
+voltage, or something its name does not tell."""
+
+_WORD = re.compile(r"[A-ZÄÖÜ]?[a-zäöüß]+|[A-ZÄÖÜ]+(?![a-zäöüß])|[A-ZÄÖÜ]|\d+")
+
+SIDES = {
+    **dict.fromkeys(("l", "left", "links", "li", "gauche"), "left"),
+    **dict.fromkeys(("r", "right", "rechts", "re", "droite"), "right"),
+}
+"""Word -> the side of the robot that it names."""
+
+COMMANDS: tuple[tuple[str, ...], ...] = (
+    ("pwm",),
+    ("duty", "dutycycle", "throttle", "gas"),
+    ("cmd", "command", "befehl", "stellgröße", "stellgroesse", "stellsignal", "stellwert"),
+    ("volt", "volts", "voltage", "spannung"),
+    ("control", "ctrl", "effort", "drive", "power", "leistung"),
+    ("heater", "heizung", "heat", "pump", "pumpe", "valve", "ventil", "fan", "lüfter", "relay"),
+    ("u", "motor", "mot"),
+)
+"""Words of a command, the plainest first: where several columns could be the command, the first
+group that names exactly one (or one a side) decides."""
+
+SPEEDS: tuple[tuple[str, ...], ...] = (
+    ("omega", "w"),
+    ("rpm", "upm", "drehzahl", "tacho"),
+    ("speed", "vel", "velocity", "geschwindigkeit", "wheelspeed", "motorspeed", "vitesse"),
+    ("v",),
+)
+"""Words of a speed, in the same way."""
+
+SPEED_UNITS = frozenset(("rpm", "rad/s", "deg/s", "rev/s", "m/s", "mm/s", "cm/s", "km/h"))
+"""Units that make a column a speed where no word does: ``left_rpm``."""
+
+READINGS: tuple[tuple[str, ...], ...] = (
+    ("y", "out", "output", "ausgang", "measured", "istwert", "ist", "messwert", "pv"),
+    ("temp", "temperature", "temperatur", "level", "füllstand", "fuellstand", "pegel"),
+    ("pressure", "druck", "flow", "durchfluss", "force", "kraft", "torque", "drehmoment"),
+    ("position", "pos", "angle", "winkel", "displacement", "weg", "theta", "phi", "abstand"),
+    ("current", "strom", "accel", "acceleration", "beschleunigung"),
+)
+"""Words of other readings, in the same way."""
+
+REFERENCES = frozenset(
+    (
+        *("ref", "reference", "setpoint", "sp", "desired", "des", "target", "goal"),
+        *("hat", "sim", "soll", "sollwert", "führungsgröße", "fuehrungsgroesse"),
+        *("stddev", "error", "err"),
+    )
+)
+SUPPLIES = frozenset(("battery", "bat", "batt", "vbat", "supply", "akku", "batterie", "versorgung"))
+
+_GLUED = {w for group in (*COMMANDS[:4], *SPEEDS[:3], ("motor",)) for w in group if len(w) > 2}
+"""Words to which a side is often glued: ``pwml``, ``rpmright``."""
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a name says.
+
+    Attributes:
+        quantity: what the column holds.
+        rank: place of the word that says so in its list of groups (0 is the plainest).
+        side: "left", "right" or "".
+    """
+
+    quantity: Quantity
+    rank: int = 0
+    side: str = ""
+
+
+def words(name: str) -> tuple[str, ...]:
+    """The words of a name in lower case: ``pwmL`` → pwm, l; ``Left_RPM`` → left, rpm."""
+    found: list[str] = []
+    for word in _WORD.findall(name):
+        low = word.lower()
+        for side in sorted(SIDES, key=len, reverse=True):
+            if low not in _KNOWN and low.endswith(side) and low[: -len(side)] in _GLUED:
+                found += [low[: -len(side)], side]
+                break
+        else:
+            found.append(low)
+    return tuple(found)
+
+
+def meaning(name: str) -> Meaning:
+    """What a column holds, by the words of its name alone.
+
+    A reference stays one whatever else is in its name (``speed_ref``); a word of a command goes
+    before one of a speed (``cmd_speed`` is a command), save for the two letters that only stand
+    for a command where nothing else is said (``motor_speed`` is a speed).
+    """
+    base, unit = ending(name)
+    told = words(base)
+    side = next((SIDES[w] for w in told if w in SIDES), "")
+    if REFERENCES & set(told):
+        return Meaning("reference", 0, side)
+    if SUPPLIES & set(told):
+        return Meaning("supply", 0, side)
+    weak = len(COMMANDS) - 1
+    command, speed = _rank(told, COMMANDS), _rank(told, SPEEDS)
+    if command is not None and (command < weak or speed is None):
+        reading = _rank(told, READINGS)
+        if command < weak or reading is None:
+            return Meaning("command", command, side)
+    if speed is None and command is None and unit in SPEED_UNITS:
+        speed = 1
+    if speed is not None:
+        return Meaning("speed", speed, side)
+    reading = _rank(told, READINGS)
+    if reading is not None:
+        return Meaning("reading", reading, side)
+    return Meaning("other", 0, side)
+
+
+def is_drive(name: str, unit: str) -> bool:
+    """Whether a column commands a drive in parts of its full drive or voltage: 0 is no drive.
+
+    A PWM or duty cycle by itself, other commands if they are those of a side (``cmd_left``). A
+    speed that a controller follows is no such command, so its unit must not be one of speed.
+    """
+    told = meaning(name)
+    plain = told.rank <= 1 or bool(told.side)
+    return told.quantity == "command" and plain and unit not in SPEED_UNITS
+
+
+def is_wheel_speed(name: str, unit: str) -> bool:
+    """Whether a column is the speed of a motor, wheel or track: 0 is standstill."""
+    told = meaning(name)
+    plain = told.rank <= 1 or bool(told.side) or unit == "rad/s"
+    return told.quantity == "speed" and plain and unit in ("", "rad/s", "m/s")
+
+
+def _rank(told: tuple[str, ...], groups: tuple[tuple[str, ...], ...]) -> int | None:
+    """The first group that has one of the words."""
+    return next((i for i, group in enumerate(groups) if set(group) & set(told)), None)
+
+
+_KNOWN = frozenset(w for groups in (COMMANDS, SPEEDS, READINGS) for group in groups for w in group)

@@ -1,0 +1,197 @@
+"""Where the header of a text log stands: below titles, above a row of units, behind a sign."""
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from sysid.data.dates import date_format
+from sysid.data.time_column import UNIT_WORDS
+from sysid.data.unit_words import ENDINGS, SYNONYMS, looks_like_unit
+from sysid.data.units import UNITS
+
+COMMENTS = ("#", "%", "//", "!")
+"""Signs with which a line of a text log is a comment."""
+MISSING = ("", "na", "nan", "n/a", "null", "none", "-nan", "#n/a", "<na>", "-", "--")
+"""Cells, in lower case, that hold nothing."""
+STATES: dict[str, float] = {
+    **dict.fromkeys(("on", "true", "an", "ein", "yes", "ja", "high", "oui", "wahr", "open"), 1.0),
+    **dict.fromkeys(("off", "false", "aus", "no", "nein", "low", "non", "falsch", "closed"), 0.0),
+}
+"""Words of a switch, in lower case -> its number."""
+
+_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf)", re.I)
+_UNIT_NAMES = frozenset((*UNITS, *(u.lower() for u in UNITS), *SYNONYMS, *ENDINGS, *UNIT_WORDS))
+_TITLES = 60
+"""No logger writes more lines than this before its header."""
+_MONITOR = re.compile(r"\d{1,2}:\d{2}:\d{2}[.,]\d+ -> ?")
+
+Line = tuple[int, str]
+"""Number of a line in the file, counted from 1, and its text."""
+
+
+@dataclass(frozen=True)
+class Header:
+    """The lines of a text log by what they are.
+
+    Attributes:
+        line: number and text of the header.
+        units: the line of units below it, or None.
+        body: the lines of data.
+        notes: what was left out, as parts of sentences.
+    """
+
+    line: Line
+    units: str | None
+    body: list[Line]
+    notes: tuple[str, ...]
+
+
+def find_header(numbered: Sequence[Line]) -> Header:
+    """The header is the line above the first line of data, or above the units over it.
+
+    Comments go; where nothing but comments stands above the data, the last one is the header
+    (``numpy.savetxt`` and ROS put it behind a sign). Where no line looks like data, the first one
+    is the header, so that what is wrong with the second can be said.
+    """
+    lines, notes = _without_monitor(numbered)
+    at = next((i for i, (_, text) in enumerate(lines) if not _comment(text)), len(lines))
+    if at and (at == len(lines) or is_data(lines[at][1])):
+        at -= 1
+        head = (lines[at][0], _uncommented(lines[at][1]))
+    else:
+        head = lines[at]
+    rest, dropped = _body(lines[at + 1 :], head[1])
+    notes += dropped
+    first = next((i for i, (_, text) in enumerate(rest[:_TITLES]) if is_data(text)), 0)
+    units = None
+    if first and not is_data(head[1]):
+        above = [head, *rest[:first]]
+        if _is_units(above[-1][1], above[-2][1], rest[first][1]):
+            units = above.pop()[1]
+        full = [i for i, (_, text) in enumerate(above) if _is_full(text, rest[first][1])]
+        if len(full) > 1 and units is None:
+            return Header(above[full[0]], None, [*above[full[0] + 1 :], *rest[first:]], notes)
+        titles, head = above[:-1], above[-1]
+        rest = rest[first:]
+        if titles:
+            many = len(titles) > 1
+            which = f"lines {titles[0][0]} to {titles[-1][0]}" if many else f"line {titles[0][0]}"
+            notes += (f"{which} above the header {'were' if many else 'was'} left out",)
+    return Header(head, units, rest, notes)
+
+
+def is_numeric(text: str) -> bool:
+    """Whether a line holds numbers alone, whatever its delimiter."""
+    cells = [c.strip('"') for c in re.split(r"[;\t ]+|,(?=\s)|,", text.strip()) if c]
+    return bool(cells) and all(_NUMBER.fullmatch(c) for c in cells)
+
+
+def is_data(text: str) -> bool:
+    """Whether more than half of a line's cells hold values, at least one a number or date.
+
+    Half is not enough: ``Writer_Version 2`` or ``Run 3`` stand in many heads.
+    """
+    cells = _tokens(text)
+    good = [c for c in cells if _NUMBER.fullmatch(c) or date_format(c)]
+    states = [c for c in cells if c.lower() in STATES or c.lower() in MISSING]
+    return bool(good) and len(cells) > 1 and 2 * (len(good) + len(states)) > len(cells)
+
+
+def cells_of(line: str, sep: str) -> list[str]:
+    """The cells of one line."""
+    if sep == " ":
+        return line.split()
+    if '"' in line:
+        return next(csv.reader([line], delimiter=sep, skipinitialspace=True), [])
+    return line.split(sep)
+
+
+def bare_unit(cell: str) -> str:
+    """A unit of the row of units without brackets; empty where it says that there is none."""
+    text = cell.strip().strip('"').strip("[](){}").strip()
+    return "" if text in ("-", "–", "--", "1") else text
+
+
+def _tokens(text: str) -> list[str]:
+    """The filled cells of a line whose delimiter is not known yet."""
+    if ";" in text or "\t" in text:
+        cells = re.split(r"[;\t]", text)
+    elif "," in text:
+        # a date with a blank inside stays whole; a decimal comma falls into two numbers
+        cells = text.split(",")
+    else:
+        cells = text.split()
+    return [c.strip().strip('"') for c in cells if c.strip().strip('"')]
+
+
+def _comment(text: str) -> bool:
+    return text.lstrip().lstrip('"').startswith(COMMENTS)
+
+
+def _uncommented(text: str) -> str:
+    bare = text.lstrip()
+    for sign in COMMENTS:
+        if bare.startswith(sign):
+            return bare[len(sign) :].lstrip()
+    return bare
+
+
+def _body(lines: Sequence[Line], header: str) -> tuple[list[Line], tuple[str, ...]]:
+    """The lines below the header without comments and without the header said again."""
+    again = header.strip()
+    kept = [line for line in lines if not _comment(line[1]) and line[1].strip() != again]
+    comments = sum(_comment(text) for _, text in lines)
+    repeated = len(lines) - len(kept) - comments
+    notes: tuple[str, ...] = ()
+    if comments:
+        notes += (f"{_count(comments, 'comment line')} between the data {_was(comments)} left out",)
+    if repeated:
+        notes += (
+            f"the header, which is repeated {'once' if repeated == 1 else f'{repeated} times'} "
+            "below (did the logger start again?), was left out there",
+        )
+    return kept, notes
+
+
+def _without_monitor(numbered: Sequence[Line]) -> tuple[list[Line], tuple[str, ...]]:
+    """The lines without the clock that a serial monitor writes in front of each."""
+    if not all(_MONITOR.match(text) for _, text in numbered):
+        return list(numbered), ()
+    return (
+        [(i, _MONITOR.sub("", text, count=1)) for i, text in numbered],
+        ("the serial monitor's own clock in front of each line was left out",),
+    )
+
+
+def _is_full(line: str, data: str) -> bool:
+    """Whether a line above the data has a word for each of three or more cells, as a header has.
+
+    Two such lines that are no names over units are not chosen between: the second is then said to
+    hold no numbers.
+    """
+    sep = next((sign for sign in (";", "\t", ",") if sign in data), " ")
+    wanted = len([c for c in cells_of(data, sep) if c.strip()])
+    return wanted > 2 and len([c for c in cells_of(line, sep) if c.strip()]) == wanted
+
+
+def _is_units(line: str, header: str, data: str) -> bool:
+    """Whether a line below a header holds units: as many cells, none a number, most a unit."""
+    sep = next((sign for sign in (";", "\t", ",") if sign in data), " ")
+    names = [c.strip() for c in cells_of(header.rstrip(sep), sep)]
+    cells = [c.strip().strip('"') for c in cells_of(line, sep)]
+    told = [c for c in cells if c and c not in ("1",)]
+    if not len(names) - 1 <= len(cells) <= len(names) + 1 or len(names) < 2 or not told:
+        return False
+    if any(_NUMBER.fullmatch(c) for c in told):
+        return False
+    hits = sum(looks_like_unit(c, _UNIT_NAMES) for c in told)
+    return 2 * hits > len(told)
+
+
+def _count(n: int, noun: str) -> str:
+    return f"{n} {noun}" + ("" if n == 1 else "s")
+
+
+def _was(n: int) -> str:
+    return "was" if n == 1 else "were"

@@ -1,0 +1,190 @@
+"""The pose of a vehicle in a log: its columns by name, their units, and the angle's fold undone."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.data.column_words import words
+from sysid.data.record import Array
+from sysid.data.unit_words import ending, without_unit
+from sysid.data.units import Conversion, conversion
+from sysid.errors import UsageError
+
+AXES = ("x", "y", "angle")
+_ANGLES = frozenset(
+    (
+        *("psi", "yaw", "heading", "theta", "th", "hdg", "phi", "kurs", "gier"),
+        *("gierwinkel", "orientation", "azimuth", "bearing", "course"),
+    )
+)
+_COMPASS = frozenset(("heading", "hdg", "kurs", "azimuth", "bearing", "course"))
+"""Angles that a navigator counts clockwise from north."""
+_X = frozenset(("x", "px", "posx", "xpos"))
+_Y = frozenset(("y", "py", "posy", "ypos"))
+_BESIDE = frozenset(
+    (
+        *("pos", "position", "pose", "robot", "odom", "odometry", "world", "map"),
+        *("ground", "truth", "gt", "mocap", "optitrack", "vicon", "global", "p", "field"),
+        *("body", "est", "angle", "winkel"),
+    )
+)
+"""Words that may stand beside the axis in the name of a pose column."""
+
+ALIGNED = 0.7
+"""Mean of cos 2(way − angle) from which an angle's unit is believed: 1 is perfect agreement,
+and the directions of another unit are spread over the circle."""
+FEWEST_MOVES = 30
+"""Steps of the way from which the direction of travel is compared with the angle."""
+
+
+@dataclass(frozen=True)
+class PoseColumns:
+    """The columns of the pose.
+
+    Attributes:
+        names: x, y and angle; empty where the three are not all there.
+        alike: columns that look like parts of a pose but were not used.
+        why: why they were not, as part of a sentence; empty where nothing looks like a pose.
+    """
+
+    names: tuple[str, ...] = ()
+    alike: tuple[str, ...] = ()
+    why: str = ""
+
+
+def find_pose(names: Sequence[str]) -> PoseColumns:
+    """The pose among these columns, by their names.
+
+    ``x, y, psi`` go before decorated names (``pos_x [mm]``, ``odom_yaw``); decorated ones are
+    used where there is one of each, or one set that shares its decoration.
+    """
+    found: dict[str, list[str]] = {axis: [] for axis in AXES}
+    for name in names:
+        axis = _axis(name)
+        if axis:
+            found[axis].append(name)
+    if not found["angle"] and not (found["x"] and found["y"]):
+        return PoseColumns()
+    every = tuple(n for n in names if any(n in group for group in found.values()))
+    missing = [axis for axis in AXES if not found[axis]]
+    if missing:
+        if not (found["x"] and found["y"]):
+            return PoseColumns()  # a lone angle is a signal like any other
+        return PoseColumns((), every, "there is no angle (psi, yaw, heading, theta) beside them")
+    picked = _one_set(found)
+    if not picked:
+        return PoseColumns((), every, "there are several of them")
+    return PoseColumns(picked, tuple(n for n in every if n not in picked), "another set was used")
+
+
+def pose_conversions(
+    pose: Sequence[str], brackets: Mapping[str, str], units: Mapping[str, str]
+) -> tuple[Conversion, ...]:
+    """The conversions of x, y and angle to m, m and rad; an angle without a unit has scale 0.
+
+    Args:
+        pose: column names of x, y, angle.
+        brackets: column name → unit in brackets, empty where there is none.
+        units: column name → unit by option.
+
+    Raises:
+        UsageError: a unit is not known, or is none of a length or of an angle.
+    """
+    found = []
+    for axis, name in zip(AXES, pose, strict=True):
+        told = units.get(name) or brackets.get(name) or ending(name)[1]
+        wanted, examples = ("rad", "rad or deg") if axis == "angle" else ("m", "m, cm or mm")
+        if not told:
+            found.append(Conversion(wanted, 0.0 if axis == "angle" else 1.0, ""))
+            continue
+        try:
+            known = conversion(told, name)
+        except UsageError:
+            known = Conversion("", 1.0, told)
+        if known.unit != wanted:
+            raise UsageError(
+                f"the unit of {name} is {told}, which is none of the pose; "
+                f"give --unit {name}={examples.split(',')[0].split(' ')[0]} ({examples})"
+            )
+        found.append(known)
+    return tuple(found)
+
+
+def angle_unit(x: Array, y: Array, angle: Array) -> tuple[str, bool]:
+    """The unit of an angle that does not tell it: ("rad" or "deg", whether it was seen).
+
+    Two things tell: a fold (a jump of nearly 2π or 360 between neighbours), and the way: while
+    the vehicle drives, the direction of the way is the angle, or opposite to it in reverse, so
+    Re mean exp(2i(χ − ψ)) is near 1 for the right unit.
+    """
+    d = np.abs(np.diff(angle))
+    jumps = d[d > np.pi]
+    if len(jumps):
+        for unit, turn in (("rad", 2.0 * np.pi), ("deg", 360.0)):
+            if np.all(np.abs(jumps / turn - 1.0) < 0.1):
+                return unit, True
+    ways = {u: _agreement(x, y, angle * s) for u, s in (("rad", 1.0), ("deg", np.pi / 180.0))}
+    if max(ways.values()) >= ALIGNED and abs(ways["rad"] - ways["deg"]) > 0.2:
+        return max(ways, key=lambda u: ways[u]), True
+    return "rad", False
+
+
+def counts_as_compass(x: Array, y: Array, angle: Array) -> bool:
+    """Whether the way says that the angle [rad] counts clockwise from y: ψ = π/2 − angle."""
+    return _agreement(x, y, 0.5 * np.pi - angle) >= ALIGNED and _agreement(x, y, angle) < ALIGNED
+
+
+def is_compass(name: str) -> bool:
+    """Whether the name is one under which navigators log a clockwise angle."""
+    return bool(set(words(without_unit(name))) & _COMPASS)
+
+
+def unfolded(angle: Array) -> Array:
+    """An angle [rad] without its jumps of whole turns."""
+    out: Array = np.unwrap(angle)
+    return out
+
+
+def _agreement(x: Array, y: Array, angle: Array) -> float:
+    """Re mean exp(2i(χ − ψ)) over the steps that move: 1 where the angle is that of the way."""
+    span = float(np.hypot(np.ptp(x), np.ptp(y)))
+    # Steps of the way that are long against the noise of a tracking camera (1/200 of the field).
+    kept = [0]
+    for k in range(1, len(x)):
+        if np.hypot(x[k] - x[kept[-1]], y[k] - y[kept[-1]]) > 0.005 * span:
+            kept.append(k)
+    if span == 0.0 or len(kept) < FEWEST_MOVES:
+        return 0.0
+    i = np.array(kept)
+    way = np.arctan2(np.diff(y[i]), np.diff(x[i]))
+    mid = 0.5 * (np.unwrap(angle)[i[:-1]] + np.unwrap(angle)[i[1:]])
+    return float(np.real(np.mean(np.exp(2j * (way - mid)))))
+
+
+def _axis(name: str) -> str:
+    told = set(words(without_unit(name))) - _BESIDE
+    if len(told) != 1:
+        return ""
+    (word,) = told
+    if word in _X:
+        return "x"
+    if word in _Y:
+        return "y"
+    return "angle" if word in _ANGLES else ""
+
+
+def _one_set(found: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+    """One column an axis: the only ones, those without decoration, or one decoration's."""
+    if all(len(group) == 1 for group in found.values()):
+        return tuple(found[axis][0] for axis in AXES)
+    by: dict[frozenset[str], dict[str, list[str]]] = {}
+    for axis, group in found.items():
+        for name in group:
+            decoration = frozenset(set(words(without_unit(name))) & _BESIDE)
+            by.setdefault(decoration, {}).setdefault(axis, []).append(name)
+    whole = {
+        k: v for k, v in by.items() if set(v) == set(AXES) and all(len(g) == 1 for g in v.values())
+    }
+    chosen = whole.get(frozenset()) or (next(iter(whole.values())) if len(whole) == 1 else None)
+    return tuple(chosen[axis][0] for axis in AXES) if chosen else ()

@@ -1,0 +1,234 @@
+"""Which column of a log is its time: by name, else a first column that rises steadily."""
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.data.column_words import meaning, words
+from sysid.data.record import Array
+from sysid.errors import DataError
+
+TIME_COLUMNS: dict[str, float] = {
+    "t": 1.0,
+    "time": 1.0,
+    "t_s": 1.0,
+    "time_s": 1.0,
+    "timestamp": 1.0,
+    "timestamp_s": 1.0,
+    "t_ms": 1e-3,
+    "time_ms": 1e-3,
+    "timestamp_ms": 1e-3,
+    "t_us": 1e-6,
+    "time_us": 1e-6,
+    "timestamp_us": 1e-6,
+    "t_ns": 1e-9,
+    "time_ns": 1e-9,
+    "timestamp_ns": 1e-9,
+}
+"""Names of a time column, the first one preferred -> the unit [s] that they most often have."""
+
+COUNTERS = (
+    *("sample", "samples", "index", "k", "n", "idx", "i", "row", "nr", "no", "seq", "count"),
+    *(
+        "counter",
+        "cnt",
+        "lfd",
+        "lfd nr",
+        "zeile",
+        "header seq",
+        "sample no",
+        "sample nr",
+        "no name",
+    ),
+)
+"""Names, as words, of a column that counts rows."""
+
+UNIT_WORDS: dict[str, float] = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "sek", "sekunde", "sekunden"), 1.0),
+    **dict.fromkeys(
+        ("ms", "msec", "msecs", "millis", "milli", "millisecond", "milliseconds"), 1e-3
+    ),
+    **dict.fromkeys(("millisekunden", "milliseconds"), 1e-3),
+    **dict.fromkeys(("us", "µs", "usec", "usecs", "micros", "micro", "microsecond"), 1e-6),
+    **dict.fromkeys(("microseconds", "mikrosekunden"), 1e-6),
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanosec", "nanosecond", "nanoseconds"), 1e-9),
+    **dict.fromkeys(("min", "mins", "minute", "minutes", "minuten"), 60.0),
+    **dict.fromkeys(("h", "hr", "hrs", "hour", "hours", "std", "stunden"), 3600.0),
+    **dict.fromkeys(("d", "day", "days", "tag", "tage"), 86400.0),
+}
+"""Words for units of time, in a name, in brackets or given by option -> the unit [s]."""
+
+_CLOCKS = frozenset(
+    (
+        *("t", "time", "zeit", "timestamp", "stamp", "zeitstempel", "uhrzeit", "datum"),
+        *("date", "datetime", "clock", "elapsed", "epoch", "temps", "tiempo", "tempo"),
+        *("tid", "rosbagtimestamp"),
+    )
+)
+"""Words that name a time by themselves."""
+_ALONE = frozenset(
+    (
+        *("millis", "micros", "ms", "us", "usec", "msec", "sec", "secs", "seconds"),
+        *("milliseconds", "microseconds", "nanoseconds", "nsec", "nanosec", "sekunden"),
+        *("millisekunden", "nanos"),
+    )
+)
+"""Units that are the name of a time column without another word."""
+_BESIDE = frozenset(
+    (
+        *("boot", "since", "start", "system", "sys", "local", "utc", "gps", "log", "abs"),
+        *("rel", "unix", "relative", "absolute", "of", "day", "header", "field"),
+        *("arduino", "esp", "und", "and", "mess", "run", "device", "host", "the", "in"),
+        *("ros", "bag"),
+    )
+)
+"""Words that may stand beside those in the name of a time column."""
+
+FEWEST = 10
+"""Rows from which a column without a telling name may be taken for the time."""
+STEADY = 0.8
+"""Share of a clock's steps that lie within half of the usual one; most signals fail this."""
+RISING = 0.9
+"""Share of a clock's steps that go up: the others are roll-overs, restarts or doubled lines."""
+
+
+@dataclass(frozen=True)
+class TimeColumn:
+    """The column that tells the time of every row.
+
+    Attributes:
+        name: the column.
+        fine: a second column that holds the fraction of a second in nanoseconds, or None.
+        counts: whether it only counts rows.
+        by_name: whether its name says so; else it was the only steady first column.
+    """
+
+    name: str
+    fine: str | None = None
+    counts: bool = False
+    by_name: bool = True
+
+
+Read = Callable[[str], Array | None]
+"""Column name -> its numbers or dates as numbers, None where it holds neither."""
+
+
+def unit_of(text: str) -> float | None:
+    """The unit of time [s] that a word or bracket names, None where it names none."""
+    return UNIT_WORDS.get(text.strip().strip("[]()").strip().lower().replace("μ", "µ"))
+
+
+def unit_in_name(name: str) -> float | None:
+    """The unit of time [s] in a column's name: ``millis``, ``t_ms``, ``TimeUS``."""
+    told = words(name)
+    for word in reversed(told):
+        if word in UNIT_WORDS and (len(told) > 1 or word in _ALONE):
+            return UNIT_WORDS[word]
+    glued = re.fullmatch(r"(?:t|time)(ms|us|ns|s)", name.strip().lower())
+    return UNIT_WORDS[glued[1]] if glued else None
+
+
+def is_counter(name: str) -> bool:
+    """Whether a name says that the column counts rows."""
+    return " ".join(words(name)) in COUNTERS or name.strip() in ("#", "(no name)")
+
+
+def is_time(name: str) -> bool:
+    """Whether a name says that the column is the time."""
+    told = set(words(name))
+    if re.fullmatch(r"(?:t|time)(ms|us|ns|s)|x[ _](value|wert)", name.strip().lower()):
+        return True
+    if not told <= _CLOCKS | _ALONE | _BESIDE | set(UNIT_WORDS):
+        return False
+    return bool(told & _CLOCKS) or (bool(told & _ALONE) and told <= _ALONE | _BESIDE)
+
+
+def find_time(
+    names: Sequence[str], read: Read | None, skip: Sequence[str] = ()
+) -> TimeColumn | None:
+    """The time column among ``names``, None where there is none.
+
+    By name first; where several names say so, one that rises goes before one that stands still
+    (a date beside ``millis``). Then the first column, if it rises in steady steps and its name
+    does not make it a signal. A column that only counts comes last.
+
+    Args:
+        names: the columns, in the order of the file.
+        read: reads a column; None to go by names alone.
+        skip: columns asked for as signals.
+    """
+    free = [n for n in names if n not in skip]
+    told = [n for n in free if is_time(n)]
+    order = list(TIME_COLUMNS)
+    told.sort(key=lambda n: order.index(n.lower()) if n.lower() in order else len(order))
+    if read is not None and (len(told) > 1 or told == ["T"]):
+        # stable: among those that rise the plainest name stays first; T is mostly a temperature
+        told.sort(key=lambda n: (not _rises(read(n)), n == "T"))
+        told = [n for n in told if n != "T" or _rises(read(n))]
+    if told:
+        return _with_fraction(told, read) or TimeColumn(told[0])
+    counters = [n for n in free if is_counter(n)]
+    first = next((n for n in free if n not in counters), None)
+    if read is not None and first is not None and first == _first(names, counters):
+        column = (
+            read(first) if meaning(first).quantity == "other" and not _position(first) else None
+        )
+        if column is not None and _steady(column):
+            whole = bool(np.all(np.diff(column) == 1.0))
+            return TimeColumn(first, counts=whole, by_name=False)
+    return TimeColumn(counters[0], counts=True) if counters else None
+
+
+def tells_time(read: Read | None, name: str) -> bool:
+    """Whether a column rises as a time or a counter does; by its name alone without ``read``."""
+    return read is None or _rises(read(name))
+
+
+def _first(names: Sequence[str], counters: Sequence[str]) -> str | None:
+    return next((n for n in names if n not in counters), None)
+
+
+def _with_fraction(told: Sequence[str], read: Read | None) -> TimeColumn | None:
+    """Whole seconds and nanoseconds in two columns, as ROS writes its stamps."""
+    if read is None or _strictly(read(told[0])):
+        return None
+    seconds = [n for n in told if words(n)[-1:] in (("sec",), ("secs",))]
+    fractions = [n for n in told if words(n)[-1:] in (("nsec",), ("nsecs",), ("nanosec",))]
+    for whole in seconds:
+        for fine in fractions:
+            if words(whole)[:-1] == words(fine)[:-1]:
+                return TimeColumn(whole, fine)
+    return None
+
+
+def _position(name: str) -> bool:
+    """Whether a name is that of a position, which may rise as steadily as a clock."""
+    return set(words(name)) <= {"enc", "encoder", "l", "r", "x", "y", "psi", "yaw", "dist", "s"}
+
+
+def _strictly(column: Array | None) -> bool:
+    return column is not None and len(column) > 1 and bool(np.all(np.diff(column) > 0))
+
+
+def _rises(column: Array | None) -> bool:
+    if column is None or len(column) < 2 or not np.all(np.isfinite(column)):
+        return False
+    return float(np.mean(np.diff(column) > 0)) >= RISING
+
+
+def _steady(column: Array) -> bool:
+    if len(column) < FEWEST or not np.all(np.isfinite(column)) or not _rises(column):
+        return False
+    d = np.diff(column)
+    usual = float(np.median(d))
+    return float(np.mean(np.abs(d / usual - 1.0) <= 0.5)) >= STEADY
+
+
+def numbers_or_none(read: Callable[[str], Array], name: str) -> Array | None:
+    """The numbers of a column, None where it does not hold numbers."""
+    try:
+        return read(name)
+    except DataError:
+        return None

@@ -1,0 +1,107 @@
+"""How units are written: behind a name, in brackets, in other languages, and as plain endings."""
+
+import re
+
+SYNONYMS: dict[str, str] = {
+    **dict.fromkeys(
+        ("u/min", "1/min", "min^-1", "min-1", "/min", "tr/min", "r/min", "rev/min", "upm", "rpm"),
+        "rpm",
+    ),
+    **dict.fromkeys(("u/s", "tr/s", "r/s", "rps", "turns/s"), "rev/s"),
+    **dict.fromkeys(("deg/sec", "degs", "dps", "grad/s", "degree/s", "degrees/s"), "deg/s"),
+    **dict.fromkeys(("degree", "degrees", "grad"), "deg"),
+    **dict.fromkeys(("rads/s", "rad/sec", "rad s^-1", "rad*s^-1"), "rad/s"),
+    **dict.fromkeys(("radian", "radians"), "rad"),
+    **dict.fromkeys(("umdrehungen", "turns", "turn"), "rev"),
+    **dict.fromkeys(("kmh", "km/std", "kph"), "km/h"),
+    **dict.fromkeys(("m/sec", "m s^-1", "mps"), "m/s"),
+    **dict.fromkeys(("meter", "metre", "meters", "metres"), "m"),
+    **dict.fromkeys(("volt", "volts"), "V"),
+    **dict.fromkeys(("amp", "amps", "ampere"), "A"),
+    **dict.fromkeys(("degc", "celsius", "deg c", "°c"), "degC"),
+    **dict.fromkeys(("hertz",), "Hz"),
+    **dict.fromkeys(("newton",), "N"),
+    **dict.fromkeys(("n*m", "n m", "newtonmeter"), "Nm"),
+    **dict.fromkeys(("sec", "secs", "second", "seconds", "sek", "sekunden"), "s"),
+    **dict.fromkeys(("msec", "millisecond", "milliseconds", "millisekunden"), "ms"),
+}
+"""Spelling in lower case, with signs put as ``plain`` puts them -> name in ``units.UNITS``."""
+
+ENDINGS: dict[str, str] = {
+    "rad_s": "rad/s",
+    "rads": "rad/s",
+    "radps": "rad/s",
+    "rpm": "rpm",
+    "upm": "rpm",
+    "u_min": "rpm",
+    "1_min": "rpm",
+    "rev_min": "rpm",
+    "deg_s": "deg/s",
+    "degs": "deg/s",
+    "degps": "deg/s",
+    "dps": "deg/s",
+    "rev_s": "rev/s",
+    "rps": "rev/s",
+    "m_s": "m/s",
+    "mps": "m/s",
+    "mm_s": "mm/s",
+    "cm_s": "cm/s",
+    "km_h": "km/h",
+    "kmh": "km/h",
+    "kph": "km/h",
+    "us": "us",
+    "volt": "V",
+    **{u: u for u in ("rad", "deg", "m", "cm", "mm", "V", "mV", "A", "mA", "W", "N", "kN", "Nm")},
+    **{u: u for u in ("kg", "Pa", "kPa", "bar", "degC", "K", "Hz")},
+}
+"""Ending of a name behind an underline -> its unit."""
+
+_ANY_CASE = {e.lower(): u for e, u in ENDINGS.items() if len(e) > 2 or e in ("cm", "mm")}
+"""Endings that cannot be mistaken for another one in capitals: ``RPM``, ``Deg``."""
+_CAMEL = {"Deg": "deg", "Rad": "rad", "Rpm": "rpm", "RPM": "rpm", "Mm": "mm", "Cm": "cm"}
+"""Endings without an underline: ``yawDeg``, ``speedRpm``."""
+
+
+def plain(unit: str) -> str:
+    """A unit as written in a file, in the signs that the tables use: ``[°/s]`` → ``deg/s``."""
+    text = unit.strip().strip("[](){}<>").strip()
+    for sign, letters in (("°C", "degC"), ("º", "°"), ("°", "deg"), ("µ", "u"), ("μ", "u")):
+        text = text.replace(sign, letters)
+    for sign, letters in (("⁻¹", "^-1"), ("²", "^2"), ("·", "*"), ("−", "-"), ("^(-1)", "^-1")):
+        text = text.replace(sign, letters)
+    return text
+
+
+def synonym(unit: str) -> str:
+    """The name in ``units.UNITS`` of a unit however it is spelt, or the unit as it is."""
+    text = plain(unit)
+    return SYNONYMS.get(text.lower(), text)
+
+
+def ending(name: str) -> tuple[str, str]:
+    """A name without the unit it ends in, and that unit: ``u_V`` → (u, V); (name, "") if none."""
+    for end in sorted(ENDINGS, key=len, reverse=True):
+        if name.endswith("_" + end):
+            return name[: -len(end) - 1], ENDINGS[end]
+    low = name.lower()
+    for end in sorted(_ANY_CASE, key=len, reverse=True):
+        if low.endswith("_" + end):
+            return name[: -len(end) - 1], _ANY_CASE[end]
+    for end, unit in _CAMEL.items():
+        if name.endswith(end) and name[: -len(end)][-1:].islower():
+            return name[: -len(end)], unit
+    return name, ""
+
+
+def without_unit(name: str) -> str:
+    """A name without the unit it ends in."""
+    return ending(name)[0]
+
+
+def looks_like_unit(cell: str, known: frozenset[str]) -> bool:
+    """Whether a cell below the header is a unit: in brackets, known, a sign for none."""
+    text = cell.strip()
+    if re.fullmatch(r"[\[(][^\[\]()]{0,12}[\])]", text) or text in ("-", "–", "%", "--"):
+        return True
+    name = synonym(text)
+    return name in known or name.lower() in known
