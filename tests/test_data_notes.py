@@ -5,6 +5,7 @@ import pytest
 from command_line import run, write_log
 from scipy.signal import lfilter
 
+from sysid.data.dynamics_checks import check_delay
 from sysid.data.finding import Finding, Severity
 from sysid.data.level_checks import check_levels, visited_levels
 from sysid.data.record import Record
@@ -78,3 +79,30 @@ def test_a_state_is_never_said_to_come_from_more_samples_than_there_are(
     options = ("--structure", "oe", "--orders", "nb=1 nf=1 nk=1", "--workspace", tmp_path / "ws")
     figures = run(capsys, "fit", log, *options, "--json").document["estimation"]
     assert figures["initial_state"] == "estimated from all 610 samples"
+
+
+@pytest.mark.parametrize("kind", ["white", "drifting"])
+def test_an_input_without_effect_is_named_by_inspect_and_by_fit(
+    kind: str, tmp_path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(2)
+    u = np.repeat(rng.choice([-1.0, 0.0, 0.4, 1.0], 60), 10)
+    e = rng.standard_normal(600)
+    y = e if kind == "white" else lfilter([1.0], [1.0, -0.95], e)
+    log = write_log(tmp_path / "noise.csv", ["u", "y"], [u, y])
+    told = "The input u explains nothing of y that chance would not."
+    assert told in run(capsys, "inspect", log).out
+    place = ("--workspace", tmp_path / "ws")
+    warnings = run(capsys, "fit", log, "--structure", "arx", *place, "--json").document["warnings"]
+    assert told in warnings[0]
+
+
+def test_a_weak_effect_is_not_called_none() -> None:
+    """One tenth of the output's power from the input, 600 samples: an effect, if a poor model."""
+    called = 0
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        u = np.repeat(rng.choice([-1.0, 1.0], 60), 10)
+        y = lfilter([0.0, 0.06], [1.0, -0.8], u) + rng.standard_normal(600) * 0.9
+        called += any(f.code == "no-effect" for f in check_delay([Record(u, y, 0.1)]))
+    assert called <= 2

@@ -142,6 +142,9 @@ def check_delay(records: Sequence[Record]) -> list[Finding]:
                 parts.append(f"{d.delay} ({d.low} to {d.high}) from {d.input}")
         text = f"Delay to {output} in samples: {', '.join(parts)}."
         mine = [d for d in delays if d.output == output]
+        if all(d.delay is None for d in mine):
+            found.append(_no_effect(output, [d.input for d in mine]))
+            continue
         severity, advice = (
             Severity.OK,
             "" if all(d.certain for d in mine) else "Let the fit search the delay (give no nk).",
@@ -154,6 +157,19 @@ def check_delay(records: Sequence[Record]) -> list[Finding]:
             )
         found.append(Finding("delay", severity, text, advice, output))
     return found
+
+
+def _no_effect(output: str, inputs: Sequence[str]) -> Finding:
+    who = f"The input {inputs[0]} explains"
+    if len(inputs) > 1:
+        who = f"The inputs {', '.join(inputs)} explain"
+    return Finding(
+        "no-effect",
+        Severity.WARNING,
+        f"{who} nothing of {output} that chance would not.",
+        "Check the columns, and whether the actuator was on: no model of these data is of use.",
+        output,
+    )
 
 
 def check_sampling(records: Sequence[Record]) -> list[Finding]:

@@ -46,6 +46,8 @@ SIGNAL_CHECKS: tuple[Callable[[Sequence[Record]], list[Finding]], ...] = (
     check_saturation,
     check_resolution,
     check_outliers,
+)
+INPUT_CHECKS: tuple[Callable[[Sequence[Record]], list[Finding]], ...] = (
     check_robot,
     check_levels,
 )
@@ -71,7 +73,7 @@ def inspect_records(
     Length, missing samples and constant channels come first; where one of them is fatal the other
     checks have nothing to stand on and are left out. Then stuck values, clipping, resolution and
     outliers, the robot's signs and units, excitation, sampling rate, delay, feedback and
-    nonlinearity.
+    nonlinearity; these need an input.
 
     Args:
         records: experiments with the same channels.
@@ -91,6 +93,9 @@ def inspect_records(
         found += check_constant(records)
     if worst(tuple(found)) < Severity.FATAL:
         for check in SIGNAL_CHECKS:
+            found += check(records)
+    if worst(tuple(found)) < Severity.FATAL and records[0].nu:
+        for check in INPUT_CHECKS:
             found += check(records)
         found += check_excitation(records, order)
         for check in DYNAMIC_CHECKS:

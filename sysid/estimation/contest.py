@@ -36,8 +36,34 @@ PARALLEL_WORK = 400_000
 
 LINEAR = ("arx", "armax", "oe", "bj")
 
+TIME_SERIES = ("ar", "arma", "ma")
+"""What is fitted to a log without inputs when the user names nothing."""
+
 ANY = "any"
 """Stands for every delay."""
+
+
+def structures_for(names: Sequence[str], inputs: Sequence[str]) -> tuple[str, ...]:
+    """The structures to fit to a log with these inputs; the usual ones where none is named.
+
+    Raises:
+        UsageError: a structure needs inputs that the log has not, or has none for its inputs.
+    """
+    chosen = tuple(names) or (LINEAR if inputs else TIME_SERIES)
+    for name in chosen:
+        takes = structure_class(name).takes_inputs
+        if takes and not inputs:
+            raise UsageError(
+                f"{name} needs an input and the log has none; choose from "
+                f"{', '.join(TIME_SERIES)}, or name the input column"
+            )
+        if inputs and not takes:
+            raise UsageError(
+                f"{name} is for a log without inputs, and this one is read with "
+                f"{', '.join(inputs)}; say that there is no input (none), or take arx or armax"
+            )
+    return chosen
+
 
 Progress = Callable[[float, str], None]
 
@@ -151,7 +177,7 @@ def _offsets_and_delay(
     nk: int | list[list[int]] = 1
     if search:
         data = hold_out([first.detrend.remove(r) for r in small])
-        nk = choose_delay(data, any(first.estimated))
+        nk = choose_delay(data, any(first.estimated)) if small[0].nu else 1
     return choose_offsets(records, known, nk) if isinstance(known, str) else known, nk
 
 

@@ -99,7 +99,8 @@ def figures(
         model: the model.
         records: experiments, each with its own initial state.
         data: what to call these data.
-        horizon: k-step-ahead prediction, or None for the free run.
+        horizon: k-step-ahead prediction, or None for the free run; a model without inputs has
+            none and is judged one step ahead.
         start: initial-state policy.
         skip: samples at the head of each record left out of the figures; they may set the
             initial state.
@@ -108,6 +109,8 @@ def figures(
         UsageError: ``skip`` leaves nothing of any record.
     """
     require_left(records, skip)
+    if not model.inputs and horizon is None:
+        horizon = 1
     with np.errstate(over="ignore", invalid="ignore"):
         runs = [outputs(model, r, horizon, start, skip) for r in records]
         ys = [r.y for r in records]

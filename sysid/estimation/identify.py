@@ -11,7 +11,7 @@ from sysid.data.quality import FEWEST
 from sysid.data.record import Record
 from sysid.errors import DataError, UsageError
 from sysid.estimation.assessment import Assessment, Policy, assess
-from sysid.estimation.contest import LINEAR, run_contest
+from sysid.estimation.contest import run_contest, structures_for
 from sysid.estimation.data_notes import notes_for
 from sysid.estimation.figures import require_left
 from sysid.estimation.grid import parse_grid
@@ -21,7 +21,6 @@ from sysid.estimation.search import FitOptions
 from sysid.estimation.standings import Entry
 from sysid.structures.model import SAME_CLOCK
 from sysid.structures.orders import orders_text
-from sysid.structures.registry import structure_class
 
 SHOWN_CANDIDATES = 10
 
@@ -92,9 +91,7 @@ def identify(
             require_left(part, request.policy.skip)
     require_enough(inside, outside, request.split)
     start_of(inside, request.detrend)  # refuses a policy that does not exist
-    names = request.structures or LINEAR
-    for name in names:
-        structure_class(name)
+    names = structures_for(request.structures, records[0].input_names)
     grid = None if request.orders is None else parse_grid(request.orders)
     if grid is not None and len(names) > 1:
         raise UsageError("--orders belongs to one structure; name it with --structure")

@@ -199,11 +199,27 @@ def _output_error_starts(structure: Structure, records: Sequence[Record], focus:
     return [(k, np.concatenate([row.get(k, row["SRIV"]) for row in rows])) for k in names]
 
 
+def _time_series_starts(structure: Structure, records: Sequence[Record], focus: Focus) -> Starts:
+    """Hannan & Rissanen on the signal itself, and what least squares without C gives."""
+    assert isinstance(structure, PolynomialStructure)
+    layouts = [structure.layout(i) for i in range(structure.ny)]
+    plain = [
+        np.concatenate([arx_row(records, plain_row(lay)), np.zeros(lay.nc)]) for lay in layouts
+    ]
+    rows = [
+        hannan_rissanen(records, lay, long_arx_errors(records, plain_row(lay))) for lay in layouts
+    ]
+    return [("Hannan-Rissanen", np.concatenate(rows)), ("AR", np.concatenate(plain))]
+
+
 _STARTERS: dict[str, Starter] = {
     "arx": _arx_starts,
     "armax": _armax_starts,
     "oe": _output_error_starts,
     "bj": _output_error_starts,
+    "ar": _arx_starts,
+    "ma": _time_series_starts,
+    "arma": _time_series_starts,
 }
 
 

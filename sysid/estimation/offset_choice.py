@@ -88,7 +88,7 @@ def start_of(records: Sequence[Record], policy: str) -> Offsets:
     ny = first.ny
     if policy == "none" or (policy == "auto" and first.is_robot_log):
         return Offsets.none(first.nu, ny)
-    if policy == "mean":
+    if policy == "mean" or not first.nu:  # nothing to count a level from but the signal itself
         return Offsets(Detrend.means(records), Origin.MEANS)
     if policy == "linear":
         return Offsets(Detrend.linear(records), Origin.LINES)

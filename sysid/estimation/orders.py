@@ -260,8 +260,11 @@ def free_run_error(
     parts = []
     with np.errstate(over="ignore", invalid="ignore"):
         for r, held in zip(records, counted, strict=True):
-            run = s.simulate(theta, r.u, s.fitted_state(theta, r.u, r.y, window))
-            parts.append((r.y - run)[held])
+            if s.nu:
+                run = s.simulate(theta, r.u, s.fitted_state(theta, r.u, r.y, window))
+                parts.append((r.y - run)[held])
+            else:  # nothing drives it: how far ahead it sees is one step
+                parts.append(np.nan_to_num(s.errors(theta, r.u, r.y, window))[held])
         errors = np.concatenate(parts)
         if robust:
             limit = OUTLYING * 1.4826 * np.median(np.abs(errors), axis=0)

@@ -153,11 +153,14 @@ def reason(order: Standings, criterion: str, words: str, *, given: bool) -> str:
     if criterion not in ERROR_CRITERIA:
         return f"{text} is ahead by {criterion} over one-step errors on the estimation data."
     share = 100.0 * (1.0 - first.error)
+    kind, ahead = (
+        ("free-run", "in free run") if first.model.inputs else ("one-step", "one step ahead")
+    )
     if len(order.entries) == 1:
-        return f"{text} was chosen by {criterion} on {words}: {share:.2f} % in free run."
+        return f"{text} was chosen by {criterion} on {words}: {share:.2f} % {ahead}."
     second = order.entries[1]
     said = (
-        f"{text} is ahead: {share:.2f} % free-run fit on {words} with {_size(first)} parameters; "
+        f"{text} is ahead: {share:.2f} % {kind} fit on {words} with {_size(first)} parameters; "
         f"next {second.model.structure.name} with {100.0 * (1.0 - (second.error or 0.0)):.2f} % "
         f"and {_size(second)}"
     )

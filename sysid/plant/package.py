@@ -35,7 +35,15 @@ def package_files(model: Model, report: Mapping[str, Any] = _NOTHING, name: str 
         model: a fitted model.
         report: what ``fit`` had to say (its ``validation`` or ``estimation`` figures are kept).
         name: what to call the plant; the structure's name unless given.
+
+    Raises:
+        ModelError: the model has no input.
     """
+    if not model.inputs:
+        raise ModelError(
+            f"{name or model.structure.name} has no input that could drive it: a plant needs one; "
+            "fit a structure with inputs"
+        )
     described = description.describe(model, report, name or model.structure.name)
     test = selftest.make_selftest(model)
     texts = {selftest.NAME: selftest.to_csv(test, model), CARD: model_card(model, described)}

@@ -106,6 +106,8 @@ class Structure(ABC):
     physical: ClassVar[bool] = False
     """Whether θ counts from the channels' own zeros, so that nothing may be removed from data."""
     linear: ClassVar[bool] = False
+    takes_inputs: ClassVar[bool] = True
+    """Whether it is driven by inputs; one that is not models a signal from its own past."""
 
     @property
     def counts_from_zero(self) -> bool:

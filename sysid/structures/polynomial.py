@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Channel, Index, Record
@@ -271,8 +272,14 @@ class PolynomialStructure(Structure):
         """Whether all poles of G(q) lie inside the unit circle."""
         if not np.all(np.isfinite(theta)):
             return False
-        poles = self.transfer(theta).poles()
-        return bool(np.all(np.abs(poles) < 1.0))
+        return bool(np.all(np.abs(self._poles(theta)) < 1.0))
+
+    def _poles(self, theta: Array) -> NDArray[np.complex128]:
+        """Poles of G(q); of H(q) = A⁻¹ C where there is no input."""
+        if self.nu:
+            return self.transfer(theta).poles()
+        bottom = np.trim_zeros(determinant(self.polynomials(theta).A), "b")
+        return np.roots(bottom).astype(np.complex128)
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
         """∂ŷ/∂θ of one output on a record, zero where it cannot be predicted."""
@@ -319,7 +326,7 @@ class PolynomialStructure(Structure):
         gain = g.static_gain()
         return {
             "stable": self.stable(theta),
-            "poles": [_pole(complex(z), dt) for z in g.poles()],
+            "poles": [_pole(complex(z), dt) for z in self._poles(theta)],
             "zeros": [
                 {"output": i, "input": j, "re": float(z.real), "im": float(z.imag)}
                 for i in range(self.ny)
