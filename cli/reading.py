@@ -118,6 +118,26 @@ Held = Annotated[
         "sample every N rows.",
     ),
 ]
+Join = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--join",
+        metavar="FILE",
+        rich_help_panel=_PANEL,
+        help="More columns of the same drive, such as a camera's pose, brought onto the log's rows "
+        "and clock; LOG=FILE where there are several logs.",
+    ),
+]
+JoinOffset = Annotated[
+    float | None,
+    typer.Option(
+        "--join-offset",
+        metavar="SECONDS",
+        rich_help_panel=_PANEL,
+        help="Time of the log less time of the joined file. Estimated from wheels and pose unless "
+        "given.",
+    ),
+]
 
 _PREPARING = "Preparing the log"
 Trim = Annotated[
@@ -173,6 +193,8 @@ def read_options(
     unwrap: Unwrap = None,
     speed_of: SpeedOf = None,
     held: Held = "auto",
+    join: Join = None,
+    join_offset: JoinOffset = None,
 ) -> "ReadOptions":
     """The options above as the library takes them; this signature is their one declaration.
 
@@ -196,7 +218,15 @@ def read_options(
         unwrap=parse_periods(unwrap or []),
         speed_of=_names(speed_of),
         held=held,
+        join=tuple(_resolved(j) for j in join or []),
+        join_offset=join_offset,
     )
+
+
+def _resolved(join: str) -> str:
+    """With the whole path of the file, so that a model can read its data from anywhere."""
+    log, sign, file = join.rpartition("=")
+    return f"{log}{sign}{Path(file).resolve()}"
 
 
 def preparation(

@@ -15,6 +15,7 @@ from sysid.data.counters import as_speeds, continued
 from sysid.data.files import read_bytes
 from sysid.data.finding import Finding, Severity
 from sysid.data.held import at_sensor_rate, slow_sensors
+from sysid.data.join import companion, joined
 from sysid.data.pose_reading import pose_in_si, usable_pose
 from sysid.data.read_options import ReadOptions
 from sysid.data.record import Array, Channel, Record
@@ -116,6 +117,11 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
     data = read_bytes(path)
     table = read_table(data, path.name, options.delimiter, options.decimal)
     wanted = options.outputs or options.speed_of
+    other = companion(options.join, path)
+    together: tuple[Finding, ...] = ()
+    if other is not None:
+        table, together, more = joined(table, other, options)
+        data += more
     choice = choose_columns(
         table.names,
         options.inputs,
@@ -168,6 +174,7 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
     )
     findings = (
         *_reading_notes(table, choice, channels),
+        *together,
         *of_pose,
         *findings,
         *_doubled(table, twice),

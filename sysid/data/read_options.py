@@ -29,6 +29,9 @@ class ReadOptions:
             an empty name for every output; else it is seen from the readings (see ``counters``).
         held: what to do about sensors slower than the log: ``auto`` reads the log at their rate,
             ``keep`` leaves every row, a number is that of the rows in a sample (see ``held``).
+        join: files with more columns of the same experiment, ``LOG=FILE`` where there are several
+            logs; they are brought onto the log's rows by time (see ``join``).
+        join_offset: time of the log less time of the joined file [s]; None to estimate it.
         speed_of: outputs that are positions and are read as the speed between their readings.
 
     Raises:
@@ -47,10 +50,12 @@ class ReadOptions:
     unwrap: Mapping[str, float] = field(default_factory=dict, hash=False)
     speed_of: tuple[str, ...] = ()
     held: str = "auto"
+    join: tuple[str, ...] = ()
+    join_offset: float | None = None
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        for name in ("inputs", "outputs", "speed_of"):
+        for name in ("inputs", "outputs", "speed_of", "join"):
             given = getattr(self, name)
             put(self, name, (given,) if isinstance(given, str) else tuple(given))
         put(self, "units", dict(self.units))

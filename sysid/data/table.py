@@ -2,11 +2,12 @@
 
 import io
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.dates import date_format, seconds_of
 from sysid.data.header import MISSING, STATES
@@ -34,6 +35,7 @@ class Table:
         units: unit in brackets behind the name in the file, by column; empty when there is none.
         notes: what a person should know about the reading.
         source: the text's layout, or the pandas frame of a Parquet file.
+        extra: columns that another file brought, by name.
     """
 
     where: str
@@ -41,6 +43,34 @@ class Table:
     units: tuple[str, ...]
     notes: tuple[str, ...]
     source: "Layout | pd.DataFrame"
+    extra: Mapping[str, Array] = field(default_factory=dict, hash=False)
+
+    def with_columns(
+        self, columns: Mapping[str, Array], units: Mapping[str, str], rows: NDArray[np.bool_]
+    ) -> "Table":
+        """The rows kept, with more columns, which have as many.
+
+        Args:
+            columns: name → numbers, (rows kept,).
+            units: name → unit in brackets, empty where there is none.
+            rows: those to keep, (N,).
+        """
+        kept = np.flatnonzero(rows).tolist()
+        if isinstance(self.source, Layout):
+            source: Any = replace(
+                self.source,
+                rows=[self.source.rows[k] for k in kept],
+                lines=[self.source.lines[k] for k in kept],
+            )
+        else:
+            source = self.source.iloc[kept]
+        return replace(
+            self,
+            names=(*self.names, *columns),
+            units=(*self.units, *(units[n] for n in columns)),
+            source=source,
+            extra={k: v[rows] for k, v in self.extra.items()} | dict(columns),
+        )
 
     def __len__(self) -> int:
         return len(self.source.rows) if isinstance(self.source, Layout) else len(self.source)
@@ -57,8 +87,15 @@ class Table:
         Raises:
             DataError: a cell is no number, or is infinite; line, column and text are named.
         """
-        index = [self.names.index(n) for n in names]
-        values = self._text(index) if isinstance(self.source, Layout) else self._frame(index)
+        index = [self.names.index(n) for n in names if n not in self.extra]
+        own = np.empty((len(self), 0))
+        if index:
+            own = self._text(index) if isinstance(self.source, Layout) else self._frame(index)
+        values = np.empty((len(self), len(names)))
+        values[:, [n not in self.extra for n in names]] = own
+        for k, name in enumerate(names):
+            if name in self.extra:
+                values[:, k] = self.extra[name]
         with np.errstate(invalid="ignore"):
             beyond = np.abs(values) > LARGEST
         if beyond.any():
@@ -79,6 +116,8 @@ class Table:
         Raises:
             DataError: the first cell reads as a date but another one does not.
         """
+        if name in self.extra:
+            return None
         column = self.names.index(name)
         if isinstance(self.source, Layout):
             sep = self.source.delimiter
@@ -163,7 +202,7 @@ class Table:
     def switches(self, names: Sequence[str]) -> dict[str, str]:
         """The columns of these that hold a switch's words -> the words, as ``OFF = 0, ON = 1``."""
         found: dict[str, str] = {}
-        for name in names:
+        for name in (n for n in names if n not in self.extra):
             column = self.names.index(name)
             if isinstance(self.source, Layout):
                 first = split_line(self.source.rows[0], self.source.delimiter)[column].strip('"')
