@@ -150,7 +150,7 @@ def test_a_step_from_rest_does_not_integrate() -> None:
         y = 20.0 + lfilter([0.0, 80.0 * (1 - pole)], [1.0, -pole], u) + 0.3 * rng.normal(size=360)
         names = (Channel("power", "kW"),), (Channel("temperature", "°C"),)
         r = Record(u[:, None], y[:, None], 10.0, *names)
-        m = run_contest(("arx", "armax", "oe", "bj"), [r], FitOptions()).entries[0].model
+        m = run_contest(("arx", "oe"), [r], FitOptions()).entries[0].model
         value, error = gain(m)
         assert m.structure.stable(m.theta)
         assert abs(value - 80.0) < max(0.03 * 80.0, 3.0 * error)
@@ -216,6 +216,20 @@ def test_given_terms_are_products_of_readings() -> None:
     values = {p.name: p.value for p in m.parameter_table()}
     assert sorted(values.values()) == pytest.approx([-0.2, 0.5, 0.7], abs=0.02)
     assert m.detrend.is_none
+    assert "the term constant" in m.level_sentence()
+
+
+def test_levels_of_a_searched_polynomial() -> None:
+    rng = np.random.default_rng(0)
+    u = rng.uniform(0.0, 1.0, 50).repeat(8)
+    y = 20.0 + lfilter([0.0, 0.5], [1.0, -0.7], u) + 0.002 * rng.normal(size=400)
+    found = run_contest(("narmax", "arx"), [Record(u[:, None], y[:, None], 0.1)], FitOptions())
+    for m in (e.model for e in found.entries):
+        # a step of 1 raises the output by 5/3, whatever it is counted from
+        low, high = (m.simulate(np.full((400, 1), v))[-1, 0] for v in (0.2, 0.8))
+        assert high - low == pytest.approx(0.6 * 0.5 / 0.3, rel=0.02)
+        assert low == pytest.approx(20.0 + 0.2 * 0.5 / 0.3, abs=0.02)
+    assert {e.model.level.origin for e in found.entries} == {Origin.INSIDE, Origin.ESTIMATED}
 
 
 def test_the_level_is_said(tmp_path: Path, capsys: Capture) -> None:

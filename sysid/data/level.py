@@ -114,9 +114,18 @@ def _values(channels: Sequence[Channel], offsets: Sequence[float], errors: Seque
     """``y = 71.3 ± 0.2 °C``, every channel."""
     known = errors or (0.0,) * len(channels)
     return ", ".join(
-        f"{c.name} = {value_with_error(float(v), e)}{f' {c.unit}' if c.unit else ''}"
+        f"{c.name} = {_value(c, float(v), e)}"
         for c, v, e in zip(channels, offsets, known, strict=True)
     )
+
+
+def _value(channel: Channel, value: float, error: float) -> str:
+    """``7.47 ± 0.02 rad/s (71.3 ± 0.2 rpm)``."""
+    text = f"{value_with_error(value, error)} {channel.unit}".strip()
+    if not channel.file_unit or value == 0.0:
+        return text
+    in_file = value_with_error(value / channel.scale, error / abs(channel.scale))
+    return f"{text} ({in_file} {channel.file_unit})"
 
 
 def value_with_error(value: float, error: float) -> str:

@@ -25,7 +25,6 @@ from sysid.estimation.search import FitOptions
 from sysid.estimation.standings import Entry, in_order, reason
 from sysid.structures.base import Structure
 from sysid.structures.model import Model
-from sysid.structures.polynomial import PolynomialStructure
 from sysid.structures.registry import structure_class
 
 SEARCH_SAMPLES = 12_000
@@ -118,19 +117,16 @@ def run_contest(
     small = shortened(records, SEARCH_SAMPLES)
     nu, ny = records[0].nu, records[0].ny
     offsets, nk = _offsets_and_delay(records, small, detrend, search=grid is None)
-    tasks, data, words = [], {}, ""
+    cut = hold_out(small, longest_of(nk))
+    tasks, data = [], {}
     for name in names:
-        raw = {"nk": nk} if grid is None else dict(grid[0])
-        own = _offsets_of(name, raw, small, offsets, options)
-        data[name] = (
-            hold_out([own.detrend.remove(r) for r in small], longest_of(nk)),
-            own.estimated,
-        )
-        held, words = data[name][0].held, data[name][0].words
-        samples = data[name][0].samples
-        chosen = list(grid) if grid is not None else _grid(name, nu, ny, samples, nk)
-        for orders in chosen:
-            structure_class(name).from_orders(dict(orders), nu, ny, options.structure_options)
+        chosen = list(grid) if grid is not None else _grid(name, nu, ny, cut.samples, nk)
+        made = [
+            structure_class(name).from_orders(dict(o), nu, ny, options.structure_options)
+            for o in chosen
+        ]
+        own = offsets.for_structure(made[0], small)
+        data[name] = (cut.of(own.detrend.remove), own.estimated)
         tasks.append((name, chosen))
     searches, failed = _searches(tasks, data, options, criterion, jobs, progress)
     entries = []
@@ -160,8 +156,10 @@ def run_contest(
         raise DataError("; ".join(failed.values()) or "no structure could be fitted")
     if progress:
         progress(1.0, "done")
-    order = in_order(entries, records, options, criterion, tie_margin(held))
-    return Contest(order.entries, reason(order, criterion, words, given=grid is not None), failed)
+    order = in_order(entries, records, options, criterion, tie_margin(cut.held))
+    return Contest(
+        order.entries, reason(order, criterion, cut.words, given=grid is not None), failed
+    )
 
 
 def _offsets_and_delay(
@@ -179,21 +177,6 @@ def _offsets_and_delay(
         data = hold_out([first.detrend.remove(r) for r in small])
         nk = choose_delay(data, any(first.estimated)) if small[0].nu else 1
     return choose_offsets(records, known, nk) if isinstance(known, str) else known, nk
-
-
-def _offsets_of(
-    name: str,
-    orders: Mapping[str, Any],
-    records: Sequence[Record],
-    offsets: Offsets,
-    options: FitOptions,
-) -> Offsets:
-    cls, first = structure_class(name), records[0]
-    if issubclass(cls, PolynomialStructure):
-        return offsets
-    own = {k: v for k, v in orders.items() if k in cls.order_names}  # grey boxes have none
-    made = cls.from_orders(own, first.nu, first.ny, options.structure_options)
-    return offsets.for_structure(made, records)
 
 
 def _fitted(

@@ -61,7 +61,11 @@ def cross_validate(
             f"{records[0].name}: {folds} folds leave blocks under {SHORTEST_BLOCK} samples; use "
             "fewer folds or a longer log"
         )
-    again = Offsets.again(model.detrend, model.level, len(model.outputs))
+    again = (
+        Offsets.again(model.detrend, model.level, len(model.outputs))
+        if model.level.estimated
+        else model.detrend
+    )
     squares, counts, failed = [], [], 0
     total = np.zeros(len(model.outputs))
     for k in range(folds):

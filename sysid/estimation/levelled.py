@@ -103,6 +103,7 @@ def _narrowed(
     target = base if offsets.at_rest else np.where(reaches, 0.0, base)
     shift, u_error, y_error = move(target - base)
     at_base = move(np.zeros(len(base)))[0]
+    y_error = np.maximum(y_error, _least_error(wide, outcome, records, before))
     null = outcome.null[kept]
     narrow = replace(
         outcome,
@@ -124,6 +125,24 @@ def _narrowed(
             offsets.why,
         ),
     )
+
+
+def _least_error(
+    wide: PolynomialStructure, outcome: Outcome, records: Sequence[Record], before: Detrend
+) -> Array:
+    """σ_e/√N of each output that has a level: less no noise that is not differenced leaves.
+
+    A noise model whose zero has come to lie at frequency zero, as it often does where a mean is
+    estimated with it, says that the level is known exactly (pile-up; Davis & Dunsmuir 1996).
+    """
+    errors = []
+    for r in records:
+        plain = with_ones(before.remove(r))
+        errors.append(wide.errors(outcome.theta, plain.u, plain.y, len(plain)))
+    e = np.concatenate(errors)
+    e = e[np.all(np.isfinite(e), axis=1)]
+    least = np.sqrt(np.mean(e**2, axis=0) / max(len(e), 1)) if len(e) else np.zeros(wide.ny)
+    return np.where(np.isin(np.arange(wide.ny), constant_places(wide)[1]), least, 0.0)
 
 
 def _moved(before: Detrend, shift: tuple[Array, Array]) -> Detrend:

@@ -69,6 +69,8 @@ class Offsets:
         asked = self.origin in (Origin.MEANS, Origin.LINES)
         if structure.linear or asked or self.origin is Origin.ZERO:
             return self
+        if structure.counts_from_zero and structure.lacks_constant:
+            return Offsets.none(nu, ny, structure.lacks_constant)
         if structure.counts_from_zero:
             return Offsets(Detrend.none(nu, ny), Origin.INSIDE)
         if self.at_rest:

@@ -131,7 +131,8 @@ def _information(entries: Sequence[Entry], records: Sequence[Record], name: str)
 
 def _size(entry: Entry) -> int:
     """Parameters to estimate; initial states belong to the record, not to the model."""
-    return sum(p.fixed is None for p in entry.model.parameters)
+    model = entry.model
+    return sum(p.fixed is None for p in model.parameters) + model.level.estimated
 
 
 def reason(order: Standings, criterion: str, words: str, *, given: bool) -> str:

@@ -42,7 +42,9 @@ def model_card(model: Model, described: Mapping[str, Any]) -> str:
         orders=_cell(f"orders {orders_text(core['orders'])}" if core["orders"] else "no orders"),
         output_offset=_offsets("adds", described["outputs"], after["offset"]),
         parameters="\n".join(_parameter_rows(core["parameters"])),
-        behaviour="\n".join(f"- {x}" for x in (*_behaviour(described), *_ground(model))),
+        behaviour="\n".join(
+            f"- {x}" for x in (*_behaviour(described, model.level_sentence()), *_ground(model))
+        ),
         fit="\n".join(_fit(described["fit"])),
         domain="\n".join(_domain_rows(described)),
         origin="\n".join(f"- {line}" for line in _origin(described)),
@@ -74,8 +76,10 @@ def _ground(model: Model) -> Iterator[str]:
         )
 
 
-def _behaviour(described: Mapping[str, Any]) -> Iterator[str]:
+def _behaviour(described: Mapping[str, Any], level: str) -> Iterator[str]:
     properties = described["properties"]
+    if level:
+        yield _cell(level)
     if "stable" in properties:
         yield "Stable." if properties["stable"] else "**Unstable**: its free run grows without end."
     for pole in properties.get("poles", []):

@@ -111,8 +111,13 @@ class Structure(ABC):
 
     @property
     def counts_from_zero(self) -> bool:
-        """Whether what θ says is about the inputs' own zeros; it then has a level of its own."""
+        """Whether what θ says is about the channels' own zeros, so that nothing may be removed."""
         return self.physical
+
+    @property
+    def lacks_constant(self) -> str:
+        """Why a structure that counts from zero has no level of its own; empty where it has."""
+        return ""
 
     @property
     @abstractmethod

@@ -91,6 +91,13 @@ class NARMAX(Structure):
         return bool(self.terms)
 
     @property
+    def lacks_constant(self) -> str:
+        """Where the user gave terms and 1 is none of them."""
+        if not self.terms or all(() in row for row in self.terms):
+            return ""
+        return "the terms given hold none; the term constant is one"
+
+    @property
     def nu(self) -> int:
         """Number of inputs."""
         return self.orders.nu
