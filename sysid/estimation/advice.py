@@ -16,6 +16,9 @@ GOOD_PREDICTION = 80.0
 FALL = 25.0
 """Percentage points between one-step and free-run fit that deserve one."""
 
+WORSE = 1.05
+"""Errors over those of the mean from which their ratio is worth a number."""
+
 CANCELLING = 0.02
 """Distance below which a pole and a zero cancel for all practical purposes."""
 
@@ -38,6 +41,7 @@ def advice(
         residuals: residual tests on the estimation data.
     """
     found = [
+        *_useless(free_run, validation),
         *_ending(model, residuals),
         *_stability(model),
         *_information(model),
@@ -47,6 +51,24 @@ def advice(
         *_residuals(model, residuals),
     ]
     return tuple(found[:MAX_SENTENCES])
+
+
+def _useless(free_run: Figures, validation: Figures | None) -> list[str]:
+    """Outputs that a constant would foretell better than the model does."""
+    found = []
+    for name, inside in free_run.fit_percent.items():
+        outside = inside if validation is None else validation.fit_percent.get(name, inside)
+        fit, where = min((inside, "its own data"), (outside, "the validation data"))
+        if not fit < 0.0:
+            continue
+        times = 1.0 - fit / 100.0
+        worse = f"errs {times:.3g} times as much as" if times >= WORSE else "does no better than"
+        found.append(
+            f"{name}: this model is useless for running freely: on {where} it {worse} the constant "
+            f"mean of {name} (fit {fit:.5g} %). Look for wrong columns, signs, units and jumps "
+            "with `sysid inspect`, then for another structure."
+        )
+    return found
 
 
 def _ending(model: Model, residuals: ResidualReport) -> list[str]:
