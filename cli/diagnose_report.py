@@ -60,7 +60,12 @@ def _where(found: "Diagnosis") -> None:
 
 
 def _what(found: "Diagnosis") -> None:
-    from sysid.report.diagnosis_words import evidence_sentence, score_words, tie_sentence
+    from sysid.report.diagnosis_words import (
+        evidence_sentence,
+        nothing_named,
+        score_words,
+        tie_sentence,
+    )
 
     _section("What")
     for k, e in enumerate(found.effects, start=1):
@@ -70,8 +75,7 @@ def _what(found: "Diagnosis") -> None:
             if sentence:
                 render.say(f"   {sentence}")
     if not found.effects:
-        named = found.verdict == "unexplained"
-        render.say("No effect of the catalogue explains it." if named else "No effect is missing.")
+        render.say(nothing_named(found))
     if found.description:
         render.say(f"What remains: {found.description}")
     if found.minor:

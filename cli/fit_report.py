@@ -72,7 +72,7 @@ def residual_words(residuals: Mapping[str, Any]) -> str:
     """What the residual tests found, as a fit and a comparison both say it."""
     if not residuals:
         return "–"
-    words = ["independent of u" if residuals["independence"]["passed"] else "depend on u"]
+    words = ["no linear trace of u" if residuals["independence"]["passed"] else "depend on u"]
     if residuals["whiteness"]["judged"]:
         words.append("white" if residuals["whiteness"]["passed"] else "not white")
     for kind, found in (residuals.get("nonlinear") or {}).items():
@@ -87,9 +87,9 @@ def residual_words(residuals: Mapping[str, Any]) -> str:
 
 
 _NONLINEAR = {
-    "error products": "εu left",
-    "input squares": "u² left",
-    "error size": "size varies with u",
+    "error products": "products of error and input left",
+    "input squares": "squares of the input left",
+    "error size": "larger errors at large inputs",
 }
 """Words for what Billings & Voon's tests found in the residuals of a nonlinear model."""
 

@@ -161,7 +161,7 @@ def test_the_same_log_gives_the_same_diagnosis(tmp_path: Path) -> None:
 def test_a_log_with_more_outputs_than_inputs_is_refused(tmp_path: Path) -> None:
     log = logs(tmp_path, "", 21)["est"]
     one = dataclasses.replace(log, u=log.u[:, :1], inputs=log.inputs[:1])
-    with pytest.raises(DataError, match="one command a track"):
+    with pytest.raises(DataError, match="one input for each output"):
         diagnose([one])
 
 

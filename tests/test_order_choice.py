@@ -49,9 +49,9 @@ def motor(n: int = 600, noise: float = 0.02, seed: int = 1, **facts: float) -> R
     ("lengths", "pieces", "words"),
     [
         ((100,), 1, "the last 30 %"),
-        ((300,), 2, "blocks of 30 %"),
-        ((1000,), 4, "three of ten interleaved blocks"),
-        ((100, 1000), 5, "blocks of 30 %"),
+        ((300,), 2, "the 30 %"),
+        ((1000,), 4, "the 30 % of the estimation data that were held out"),
+        ((100, 1000), 5, "the 30 %"),
         ((900,) * 5, 5, "the last 30 % of each piece"),
     ],
 )
@@ -185,5 +185,5 @@ def test_the_contest_says_by_what_it_was_decided(criterion: str) -> None:
     if criterion == "fit":  # AIC may take an order more
         error = np.sqrt(first.covariance[1, 1])
         assert abs(first.theta[1] + 0.6) < 4 * error  # a chance of 6e-5
-    words = {"fit": "free-run fit on blocks", "aic": "ahead by aic", "bic": "ahead by bic"}
+    words = {"fit": "free-run fit on the 30 %", "aic": "ahead by aic", "bic": "ahead by bic"}
     assert words[criterion] in found.reason

@@ -14,6 +14,7 @@ from sysid.data.record import Array, Record
 from sysid.discrepancy.diagnosis import Experiment
 from sysid.discrepancy.named_sets import Node
 from sysid.discrepancy.naming import NamingSearch
+from sysid.discrepancy.pose_windows import track_channels
 from sysid.discrepancy.schedules import Row, programme, programmes_of
 from sysid.discrepancy.supermodel import prepare
 from sysid.effects.catalogue import catalogue
@@ -63,7 +64,7 @@ def experiment_between(
         apart = _apart(search, list(tied.values()), programme(name), floor, (scales, delay))
         if apart > least * 1.1:
             best, least = name, apart
-    purpose = f"To tell {_listed(ids)} apart: {_lower(_WORDS[best])}"
+    purpose = f"To tell {_listed(ids)} apart: {_lower(_words(best, record))}"
     if least >= 0.0:
         clear = "clear" if least > CLEAR else "enough" if least > FAINT else "hardly enough"
         purpose += f" The models then differ by {least:.2g} times the noise, which is {clear}."
@@ -75,12 +76,15 @@ def next_experiments(
 ) -> tuple[Experiment, ...]:
     """Schedules for effects that the log cannot show; effects of one programme share it."""
     grouped: dict[str, list[str]] = {}
+    one_way = bool(all(np.min(record.u, axis=0) >= 0.0)) and not record.is_robot_log
     for id in undetectable:
+        if one_way and id in NEED_REVERSALS:
+            continue  # an actuator without a negative side cannot show them
         if id in catalogue() or id in _SAMPLES:
             grouped.setdefault(programmes_of(id)[0], []).append(id)
     found = []
     for name, ids in sorted(grouped.items(), key=lambda item: -len(item[1]))[:most]:
-        purpose = f"This log cannot show {_listed(ids)}; {_lower(_WORDS[name])}"
+        purpose = f"This log cannot show {_listed(ids)}; {_lower(_words(name, record))}"
         found.append(_written(purpose, tuple(ids), programme(name), record, scales))
     return tuple(found)
 
@@ -157,6 +161,17 @@ def _lower(text: str) -> str:
     return text[:1].lower() + text[1:]
 
 
+NEED_REVERSALS = ("direction-asymmetry", "viscous-asymmetry", "backlash", "unsigned-speed")
+"""Effects that only commands of both signs can show."""
+
+
+def _words(name: str, record: Record) -> str:
+    """What a programme does, in words that fit the log."""
+    if track_channels(record) is None:
+        return _PLAIN.get(name, _WORDS[name])
+    return _WORDS[name]
+
+
 _SAMPLES = {
     "quantisation": "Hold several slow speeds and look at the readings' digits.",
     "held-telemetry": "Let the drive send every reading, or log only when one arrives.",
@@ -177,3 +192,16 @@ _WORDS = {
     "turns": "drive straight, turn at several radii, and turn on the spot, in both directions.",
     "rests": "rest for ten seconds between equal steps in both directions.",
 }
+
+_PLAIN = {
+    "staircase": "climb a slow staircase through the whole range of the input and down again.",
+    "levels": "step to many levels over the whole range of the input, with rests between.",
+    "one_and_other": "hold one input constant while the other steps, then swap.",
+    "reversals": "step up and down often, by several heights and at irregular instants.",
+    "ramps": "ramp up slowly from zero and down to zero again.",
+    "coasting": "switch off from several levels, and step down to lower ones for comparison.",
+    "cruise": "hold several constant levels for a long time.",
+    "top": "step to the largest inputs, in small and in large steps.",
+    "hot": "drive hard for 40 s between two equal test sequences, then rest and test again.",
+}
+"""The same for logs that are no robot's."""

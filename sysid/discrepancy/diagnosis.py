@@ -209,6 +209,8 @@ class Diagnosis:
         plainer: the base that the effects were added to where that is not the model before.
         geometry: the vehicle's lengths, where nobody gave them and the pose contradicts those
             that are assumed.
+        unfollowed: that the model after does not follow the log, and what to do; empty where it
+            does.
     """
 
     verdict: str
@@ -232,6 +234,7 @@ class Diagnosis:
     seconds: float = 0.0
     plainer: str = ""
     geometry: GeometryEstimate | None = None
+    unfollowed: str = ""
 
     @property
     def grown(self) -> bool:

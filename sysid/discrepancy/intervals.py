@@ -23,6 +23,7 @@ from sysid.discrepancy.candidates import COARSE, POLISH
 from sysid.discrepancy.evidence import effective_samples
 from sysid.discrepancy.named_sets import Interval, Node
 from sysid.discrepancy.naming import NamingSearch
+from sysid.discrepancy.walkers import Drifted, drifted
 from sysid.effects.catalogue import CHANGED, effect
 
 LEVEL, THRESHOLD = 3.84, 7.35
@@ -61,17 +62,27 @@ def intervals_of(base: NamingSearch, node: Node) -> tuple[Node, dict[int, Interv
         (the node, moved where a value held explains more than its own; intervals).
     """
     found: dict[int, Interval] = {}
+    walked: Drifted | None = None
     for _ in range(REPEATS + 1):
         slots = _profiled(base, node)
         if not slots:
             return node, {}
-        walk = _Walk(base, node, slots)
-        found = walk.intervals()
+        ragged = tuple(k for k in slots if _ragged(base, k))
+        walk = _Walk(base, node, [k for k in slots if k not in ragged])
+        if ragged and walked is None:  # once: walkers go far, wherever they begin
+            walked = drifted(base, node, ragged, walk.joined)
+            walk.remember(walked.best)
+        found = ({} if walked is None else walked.intervals) | walk.intervals()
         better = walk.better()
         if better is None:
             break
         node = better
     return node, found
+
+
+def _ragged(base: NamingSearch, k: int) -> bool:
+    """Whether a slot belongs to an effect whose likelihood no search descends."""
+    return any(p.stepwise for p in effect(base.model.slots[k].owner).parameters)
 
 
 def _profiled(base: NamingSearch, node: Node) -> tuple[int, ...]:
@@ -116,6 +127,8 @@ class _Walk:
 
     def _seen(self, slots: Sequence[int]) -> list[int]:
         """Slots on which the run depends anywhere between their bounds and null values."""
+        if not slots:
+            return []
         rows = []
         for k in slots:
             s = self.model.slots[k]
@@ -217,6 +230,13 @@ class _Walk:
             mine = [j for j, s in enumerate(self.model.slots) if s.track == track]
             self.best[track] = change[track]
             self.best_row[mine] = row[mine]
+
+    def remember(self, row: Array) -> None:
+        """Keep what explains more than the estimate, found elsewhere."""
+        cost = self._cost(row[None])[0]
+        change = self.samples * np.log((cost + 1e-300) / (self.cost + 1e-300))
+        for track in [None] if self.joined else list(self.tracks):
+            self._remember(row, change, track)
 
     def better(self) -> Node | None:
         """The node at a value that explains clearly more than its own, if there was one."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
+from sysid.discrepancy.pose_windows import track_channels
 
 Mask = NDArray[np.bool_]
 REPLICATES = 200
@@ -146,11 +147,33 @@ def regimes(record: Record, i: int, scales: Array) -> dict[str, Mask]:
         other = d[:, 1 - min(i, 1)]
         found["the other track is driven hard"] = np.abs(other) > 0.6
         found["the other track rests"] = np.abs(other) < 0.05
-        found["the robot turns"] = np.sign(own) * np.sign(other) < 0
-        found["the robot runs straight"] = np.abs(own - other) < 0.1
+        if track_channels(record) is not None:
+            found["the robot turns"] = np.sign(own) * np.sign(other) < 0
+            found["the robot runs straight"] = np.abs(own - other) < 0.1
+    if track_channels(record) is None:
+        found = {_PLAIN.get(name, name): mask for name, mask in found.items()}
     found["the first third of the log"] = time < 1 / 3
     found["the last third of the log"] = time > 2 / 3
     return found
+
+
+_PLAIN = {
+    "it stands although it is driven": "it is near zero although its command is not",
+    "it stands": "it is near zero",
+    "it breaks away": "it has just left zero",
+    "it runs forward": "it is positive",
+    "it runs backward": "it is negative",
+    "it speeds up": "it moves away from zero",
+    "it slows down": "it moves towards zero",
+    "its command is zero while it runs": "its command is zero while it is not",
+    "it turns steadily": "it is steady away from zero",
+    "speed is between 3 and 35 % of the largest": "it is between 3 and 35 % of its largest value",
+    "speed is between 35 and 70 % of the largest": "it is between 35 and 70 % of its largest value",
+    "speed is above 70 % of the largest": "it is above 70 % of its largest value",
+    "the other track is driven hard": "the other input is above 60 % of full drive",
+    "the other track rests": "the other input is near zero",
+}
+"""Regimes of a log that is no robot's: an oven neither stands nor runs."""
 
 
 def _after(events: Mask, n: int, samples: int) -> Mask:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.quality import inspect_records
 from sysid.data.record import Array
 from sysid.discrepancy import findings
 from sysid.discrepancy.advise import experiment_between, next_experiments
@@ -15,6 +16,7 @@ from sysid.discrepancy.detectable import detectable
 from sysid.discrepancy.diagnosis import Diagnosis, Experiment, Trace
 from sysid.discrepancy.evidence import PROVEN, PROVEN_IN_LOOP
 from sysid.discrepancy.explain import described, explain
+from sysid.discrepancy.following import ASTRAY, not_followed
 from sysid.discrepancy.ground_model import with_ground
 from sysid.discrepancy.intervals import intervals_of
 from sysid.discrepancy.localise import Region, localise
@@ -28,7 +30,7 @@ from sysid.discrepancy.slopes import slopes
 from sysid.discrepancy.verify import Gap, measure_gap
 from sysid.effects.base import Effect
 from sysid.effects.catalogue import CHANGED, chain_effects
-from sysid.errors import DataError
+from sysid.errors import DataError, SysidError
 from sysid.structures.model import Model
 
 DEPENDENT = 1e-3
@@ -111,6 +113,8 @@ class Study:
     def searched(self, effects: Sequence[Effect], before: Left | None, say: Progress) -> "Outcome":
         """The search for what is missing, unless there is nothing to explain."""
         naming = self.nothing
+        if self.base.search.model.tracks == 1:
+            effects = [e for e in effects if not e.couples]
         needed = self.asked(before)
         if effects and needed > 0.0:
             naming = self.base.search.run(
@@ -252,9 +256,11 @@ class Study:
             description = described(
                 explain(base.parts.held, naming.final.errors.held, runs, self.floor, self.scales)
             )
+        poor = self._poor(naming)
         verdict = "no-missing-effect"
         off = told is not None and told.left.structured
-        if effects or found.withdrawn or off or (structured and not slight):
+        astray = poor.startswith(ASTRAY)
+        if effects or found.withdrawn or off or astray or (structured and not slight):
             verdict = "effects-found" if effects else "unexplained"
         before = model if model is not None else model_of(base, naming.base)
         after = model_of(base, naming.final, naming.intervals) if naming.named else before
@@ -266,7 +272,8 @@ class Study:
         unseen = self._unseen(naming, told, [e.id for e in effects])
         return Diagnosis(
             verdict=verdict,
-            story=_story(verdict, [e.id for e in effects], gap, left_after),
+            story=poor or _story(verdict, [e.id for e in effects], gap, left_after),
+            unfollowed=poor,
             base_words=base.words if self.doubted is None else self.doubted.base.words,
             plainer=base.words if self.doubted is not None else "",
             effects=effects,
@@ -290,6 +297,17 @@ class Study:
             geometry=told.geometry if told is not None else None,
         )
 
+    def _poor(self, naming: Naming) -> str:
+        """That the model after does not follow the log, and what its checks say of why."""
+        errors = naming.final.errors.held
+        if not not_followed(self.base.parts.held, errors, self.floor, ()):
+            return ""
+        try:
+            checks = inspect_records(self.base.parts.estimation)
+        except SysidError:
+            checks = ()
+        return not_followed(self.base.parts.held, errors, self.floor, checks)
+
     def _traces(self, naming: Naming) -> tuple[Trace, ...]:
         traces = findings.traces(self.base, naming)
         if self.doubted is None:
@@ -305,14 +323,15 @@ class Study:
     def _unseen(
         self, naming: Naming, told: PoseDiagnosis | None, named: Sequence[str]
     ) -> dict[str, float | None]:
-        rest = [e.id for e in chain_effects() if e.id not in named]
+        single = self.base.parts.estimation[0].ny == 1
+        rest = [e.id for e in chain_effects() if e.id not in named and not (single and e.couples)]
         rest += [id for id in ("quantisation", "dropouts") if id not in named]
         if self.base.level:
             rest = [id for id in rest if id not in ("load-bias", "sensor-bias")]
         found = detectable(self.base.search, naming.final, rest)
         if told is not None:
             found |= {k: v for k, v in told.detectable.items() if k not in named}
-        else:
+        elif not single:
             found |= dict.fromkeys(("track-slip", "radius-mismatch", "track-width"))
         return found
 
@@ -403,9 +422,11 @@ def _story(verdict: str, ids: Sequence[str], gap: Gap, left: Left | None) -> str
     if verdict == "effects-found":
         text = f"Missing: {', '.join(ids)}."
         if structured and (gap.closed_percent < 90.0 or loud):
-            text += f" {100.0 - gap.closed_percent:.0f} % of the gap remains and is structured"
+            rest = 100.0 - gap.closed_percent
+            share = "Less than 1 %" if rest < 1.0 else f"{rest:.0f} %"
+            text += f" {share} of the error beyond the noise is left"
             text += f" (errors: {loud} the noise)" if loud else ""
-            text += ": something else is missing, too."
+            text += " and still follows commands and speeds: something else is missing, too."
         elif loud:
             text += (
                 f" The errors that remain ({loud} the noise) depend on nothing known: a "

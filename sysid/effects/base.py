@@ -123,6 +123,7 @@ class Effect:
             a first reading says of the speed.
         ties: effects that many logs cannot tell from it.
         rare: whether one of these is rather named where a log cannot tell.
+        couples: whether it ties tracks to each other, so that a single one cannot have it.
         opposite: the sentence where the first number lies below its null value, for an effect that
             then does the opposite; empty where the sentence holds on both sides.
     """
@@ -145,4 +146,5 @@ class Effect:
     undone: Callable[[Signal, Mapping[str, Signal]], Signal] | None = None
     ties: tuple[str, ...] = ()
     rare: bool = False
+    couples: bool = False
     opposite: str = ""

@@ -204,6 +204,7 @@ EFFECTS = (
         "One track at a constant command while the other steps.",
         (EffectParameter("share", "", 0.0, -0.6, 0.6, (0.1, -0.1), "one"),),
         _coupling,
+        couples=True,
         opposite="One track's torque helps the other through the body.",
     ),
     Effect(
@@ -301,6 +302,7 @@ EFFECTS = (
         _inertia,
         _together,
         shared=True,
+        couples=True,
     ),
     Effect(
         "coast-asymmetry",

@@ -110,9 +110,7 @@ def _words(cuts: Sequence[object]) -> str:
     if all(c is ONCE for c in cuts):
         each = "" if len(cuts) == 1 else "each piece of "
         return f"the last 30 % of {each}the estimation data"
-    if all(c is THRICE for c in cuts):
-        return "three of ten interleaved blocks of the estimation data"
-    return "blocks of 30 % in all of the estimation data"
+    return "the 30 % of the estimation data that were held out"
 
 
 def shortened(records: Sequence[Record], samples: int) -> tuple[Record, ...]:

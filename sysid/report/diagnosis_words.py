@@ -47,6 +47,8 @@ class Moved:
 
 def headline(found: Diagnosis) -> str:
     """The verdict in a few words."""
+    if found.unfollowed:
+        return found.unfollowed.partition(":")[0]
     if found.verdict == "effects-found":
         return f"Missing: {', '.join(e.id for e in found.effects)}"
     if found.verdict == "no-missing-effect":
@@ -141,6 +143,15 @@ def residual_sentence(test: ResidualVerdict) -> str:
     )
 
 
+def nothing_named(found: Diagnosis) -> str:
+    """What stands in the place of effects where none is named."""
+    if found.unfollowed:
+        return "No effect is named: the model must follow the log first."
+    if found.verdict == "unexplained":
+        return "No effect of the catalogue explains it."
+    return "No effect is missing."
+
+
 def evidence_sentence(effect: NamedEffect) -> str:
     """Why an effect was accepted."""
     if effect.id in ("quantisation", "held-telemetry", "dropouts"):
@@ -153,8 +164,9 @@ def evidence_sentence(effect: NamedEffect) -> str:
 
 def story(found: Diagnosis) -> str:
     """The sentence below the headline, unless it says the same."""
-    said = f"{headline(found)}."
-    return found.story.removeprefix(said).strip()
+    said = headline(found)
+    text = found.story.removeprefix(said).lstrip(".:").strip()
+    return f"{text[:1].upper()}{text[1:]}"
 
 
 def score_words(score: float) -> str:

@@ -1,0 +1,104 @@
+"""What a diagnosis says of logs that are no robot's, and of models that are none."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import run, write_log
+
+from sysid.data.record import Array, Channel, Record
+from sysid.discrepancy.advise import next_experiments
+from sysid.discrepancy.following import not_followed
+from sysid.discrepancy.localise import localise, regimes
+from sysid.discrepancy.model_error import Left
+from sysid.discrepancy.study import _story
+from sysid.discrepancy.verify import ChannelGap, Gap
+
+ROBOTS_OWN = ("track", "robot", "speed", "stands", "runs")
+
+
+def heated(n: int = 800, seed: int = 0) -> tuple[Array, Array]:
+    """An oven: a heater of 0 to 100 %, a temperature that follows slowly."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.integers(0, 11, n // 40 + 1) * 10.0, 40)[:n]
+    y = np.full(n, 20.0)
+    for k in range(1, n):
+        y[k] = y[k - 1] + (20.0 + 1.5 * u[k - 1] - y[k - 1]) / 30.0
+    return u, y + 0.3 * rng.standard_normal(n)
+
+
+def oven(seed: int = 0) -> Record:
+    u, y = heated(seed=seed)
+    return Record(u, y, 1.0, (Channel("u_heater", "%"),), (Channel("y_temp", "°C"),))
+
+
+def test_an_oven_is_not_spoken_of_as_a_track() -> None:
+    record = oven()
+    words = " ".join(regimes(record, 0, np.array([100.0])))
+    said = [
+        *localise([record], [record.y - 60.0], np.array([0.3]), np.array([100.0])),
+        *next_experiments(
+            record,
+            np.array([100.0]),
+            ["concave-gain", "supply-sag", "freewheel", "dead-zone", "backlash", "stiction"],
+            most=9,
+        ),
+    ]
+    words += " ".join(r.region if hasattr(r, "region") else r.purpose for r in said)
+    for word in ROBOTS_OWN:
+        assert word not in words, (word, words)
+    assert "backlash" not in words  # a heater cannot reverse
+
+
+def test_a_robot_is_still_spoken_of_as_one() -> None:
+    u = 8000.0 * np.sign(np.sin(np.arange(400)[:, None] / np.array([9.0, 13.0])))
+    outputs = (Channel("omega_l", "rad/s"), Channel("omega_r", "rad/s"))
+    record = Record(u, u / 1000.0, 0.1, (Channel("pwm_l"), Channel("pwm_r")), outputs)
+    assert "the robot turns" in regimes(record, 0, np.full(2, 20000.0))
+    (told, *_) = next_experiments(record, np.full(2, 20000.0), ["cross-coupling"])
+    assert "hold one track" in told.purpose
+
+
+def test_a_model_that_does_not_follow_is_called_none() -> None:
+    record = oven()
+    floor = np.array([0.3])
+    lost = not_followed([record], [1.4 * (record.y - record.y.mean())], floor, ())
+    assert lost.startswith("The model does not follow the log (y_temp -40 % fit")
+    assert "sysid inspect" in lost
+    noise = np.random.default_rng(1).standard_normal(record.y.shape)
+    still = replace(record, y=noise)
+    assert not_followed([still], [noise], np.array([1.0]), ()) == (
+        "u_heater explains nothing of y_temp: its readings look like noise. Check that these are "
+        "the right columns, or drive harder."
+    )
+    assert not not_followed([record], [0.1 * (record.y - record.y.mean())], floor, ())
+
+
+@pytest.mark.parametrize("closed", [99.9, 60.0])
+def test_what_is_left_is_said_in_words(closed: float) -> None:
+    gap = Gap(1.0, 1.0 - closed / 100.0, 0.1, closed, (closed, closed), {"y": ChannelGap(9, 3, 1)})
+    text = _story("effects-found", ["dead-zone"], gap, Left(1e-9, 0.5, ()))
+    assert "0 % of" not in text.replace("40 % of", "")
+    assert ("Less than 1 %" in text) == (closed > 99.0)
+    assert "structured" not in text
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sysid.report.html.diagnosis_page", lambda *_: "<html></html>")
+    return tmp_path
+
+
+def test_a_log_that_no_input_moves_is_never_nothing_missing(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(3)
+    u, _ = heated(600)
+    slow = np.convolve(rng.standard_normal(900), np.hanning(120), "valid")[:600]
+    write_log(here / "slow.csv", ["u_valve", "y_level"], [u, slow])
+    told = run(capsys, "diagnose", "slow.csv")
+    assert told.out.startswith("The model does not follow the log (y_level"), told.out[:300]
+    for words in ("Nothing is missing", "No effect is missing", "hold one track"):
+        assert words not in told.out
