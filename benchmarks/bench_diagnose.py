@@ -81,6 +81,9 @@ def main() -> int:
     head = ["hidden", "effects", "cold [s]", "again [s]", "fit [s]", "cold / fit", "< 20 s"]
     page = f"# Time of a diagnosis\n\n{INTRODUCTION}\n{table(head, rows, 'llrrrrc')}\n"
     options.out.write_text(page, encoding="utf-8")
+    from stamps import stamped
+
+    stamped(options.out)
     return int(worst >= TARGET)
 
 

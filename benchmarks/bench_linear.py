@@ -48,6 +48,9 @@ def main(target: Path) -> int:
         parts.append(f"## {title}\n\n{table(headers, measure(ledger), align)}")
     targets = table(["what", "measured", "target", "met"], ledger.rows, "lrrl")
     write_atomic(target, "\n".join([HEAD.format(machine=machine()), targets, *parts]))
+    from stamps import stamped
+
+    stamped(target)
     print(f"Written to {target}; missed: {', '.join(ledger.missed) or 'none'}")
     return 1 if ledger.missed else 0
 

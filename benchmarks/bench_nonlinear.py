@@ -233,6 +233,9 @@ def main(arguments: Sequence[str]) -> int:
             print(f"{name:15s} {results[name]}", flush=True)
     text, missed = page(results)
     write_atomic(asked.out, text)
+    from stamps import stamped
+
+    stamped(asked.out)
     print(f"Written to {asked.out}; missed: {', '.join(missed) or 'none'}")
     return 1 if missed else 0
 

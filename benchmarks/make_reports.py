@@ -13,6 +13,8 @@ import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from stamps import stamped
+
 REPORTS = Path(__file__).resolve().parent.parent / "reports"
 
 Writer = Callable[[Path], Mapping[str, str]]
@@ -47,6 +49,7 @@ def main(names: list[str], folder: Path = REPORTS) -> int:
         texts = every[name](folder)
         for file, text in texts.items():
             (folder / file).write_text(text, encoding="utf-8", newline="\n")
+        stamped(*(folder / file for file in texts))
         if not texts:
             print("  left as it is: the measured records are not there (see measured_records.py)")
     print(f"Written to {folder}")

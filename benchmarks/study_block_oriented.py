@@ -204,6 +204,9 @@ def main() -> None:
         print(page)
     else:
         REPORT.write_text(page, encoding="utf-8", newline="\n")
+        from stamps import stamped
+
+        stamped(REPORT)
 
 
 if __name__ == "__main__":

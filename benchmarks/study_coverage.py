@@ -226,6 +226,9 @@ def main(records: int, target: Path) -> None:
     ]
     text = HEAD.format(records=records, error=100.0 * np.sqrt(0.95 * 0.05 / records))
     target.write_text(text + "\n" + table(headers, rows, "lrrrrrr"), encoding="utf-8")
+    from stamps import stamped
+
+    stamped(target)
 
 
 HEAD = """# Coverage of the confidence intervals

@@ -171,6 +171,9 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"{len(cases)} of {planned} runs are finished")
     outcomes = study(cases, options.adapter, options.jobs, options.results)
     options.out.write_text(report(outcomes), encoding="utf-8")
+    from stamps import stamped
+
+    stamped(options.out)
     seconds = sorted(o.seconds for o in outcomes)
     print(
         f"{len(outcomes)} runs, median {seconds[len(seconds) // 2]:.1f} s, "

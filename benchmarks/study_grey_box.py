@@ -172,6 +172,9 @@ def main() -> None:
             ordered = sorted(lines, key=lambda row: row[0])
             text = TEXT.format(table=table(HEADS, ordered), found="\n".join(sorted(found)))
             REPORT.write_text(text, encoding="utf-8", newline="\n")
+            from stamps import stamped
+
+            stamped(REPORT)
     print(table(HEADS, lines))
 
 

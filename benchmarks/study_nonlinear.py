@@ -96,6 +96,9 @@ def main(arguments: Sequence[str]) -> int:
                 store(result)
                 print(f"{record:10s} {name:20s} {_line(result)}", flush=True)
     write_atomic(REPORT, page(known))
+    from stamps import stamped
+
+    stamped(REPORT)
     print(f"Written to {REPORT}")
     return 0
 

@@ -195,6 +195,9 @@ def main(replicates: int, target: Path) -> None:
     few = max(replicates // 4, 1)
     lines += [MIDDLE.format(replicates=few), *table(WRONG, few, (300, 1000))]
     target.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    from stamps import stamped
+
+    stamped(target)
 
 
 if __name__ == "__main__":

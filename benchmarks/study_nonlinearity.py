@@ -209,6 +209,9 @@ def main(replicates: int, target: Path) -> None:
     for name, records in measured():
         lines += [line(name, t) for t in nonlinearity_tests(records)]
     target.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    from stamps import stamped
+
+    stamped(target)
 
 
 if __name__ == "__main__":

@@ -331,6 +331,9 @@ def main(replicates: int, target: Path) -> None:
     wrong = table(WRONG, max(replicates // 4, 1), (300, 1000))
     middle = MIDDLE.format(replicates=max(replicates // 4, 1))
     target.write_text("\n".join([text, *lines, middle, *wrong, ""]), encoding="utf-8")
+    from stamps import stamped
+
+    stamped(target)
 
 
 HEAD = """# Alarm rates of the residual tests
