@@ -25,7 +25,8 @@ Inputs = Annotated[
         "--input",
         metavar="NAME",
         rich_help_panel=_PANEL,
-        help="Input column; again (or a,b) for more. Found by name unless given.",
+        help="Input column; again (or a,b) for more; none where there is none. Found by name "
+        "unless given.",
     ),
 ]
 Outputs = Annotated[

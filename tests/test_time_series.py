@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from command_line import run, write_log
 from scipy.signal import lfilter
 
 from sysid.criteria.information import information_criteria
@@ -98,3 +99,39 @@ def test_criteria_count_as_they_do_with_inputs() -> None:
     model = fit(structure_class("ar").from_orders({"na": 2}, 0, 1), [series(*CASES["ar"][1:])])
     errors = model.errors(series(*CASES["ar"][1:]), 0)
     assert model.criteria.aic == pytest.approx(information_criteria([errors], 2).aic)
+
+
+@pytest.mark.parametrize(
+    ("names", "options"),
+    [
+        (["tilt"], []),
+        (["y"], []),
+        (["y", "other"], ["--input", "none", "--output", "y"]),
+        (["u", "y"], ["--input", "none", "--output", "y"]),
+    ],
+)
+def test_a_file_without_inputs_is_fitted(
+    names: list[str], options: list[str], tmp_path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    signal = series(*CASES["arma"][1:], samples=600).y[:, 0]
+    log = write_log(tmp_path / "drift.csv", names, [signal] * len(names))
+    place = ["--workspace", tmp_path / "ws"]
+    assert run(capsys, "inspect", log, *options).code == 0
+    out = run(capsys, "fit", log, *options, *place)
+    assert out.code == 0, out.err
+    assert "arma" in out.out
+    assert run(capsys, "compare", "--criteria", "aic", *place).code == 0
+    refused = run(capsys, "export", *place)
+    assert refused.code == 1
+    assert "has no input" in refused.err
+    assert refused.err.count("\n") <= 2
+
+
+def test_columns_that_nobody_can_tell_are_still_asked_for(
+    tmp_path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    signal = series(*CASES["arma"][1:], samples=300).y[:, 0]
+    log = write_log(tmp_path / "two.csv", ["foo", "bar"], [signal, signal[::-1]])
+    refused = run(capsys, "fit", log)
+    assert refused.code == 1
+    assert "--input none" in refused.err

@@ -17,6 +17,9 @@ from sysid.data.time_column import (
 )
 from sysid.errors import DataError, UsageError
 
+NO_INPUT = "none"
+"""Asked for as the input of a log that has none: a signal on its own."""
+
 ROBOT_INPUTS = ("pwm_l", "pwm_r")
 ROBOT_OUTPUTS = ("omega_l", "omega_r")
 _INPUT = re.compile(r"u|u\d+|u\d*_.+|in|in\d+|in\d*_.+|input.*|pwm.*|cmd.*|command.*|volt.*", re.I)
@@ -85,18 +88,23 @@ def choose_columns(
             or is the time.
         DataError: inputs or outputs cannot be told from the names.
     """
-    asked_u = tuple(_find(n, names, "--input", where) for n in inputs)
+    driven = tuple(inputs) != (NO_INPUT,) or NO_INPUT in names
+    asked_u = tuple(_find(n, names, "--input", where) for n in inputs) if driven else ()
     asked_y = tuple(_find(n, names, "--output", where) for n in outputs)
     _no_repeats(asked_u, asked_y, where)
     clock = _clock(names, asked_u, asked_y, time, where, read, timed)
     taken = () if clock is None else (clock.name, *((clock.fine,) if clock.fine else ()))
     free = [n for n in names if n not in (*asked_u, *asked_y, *taken)]
     found = find_pose(free)
-    if asked_u and asked_y:
+    if asked_y and (asked_u or not driven):
         found_u, found_y, rule = asked_u, asked_y, "option"
     else:
         found_u, found_y, rule = _signals(free, asked_u, asked_y, found.names)
-    if not found_u or not found_y:
+    if not driven:
+        found_u = ()
+    elif not found_u and not inputs and set(free) <= {*found_y, *_only(free)}:
+        found_y, driven = found_y or _only(free), False  # a signal on its own: a time series
+    if (driven and not found_u) or not found_y:
         raise DataError(_unclear(names, found_u, found_y, taken, where))
     used = {*found_u, *found_y, *taken}
     pose = found.names
@@ -115,6 +123,12 @@ def choose_columns(
         clock,
         PoseColumns(pose, alike if len(alike) > 1 or pose else (), found.why),
     )
+
+
+def _only(free: Sequence[str]) -> tuple[str, ...]:
+    """The one column that is left, where there is just one and it is a signal."""
+    alone = len(free) == 1 and not (is_time(free[0]) or is_counter(free[0]))
+    return tuple(free) if alone else ()
 
 
 def _clock(
@@ -258,9 +272,10 @@ def _unclear(
             f"{where} has no column left for {missing}: its columns are {_listed(names)}; "
             "a log needs at least one input and one output"
         )
+    alone = "" if inputs else " (--input none where nothing drives it)"
     return (
         f"{where}: cannot tell which column is {missing} among {_listed(names)}; "
-        "say so with --input NAME and --output NAME, or name the columns u… and y…"
+        f"say so with --input NAME{alone} and --output NAME, or name the columns u… and y…"
         f"{_example(free, inputs, outputs)}"
     )
 
