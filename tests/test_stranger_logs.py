@@ -283,6 +283,15 @@ def test_a_signal_with_the_name_of_a_time_is_a_signal(tmp_path: Path) -> None:
         ("t speed_cmd speed", "speed_cmd", "speed", ""),
         ("t duty wobble", "duty", "wobble", ""),
         ("t u y_motor_power", "u", "y_motor_power", ""),
+        ("t pwm1 pwm2 rpm1 rpm2", "pwm1 pwm2", "rpm1 rpm2", ""),
+        ("t M1_PWM M2_PWM M1_RPM M2_RPM", "M1_PWM M2_PWM", "M1_RPM M2_RPM", ""),
+        ("t left_cmd right_cmd left_enc right_enc", "left_cmd right_cmd", "left_enc right_enc", ""),
+        (
+            "Zeit Motorspannung Motordrehzahl Batteriespannung Solldrehzahl",
+            "Motorspannung",
+            "Motordrehzahl",
+            "",
+        ),
     ],
 )
 def test_names(names: str, inputs: str, outputs: str, pose: str) -> None:
@@ -296,7 +305,7 @@ def test_names(names: str, inputs: str, outputs: str, pose: str) -> None:
     ("names", "example"),
     [
         ("t duty left_thing right_thing", "--input duty --output left_thing"),
-        ("t rpm1 rpm2 foo", "--input foo --output rpm1"),
+        ("t pwm gain rate", "--input pwm --output gain"),
         ("t alpha beta", "--input alpha --output beta"),
         ("t duty throttle rpm drehzahl", "--output rpm"),
         ("t motor 1", ""),

@@ -71,6 +71,13 @@ def _serial_monitor() -> Written:
     return Written(text, u, y * RPM, said=("serial monitor",))
 
 
+def _serial_plotter() -> Written:
+    k, u, y = motor()
+    rows = zip(whole(20 * k), whole(u), point(y), strict=True)
+    text = "".join(f"millis:{t},pwm:{a},rpm:{b}\n" for t, a, b in rows)
+    return Written(text, u, y * RPM, said=("the names in front of the numbers",))
+
+
 def _esp32() -> Written:
     k, u, y = motor()
     stamps = (2**32 - 900_000 + 20_000 * k) % 2**32
@@ -224,6 +231,7 @@ def _temperature_t() -> Written:
 LOGGERS: dict[str, Callable[[], Written]] = {
     "Arduino": _arduino,
     "Arduino serial monitor": _serial_monitor,
+    "Arduino serial plotter": _serial_plotter,
     "ESP32": _esp32,
     "uint16 milliseconds": _uint16,
     "rostopic echo": _ros1,

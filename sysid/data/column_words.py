@@ -47,6 +47,7 @@ READINGS: tuple[tuple[str, ...], ...] = (
     ("pressure", "druck", "flow", "durchfluss", "force", "kraft", "torque", "drehmoment"),
     ("position", "pos", "angle", "winkel", "displacement", "weg", "theta", "phi", "abstand"),
     ("current", "strom", "accel", "acceleration", "beschleunigung"),
+    ("enc", "encoder", "ticks", "counts"),
 )
 """Words of other readings, in the same way."""
 
@@ -58,6 +59,9 @@ REFERENCES = frozenset(
     )
 )
 SUPPLIES = frozenset(("battery", "bat", "batt", "vbat", "supply", "akku", "batterie", "versorgung"))
+
+COMPOUND = 5
+"""Letters from which a word is looked for at the end of a compound; shorter ones end too many."""
 
 _GLUED = {w for group in (*COMMANDS[:4], *SPEEDS[:3], ("motor",)) for w in group if len(w) > 2}
 """Words to which a side is often glued: ``pwml``, ``rpmright``."""
@@ -102,9 +106,9 @@ def meaning(name: str) -> Meaning:
     base, unit = ending(name)
     told = words(base)
     side = next((SIDES[w] for w in told if w in SIDES), "")
-    if REFERENCES & set(told):
+    if REFERENCES & set(told) or any(w.startswith("soll") for w in told):
         return Meaning("reference", 0, side)
-    if SUPPLIES & set(told):
+    if SUPPLIES & set(told) or any(w.startswith(("batter", "akku", "versorg")) for w in told):
         return Meaning("supply", 0, side)
     weak = len(COMMANDS) - 1
     command, speed = _rank(told, COMMANDS), _rank(told, SPEEDS)
@@ -141,8 +145,12 @@ def is_wheel_speed(name: str, unit: str) -> bool:
 
 
 def _rank(told: tuple[str, ...], groups: tuple[tuple[str, ...], ...]) -> int | None:
-    """The first group that has one of the words."""
-    return next((i for i, group in enumerate(groups) if set(group) & set(told)), None)
+    """The first group that has one of the words, or that a compound ends in: Motordrehzahl."""
+    for i, group in enumerate(groups):
+        long = tuple(word for word in group if len(word) >= COMPOUND)
+        if any(word in group or (long and word.endswith(long)) for word in told):
+            return i
+    return None
 
 
 _KNOWN = frozenset(w for groups in (COMMANDS, SPEEDS, READINGS) for group in groups for w in group)

@@ -187,7 +187,7 @@ def _signals(
     left = {n: m for n, m in meant.items() if n not in (*found_u, *found_y)}
     found_u = found_u or both_u or _plainest(left, ("command",))
     left = {n: m for n, m in left.items() if n not in found_u}
-    found_y = found_y or both_y or _plainest(left, ("speed", "reading"))
+    found_y = found_y or both_y or _plainest(left, ("speed", "reading")) or _sides(left, "reading")
     rest = [n for n, m in left.items() if m.quantity == "other" and n not in found_y]
     rest = [n for n in rest if not set(words(n)) <= set(SIDES)]  # "left" tells nothing but a side
     if bool(found_u) != bool(found_y) and len(rest) == 1 and len(left) == 1:
@@ -221,12 +221,13 @@ def _sides(meant: Mapping[str, Meaning], quantity: str) -> tuple[str, ...]:
 
 
 def _plainest(meant: Mapping[str, Meaning], quantities: Sequence[str]) -> tuple[str, ...]:
-    """The one column of the plainest words, or none: several of one kind are not chosen among."""
+    """The one column of the plainest words, or those that only a number tells apart, or none."""
     for quantity in quantities:
         of = {n: m.rank for n, m in meant.items() if m.quantity == quantity}
         if of:
             best = tuple(n for n, rank in of.items() if rank == min(of.values()))
-            return best if len(best) == 1 else ()
+            numbered = {tuple(w for w in words(n) if not w.isdigit()) for n in best}
+            return best if len(numbered) == 1 else ()
     return ()
 
 

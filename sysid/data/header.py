@@ -24,6 +24,7 @@ _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf
 _UNIT_NAMES = frozenset((*UNITS, *(u.lower() for u in UNITS), *SYNONYMS, *ENDINGS, *UNIT_WORDS))
 _TITLES = 60
 """No logger writes more lines than this before its header."""
+_LABEL = re.compile(r"[A-Za-z_][\w .()\[\]/%°-]*")
 _MONITOR = re.compile(r"\d{1,2}:\d{2}:\d{2}[.,]\d+ -> ?")
 
 Line = tuple[int, str]
@@ -55,6 +56,8 @@ def find_header(numbered: Sequence[Line]) -> Header:
     is the header, so that what is wrong with the second can be said.
     """
     lines, notes = _without_monitor(numbered)
+    lines, labelled = _without_labels(lines)
+    notes += labelled
     at = next((i for i, (_, text) in enumerate(lines) if not _comment(text)), len(lines))
     if at and (at == len(lines) or is_data(lines[at][1])):
         at -= 1
@@ -162,6 +165,27 @@ def _without_monitor(numbered: Sequence[Line]) -> tuple[list[Line], tuple[str, .
         [(i, _MONITOR.sub("", text, count=1)) for i, text in numbered],
         ("the serial monitor's own clock in front of each line was left out",),
     )
+
+
+def _without_labels(lines: Sequence[Line]) -> tuple[list[Line], tuple[str, ...]]:
+    """Lines of a serial plotter, such as ``pwm:80,rpm:12.5``, as a header and numbers."""
+    found: list[Line] = []
+    names: list[str] = []
+    for i, text in lines:
+        cells = [
+            c.strip().partition(":") for c in re.split(r"[,;\t]|(?<=\d)\s+", text.strip()) if c
+        ]
+        numbers = [value.strip() for _, sign, value in cells if sign]
+        own = [name.strip() for name, sign, _ in cells if sign]
+        names = names or own
+        if len(own) < 2 or own != names or not all(_LABEL.fullmatch(n) for n in own):
+            return list(lines), ()
+        if len(numbers) != len(cells) or not all(_NUMBER.fullmatch(n) for n in numbers):
+            return list(lines), ()
+        found.append((i, ";".join(numbers)))
+    if not found:
+        return list(lines), ()
+    return [(0, ";".join(names)), *found], ("the names in front of the numbers are the columns",)
 
 
 def _is_full(line: str, data: str) -> bool:

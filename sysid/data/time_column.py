@@ -71,7 +71,7 @@ _CLOCKS = frozenset(
 _ALONE = frozenset(
     (
         *("millis", "micros", "ms", "us", "usec", "msec", "sec", "secs", "seconds"),
-        *("milliseconds", "microseconds", "nanoseconds", "nsec", "nanosec", "sekunden"),
+        *("milliseconds", "microseconds", "nanoseconds", "nsec", "nsecs", "nanosec", "sekunden"),
         *("millisekunden", "nanos"),
     )
 )
