@@ -75,6 +75,8 @@ def test_a_fit_of_a_position_is_as_good_in_its_figures_as_in_its_search(
         capsys, "fit", log, "--structure", "dc-motor", "--option", "friction=coulomb", "--json"
     ).document
     assert document["properties"]["position"]
+    units = {p["name"]: p["unit"] for p in document["parameters"]}
+    assert units["gain"] == "(y/s)/u"
     theta = {p["name"]: p["value"] for p in document["parameters"]}
     # 30 s of a position read to 0.2 mm tell these to about a per cent
     assert theta["gain"] == pytest.approx(GAIN, rel=0.03)

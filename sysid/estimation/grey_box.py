@@ -68,7 +68,10 @@ def by_multi_start(
     asked = [given[n].fixed is not None or n in options.bounds for n in names]
     table = tuple(
         replace(
-            given[n], fixed=given[n].fixed if a else b.fixed, upper=given[n].upper if a else b.upper
+            given[n],
+            unit=b.unit,  # a position's are others than a speed's
+            fixed=given[n].fixed if a else b.fixed,
+            upper=given[n].upper if a else b.upper,
         )
         for n, a, b in zip(names, asked, bare, strict=True)
     )
