@@ -10,6 +10,7 @@ from sysid.errors import UsageError
 
 from . import reading, render, targets
 from .fit_report import residual_words
+from .stored_data import StoredData
 from .workspace import StoredModel, Workspace
 
 if TYPE_CHECKING:
@@ -80,9 +81,9 @@ def compare(
     start = Start(reading.choice(initial_state, [s.value for s in Start], "--initial-state"))
     policy = Policy(start, skip, tuple(sorted(set(horizon or []))))
     with render.progress("Comparing"):
-        ranking = rank(
-            [_contender(s) for s in stored], criteria, _validation(stored, val, read), policy
-        )
+        data = StoredData()
+        contenders = [_contender(s, data) for s in stored]
+        ranking = rank(contenders, criteria, _validation(stored, val, read), policy)
     crossed = _cross_validated(ranking, folds)
     place.remember("best", ranking.best.contender.id)
     if plot is not None:
@@ -92,32 +93,11 @@ def compare(
     _document(ranking, crossed) if json else _show(ranking, crossed, plot)
 
 
-def _contender(stored: StoredModel) -> "Contender":
+def _contender(stored: StoredModel, data: StoredData) -> "Contender":
     from sysid.estimation.comparison import Contender
 
-    return Contender(stored.id, stored.model, _estimation_data(stored), stored.report)
-
-
-def _estimation_data(stored: StoredModel) -> "tuple[Record, ...] | None":
-    """The model's estimation data read again, or None when they are not the same any more."""
-    from sysid.data.io import read_logs
-    from sysid.data.preparation import Preparation
-    from sysid.data.read_options import ReadOptions
-    from sysid.errors import SysidError
-
-    options = stored.model.provenance.options
-    try:
-        steps = Preparation.from_json(options.get("prepare", {}))
-        read = read_logs(options.get("files", []), ReadOptions.from_json(options["read"]))
-        records = tuple(steps.apply(r) for r in read)
-    except (SysidError, KeyError, TypeError):
-        return None
-    split = options.get("split")
-    if split is not None:
-        records = tuple(r.split(float(split))[0] for r in records)
-    found = [(r.sha256, r.t0, len(r)) for r in records]
-    wanted = [(s.sha256, s.first, s.samples) for s in stored.model.provenance.data]
-    return records if found == wanted else None
+    records, held = data.estimation(stored), data.validation(stored)
+    return Contender(stored.id, stored.model, records, stored.report, held)
 
 
 def _validation(
@@ -199,7 +179,7 @@ def _row(
         line.contender.model.n_estimated,
         *(", ".join(render.number(p.get(n), 4) for n in names) for p in parts),
         ", ".join(render.number(v, 6 if shown else 4) for v in value),
-        residual_words(line.contender.report.get("residuals") or {}),
+        residual_words(line.residuals or {}),
     ]
 
 

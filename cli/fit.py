@@ -8,6 +8,7 @@ import typer
 
 from . import fit_options, reading, render, targets
 from .fit_report import show
+from .stored_data import judged_on
 from .workspace import StoredModel, Workspace
 
 if TYPE_CHECKING:
@@ -222,7 +223,8 @@ def fit(
     )
     found = _identify(logs, val or [], read, steps, request)
     place = Workspace(workspace)
-    stored = [place.save(a.model, a.to_json()) for a in reversed(found.assessments)][::-1]
+    held = {"judged_on": judged_on(found.validation, val or logs)}
+    stored = [place.save(a.model, a.to_json() | held) for a in reversed(found.assessments)][::-1]
     place.remember("latest", [s.id for s in stored])
     if plot is not None:
         from .pictures import draw_fit

@@ -7,7 +7,7 @@ import numpy as np
 from sysid.criteria.verdicts import ResidualReport, ResidualTest
 from sysid.errors import Termination
 from sysid.estimation.figures import Figures
-from sysid.estimation.orders import INTEGRATING
+from sysid.estimation.soundness import INTEGRATING, motion_doubts
 from sysid.structures.model import Model, unvisited
 
 GOOD_PREDICTION = 80.0
@@ -88,7 +88,13 @@ def _ending(model: Model, residuals: ResidualReport) -> list[str]:
 
 def _stability(model: Model) -> list[str]:
     if model.stable:
-        return []
+        longest = max((x.samples for x in model.provenance.data), default=0)
+        slow = motion_doubts(model.structure, model.theta, longest, model.dt)
+        return [
+            f"{clause[0].upper()}{clause[1:]}: over these data it cannot be told from a level or "
+            "a drift; lower the orders or record longer."
+            for clause in slow
+        ]
     poles = model.structure.properties(model.theta, model.dt).get("poles", [])
     worst = max((p["abs"] for p in poles), default=float("nan"))
     if worst < INTEGRATING:

@@ -44,6 +44,14 @@ class Policy:
     skip: int = 0
     horizons: tuple[int, ...] = ()
 
+    def to_json(self) -> dict[str, Any]:
+        """{initial_state, skip, horizons}."""
+        return {
+            "initial_state": self.start.value,
+            "skip": self.skip,
+            "horizons": list(self.horizons),
+        }
+
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
@@ -56,6 +64,7 @@ class Assessment:
     warnings: tuple[str, ...]
     seconds: float
     chosen: Mapping[str, Any] = field(default_factory=dict)
+    policy: Policy = field(default_factory=Policy)
     steps: tuple[StepResponse, ...] = ()
 
     @property
@@ -80,6 +89,7 @@ class Assessment:
                 }
                 for p in m.parameter_table()
             ],
+            "policy": self.policy.to_json(),
             "estimation": self.estimation.to_json(),
             "validation": None if self.validation is None else self.validation.to_json(),
             "one_step": {
@@ -152,5 +162,6 @@ def assess(
         (*notes, *model.warnings, *beyond, *spoken),
         seconds,
         chosen or {},
+        policy,
         step_responses(model),
     )

@@ -10,8 +10,10 @@ from sysid.criteria.information import CRITERIA, information_criteria, on_common
 from sysid.data.record import Record
 from sysid.errors import ModelError
 from sysid.estimation.assessment import DataFigures, Policy, figures_on
-from sysid.estimation.orders import ERROR_CRITERIA, check_criterion
+from sysid.estimation.figures import residual_tests
+from sysid.estimation.orders import CLOSE, ERROR_CRITERIA, check_criterion
 from sysid.estimation.pem import head_window
+from sysid.estimation.soundness import doubts_about, leader, relative_gap
 from sysid.structures.model import Model
 
 
@@ -24,12 +26,14 @@ class Contender:
         model: the model.
         records: its estimation data read again, or None when they are gone or have changed.
         report: what was said about it when it was fitted.
+        held: what it was judged on then, read again; None where that is gone or unknown.
     """
 
     id: str
     model: Model
     records: tuple[Record, ...] | None
     report: Mapping[str, Any]
+    held: tuple[Record, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +44,7 @@ class Ranked:
     value: float
     criteria: Mapping[str, float]
     figures: Mapping[str, Any]
+    residuals: Mapping[str, Any] | None = None
 
     def to_json(self) -> dict[str, Any]:
         """{model, structure, orders, fit_percent, aic, …, residuals}."""
@@ -53,24 +58,31 @@ class Ranked:
             "rmse": self.figures["rmse"],
             "figures": self.figures,
             **self.criteria,
-            "residuals": self.contender.report.get("residuals"),
+            "residuals": self.residuals,
+            "doubts": list(doubts_about(m).clauses),
         }
 
 
 @dataclass(frozen=True, eq=False)
 class Ranking:
-    """Comparable models, best first, and those that cannot be compared, with the reason."""
+    """Comparable models by one criterion, and those that cannot be compared, with the reason.
+
+    Attributes:
+        criterion: what ranked.
+        lines: the models, the first by the criterion first.
+        excluded: id → why it cannot be compared.
+        notes: what to know about the ranking.
+        data: what the models were judged on.
+        best: the one to take: the first, unless its free run drifts, it holds a mode longer than
+            its data, or its search was given up, and a settled one is as good.
+    """
 
     criterion: str
     lines: tuple[Ranked, ...]
     excluded: Mapping[str, str]
     notes: tuple[str, ...]
     data: str
-
-    @property
-    def best(self) -> Ranked:
-        """The first of the ranking."""
-        return self.lines[0]
+    best: Ranked
 
 
 def compare(
@@ -113,12 +125,12 @@ def compare(
             "those on the data they were fitted to: give --val LOG."
         )
         for c in usable:
-            figures[c.id] = {**c.report["estimation"], "held_out": False}
+            figures[c.id] = _figures_made(c, "estimation", policy)
     criteria = _criteria(usable, notes)
     lines = []
     for c in usable:
         value = _value(criterion, criteria[c.id], figures[c.id])
-        lines.append(Ranked(c, value, criteria[c.id], figures[c.id]))
+        lines.append(Ranked(c, value, criteria[c.id], figures[c.id], _residuals(c)))
     sign = 1.0 if CRITERIA[criterion].smaller_is_better else -1.0
     lines.sort(
         key=lambda x: (
@@ -134,7 +146,51 @@ def compare(
             "--val LOG, or fit with `sysid fit --split`."
         )
     data = validation[1] if validation else str(lines[0].figures["data"])
-    return Ranking(criterion, tuple(lines), excluded, tuple(notes), data)
+    best = _leading(lines, criterion, notes)
+    return Ranking(criterion, tuple(lines), excluded, tuple(notes), data, best)
+
+
+def _leading(lines: Sequence[Ranked], criterion: str, notes: list[str]) -> Ranked:
+    """The model to take, and a note where it is not the first or has something against it."""
+    doubts = {x.contender.id: doubts_about(x.contender.model) for x in lines}
+    able = [x for x in lines if not doubts[x.contender.id].unbounded] or lines
+    best = leader(
+        lines,
+        lambda x: doubts[x.contender.id],
+        lambda x: _gap(x, able[0], criterion) <= _margin(able[0]),
+    )
+    first, said = lines[0].contender.id, doubts[lines[0].contender.id].words
+    if best is not lines[0]:
+        notes.append(f"{first} is first by {criterion} but does not lead: {said}.")
+    against = doubts[best.contender.id]
+    if not against.settled:
+        notes.append(
+            f"{best.contender.id} leads although {against.words}: no settled model is as good. Fit "
+            "with stability enforced, lower orders or a longer log before you build on it."
+        )
+    return best
+
+
+def _margin(line: Ranked) -> float:
+    """Fraction by which the RMS of errors is uncertain: one standard error, 1/√(2N)."""
+    samples = int(line.figures.get("samples") or 0) * len(line.contender.model.outputs)
+    return max(CLOSE, 1.0 / float(np.sqrt(2.0 * max(samples, 1))))
+
+
+def _gap(line: Ranked, best: Ranked, criterion: str) -> float:
+    """By which fraction a model's errors exceed the best one's."""
+    ny, samples = len(line.contender.model.outputs), int(best.figures.get("samples") or 0)
+    return relative_gap(criterion, line.value, best.value, samples, ny)
+
+
+def _residuals(c: Contender) -> Mapping[str, Any] | None:
+    """Residual tests as they were reported, or made now where the fit made none."""
+    stored = c.report.get("residuals")
+    if stored:
+        return dict(stored)
+    if c.records is None:
+        return None
+    return residual_tests(c.model, c.records).as_dict()
 
 
 def _figures(
@@ -145,10 +201,32 @@ def _figures(
             c.model.check(r)
         found: DataFigures = figures_on(c.model, validation[0], validation[1], policy)
         return {**found.to_json(), "held_out": True}
-    part = c.report.get("validation") or c.report.get("estimation")
+    return _figures_made(c, "validation" if c.report.get("validation") else "estimation", policy)
+
+
+def _figures_made(c: Contender, role: str, policy: Policy) -> dict[str, Any]:
+    """Figures on the data a model was judged on, under this policy.
+
+    Those of the fit where they were made under the same policy; else they are made anew.
+
+    Raises:
+        ModelError: there are none, or they cannot be made anew because the data are gone.
+    """
+    part, held_out = c.report.get(role), role == "validation"
     if not isinstance(part, Mapping):
         raise ModelError(f"{c.id} holds no figures; fit it again")
-    return {**part, "held_out": c.report.get("validation") is not None}
+    if c.report.get("policy") == policy.to_json():
+        return {**part, "held_out": held_out}
+    records = c.held if held_out else c.records
+    if records is not None:
+        made = figures_on(c.model, records, str(part["data"]), policy)
+        return {**made.to_json(), "held_out": held_out}
+    if "policy" not in c.report and policy == Policy():
+        return {**part, "held_out": held_out}  # reports of other commands and versions
+    raise ModelError(
+        f"{c.id} was judged in another way, and the log it was judged on is gone or has changed: "
+        "name a log to judge on (--val LOG)"
+    )
 
 
 def _identity(c: Contender) -> tuple[object, ...]:

@@ -14,6 +14,8 @@ from sysid.estimation.arx_at_once import promising, solved_at_once
 from sysid.estimation.holdout import HoldOut
 from sysid.estimation.pem import fit_prepared, head_window
 from sysid.estimation.search import FitOptions
+from sysid.estimation.soundness import bounded_run as bounded_run
+from sysid.estimation.soundness import motion_doubts
 from sysid.structures.arx import ARX
 from sysid.structures.base import Focus, Structure
 from sysid.structures.constant_input import with_constant, with_ones, without_constant
@@ -25,9 +27,6 @@ Progress = Callable[[int, int, str], None]
 
 ERROR_CRITERIA = ("fit", "rmse")
 """Criteria of the free run; the others are of one-step errors."""
-
-INTEGRATING = 1.0005
-"""Poles up to this radius are an integrator's, seen through noise."""
 
 CLOSE = 0.01
 """Held-out errors that differ by less than this fraction are the same for all purposes."""
@@ -55,6 +54,8 @@ class Candidate:
         score: the criterion's value, smaller is better.
         error: free-run error on the held-out data relative to the outputs' spread.
         stable: whether the free run is bounded; unstable candidates rank behind all others.
+        settled: whether nothing speaks against its motion (see ``motion_doubts``); among those
+            that tie, such a one is taken.
     """
 
     orders: Mapping[str, Any]
@@ -62,6 +63,7 @@ class Candidate:
     score: float
     error: float
     stable: bool = True
+    settled: bool = True
 
 
 @dataclass(frozen=True)
@@ -167,7 +169,7 @@ def ranked(found: Sequence[Candidate], criterion: str, margin: float) -> tuple[C
     if criterion in ERROR_CRITERIA:
         limit = (1.0 + margin) * ordered[0].score
         close = [c for c in ordered if c.score <= limit and c.stable == ordered[0].stable]
-        lead = min(close, key=lambda c: (c.n, c.score, orders_text(c.orders)))
+        lead = min(close, key=lambda c: (not c.settled, c.n, c.score, orders_text(c.orders)))
         ordered = [lead, *(c for c in ordered if c is not lead)]
     return tuple(ordered)
 
@@ -180,14 +182,6 @@ def searching(options: FitOptions) -> FitOptions:
         tolerance=max(options.precision(), SEARCH_TOLERANCE),
         patience=SEARCH_PATIENCE,
     )
-
-
-def bounded_run(s: Structure, theta: Array) -> bool:
-    """Whether the free run is bounded, or grows no faster than an integrator's within a log."""
-    if s.stable(theta):
-        return True
-    poles = s.properties(theta, 1.0).get("poles", [])
-    return max((p["abs"] for p in poles), default=float("inf")) < INTEGRATING
 
 
 def _unconstrained(options: FitOptions) -> bool:
@@ -204,7 +198,7 @@ def _one_after_another(
 ) -> list[Candidate]:
     """Fit each candidate, warm-started from the best smaller neighbours already fitted."""
     found: list[Candidate] = []
-    train = data.train
+    train, longest = data.train, max(len(r) for r in data.whole)
     options = searching(options)
     fitted: dict[int, tuple[float, dict[str, float]]] = {}
     for k, s in enumerate(structures):
@@ -228,7 +222,8 @@ def _one_after_another(
                 score = _information(s, model.theta, model.n_estimated, train, common, criterion)
             if np.isfinite(score):
                 stable = bounded_run(s, model.theta)
-                found.append(Candidate(_orders(s), len(names), score, error, stable))
+                calm = not motion_doubts(s, model.theta, longest, train[0].dt)
+                found.append(Candidate(_orders(s), len(names), score, error, stable, calm))
                 fitted[k] = (score, dict(zip(names, model.theta.tolist(), strict=True)))
         if progress:
             progress(k + 1, len(structures), f"{s.name} {orders_text(_orders(s))}")
@@ -282,6 +277,7 @@ def free_run_error(
 def _arx_at_once(structures: Sequence[Structure], data: HoldOut, criterion: str) -> list[Candidate]:
     """Every ARX candidate from two Gram matrices, free runs of the promising ones only."""
     solved = solved_at_once([s for s in structures if isinstance(s, ARX)], data)
+    longest = max(len(r) for r in data.whole)
     found = []
     for a in promising(solved) if criterion in ERROR_CRITERIA else solved:
         s, n = a.structure, len(a.theta)
@@ -291,7 +287,9 @@ def _arx_at_once(structures: Sequence[Structure], data: HoldOut, criterion: str)
             loss = from_loss(float(np.exp(a.log_det)), a.samples, n, s.ny)
             score, error = float(getattr(loss, criterion)), float("nan")
         if np.isfinite(score):
-            found.append(Candidate(_orders(s), n, score, error, bounded_run(s, a.theta)))
+            stable = bounded_run(s, a.theta)
+            calm = not motion_doubts(s, a.theta, longest, data.whole[0].dt)
+            found.append(Candidate(_orders(s), n, score, error, stable, calm))
     return found
 
 

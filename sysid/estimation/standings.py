@@ -15,6 +15,7 @@ from sysid.estimation.orders import (
 )
 from sysid.estimation.pem import head_window
 from sysid.estimation.search import FitOptions
+from sysid.estimation.soundness import doubts_about, relative_gap
 from sysid.structures.model import Model
 from sysid.structures.orders import orders_text
 
@@ -54,12 +55,14 @@ class Standings:
         sound: those that may lead.
         margin: fraction within which held-out errors tie.
         rule: what decided among equals: the name of a criterion, or ``size``.
+        passed: an entry that would lead, had it nothing against it.
     """
 
     entries: tuple[Entry, ...]
     sound: tuple[Entry, ...]
     margin: float
     rule: str
+    passed: Entry | None = None
 
 
 def in_order(
@@ -73,7 +76,8 @@ def in_order(
 
     Free runs of different structures tie more often than not: what then tells them apart is
     how well they predict with how many parameters, and BIC finds the true one (Schwarz 1978).
-    Under an information criterion that one ranks alone. Models that cannot lead come last: those
+    Under an information criterion that one ranks alone. Of those that tie, one that settles and
+    whose search has ended is taken before others. Models that cannot lead come last: those
     whose free run is unbounded, and those whose fit to all data follows them much worse than
     another one does.
     """
@@ -95,19 +99,34 @@ def in_order(
     rule = criterion if criterion not in ERROR_CRITERIA else "bic" if searched else "aic"
     values = _information(entries, records, rule)
     score = {id(e): (v, _size(e)) for e, v in zip(entries, values, strict=True)}
-    ahead: tuple[Entry, ...] = ()
-    if searched and criterion in ERROR_CRITERIA:
+    calm = {id(e): doubts_about(e.model).settled for e in entries}
+    by_error = searched and criterion in ERROR_CRITERIA
+    if by_error:
         errors = {id(e): (float(e.error or 0.0), _size(e)) for e in entries}
         close = (1.0 + margin) * min(errors[id(e)][0] for e in sound)
         tied = [e for e in sound if errors[id(e)][0] <= close]
+    else:
+        errors, samples = score, sum(len(r) for r in records)
+        best = min(sound, key=lambda e: score[id(e)])
+        tied = [
+            e
+            for e in sound
+            if relative_gap(rule, score[id(e)][0], score[id(best)][0], samples, records[0].ny)
+            <= margin
+        ]
+
+    def worth(e: Entry) -> tuple[float, ...]:
         # outliers rule the likelihood: a robust fit goes by size alone
-        ahead = (min(tied, key=lambda e: _size(e) if options.robust else score[id(e)]),)
-        score = errors
+        return (_size(e),) if by_error and options.robust else score[id(e)]
+
+    first = min(tied, key=worth)
+    lead = min(tied, key=lambda e: (not calm[id(e)], worth(e)))
     rest = sorted(
-        (e for e in entries if e not in ahead), key=lambda e: (e not in sound, score[id(e)])
+        (e for e in entries if e is not lead), key=lambda e: (e not in sound, errors[id(e)])
     )
-    decided = "size" if options.robust and ahead else rule
-    return Standings((*ahead, *rest), tuple(sound), margin, decided)
+    decided = "size" if options.robust and by_error else rule
+    passed = None if lead is first else first
+    return Standings((lead, *rest), tuple(sound), margin, decided, passed)
 
 
 def _seen(entry: Entry, records: Sequence[Record]) -> list[Record]:
@@ -144,9 +163,28 @@ def reason(order: Standings, criterion: str, words: str, *, given: bool) -> str:
         words: the held-out data, as a sentence names them.
         given: whether the user gave the orders.
     """
+    said = _ahead(order, criterion, words, given=given)
+    if order.passed is not None:
+        return (
+            f"{said} {_called(order.passed)} would lead, but "
+            f"{doubts_about(order.passed.model).words}."
+        )
+    against = doubts_about(order.entries[0].model)
+    if against.settled or len(order.entries) == 1:
+        return said
+    return f"{said} It leads although {against.words}: no settled model is as good."
+
+
+def _called(entry: Entry) -> str:
+    """Structure and orders."""
+    s = entry.model.structure
+    return f"{s.name} {orders_text(s.order_values())}".rstrip()
+
+
+def _ahead(order: Standings, criterion: str, words: str, *, given: bool) -> str:
+    """What put the first entry first."""
     first = order.entries[0]
-    text = f"{first.model.structure.name} {orders_text(first.model.structure.order_values())}"
-    text = text.rstrip()
+    text = _called(first)
     if first.error is None:
         if len(order.entries) == 1:
             return f"{text}: {_origin(first.model, given)}."

@@ -1,0 +1,87 @@
+"""The logs of stored models, read again as they were read for the fit."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .workspace import StoredModel
+
+if TYPE_CHECKING:
+    from sysid.data.record import Record
+
+SAME_INSTANT = 1e-3
+"""Share of a sample within which two instants are the same: times are stored as they were read."""
+
+
+def judged_on(records: "Sequence[Record]", logs: Sequence[Path]) -> dict[str, Any] | None:
+    """What a report holds of its validation data, so that they can be found again."""
+    if not records:
+        return None
+    return {
+        "files": [str(p.resolve()) for p in logs],
+        "sources": [{"sha256": r.sha256, "first": r.t0, "samples": len(r)} for r in records],
+    }
+
+
+class StoredData:
+    """Reads the logs of many models, each log once."""
+
+    def __init__(self) -> None:
+        self._read: dict[str, tuple[Record, ...]] = {}
+
+    def estimation(self, stored: StoredModel) -> "tuple[Record, ...] | None":
+        """What the model was fitted to, or None when it is gone or has changed."""
+        provenance = stored.model.provenance
+        wanted = [(s.sha256, s.first, s.samples) for s in provenance.data]
+        return self._found(provenance.options, provenance.options.get("files"), wanted)
+
+    def validation(self, stored: StoredModel) -> "tuple[Record, ...] | None":
+        """What the model was judged on when it was fitted, or None where that is not known."""
+        held = stored.report.get("judged_on")
+        if not isinstance(held, Mapping):
+            return None
+        try:
+            wanted = [(s["sha256"], s["first"], s["samples"]) for s in held["sources"]]
+        except (KeyError, TypeError):
+            return None
+        return self._found(stored.model.provenance.options, held.get("files"), wanted)
+
+    def _found(
+        self, options: Mapping[str, Any], files: Any, wanted: list[tuple[str, float, int]]
+    ) -> "tuple[Record, ...] | None":
+        from sysid.errors import SysidError
+
+        try:
+            whole = self._prepared(options, list(files or []))
+        except (SysidError, KeyError, TypeError):
+            return None
+        pieces = [_piece(whole, *source) for source in wanted]
+        found = tuple(p for p in pieces if p is not None)
+        return found if found and len(found) == len(wanted) else None
+
+    def _prepared(self, options: Mapping[str, Any], files: list[str]) -> "tuple[Record, ...]":
+        from json import dumps
+
+        from sysid.data.io import read_logs
+        from sysid.data.preparation import Preparation
+        from sysid.data.read_options import ReadOptions
+
+        how = {"read": options.get("read", {}), "prepare": options.get("prepare", {})}
+        key = dumps([files, how], sort_keys=True, default=str)
+        if key not in self._read:
+            steps = Preparation.from_json(how["prepare"])
+            read = read_logs([Path(f) for f in files], ReadOptions.from_json(how["read"]))
+            self._read[key] = tuple(steps.apply(r) for r in read)
+        return self._read[key]
+
+
+def _piece(whole: "Sequence[Record]", sha256: str, first: float, samples: int) -> "Record | None":
+    """The stretch of ``samples`` samples from the instant ``first`` of the file with that hash."""
+    for r in whole:
+        at = (first - r.t0) / r.dt
+        start = round(at)
+        if r.sha256 == sha256 and abs(at - start) < SAME_INSTANT and start >= 0:
+            piece = r.rows(start, start + samples)
+            if len(piece) == samples:
+                return piece
+    return None

@@ -1,0 +1,142 @@
+"""Why a model should not lead, whatever its figures: a run that drifts, a mode nobody saw, no end.
+
+A model can be ahead by its figures and still be of no use for what comes next. Three things tell:
+
+- its free run grows for ever, or nearly so: a pole outside the unit circle;
+- it has a mode slower than the longest record is long: over that record the mode is a level or a
+  drift that it stands for, and elsewhere it does something else;
+- the search for its parameters was given up before it ended.
+
+Such a model leads only where no settled one is as good.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.errors import Termination
+from sysid.structures.base import Structure
+from sysid.structures.model import Model
+
+INTEGRATING = 1.0005
+"""Poles up to this radius are an integrator's, seen through noise."""
+
+
+@dataclass(frozen=True)
+class Doubts:
+    """What speaks against letting a model lead.
+
+    Attributes:
+        unbounded: whether its free run grows faster than an integrator's within a log.
+        clauses: each as what the model does, e.g. "its search was given up".
+    """
+
+    unbounded: bool
+    clauses: tuple[str, ...]
+
+    @property
+    def settled(self) -> bool:
+        """Whether nothing speaks against it."""
+        return not self.clauses
+
+    @property
+    def words(self) -> str:
+        """All clauses in one."""
+        return " and ".join(self.clauses)
+
+
+def doubts_about(model: Model) -> Doubts:
+    """What speaks against a fitted model."""
+    longest = max((s.samples for s in model.provenance.data), default=0)
+    found = list(motion_doubts(model.structure, model.theta, longest, model.dt))
+    if model.termination is Termination.MAX_ITERATIONS:
+        found.append("the search for its parameters was given up before it ended")
+    return Doubts(not bounded_run(model.structure, model.theta), tuple(found))
+
+
+def motion_doubts(s: Structure, theta: Array, longest: int, dt: float) -> tuple[str, ...]:
+    """What speaks against the motion of a structure with these parameters.
+
+    Args:
+        s: the structure.
+        theta: its parameters.
+        longest: samples of the longest record it was fitted to.
+        dt: sample time [s].
+    """
+    radius = _slowest_radius(s, theta)
+    if not s.stable(theta):
+        size = "" if not np.isfinite(radius) else f" (largest pole at radius {radius:.5f})"
+        return (f"its free run does not settle{size}",)
+    if not 0.0 < radius < 1.0 or not longest:
+        return ()
+    slowest = -1.0 / np.log(radius)
+    if slowest <= longest:
+        return ()
+    return (
+        f"its slowest mode takes {slowest * dt:.4g} s, longer than the log of {longest * dt:.4g} s",
+    )
+
+
+def bounded_run(s: Structure, theta: Array) -> bool:
+    """Whether the free run is bounded, or grows no faster than an integrator's within a log."""
+    if s.stable(theta):
+        return True
+    return _slowest_radius(s, theta) < INTEGRATING
+
+
+def _slowest_radius(s: Structure, theta: Array) -> float:
+    """Radius of the largest pole; infinite where an unstable structure tells of none."""
+    poles = s.properties(theta, 1.0).get("poles", [])
+    return float(max((p["abs"] for p in poles), default=float("inf")))
+
+
+def relative_gap(criterion: str, value: float, best: float, samples: int, ny: int) -> float:
+    """By which fraction RMS errors exceed the best ones, as a criterion sees them.
+
+    The information criteria are N ln V plus a penalty, ln V plus one, or V times one, with V the
+    determinant of ny outputs' errors: V^(1/2ny) is their (geometric mean) RMS.
+
+    Args:
+        criterion: its name.
+        value, best: of the model and of the best one.
+        samples: N behind them.
+        ny: number of outputs.
+    """
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        if criterion == "fit":
+            ratio = np.float64(100.0 - value) / max(100.0 - best, 1e-12)
+        elif criterion == "rmse":
+            ratio = np.float64(value) / max(best, 1e-300)
+        elif criterion in ("aic", "aicc", "bic"):
+            ratio = np.exp(np.float64(value - best) / max(samples, 1) / (2.0 * ny))
+        elif criterion == "naic":
+            ratio = np.exp(np.float64(value - best) / (2.0 * ny))
+        else:  # mdl, fpe, loss
+            ratio = (np.float64(value) / max(best, 1e-300)) ** (1.0 / (2.0 * ny))
+    return float(ratio) - 1.0 if np.isfinite(ratio) else float("inf")
+
+
+Entry = TypeVar("Entry")
+
+
+def leader(
+    ranked: Sequence[Entry], doubts: Callable[[Entry], Doubts], ties: Callable[[Entry], bool]
+) -> Entry:
+    """The first of a ranking that may lead.
+
+    A model whose run is unbounded does not lead while another one is bounded; of those left the
+    first one does, unless something speaks against it and a settled one ties with it.
+
+    Args:
+        ranked: best first.
+        doubts: what speaks against each.
+        ties: whether an entry is as good as the best of those that may lead, but for chance.
+    """
+    able = [e for e in ranked if not doubts(e).unbounded] or list(ranked)
+    first = able[0]
+    if doubts(first).settled:
+        return first
+    return next((e for e in able if doubts(e).settled and ties(e)), first)

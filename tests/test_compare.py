@@ -1,0 +1,186 @@
+"""sysid compare on equal terms: every option counts, and who is best can be built on."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import robot_log, run
+
+from sysid.criteria.information import CRITERIA
+from sysid.data.record import Record
+from sysid.errors import Termination
+from sysid.estimation.comparison import Contender, compare
+from sysid.estimation.pem import FitOptions, fit
+from sysid.estimation.soundness import Doubts, doubts_about, leader, relative_gap
+from sysid.structures.registry import structure_class
+
+Capture = pytest.CaptureFixture[str]
+
+
+def _workspace(folder: Path, capsys: Capture, *options: object) -> None:
+    log, val = robot_log(folder / "log.csv"), robot_log(folder / "val.csv", seed=2)
+    extra = ["--val", val] if "--val" in options else []
+    rest = [o for o in options if o != "--val"]
+    for name, orders in (("arx", "na=2 nb=2"), ("oe", "nb=1 nf=1")):
+        fitted = run(
+            capsys, "fit", log, "--structure", name, "--orders", orders, *extra, *rest,
+            "--workspace", folder / "ws",
+        )  # fmt: skip
+        assert fitted.code == 0, fitted.err
+
+
+HELD = [["--val"], ["--split", "0.7"], []]
+
+
+@pytest.mark.parametrize("held", HELD, ids=["val", "split", "none"])
+def test_every_option_counts_without_naming_a_log(
+    held: list[str], tmp_path: Path, capsys: Capture
+) -> None:
+    """--skip, --horizon and --initial-state change the figures on whatever judged the models."""
+    _workspace(tmp_path, capsys, *held)
+    place = ["--workspace", tmp_path / "ws", "--json"]
+    plain = run(capsys, "compare", *place).document["ranking"][0]["figures"]
+    options = ["--skip", 30, "--horizon", 5, "--horizon", 8, "--initial-state", "zero"]
+    asked = run(capsys, "compare", *options, *place).document["ranking"][0]["figures"]
+    assert asked["samples"] == plain["samples"] - 30
+    assert [f["horizon"] for f in asked["k_step"]] == [5, 8]
+    assert asked["initial_state"] == "zero"
+    assert asked["data"] == plain["data"]
+    assert asked["held_out"] == plain["held_out"] == bool(held)
+
+
+@pytest.mark.parametrize("held", HELD, ids=["val", "split", "none"])
+def test_the_figures_are_those_of_a_fit_that_was_asked_the_same(
+    held: list[str], tmp_path: Path, capsys: Capture
+) -> None:
+    """Whether the fit or the comparison is told how to judge, the numbers are the same."""
+    options = ["--skip", 20, "--horizon", 4]
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    _workspace(tmp_path / "a", capsys, *held, *options)
+    _workspace(tmp_path / "b", capsys, *held)
+    found = [
+        run(capsys, "compare", *options, "--workspace", tmp_path / x / "ws", "--json").document
+        for x in "ab"
+    ]
+    told, asked = ([r["figures"] for r in document["ranking"]] for document in found)
+    assert told == asked
+
+
+def test_without_the_log_other_figures_are_refused_in_a_sentence(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    _workspace(tmp_path, capsys, "--val")
+    (tmp_path / "val.csv").unlink()
+    assert run(capsys, "compare", "--workspace", tmp_path / "ws").code == 0
+    refused = run(capsys, "compare", "--skip", 10, "--workspace", tmp_path / "ws")
+    assert refused.code == 1
+    assert "is gone or has changed" in refused.err
+    assert "--val" in refused.err
+
+
+def test_models_of_logs_of_unequal_length_are_ranked_by_error_alone(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    """On one validation log; information criteria leave the others out and say so."""
+    val = robot_log(tmp_path / "val.csv", 200, 9)
+    place = ["--workspace", tmp_path / "ws"]
+    for k, samples in enumerate((150, 400)):
+        log = robot_log(tmp_path / f"log{k}.csv", samples, k)
+        shared = ["--structure", "arx", "--orders", "na=1 nb=1", "--val", val, *place]
+        assert run(capsys, "fit", log, *shared).code == 0
+    judged = run(capsys, "compare", "--val", val, *place, "--json").document
+    assert [r["figures"]["samples"] for r in judged["ranking"]] == [200, 200]
+    by_aic = run(capsys, "compare", "--criteria", "aic", *place, "--json").document
+    assert len(by_aic["ranking"]) == 1
+    assert "other data" in by_aic["excluded"][0]["reason"]
+
+
+# ------------------------------------------------------------------------ who may lead
+
+
+def _record(seed: int = 1, samples: int = 400) -> Record:
+    """A stable first-order plant, pole .8, with white noise on its output."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.choice([-1.0, 1.0], samples // 4), 4)
+    y = np.zeros(samples)
+    for k in range(1, samples):
+        y[k] = 0.8 * y[k - 1] + 0.2 * u[k - 1]
+    return Record(u[:, None], (y + 0.05 * rng.standard_normal(samples))[:, None], 0.1)
+
+
+def _contender(id: str, record: Record, pole: float | None) -> Contender:
+    """An OE model; with a pole its second mode has that pole and hardly any weight."""
+    n = 1 if pole is None else 2
+    oe = structure_class("oe").from_orders({"nb": n, "nf": n, "nk": 1}, 1, 1)
+    fixed = {}
+    if pole is not None:
+        f, b = np.poly([0.8, pole]), 0.2 * np.array([1.0, -pole])
+        fixed = {"f1": f[1], "f2": f[2], "b1": b[0], "b2": b[1] + 1e-7}
+        names = [p.name for p in oe.parameters(record.inputs, record.outputs)]
+        fixed = {n: fixed[n.split("[")[0]] for n in names}
+    model = fit(oe, [record], FitOptions(fixed=fixed))
+    figures = {"data": "here", "fit_percent": {"y": 0.0}, "rmse": {"y": 1.0}}
+    return Contender(id, model, (record,), {"estimation": figures})
+
+
+@pytest.mark.parametrize("criterion", CRITERIA)
+def test_a_model_that_drifts_leads_by_no_criterion(criterion: str) -> None:
+    """Fixed values count as no parameters, so the drifting model is first by every criterion."""
+    record = _record()
+    drifting = _contender("drifting", record, 1.0004)
+    settled = _contender("settled", record, None)
+    ranking = compare([drifting, settled], criterion, ([record], "here"))
+    assert ranking.best.contender.id == "settled"
+    if ranking.lines[0].contender.id == "drifting":
+        assert any("drifting is first by" in n and "1.0004" in n for n in ranking.notes)
+
+
+def test_a_mode_longer_than_the_log_does_not_lead_and_is_said() -> None:
+    record = _record()
+    slow, settled = _contender("slow", record, 0.9999), _contender("settled", record, None)
+    assert "999.9 s, longer than the log of 40 s" in doubts_about(slow.model).words
+    assert compare([slow, settled], "aic", ([record], "here")).best.contender.id == "settled"
+    alone = compare([slow], "aic", ([record], "here"))
+    assert alone.best.contender.id == "slow"
+    assert any("slow leads although" in n for n in alone.notes)
+
+
+def test_a_search_that_was_given_up_is_held_against_a_model() -> None:
+    record = _record()
+    settled = _contender("settled", record, None)
+    stopped = replace(settled.model, termination=Termination.MAX_ITERATIONS)
+    given_up = Contender("given-up", stopped, (record,), settled.report)
+    assert "given up" in doubts_about(given_up.model).words
+    assert doubts_about(settled.model).settled
+    assert compare([given_up, settled], "fit", ([record], "here")).best.contender.id == "settled"
+
+
+def test_only_a_tie_lets_a_settled_model_pass() -> None:
+    """A clearly better model leads, whatever speaks against it; an unbounded one never does."""
+    calm, slow = Doubts(False, ()), Doubts(False, ("it is slow",))
+    wild = Doubts(True, ("it runs away",))
+    names = {"calm": calm, "slow": slow, "wild": wild}
+
+    def lead(order: list[str], tied: set[str]) -> str:
+        return leader(order, names.__getitem__, tied.__contains__)
+
+    assert lead(["slow", "calm"], {"slow"}) == "slow"
+    assert lead(["slow", "calm"], {"slow", "calm"}) == "calm"
+    assert lead(["wild", "slow", "calm"], {"slow", "calm"}) == "calm"
+    assert lead(["wild", "slow", "calm"], {"slow"}) == "slow"
+    assert lead(["wild"], {"wild"}) == "wild"
+
+
+@pytest.mark.parametrize("criterion", CRITERIA)
+def test_criteria_measure_the_same_distance(criterion: str) -> None:
+    """Errors 10 % larger, the same number of parameters: a gap of 10 % by every criterion."""
+    from sysid.criteria.information import information_criteria
+
+    e = np.random.default_rng(0).standard_normal((500, 2))
+    if criterion in ("fit", "rmse"):
+        values = (95.0, 94.5) if criterion == "fit" else (1.0, 1.1)
+    else:
+        values = tuple(getattr(information_criteria([s * e], 5), criterion) for s in (1.0, 1.1))
+    assert relative_gap(criterion, values[1], values[0], 500, 2) == pytest.approx(0.1, rel=1e-6)
