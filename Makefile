@@ -59,6 +59,7 @@ bench: $(BENCH)/.installed  ## Time and memory against the plainest reference an
 study: $(VENV)/.installed-test  ## Slow studies: coverage, alarm rates, every structure on every record
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_coverage.py
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_residual_tests.py
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_robust.py
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_block_oriented.py
 	$(BIN)/python benchmarks/study_nonlinear.py
 

@@ -125,7 +125,7 @@ def fit(
     ] = None,
     robust: Annotated[
         bool,
-        typer.Option("--robust", rich_help_panel=_FITTING, help="Huber loss: outliers count less."),
+        typer.Option("--robust", rich_help_panel=_FITTING, help="Find outliers, leave them out."),
     ] = False,
     stable: Annotated[
         bool,

@@ -342,7 +342,6 @@ def test_twin_inputs_leave_a_direction_without_information() -> None:
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (FitOptions(robust=True), "robust"),
         (FitOptions(fixed={"y0": 0.0}), "held or bounded"),
     ],
 )

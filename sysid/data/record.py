@@ -12,6 +12,10 @@ from sysid.errors import DataError
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+HARDLY = 1e-6
+"""Weight of an error that a fit does not look at although nothing is wrong with its sample: it was
+predicted from a replaced reading."""
+
 PWM_FULL_SCALE = 20000.0
 """Pulse width at full drive [µs]; the drive d = PWM / PWM_FULL_SCALE lies in [-1, 1]."""
 
@@ -64,6 +68,8 @@ class Record:
         t0: time of the first sample [s].
         name: what to call the record in messages (the file's name).
         sha256: hash of the file, or of the arrays when there is no file.
+        weights: how much the error at each output counts, shape (N, ny), 0 for a reading or a
+            disturbance that a robust fit has left out; None where all count fully.
 
     Raises:
         DataError: lengths differ, the sample time is not positive, or names do not fit.
@@ -78,6 +84,7 @@ class Record:
     t0: float = 0.0
     name: str = "record"
     sha256: str = field(default="")
+    weights: Array | None = None
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -91,6 +98,10 @@ class Record:
         put(self, "outputs", _named(self.outputs, self.ny, "y", self.name))
         if self.pose is not None:
             put(self, "pose", frozen(self.pose, 3))
+        if self.weights is not None:
+            put(self, "weights", frozen(self.weights, self.ny))
+            if len(self.weights) != len(self.y):
+                raise DataError(f"{self.name}: {len(self.weights)} weights for {len(self.y)} rows")
         if not self.sha256:
             digest = hashlib.sha256(repr((self.u.shape, self.y.shape, self.dt)).encode())
             digest.update(self.u.tobytes())
@@ -141,6 +152,32 @@ class Record:
         """Whether every input is PWM in µs, whose full drive is known."""
         return all(c.unit == "µs" for c in self.inputs)
 
+    @property
+    def left_out(self) -> NDArray[np.bool_]:
+        """Samples and outputs whose errors do not count, shape (N, ny)."""
+        if self.weights is None:
+            return np.zeros(self.y.shape, dtype=bool)
+        return np.asarray(self.weights == 0.0)
+
+    @property
+    def fitted(self) -> NDArray[np.bool_]:
+        """Samples and outputs whose errors a fit looks at, shape (N, ny)."""
+        if self.weights is None:
+            return np.ones(self.y.shape, dtype=bool)
+        return np.asarray(self.weights > HARDLY)
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Samples whose errors count at every output, shape (N,)."""
+        return np.asarray(~self.left_out.any(axis=1))
+
+    @property
+    def ordinary(self) -> NDArray[np.bool_]:
+        """Samples whose errors count fully at every output, shape (N,)."""
+        if self.weights is None:
+            return np.ones(len(self), dtype=bool)
+        return np.asarray(np.all(self.weights == 1.0, axis=1))
+
     def rows(self, start: int, stop: int) -> "Record":
         """The samples ``start`` ≤ k < ``stop`` as a record of their own (same hash, later t0)."""
         start, stop, _ = slice(start, stop).indices(len(self))
@@ -150,6 +187,7 @@ class Record:
             y=self.y[start:stop],
             pose=None if self.pose is None else self.pose[start:stop],
             t0=self.t0 + start * self.dt,
+            weights=None if self.weights is None else self.weights[start:stop],
         )
 
     def between(self, t_start: float, t_end: float) -> "Record":
@@ -186,6 +224,7 @@ class Record:
             y=self.y[:, iy],
             inputs=tuple(self.inputs[i] for i in iu),
             outputs=tuple(self.outputs[i] for i in iy),
+            weights=None if self.weights is None else self.weights[:, iy],
         )
 
 

@@ -9,6 +9,7 @@ from sysid.data.record import Record
 from sysid.estimation.advice import advice
 from sysid.estimation.figures import Figures, Start, figures, residual_tests
 from sysid.estimation.operating_range import beyond_range
+from sysid.estimation.robust_judging import judged
 from sysid.estimation.step_response import StepResponse, step_responses
 from sysid.structures.model import Model
 
@@ -116,6 +117,7 @@ class Assessment:
 
 def figures_on(model: Model, records: Sequence[Record], data: str, policy: Policy) -> DataFigures:
     """Free run, one step and further horizons on one set of data, under one policy."""
+    records = judged(model, records)
 
     def at(horizon: int | None) -> Figures:
         return figures(model, records, data, horizon, policy.start, policy.skip)
@@ -145,7 +147,8 @@ def assess(
     """
     inside = figures_on(model, *estimation, policy)
     outside = None if validation is None else figures_on(model, *validation, policy)
-    beyond = () if validation is None else beyond_range(model, validation[0])
+    beyond = () if validation is None else beyond_range(model, judged(model, validation[0]))
+    struck = 0 if outside is None else outside.one_step.left_out
     residuals = residual_tests(model, estimation[0])
     spoken = advice(
         model,
@@ -159,9 +162,18 @@ def assess(
         inside,
         outside,
         residuals,
-        (*notes, *model.warnings, *beyond, *spoken),
+        (*notes, *model.warnings, *_left_out(struck), *beyond, *spoken),
         seconds,
         chosen or {},
         policy,
         step_responses(model),
     )
+
+
+def _left_out(samples: int) -> tuple[str, ...]:
+    """What the figures on validation data do not count."""
+    if samples == 0:
+        return ()
+    seen = "1 sample stands" if samples == 1 else f"{samples} samples stand"
+    was = "was" if samples == 1 else "were"
+    return (f"{seen} out of the validation data and {was} left out of the figures.",)

@@ -40,10 +40,12 @@ class ChainData:
 
     @staticmethod
     def of(records: Sequence[Record], held: Sequence[Mask] | None = None) -> "ChainData":
-        """All samples of the records are fitted, except those held out."""
+        """All samples of the records are fitted, except those held out and outliers."""
         data = tuple((np.asarray(r.u), np.asarray(r.y)) for r in records)
         none = tuple(np.zeros(len(y), dtype=bool) for _, y in data) if held is None else tuple(held)
-        return ChainData(data, tuple(~m for m in none), none, output_scales([y for _, y in data]))
+        kept = tuple(~m & r.counted for m, r in zip(none, records, strict=True))
+        held_out = tuple(m & r.counted for m, r in zip(none, records, strict=True))
+        return ChainData(data, kept, held_out, output_scales([y for _, y in data]))
 
     def problem(self, chain: BlockChain, kept: Sequence[Mask] | None = None) -> ChainErrors:
         """The free-run errors of a chain, initial states estimated."""

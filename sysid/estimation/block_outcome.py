@@ -9,8 +9,9 @@ from sysid.data.record import Array, Record
 from sysid.errors import DataError, ModelError, Termination
 from sysid.estimation.block_fit import ChainData, Fitted, descend, outer_abscissae
 from sysid.estimation.block_gains import normalised
+from sysid.estimation.robust import huber_widths
 from sysid.estimation.search import STATE_LEVEL, FitOptions, half_square
-from sysid.estimation.solvers import HUBER_WIDTH, Solution, levenberg_marquardt
+from sysid.estimation.solvers import Solution, levenberg_marquardt
 from sysid.estimation.strategies import Outcome
 from sysid.estimation.uncertainty import uncertainty
 from sysid.structures.base import Initial, Parameter
@@ -86,6 +87,19 @@ def finished(
     return last.outcome(best, (*reports, *said), warnings)
 
 
+def again(
+    before: Outcome,
+    records: Sequence[Record],
+    options: FitOptions,
+    parameters: tuple[Parameter, ...],
+) -> Outcome:
+    """The last search once more, on nearly the same data, from where a fit ended."""
+    structure = before.structure
+    assert isinstance(structure, BlockStructure)
+    starts = [("the fit before", before.theta)]
+    return finished(structure, records, options, parameters, starts, before.starts, before.warnings)
+
+
 def _because(last: "_Last") -> str:
     """What the user may have done to leave no stable model."""
     named = [
@@ -118,8 +132,8 @@ class _Last:
     ) -> None:
         self.structure, self.data, self.options, self.table = structure, data, options, table
         chain = structure.chain
-        self.moving = ChainErrors(chain, data.data, True, scales=data.scales)
-        self.rest = ChainErrors(chain, data.data, False, scales=data.scales)
+        self.moving = ChainErrors(chain, data.data, True, data.kept, data.scales)
+        self.rest = ChainErrors(chain, data.data, False, data.kept, data.scales)
         self.lower = np.array([p.lower for p in table])
         self.upper = np.array([p.upper for p in table])
         self.free = np.array([p.fixed is None for p in table], dtype=bool)
@@ -188,9 +202,7 @@ class _Last:
         if not self._bounded:
             p = self._descended(problem, p, SETTLED).p
         if self.options.robust:
-            r = problem.residual(p)
-            spread = float(np.median(np.abs(r - np.median(r))))
-            huber = HUBER_WIDTH * max(1.4826 * spread, 1e-12 * float(np.max(np.abs(r))))
+            huber = huber_widths(problem, problem.residual(p))
         return levenberg_marquardt(
             problem,
             p[: n + states],

@@ -12,7 +12,7 @@ from sysid.errors import ModelError
 from sysid.estimation.assessment import DataFigures, Policy, figures_on
 from sysid.estimation.figures import residual_tests
 from sysid.estimation.orders import CLOSE, ERROR_CRITERIA, check_criterion
-from sysid.estimation.pem import head_window
+from sysid.estimation.robust_judging import judged_errors
 from sysid.estimation.soundness import doubts_about, leader, relative_gap
 from sysid.structures.model import Model
 
@@ -267,10 +267,7 @@ def _criteria(contenders: Sequence[Contender], notes: list[str]) -> dict[str, di
                 "each fit, each over the samples its own model predicts."
             )
         return stored
-    errors = [
-        [c.model.errors(r, head_window(c.model.structure, c.model.theta)) for r in first.records]
-        for c in contenders
-    ]
+    errors = [judged_errors(c.model, first.records) for c in contenders]
     common = on_common_samples(errors)
     return {
         c.id: dict(asdict(information_criteria(e, c.model.n_estimated)))

@@ -10,6 +10,7 @@ from sysid.errors import DataError, SysidError, UsageError
 from sysid.estimation.figures import Start, outputs
 from sysid.estimation.offsets import Offsets
 from sysid.estimation.pem import fit
+from sysid.estimation.robust_judging import judged
 from sysid.estimation.search import FitOptions
 from sysid.structures.model import Model
 
@@ -75,11 +76,13 @@ def cross_validate(
         except SysidError:
             failed += 1
             continue
-        runs = [outputs(refit, r, None, Start.ESTIMATED) for r in held]
-        square = np.sum([np.sum((r.y - y) ** 2, 0) for r, y in zip(held, runs, strict=True)], 0)
+        held = judged(refit, held)
+        runs = [outputs(refit, r, None, Start.ESTIMATED)[r.counted] for r in held]
+        measured = [r.y[r.counted] for r in held]
+        square = np.sum([np.sum((m - y) ** 2, 0) for m, y in zip(measured, runs, strict=True)], 0)
         squares.append(square)
-        counts.append(sum(len(r) for r in held))
-        total += np.sum([np.sum((r.y - r.y.mean(0)) ** 2, 0) for r in held], 0)
+        counts.append(sum(len(m) for m in measured))
+        total += np.sum([np.sum((m - m.mean(0)) ** 2, 0) for m in measured], 0)
     if not squares:
         raise DataError(f"{model.structure.name} could not be fitted in any of {folds} folds")
     square, count = np.sum(squares, 0), int(np.sum(counts))

@@ -20,6 +20,7 @@ from sysid.estimation.estimated import (
     uncertain_columns,
 )
 from sysid.estimation.pem import head_window
+from sysid.estimation.robust_judging import judged
 from sysid.structures.model import Model
 
 JACOBIAN_NUMBERS = 20_000_000
@@ -44,6 +45,8 @@ class Figures:
         horizon: prediction horizon in samples, None for the free run.
         initial_state: the initial-state policy, in words.
         samples: samples that count.
+        left_out: samples that do not, because a reading or a disturbance stands out of a robust
+            fit there.
         fit_percent: 100(1 − ‖y−ŷ‖/‖y−ȳ‖) by output; NaN where y is constant.
         rmse: root mean squared error by output, in the output's unit.
     """
@@ -54,6 +57,7 @@ class Figures:
     samples: int
     fit_percent: Mapping[str, float]
     rmse: Mapping[str, float]
+    left_out: int = 0
 
     @property
     def mean_fit(self) -> float:
@@ -68,6 +72,7 @@ class Figures:
             "horizon": "free-run" if self.horizon is None else self.horizon,
             "initial_state": self.initial_state,
             "samples": self.samples,
+            "left_out": self.left_out,
             "fit_percent": {k: _finite(v) for k, v in self.fit_percent.items()},
             "rmse": {k: _finite(v) for k, v in self.rmse.items()},
         }
@@ -95,6 +100,8 @@ def figures(
 ) -> Figures:
     """Fit and RMSE of a model on records, pooled over them.
 
+    What stands out of the errors of a robustly fitted model is left out and counted.
+
     Args:
         model: the model.
         records: experiments, each with its own initial state.
@@ -111,8 +118,13 @@ def figures(
     require_left(records, skip)
     if not model.inputs and horizon is None:
         horizon = 1
+    records = judged(model, records)
+    left_out = [~r.counted for r in records]
     with np.errstate(over="ignore", invalid="ignore"):
-        runs = [outputs(model, r, horizon, start, skip) for r in records]
+        runs = [
+            np.where(out[:, None], np.nan, outputs(model, r, horizon, start, skip))
+            for r, out in zip(records, left_out, strict=True)
+        ]
         ys = [r.y for r in records]
         fits, errors = fit_percent(ys, runs, skip), rmse(ys, runs, skip)
     counted = sum(int(np.sum(np.all(np.isfinite(run[skip:]), axis=1))) for run in runs)
@@ -124,6 +136,7 @@ def figures(
         samples=counted,
         fit_percent=dict(zip(names, fits.tolist(), strict=True)),
         rmse=dict(zip(names, errors.tolist(), strict=True)),
+        left_out=sum(int(np.sum(out[skip:])) for out in left_out),
     )
 
 
@@ -154,7 +167,7 @@ def residual_tests(
         fitted: whether the model was fitted to these data. On others nothing is projected out;
             what the parameters' uncertainty puts into the residuals is allowed for instead.
     """
-    plain = [model.detrend.remove(r) for r in records]
+    plain = [model.detrend.remove(r) for r in judged(model, records)]
     room = max(JACOBIAN_NUMBERS // max(len(model.theta), 1), 1000)
     kept: list[Record] = []
     for r in plain:
@@ -162,7 +175,11 @@ def residual_tests(
             kept.append(r.rows(0, min(len(r), room)))
             room -= len(kept[-1])
     window = head_window(model.structure, model.theta)
-    errors = [model.structure.errors(model.theta, r.u, r.y, window) for r in kept]
+    errors = [
+        # an outlier is no error of the model: it counts as none
+        np.where(r.left_out, 0.0, model.structure.errors(model.theta, r.u, r.y, window))
+        for r in kept
+    ]
     jacobians = [
         [model.structure.gradient_columns(model.theta, r.u, r.y, i) for r in kept]
         for i in range(model.structure.ny)

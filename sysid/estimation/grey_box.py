@@ -11,8 +11,9 @@ from sysid.errors import ModelError, Termination
 from sysid.estimation.grey_box_starts import Setting, cost_of, started
 from sysid.estimation.holdout import hold_out
 from sysid.estimation.orders import tie_margin
+from sysid.estimation.robust import huber_widths
 from sysid.estimation.search import FitOptions
-from sysid.estimation.solvers import HUBER_WIDTH, Solution
+from sysid.estimation.solvers import Solution
 from sysid.estimation.strategies import Outcome, Warm
 from sysid.estimation.uncertainty import uncertainty
 from sysid.structures.base import Parameter, Structure
@@ -91,8 +92,8 @@ def by_multi_start(
     setting = replace(setting, structure=structure)
     huber = None
     if options.robust:
-        r = setting.problem(None).residual(p)
-        huber = HUBER_WIDTH * max(1.4826 * float(np.median(np.abs(r))), 1e-12)
+        problem = setting.problem(None)
+        huber = huber_widths(problem, problem.residual(p))
     last = setting.descend(p, free, None, options.limit(), huber)
     return _outcome(setting, last, free, (*reports, *notes))
 

@@ -76,9 +76,13 @@ class Setting:
         return np.array([p.upper for p in self.parameters])
 
     def problem(self, kept: Masks | None, free: NDArray[np.bool_] | None = None) -> GreyErrors:
-        """Free-run errors on the samples ``kept``; derivatives by the ``free`` entries of θ."""
+        """Free-run errors on the samples ``kept``, outliers left out; slopes by ``free`` of θ."""
         data = [(np.asarray(r.u), np.asarray(r.y)) for r in self.records]
         estimated = self.options.initial is not Initial.ZERO
+        if kept is None and any(r.weights is not None for r in self.records):
+            kept = [np.ones(len(r), dtype=bool) for r in self.records]
+        if kept is not None:
+            kept = [k & r.counted for k, r in zip(kept, self.records, strict=True)]
         return GreyErrors(self.structure, data, estimated, kept, wanted=free)
 
     def descend(
@@ -87,7 +91,7 @@ class Setting:
         free: NDArray[np.bool_],
         kept: Masks | None,
         evaluations: int,
-        huber: float | None = None,
+        huber: Array | None = None,
     ) -> Solution:
         problem = self.problem(kept, free)
         if len(p0) == problem.n_theta:
@@ -312,7 +316,9 @@ def _thinned(r: Record, every: int) -> Record:
         return r
     n = len(r) // every
     u = np.asarray(r.u)[: n * every].reshape(n, every, r.nu).mean(axis=1)
-    return replace(r, u=u, y=r.y[: n * every : every], dt=r.dt * every, pose=None)
+    weights = None if r.weights is None else r.weights[: n * every : every]
+    y, dt = r.y[: n * every : every], r.dt * every
+    return replace(r, u=u, y=y, dt=dt, pose=None, weights=weights)
 
 
 def cost_of(r: Array) -> float:

@@ -9,8 +9,9 @@ from sysid.data.level import Level, Origin
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Index, Record
 from sysid.estimation.offsets import Offsets
+from sysid.estimation.robust_fit import fitter
 from sysid.estimation.search import FitOptions
-from sysid.estimation.strategies import Outcome, strategy
+from sysid.estimation.strategies import Outcome
 from sysid.structures.base import Initial, Parameter
 from sysid.structures.constant_input import (
     constant_places,
@@ -75,7 +76,7 @@ def fit_with_level(
         # model remembers of the time before the record is not known.
         options = replace(options, initial=Initial.ZERO)
     plain = [with_ones(offsets.detrend.remove(r)) for r in records]
-    outcome = strategy(wide)(
+    outcome = fitter(wide, options)(
         wide,
         plain,
         options,

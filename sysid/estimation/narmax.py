@@ -11,8 +11,9 @@ from sysid.estimation.frols import forward, term_gram
 from sysid.estimation.holdout import shortened
 from sysid.estimation.noise_terms import with_noise_terms
 from sysid.estimation.orders import free_run_error
+from sysid.estimation.robust import huber_widths, weighted
 from sysid.estimation.search import FitOptions
-from sysid.estimation.solvers import HUBER_WIDTH, Solution, levenberg_marquardt
+from sysid.estimation.solvers import Solution, levenberg_marquardt
 from sysid.estimation.strategies import Outcome
 from sysid.estimation.term_search import search_terms
 from sysid.estimation.term_trials import LADDER, Row, Trial
@@ -83,8 +84,10 @@ def fit_narmax(
     parameters = _kept(structure, records[0], parameters)
     estimates = [_one_step(structure, records, options, parameters)]
     if chunk:
-        estimates += _in_free_run(structure, records, estimates[0], known, chunk, parameters)
-    found, more = _chosen(structure, records, estimates, simulate)
+        estimates += _in_free_run(
+            structure, records, options, estimates[0], known, chunk, parameters
+        )
+    found, more = _chosen(structure, records, estimates, options)
     return _outcome(structure, records, parameters, found, (*starts, *more), notes)
 
 
@@ -203,15 +206,12 @@ def _one_step(
     theta = np.where(free, 0.0, fixed)
     solved = []
     for i in range(s.ny):
-        problem = s.one_step(i, data)
+        problem = weighted(s.one_step(i, data), records)
         index = problem.index
         p = theta[index].copy()
         p[free[index]] = _linear(problem, p, free[index])
         p = np.clip(p, lower[index], upper[index])
-        huber = None
-        if options.robust:
-            e = problem.residual(p)
-            huber = HUBER_WIDTH * max(1.4826 * float(np.median(np.abs(e - np.median(e)))), 1e-300)
+        huber = huber_widths(problem, problem.residual(p)) if options.robust else None
         found = levenberg_marquardt(
             problem, p, free=free[index], lower=lower[index], upper=upper[index], huber=huber,
             max_evaluations=options.limit(),
@@ -233,6 +233,7 @@ def _linear(problem: Problem, p: Array, free: Array) -> Array:
 def _in_free_run(
     s: NARMAX,
     records: Sequence[Record],
+    options: FitOptions,
     start: Estimate,
     known: Sequence[Mapping[Term, float]],
     chunk: int,
@@ -248,7 +249,7 @@ def _in_free_run(
     rungs = list(dict.fromkeys(min(c, longest) for c in (*LADDER, chunk) if c <= chunk))
     theta, found = start.theta, []
     for rung in rungs:
-        theta, estimate = _over_chunks(s, records, small, theta, rung, parameters, "")
+        theta, estimate = _over_chunks(s, (records, small), options, theta, rung, parameters, "")
         found.append(estimate)
     warm = start.theta.copy()
     for i, row in enumerate(s.rows):
@@ -257,31 +258,35 @@ def _in_free_run(
                 warm[k] = known[i].get(t, warm[k])
     if any(known):
         words = " from the search's values"
-        found.append(_over_chunks(s, records, small, warm, rungs[-1], parameters, words)[1])
+        last = _over_chunks(s, (records, small), options, warm, rungs[-1], parameters, words)
+        found.append(last[1])
     return found
 
 
 def _over_chunks(
     s: NARMAX,
-    records: Sequence[Record],
-    small: Sequence[Record],
+    all_and_some: tuple[Sequence[Record], Sequence[Record]],
+    options: FitOptions,
     start: Array,
     chunk: int,
     parameters: Sequence[Parameter],
     words: str,
 ) -> tuple[Array, Estimate]:
-    """One refinement: θ and what determined it."""
+    """One refinement on some of the records, noise terms on all: θ and what determined it."""
+    records, small = all_and_some
     data = [(r.u, r.y) for r in small]
     scale = np.std(np.concatenate([r.y for r in small]), axis=0)
     problem = ChunkedRuns(s.free_run(), data, chunk, np.where(scale > 0.0, scale, 1.0))
     _, free, lower, upper = _held(parameters)
     index, theta = problem.index, start.copy()
+    counted = weighted(problem, small)
     solution = levenberg_marquardt(
-        problem,
+        counted,
         theta[index],
         free=free[index],
         lower=lower[index],
         upper=upper[index],
+        huber=huber_widths(counted, counted.residual(theta[index])) if options.robust else None,
         max_evaluations=FINAL_EVALUATIONS,
         tolerance=1e-7,
     )
@@ -290,22 +295,25 @@ def _over_chunks(
     for i, row in enumerate(s.rows):
         noise = np.array([is_noise(t) for t in row])
         if noise.any():
-            one = s.one_step(i, [(r.u, r.y) for r in records])
+            one = weighted(s.one_step(i, [(r.u, r.y) for r in records]), records)
             where = one.index
             after = levenberg_marquardt(
-                one, theta[where], free=free[where] & noise, lower=lower[where], upper=upper[where]
-            )
+                one, theta[where], free=free[where] & noise, lower=lower[where],
+                upper=upper[where],
+                huber=huber_widths(one, one.residual(theta[where])) if options.robust else None,
+            )  # fmt: skip
             theta[where] = after.p
             solved.append((one, after))
     return theta, Estimate(theta, tuple(solved), f"refined over {chunk} samples{words}")
 
 
 def _chosen(
-    s: NARMAX, records: Sequence[Record], estimates: Sequence[Estimate], simulate: bool
+    s: NARMAX, records: Sequence[Record], estimates: Sequence[Estimate], options: FitOptions
 ) -> tuple[Estimate, list[StartReport]]:
     """The estimate with the best free run over the estimation data."""
-    counted = [np.ones(len(r), dtype=bool) for r in records]
-    errors = [free_run_error(s, e.theta, records, counted) for e in estimates]
+    counted = [r.counted for r in records]
+    errors = [free_run_error(s, e.theta, records, counted, options.robust) for e in estimates]
+    simulate = options.focus.value == "simulation"
     starts = [
         StartReport("all", f"all data, {e.how}", None, error if np.isfinite(error) else None,
                     sum(solution.evaluations for _, solution in e.solved))

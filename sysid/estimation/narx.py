@@ -9,6 +9,7 @@ from sysid.data.record import Array, Record
 from sysid.errors import DataError, ModelError, Termination, UsageError
 from sysid.estimation.holdout import HoldOut, hold_out, shortened
 from sysid.estimation.narx_search import RUNGS, SHORT, largest, search_row
+from sysid.estimation.robust import weighted
 from sysid.estimation.search import FitOptions
 from sysid.estimation.simulation_error import FIRM, PULL, SHRINK, RowRuns, Trial
 from sysid.estimation.solvers import Solution, levenberg_marquardt
@@ -105,10 +106,6 @@ def _check(s: NarxWavelet, records: Sequence[Record], options: FitOptions) -> No
         raise UsageError(
             "narx-wavelet places its units by the data; no parameter of it can be held or bounded"
         )
-    if options.robust:
-        raise UsageError(
-            "narx-wavelet has no robust loss; repair the outliers (sysid inspect) or use narmax"
-        )
     needed = s.first_sample() + 20
     if max(len(r) for r in records) <= needed:
         raise DataError(
@@ -164,7 +161,7 @@ def _on_all_data(
     run = s.free_run()
     solved: list[tuple[Problem, Solution, int]] = []
     for i, theta in enumerate(plain):
-        ahead = OneStepRow(run, i, [(r.u, r.y) for r in records])
+        ahead = weighted(OneStepRow(run, i, [(r.u, r.y) for r in records]), records)
         solved.append((ahead, _evaluated(ahead, theta), sum(ahead.lengths)))
     found = [Estimate(np.concatenate(plain), tuple(solved), "least squares", 1)]
     if not any(t.chunk for t in winners):
@@ -208,13 +205,15 @@ def _prior(
 
 def _together(s: NarxWavelet, records: Sequence[Record], theta: Array, chunk: int) -> Estimate:
     """All rows refined at once within bounds: outputs see each other's simulated past."""
-    data = [(r.u, r.y) for r in shortened(records, RUN_SAMPLES)]
+    small = shortened(records, RUN_SAMPLES)
+    data = [(r.u, r.y) for r in small]
     samples = sum(len(y) for _, y in data)
     run = s.free_run()
     rows = [(RowRuns(s, i, everything(records), largest(s)), d) for i, d in enumerate(s.designs)]
     bounds = [row.bounds(d) for row, d in rows]
     pull, aim = _prior(FreeRuns(run, data, chunk), theta, rows)
-    problem = FreeRuns(run, data, chunk, pull, aim)
+    bare = FreeRuns(run, data, chunk, pull, aim)
+    problem = weighted(bare, small, more=int(np.count_nonzero(pull)))
     lower, upper, free = (
         np.concatenate([getattr(b, name) for b in bounds]) for name in ("lower", "upper", "free")
     )
@@ -224,7 +223,7 @@ def _together(s: NarxWavelet, records: Sequence[Record], theta: Array, chunk: in
         regular=True,
     )  # fmt: skip
     return Estimate(
-        found.p, ((problem, found, problem.samples),), f"refined over {chunk} samples",
+        found.p, ((problem, found, bare.samples),), f"refined over {chunk} samples",
         found.evaluations,
     )  # fmt: skip
 
@@ -232,7 +231,8 @@ def _together(s: NarxWavelet, records: Sequence[Record], theta: Array, chunk: in
 def _evaluated(problem: Problem, theta: Array) -> Solution:
     e = problem.residual(theta)
     J = problem.jacobian(theta)
-    return Solution(theta, 0.5 * float(e @ e), e, J, np.ones(len(e)), Termination.CLOSED_FORM, 1)
+    seen = np.ones(len(e)) if problem.counts is None else problem.counts.astype(np.float64)
+    return Solution(theta, 0.5 * float(e @ e), e, J, seen, Termination.CLOSED_FORM, 1)
 
 
 # ------------------------------------------------------------------------------ outcome
@@ -324,9 +324,12 @@ def _free_runs(s: NarxWavelet, theta: Array, records: Sequence[Record]) -> list[
 
 def _error(s: NarxWavelet, records: Sequence[Record], runs: Sequence[Array]) -> float:
     """Root mean square of free-run errors over the spread of the outputs."""
-    measured = np.concatenate([r.y[s.first_sample() :] for r in records])
+    first = s.first_sample()
+    records = [r for r in records if len(r) > first]
+    measured = np.concatenate([r.y[first:] for r in records])
     with np.errstate(over="ignore", invalid="ignore"):
         e = (measured - np.concatenate(runs)) / spreads([measured])
+        e = e[np.concatenate([r.counted[first:] for r in records])]
         found = float(np.sqrt(np.mean(e**2)))
     return found if np.isfinite(found) else float("inf")
 

@@ -13,6 +13,7 @@ from sysid.errors import DataError, ModelError, UsageError
 from sysid.estimation.arx_at_once import promising, solved_at_once
 from sysid.estimation.holdout import HoldOut
 from sysid.estimation.pem import fit_prepared, head_window
+from sysid.estimation.robust_fit import bounded_errors, outliers_of
 from sysid.estimation.search import FitOptions
 from sysid.estimation.soundness import bounded_run as bounded_run
 from sysid.estimation.soundness import motion_doubts
@@ -219,7 +220,9 @@ def _one_after_another(
             if criterion in ERROR_CRITERIA:
                 score = error
             else:
-                score = _information(s, model.theta, model.n_estimated, train, common, criterion)
+                score = _information(
+                    s, model.theta, model.n_estimated, train, common, criterion, options.robust
+                )
             if np.isfinite(score):
                 stable = bounded_run(s, model.theta)
                 calm = not motion_doubts(s, model.theta, longest, train[0].dt)
@@ -231,10 +234,23 @@ def _one_after_another(
 
 
 def _information(
-    s: Structure, theta: Array, n: int, records: Sequence[Record], start: int, criterion: str
+    s: Structure,
+    theta: Array,
+    n: int,
+    records: Sequence[Record],
+    start: int,
+    criterion: str,
+    robust: bool,
 ) -> float:
     window = head_window(s, theta)
-    errors = [s.errors(theta, r.u, r.y, window)[start:] for r in records]
+    if robust:
+        found = [outliers_of(s, theta, r, window) for r in records]
+        pairs = zip(records, found, strict=True)
+        errors = [
+            bounded_errors(s.errors(theta, r.u, f.marked(r).y, window), f)[start:] for r, f in pairs
+        ]
+    else:
+        errors = [s.errors(theta, r.u, r.y, window)[start:] for r in records]
     return float(getattr(information_criteria(errors, n), criterion))
 
 

@@ -11,16 +11,15 @@ from sysid.data.level import Level
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.errors import DataError, UsageError
+from sysid.estimation.head import head_window as head_window
 from sysid.estimation.levelled import fit_with_level
 from sysid.estimation.offsets import Offsets
+from sysid.estimation.robust_fit import bounded_errors, fitter
 from sysid.estimation.search import FitOptions
-from sysid.estimation.strategies import Outcome, strategy
+from sysid.estimation.strategies import Outcome
 from sysid.structures.base import Initial, Parameter, Structure
 from sysid.structures.model import Model, Provenance, Source
 from sysid.structures.polynomial import PolynomialStructure
-
-LONGEST_HEAD = 10_000
-"""Samples that suffice for the initial state of any run, even of an integrator."""
 
 
 def fit(
@@ -61,7 +60,7 @@ def fit(
             plain = tuple(found.at_fit.remove(r) for r in records)
             return _model(found.outcome, records, plain, options, found.detrend, found.level)
     plain = tuple(offsets.detrend.remove(r) for r in records)
-    outcome = strategy(structure)(structure, plain, options, parameters, warm)
+    outcome = fitter(structure, options)(structure, plain, options, parameters, warm)
     return _model(outcome, records, plain, options, offsets.detrend, offsets.level)
 
 
@@ -78,7 +77,7 @@ def fit_prepared(
     records = tuple(records)
     parameters = _constrained(structure, records[0], options)
     _check_length(structure, records, parameters)
-    outcome = strategy(structure)(structure, records, options, parameters, warm)
+    outcome = fitter(structure, options)(structure, records, options, parameters, warm)
     none = Detrend.none(structure.nu, structure.ny)
     return _model(outcome, records, records, options, none, Level())
 
@@ -210,9 +209,16 @@ def _model(
     n_estimated = sum(p.fixed is None for p in parameters) + level.estimated + n_states
     # the errors that were minimised: from rest, or from states fitted to the whole record
     own_states = n_states > 0 or options.initial is Initial.BACKCAST
+    outliers = outcome.outliers
+    if outliers:
+        plain = [o.marked(r) for o, r in zip(outliers, plain, strict=True)]
+        records = [o.marked(r) for o, r in zip(outliers, records, strict=True)]
     errors = [structure.errors(theta, r.u, r.y, len(r) if own_states else 0) for r in plain]
-    criteria = information_criteria(errors, n_estimated)
-    joint = np.concatenate(errors)
+    judged = errors
+    if outliers:
+        judged = [bounded_errors(*pair) for pair in zip(errors, outliers, strict=True)]
+    criteria = information_criteria(judged, n_estimated)
+    joint = np.concatenate([e[r.ordinary] for e, r in zip(errors, plain, strict=True)])
     joint = np.compress(np.all([np.isfinite(c) for c in joint.T], axis=0), joint, axis=0)
     first = records[0]
     channels = [(*r.u.T, *r.y.T) for r in records]
@@ -252,29 +258,10 @@ def _model(
                 "initial": options.initial.value,
                 "loss": "huber" if options.robust else "quadratic",
                 "stable": options.stable,
+                "left_out": int(sum(np.sum(o.found) for o in outliers)),
                 "initial_states_estimated": n_states,
                 **options.extra,
             },
             __version__,
         ),
     )
-
-
-def head_window(structure: Structure, theta: Array, skip: int = 0) -> int:
-    """Samples at the head of a record from which its unknown initial state is fitted.
-
-    Exactly as many as there are states when just that many are left out of the figures: the run
-    then starts from the measured outputs, as published protocols have it. Otherwise at least the
-    skipped samples, three times the number of states, so that their noise averages out, and two
-    of the slowest time constants: over less, the amplitude of a slow mode is guesswork, and what
-    is guessed wrong stays in the run for long.
-    """
-    states = structure.n_states(theta)
-    if skip == states > 0:
-        return skip
-    slowest = min(structure.forgets_after(theta), LONGEST_HEAD)
-    if isinstance(structure, PolynomialStructure):
-        radii = np.abs(structure.transfer(theta).poles())
-        decay = np.abs(np.log(radii[radii > 0.0]))
-        slowest = 2.0 / max(float(np.min(decay, initial=np.inf)), 2.0 / LONGEST_HEAD)
-    return max(skip, 3 * states, int(slowest)) if states else 0

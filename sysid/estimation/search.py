@@ -9,8 +9,10 @@ from scipy.special import fdtri
 from sysid.data.record import Array, Index, Record
 from sysid.errors import DataError, ModelError, Termination
 from sysid.estimation import initial
-from sysid.estimation.solvers import HUBER_WIDTH, TOLERANCE, Solution, levenberg_marquardt
+from sysid.estimation.robust import UNBOUNDED, huber_widths, weighted
+from sysid.estimation.solvers import TOLERANCE, Solution, levenberg_marquardt
 from sysid.estimation.state_prior import (
+    PriorStates,
     RunawayStatesError,
     WatchedStates,
     descend_with_prior,
@@ -48,7 +50,7 @@ class FitOptions:
         focus: what is minimised.
         initial: initial states; ``AUTO`` estimates them only where that lowers the cost
             significantly, ``BACKCAST`` refits them between rounds without counting them.
-        robust: Huber loss instead of the quadratic one.
+        robust: Huber loss instead of the quadratic one, outliers found and left out.
         stable: admit only parameters whose free run is stable.
         fixed: values of parameters that are not estimated, by name.
         bounds: (lower, upper) by name.
@@ -133,7 +135,8 @@ class Search:
     def _problems(self, mode: Initial) -> tuple[Problem, ...]:
         mode = Initial.ESTIMATED if mode is Initial.BACKCAST else mode
         o = self.options
-        return self.structure.problems(self.records, o.focus, mode, o.stable)
+        problems = self.structure.problems(self.records, o.focus, mode, o.stable)
+        return tuple(weighted(p, self.records) for p in problems)
 
     def _admissible(self, theta: Array) -> Array:
         held = ~np.isnan(self.fixed)
@@ -237,18 +240,21 @@ class Search:
         self,
         problem: Problem,
         p0: Array,
-        huber: float | None,
+        huber: Array | None,
         states: bool = True,
     ) -> Solution:
         def descend(chosen: Problem, start: Array) -> Solution:
             lower, upper = self._limits(problem)
+            width = huber
+            if width is not None and isinstance(chosen, PriorStates):
+                width = np.append(width, np.full(problem.n_initial, UNBOUNDED))
             return levenberg_marquardt(
                 chosen,
                 start,
                 free=self._free(problem, states),
                 lower=lower,
                 upper=upper,
-                huber=huber,
+                huber=width,
                 max_evaluations=self.options.limit(),
                 tolerance=self.options.precision(),
                 patience=self.options.patience,
@@ -313,13 +319,12 @@ class Search:
                 return True
         return False
 
-    def _huber_width(self, problem: Problem, theta: Array) -> float | None:
-        """Huber's threshold from the median absolute deviation of the start's errors."""
+    def _huber_width(self, problem: Problem, theta: Array) -> Array | None:
+        """Huber's threshold from the errors of a quick fit from the best start."""
         if not self.options.robust:
             return None
         quick = self._descend(problem, problem.initial_guess(theta), None)
-        spread = float(np.median(np.abs(quick.residual - np.median(quick.residual))))
-        return HUBER_WIDTH * max(1.4826 * spread, 1e-12 * float(np.max(np.abs(quick.residual))))
+        return huber_widths(problem, quick.residual)
 
     def _states_matter(self, problem: Problem, theta: Array) -> bool:
         """F-test of the initial states at fixed θ (they enter the errors linearly).
@@ -349,7 +354,7 @@ class Search:
         ratio = (gained / k) / (left / (len(r) - k - len(problem.index)))
         return bool(ratio > fdtri(k, len(r) - k - len(problem.index), STATE_LEVEL))
 
-    def _backcast(self, problem: Problem, solution: Solution, huber: float | None) -> Solution:
+    def _backcast(self, problem: Problem, solution: Solution, huber: Array | None) -> Solution:
         """Alternate: states by least squares with θ held, θ with the states held."""
         n = len(problem.index)
         p = solution.p

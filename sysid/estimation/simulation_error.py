@@ -122,16 +122,26 @@ class RowRuns:
         self.limits = (structure.limits[output],)
         self.train = [self.view(r) for r in data.train]
         self.whole = [self.view(r) for r in data.whole]
-        self.counted: Sequence[NDArray[np.bool_]] = data.counted
+        self.counted: Sequence[NDArray[np.bool_]] = [
+            m & ~r.left_out[:, output] for m, r in zip(data.counted, data.whole, strict=True)
+        ]
         self.scale = spreads([y for _, y in self.train])
-        held = np.concatenate([y[m, 0] for (_, y), m in zip(self.whole, data.counted, strict=True)])
+        held = np.concatenate([y[m, 0] for (_, y), m in zip(self.whole, self.counted, strict=True)])
         spread = float(np.std(held)) if len(held) else 0.0
         self.spread = spread if spread > 0.0 else 1.0
         first = self.run(RowDesign.plain(len(self.row))).window.first
         self.first = first
-        self.fitted = [~m for m in data.counted] if data.held else [m | True for m in data.counted]
-        self.x = np.concatenate([columns(self.row, u, y)[first:] for u, y in self.train])
-        self.y = np.concatenate([y[first:, 0] for _, y in self.train])
+        self.fitted = [
+            (~m if data.held else m | True) & ~r.left_out[:, output]
+            for m, r in zip(data.counted, data.whole, strict=True)
+        ]
+        used = [r.fitted[first:, output] for r in data.train]
+        self.x = np.concatenate(
+            [columns(self.row, u, y)[first:][k] for (u, y), k in zip(self.train, used, strict=True)]
+        )
+        self.y = np.concatenate(
+            [y[first:, 0][k] for (_, y), k in zip(self.train, used, strict=True)]
+        )
 
     def _inward(self, s: Signal) -> Signal:
         if s.kind == "u":

@@ -18,9 +18,6 @@ from sysid.structures.base import Problem
 TOLERANCE = 1e-9
 """Relative tolerance on cost and step: three digits below the statistical error of any log."""
 
-HUBER_WIDTH = 1.345
-"""Huber's threshold in standard deviations: 95 % efficiency on Gaussian errors (Huber 1981)."""
-
 
 @dataclass(frozen=True, eq=False)
 class Solution:
@@ -31,7 +28,7 @@ class Solution:
         cost: ½‖r‖² (of the robust loss where one was asked).
         residual: r(p).
         jacobian: ∂r/∂p at the solution, shape (M, len(p)), all columns.
-        weights: weight of each residual (1 for the quadratic loss).
+        weights: weight of each residual: 1 for the quadratic loss, 0 where it does not count.
         termination: why it stopped.
         evaluations: residual evaluations.
         at_bound: entries of p that ended on a bound.
@@ -54,7 +51,7 @@ def levenberg_marquardt(
     free: Array,
     lower: Array,
     upper: Array,
-    huber: float | None = None,
+    huber: Array | None = None,
     max_evaluations: int = 200,
     tolerance: float = TOLERANCE,
     patience: int | None = None,
@@ -70,7 +67,7 @@ def levenberg_marquardt(
         p0: start, fixed entries included.
         free: mask of the entries to estimate.
         lower, upper: bounds of all entries.
-        huber: threshold of the Huber loss in units of r, or None for the quadratic loss.
+        huber: threshold of the Huber loss for each residual, (M,), or None for the quadratic loss.
         max_evaluations: limit on residual evaluations.
         tolerance: relative tolerance on cost and step.
         patience: stop after so many evaluations in a row that lowered the cost by less than
@@ -100,7 +97,7 @@ def levenberg_marquardt(
     def residual(x: Array) -> Array:
         r = problem.residual(full(x))
         if patience is not None:
-            best.add(x, r, tolerance, patience)
+            best.add(x, loss(r, huber), tolerance, patience)
         return r
 
     known: dict[bytes, Array] = {}
@@ -145,9 +142,8 @@ class _Best:
         self.evaluations = 0
         self._cost, self._waited = np.inf, 0
 
-    def add(self, x: Array, r: Array, tolerance: float, patience: int) -> None:
+    def add(self, x: Array, cost: float, tolerance: float, patience: int) -> None:
         """Note one evaluation; raise when patience is at an end."""
-        cost = float(r @ r)
         self.evaluations += 1
         self._waited = 0 if cost < (1.0 - tolerance) * self._cost else self._waited + 1
         if cost < self._cost or not len(self.x):
@@ -172,7 +168,7 @@ def _regular(lower: Array, upper: Array) -> Search:
     return search
 
 
-def _trust_region(lower: Array, upper: Array, huber: float | None) -> Search:
+def _trust_region(lower: Array, upper: Array, huber: Array | None) -> Search:
     """SciPy's bounded trust region, with the Huber loss where a threshold is given."""
 
     def search(
@@ -187,8 +183,7 @@ def _trust_region(lower: Array, upper: Array, huber: float | None) -> Search:
             bounds=(lower, upper),
             method="trf",
             x_scale="jac",
-            loss="linear" if huber is None else "huber",
-            f_scale=1.0 if huber is None else huber,
+            loss="linear" if huber is None else _huber_loss(huber),
             ftol=tolerance,
             xtol=tolerance,
             gtol=1e-14,
@@ -198,6 +193,31 @@ def _trust_region(lower: Array, upper: Array, huber: float | None) -> Search:
         return found.x, int(found.nfev), ended
 
     return search
+
+
+def loss(r: Array, huber: Array | None) -> float:
+    """½‖r‖², or Huber's Σ ρ(r): ½ r² up to the width k, then k (|r| − k/2)."""
+    if huber is None:
+        return 0.5 * float(r @ r)
+    size = np.abs(r)
+    return float(np.sum(np.where(size <= huber, 0.5 * size**2, huber * (size - 0.5 * huber))))
+
+
+def _huber_loss(width: Array) -> Any:
+    """z = r² → (ρ, ρ', ρ'') of 2ρ(r), one width a residual, as SciPy takes it."""
+
+    def rho(z: Array) -> Array:
+        size = np.sqrt(np.maximum(z, 1e-300))
+        inside = size <= width
+        return np.array(
+            [
+                np.where(inside, z, 2.0 * width * size - width**2),
+                np.where(inside, 1.0, width / size),
+                np.where(inside, 0.0, -0.5 * width / np.maximum(size, width) ** 3),
+            ]
+        )
+
+    return rho
 
 
 _ENDINGS = {
@@ -214,7 +234,7 @@ def _ended(
     p: Array,
     termination: Termination,
     evaluations: int,
-    huber: float | None,
+    huber: Array | None,
     at_bound: tuple[int, ...] = (),
     jacobian: Array | None = None,
 ) -> Solution:
@@ -223,18 +243,12 @@ def _ended(
     cost = loss(r, huber)
     if huber is not None:
         weights = np.minimum(1.0, huber / np.maximum(np.abs(r), 1e-300))
+    if problem.counts is not None:
+        weights = weights * problem.counts
     if not np.isfinite(cost) or np.max(np.abs(r), initial=0.0) >= 1e99:
         termination = Termination.DIVERGED
     J = problem.jacobian(p) if jacobian is None else jacobian
     return Solution(p, cost, r, J, weights, termination, evaluations, at_bound)
-
-
-def loss(r: Array, huber: float | None) -> float:
-    """½‖r‖², or Huber's loss where a threshold is given."""
-    if huber is None:
-        return 0.5 * float(r @ r)
-    size = np.abs(r)
-    return float(np.sum(np.where(size <= huber, 0.5 * r**2, huber * (size - 0.5 * huber))))
 
 
 def _inside(x: Array, lower: Array, upper: Array) -> Array:

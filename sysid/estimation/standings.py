@@ -13,7 +13,7 @@ from sysid.estimation.orders import (
     bounded_run,
     free_run_error,
 )
-from sysid.estimation.pem import head_window
+from sysid.estimation.robust_judging import judged_errors
 from sysid.estimation.search import FitOptions
 from sysid.estimation.soundness import doubts_about, relative_gap
 from sysid.structures.model import Model
@@ -136,11 +136,7 @@ def _seen(entry: Entry, records: Sequence[Record]) -> list[Record]:
 
 def _information(entries: Sequence[Entry], records: Sequence[Record], name: str) -> list[float]:
     """A criterion of every entry from one-step errors on the samples that all of them predict."""
-    errors = []
-    for e in entries:
-        s, theta = e.model.structure, e.model.theta
-        window = head_window(s, theta)
-        errors.append([s.errors(theta, r.u, r.y, window) for r in _seen(e, records)])
+    errors = [judged_errors(e.model, records) for e in entries]
     found = []
     for e, common in zip(entries, on_common_samples(errors), strict=True):
         value = float(getattr(information_criteria(common, e.model.n_estimated), name))

@@ -44,6 +44,7 @@ class WatchedStates(Problem):
     def __init__(self, problem: Problem, size: float) -> None:
         self.index, self.n_initial = problem.index, problem.n_initial
         self.lengths, self.channels = problem.lengths, problem.channels
+        self.counts = problem.counts
         self.problem, self.size = problem, size
 
     def residual(self, p: Array) -> Array:
@@ -75,6 +76,8 @@ class PriorStates(Problem):
     def __init__(self, problem: Problem, weight: Array) -> None:
         self.index, self.n_initial = problem.index, problem.n_initial
         self.lengths, self.channels = problem.lengths, problem.channels
+        if problem.counts is not None:
+            self.counts = np.append(problem.counts, np.ones(problem.n_initial, dtype=bool))
         self.problem, self.weight = problem, weight
 
     def residual(self, p: Array) -> Array:
@@ -93,7 +96,7 @@ def descend_with_prior(
     start: Array,
     size: float,
     descend: Callable[[Problem, Array], Solution],
-    huber: float | None = None,
+    huber: Array | None = None,
 ) -> Solution:
     """The descent under the prior.
 
@@ -102,7 +105,7 @@ def descend_with_prior(
         start: first p.
         size: ‖y‖ of the problem's outputs.
         descend: minimises any problem from any start.
-        huber: threshold of the Huber loss, None for the quadratic one.
+        huber: threshold of the Huber loss for each residual, None for the quadratic one.
 
     Returns:
         Where it ended; residuals, Jacobian, weights and cost are those of the problem alone.

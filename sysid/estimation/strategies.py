@@ -9,6 +9,7 @@ import numpy as np
 from sysid.data.record import Array, Record
 from sysid.errors import Termination
 from sysid.estimation import closed_form
+from sysid.estimation.outliers import Outliers
 from sysid.estimation.search import FitOptions, Search, assembled
 from sysid.estimation.uncertainty import with_confounded
 from sysid.structures.base import Parameter, Structure
@@ -30,6 +31,7 @@ class Outcome:
         at_bound: names of the parameters that ended on a bound.
         starts: every start tried.
         warnings: what the user should know.
+        outliers: what was left out of each record, empty where nothing was looked for.
     """
 
     structure: Structure
@@ -42,6 +44,7 @@ class Outcome:
     at_bound: tuple[str, ...] = ()
     starts: tuple[StartReport, ...] = ()
     warnings: tuple[str, ...] = ()
+    outliers: tuple[Outliers, ...] = ()
 
 
 Warm = Sequence[tuple[str, Array]]
@@ -66,6 +69,29 @@ def strategy(structure: Structure) -> Strategy:
         return by_search
     module, _, name = own.partition(":")
     found: Strategy = getattr(import_module(module), name)
+    return found
+
+
+_AGAIN: dict[str, str] = {
+    "hammerstein-wiener": "sysid.estimation.block_outcome:again",
+    "wiener-hammerstein": "sysid.estimation.block_outcome:again",
+}
+"""Structure → how it is fitted to nearly the same data from where a fit ended."""
+
+
+def again(
+    strategy: Strategy,
+    before: Outcome,
+    records: Sequence[Record],
+    options: FitOptions,
+    parameters: tuple[Parameter, ...],
+) -> Outcome:
+    """Fit what a fit found to nearly the same data: nothing is chosen anew where that is costly."""
+    own = _AGAIN.get(before.structure.name)
+    if own is None:
+        return strategy(before.structure, records, options, parameters, ())
+    module, _, name = own.partition(":")
+    found: Outcome = getattr(import_module(module), name)(before, records, options, parameters)
     return found
 
 

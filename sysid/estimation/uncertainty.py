@@ -16,6 +16,10 @@ from sysid.structures.polynomial import PolynomialStructure
 AR_ORDER = 20
 WHITE_LAGS = 25
 
+LEAST_SLOPE = 0.1
+"""Smallest mean slope of Huber's score that is believed: with fewer residuals inside the width the
+width is not that of their bulk."""
+
 PART = 1e-3
 """Weight beyond which a parameter counts as taking part in a direction without information."""
 
@@ -49,19 +53,26 @@ def uncertainty(
     """Covariance of a least-squares (or Huber) estimate.
 
     With white residuals σ²(JᵀJ)⁻¹ (Ljung 1999, eq. 9.42); with coloured ones the sandwich
-    (JᵀJ)⁻¹ JᵀΣJ (JᵀJ)⁻¹, Σ from an AR(20) fit of the residuals. Under the Huber loss J and ε are
-    weighted.
+    (JᵀJ)⁻¹ JᵀΣJ (JᵀJ)⁻¹, Σ from an AR(20) fit of the residuals. Under the Huber loss ε is replaced
+    by its score ψ(ε), which is bounded, and everything divided by the square of the mean slope ψ′,
+    the share of the residuals inside the width (Huber 1981, eq. 7.6.5):
+
+        E ψ² / (E ψ′)² (JᵀJ)⁻¹,
+
+    times Huber's correction (1 + n var ψ′ / (N (E ψ′)²))² for few samples.
 
     Args:
         jacobian: ∂ε/∂p of the estimated entries, shape (M, n).
         residual: ε, shape (M,).
         stretches: (output, number of residuals) of each uninterrupted stretch of time, in order.
-        weights: weight of each residual.
+        weights: weight ψ(ε)/ε of each residual, 0 for those that were left out.
         white: what the residuals are known to be; None decides by a portmanteau test at 1 %.
     """
-    m, n = jacobian.shape
-    root = np.sqrt(weights)
-    J = jacobian if np.all(weights == 1.0) else jacobian * root[:, None]
+    n = jacobian.shape[1]
+    seen = weights > 0.0
+    m = int(np.sum(seen))
+    slope = float(np.sum(weights == 1.0)) / max(m, 1)
+    J = jacobian if np.all(seen) else jacobian * seen[:, None]
     scale = np.linalg.norm(J, axis=0)
     scale[scale == 0] = 1.0
     _, s, Vt = np.linalg.svd(triangle(J / scale), full_matrices=False)
@@ -71,7 +82,10 @@ def uncertainty(
     inverse = half @ half.T
     dof = max(m - int(keep.sum()), 1)
     score = residual * weights
-    variance = float(score @ residual) / dof
+    bent = (1.0 + n * (1.0 - slope) / (max(m, 1) * max(slope, LEAST_SLOPE))) / max(
+        slope, LEAST_SLOPE
+    )
+    variance = float(score @ score) / dof * bent**2
     edges = np.cumsum([0, *(n for _, n in stretches)]).tolist()
     pieces: dict[int, list[slice]] = {}
     for (channel, _), (a, b) in zip(stretches, pairwise(edges), strict=True):
@@ -81,11 +95,11 @@ def uncertainty(
     is_white = all(portmanteau_white(e) for e in scores.values()) if white is None else white
     covariance = variance * inverse
     if not is_white and m > 5 * AR_ORDER:
-        # outputs have noise of their own; under Huber the bread is weighted, the meat is not
+        # outputs have noise of their own
         covariance = np.zeros((n, n))
         for i, where in pieces.items():
-            covariance += sandwich(half, [jacobian[p] for p in where], scores[i])
-        covariance *= m / dof
+            covariance += sandwich(half, [J[p] for p in where], scores[i])
+        covariance *= m / dof * bent**2
     else:
         is_white = True
     null = Vt[~keep].T

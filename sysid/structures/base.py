@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Array, Channel, Index, Record
 from sysid.effects.ground import Ground
@@ -59,12 +60,14 @@ class Problem(ABC):
         lengths: how many residuals each stretch of time contributes, in order; noise is not
             correlated across stretches.
         channels: output of each of these stretches.
+        counts: which residuals count at all, (M,); None when all do. Those that do not are zero.
     """
 
     index: Index
     n_initial: int
     lengths: tuple[int, ...]
     channels: tuple[int, ...]
+    counts: NDArray[np.bool_] | None = None
 
     @abstractmethod
     def residual(self, p: Array) -> Array:

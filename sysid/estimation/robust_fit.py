@@ -1,0 +1,142 @@
+"""Robust fits: the model finds the outliers, they are left out, and the model is fitted again."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.data.record import Array, Record
+from sysid.estimation.head import head_window
+from sysid.estimation.outliers import Outliers, find_outliers
+from sysid.estimation.search import FitOptions
+from sysid.estimation.strategies import Outcome, Strategy, Warm, again, strategy
+from sysid.structures.base import Parameter, Structure
+
+ROUNDS = 4
+"""Fits at most. Outliers are told apart ever better as the model becomes free of them; from one
+round to the next only a per cent of the data changes, so that few rounds settle it."""
+
+WHOLE_ROUNDS = 2
+"""Of these the fits that choose orders, statics and the like anew: before the outliers are left out
+and after it."""
+
+SETTLED = 0.05
+"""Share of the outliers that may still change from round to round: those near the threshold do no
+harm on either side of it."""
+
+SAME = 0.02
+"""Change of the replaced readings, root mean square over the size at which an error stands out, up
+to which they are the same: a twelfth of a standard deviation, in two samples of a hundred."""
+
+RANKING_ROUNDS = 2
+"""Fits of a candidate that is only ranked."""
+
+
+def fitter(structure: Structure, options: FitOptions) -> Strategy:
+    """The way to fit this structure: its own, or around it the search for outliers."""
+    return without_outliers if options.robust else strategy(structure)
+
+
+def without_outliers(
+    structure: Structure,
+    records: Sequence[Record],
+    options: FitOptions,
+    parameters: tuple[Parameter, ...],
+    warm: Warm,
+) -> Outcome:
+    """Fit with Huber's loss, leave out what stands out of the model's errors, and fit again.
+
+    Huber's loss bounds what a large error does, but not what a bad reading does among the past
+    outputs from which others are predicted; so bad readings are found, replaced by what the model
+    predicts there, and searched for again with the better model until nothing changes.
+
+    Args:
+        structure: what to fit.
+        records: experiments, offsets removed.
+        options: how to fit.
+        parameters: names, bounds and fixed values.
+        warm: further starts.
+
+    Returns:
+        The fit, with what was left out of each record.
+    """
+    road = strategy(structure)
+    used = tuple(records)
+    known: tuple[Outliers, ...] | None = None
+    rounds = ROUNDS if options.patience is None else RANKING_ROUNDS
+    for k in range(rounds):
+        if k < WHOLE_ROUNDS:
+            outcome = road(structure, used, options, parameters, warm)
+        else:
+            outcome = again(road, outcome, used, options, parameters)
+        s, theta = outcome.structure, outcome.theta
+        found = tuple(outliers_of(s, theta, r, head_window(s, theta)) for r in records)
+        if known is None and not any(f.found.any() for f in found):
+            known = found
+            break
+        if known is not None and (k == rounds - 1 or _settled(found, known)):
+            break
+        known, used = found, tuple(f.marked(r) for f, r in zip(found, records, strict=True))
+    assert known is not None
+    said = (*outcome.warnings, *_words(known, records))
+    return replace(outcome, warnings=said, outliers=known)
+
+
+def _settled(found: Sequence[Outliers], known: Sequence[Outliers]) -> bool:
+    """Whether two searches came to the same outliers and replaced them by the same values."""
+    moved = [
+        ((a.change - b.change) / a.limits)[a.readings & b.readings]
+        for a, b in zip(found, known, strict=True)
+    ]
+    if np.sum(np.concatenate(moved) ** 2) > SAME**2 * sum(len(m) for m in moved):
+        return False
+    changed = sum(
+        int(np.sum((a.found != b.found) | (a.readings != b.readings)))
+        for a, b in zip(found, known, strict=True)
+    )
+    return changed <= SETTLED * sum(int(np.sum(b.found)) for b in known)
+
+
+def outliers_of(structure: Structure, theta: Array, record: Record, window: int) -> Outliers:
+    """What stands out of a model's one-step prediction errors on a record."""
+
+    def errors(y: Array) -> Array:
+        return structure.errors(theta, record.u, y, window)
+
+    return find_outliers(errors, record, structure.first_sample())
+
+
+def bounded_errors(errors: Array, outliers: Outliers) -> Array:
+    """Errors in which outliers count with the size at which they begin to stand out, (N, ny).
+
+    So every model is judged on the same samples, and one that calls more of them outliers gains
+    nothing by it.
+    """
+    return np.where(outliers.found & np.isfinite(errors), outliers.limits, errors)
+
+
+def _words(found: Sequence[Outliers], records: Sequence[Record]) -> list[str]:
+    """What was left out, by output, and what could not be."""
+    said = []
+    for i, channel in enumerate(records[0].outputs):
+        readings = sum(int(np.sum(f.readings[:, i])) for f in found)
+        disturbances = sum(int(np.sum(f.disturbances[:, i])) for f in found)
+        parts = [
+            f"{count} {word if count == 1 else word + 's'}"
+            for count, word in ((readings, "reading"), (disturbances, "disturbance"))
+            if count
+        ]
+        if parts:
+            verb = "stands" if readings + disturbances == 1 else "stand"
+            was = "was" if readings + disturbances == 1 else "were"
+            said.append(
+                f"{' and '.join(parts)} of {channel.name} {verb} out and {was} left out of the "
+                "fit and its figures."
+            )
+    doubtful = sum(f.doubtful for f in found)
+    if doubtful:
+        said.append(
+            f"{doubtful} further errors stand out, but where the inputs or outputs are special or "
+            "too often for accidents: they are taken for the model's own and not left out."
+        )
+    return said
