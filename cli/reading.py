@@ -57,7 +57,7 @@ Units = Annotated[
         "--unit",
         metavar="NAME=UNIT",
         rich_help_panel=_PANEL,
-        help="Unit of a column in the file, e.g. omega_l=rpm; converted to SI.",
+        help="Unit of a column in the file: omega_l=rpm, psi=deg, time=ms; converted to SI.",
     ),
 ]
 PwmMax = Annotated[

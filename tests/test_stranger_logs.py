@@ -223,6 +223,14 @@ def test_the_time_is_refused_as_a_person_types_it(
     assert "column t of log.csv is the time and cannot be the output" in found.err
 
 
+def test_a_ramp_is_a_signal_where_the_sample_time_is_given(tmp_path: Path) -> None:
+    k, u, y = motor(60)
+    path = put(tmp_path, "ramp,u,y\n" + lines([point(0.02 * k), whole(u), point(y)]))
+    record = read_file(path, ReadOptions(inputs=("ramp",), outputs=("y",), ts=0.5)).records[0]
+    assert record.dt == 0.5
+    np.testing.assert_allclose(record.u[:, 0], 0.02 * k, atol=1e-12)
+
+
 def test_a_signal_with_the_name_of_a_time_is_a_signal(tmp_path: Path) -> None:
     k, u, y = motor(60)
     path = put(tmp_path, "millis,n,T\n" + lines([whole(20 * k), point(y), whole(u)]))

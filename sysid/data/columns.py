@@ -147,7 +147,7 @@ def _clock(
         if name in asked:
             raise UsageError(f"column {name} of {where} is the time; it cannot be a signal too")
         return TimeColumn(name, counts=is_counter(name))
-    own = find_time(names, None if timed else read, ())
+    own = find_time(names, read, (), not timed)
     for name in asked:
         told = is_time(name) or is_counter(name)
         if (told and tells_time(read, name)) or (own is not None and own.name == name and not told):
@@ -163,7 +163,7 @@ def _clock(
                 f"column {name} of {where} {what} and cannot be the {side}; name another column, "
                 f"{instead}"
             )
-    return find_time(names, read, asked)
+    return find_time(names, read, asked, not timed)
 
 
 def _signals(

@@ -146,7 +146,10 @@ def is_time(name: str) -> bool:
 
 
 def find_time(
-    names: Sequence[str], read: Read | None, skip: Sequence[str] = ()
+    names: Sequence[str],
+    read: Read | None,
+    skip: Sequence[str] = (),
+    by_steps: bool = True,
 ) -> TimeColumn | None:
     """The time column among ``names``, None where there is none.
 
@@ -158,6 +161,7 @@ def find_time(
         names: the columns, in the order of the file.
         read: reads a column; None to go by names alone.
         skip: columns asked for as signals.
+        by_steps: whether a first column may be the time by its steps alone.
     """
     free = [n for n in names if n not in skip]
     told = [n for n in free if is_time(n)]
@@ -171,7 +175,7 @@ def find_time(
         return _with_fraction(told, read) or TimeColumn(told[0])
     counters = [n for n in free if is_counter(n)]
     first = next((n for n in free if n not in counters), None)
-    if read is not None and first is not None and first == _first(names, counters):
+    if by_steps and read is not None and first is not None and first == _first(names, counters):
         column = (
             read(first) if meaning(first).quantity == "other" and not _position(first) else None
         )
