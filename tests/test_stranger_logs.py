@@ -223,6 +223,31 @@ def test_the_time_is_refused_as_a_person_types_it(
     assert "column t of log.csv is the time and cannot be the output" in found.err
 
 
+def test_a_current_named_like_a_counter_is_no_counter(tmp_path: Path) -> None:
+    _, u, y = motor(60)
+    log = read_file(
+        put(tmp_path, "U,I\n" + lines([whole(u), point(y)])), ReadOptions(outputs=("I",))
+    )
+    np.testing.assert_array_equal(log.records[0].y[:, 0], y)
+
+
+def test_a_clock_too_coarse_is_left_where_the_sample_time_is_given(tmp_path: Path) -> None:
+    k, u, y = motor(200)
+    path = put(tmp_path, "Zeit,u,y\n" + lines([whole(k // 50), whole(u), point(y)]))
+    with pytest.raises(DataError, match=r"time stands still.*--ts"):
+        read_file(path)
+    assert read_file(path, ReadOptions(ts=0.02)).records[0].dt == 0.02
+
+
+def test_rows_that_begin_with_empty_cells_are_no_titles(tmp_path: Path) -> None:
+    k, u, y = motor(60)
+    body = lines([point(0.02 * k), whole(u), point(y)])
+    path = put(tmp_path, "t,u,y\n-0.04,,\n-0.02,,\n" + body)
+    with pytest.raises(DataError, match="line 2, column u: the cell is empty"):
+        read_file(path)
+    assert len(read_file(path, ReadOptions(resample="fill")).records[0]) == 60
+
+
 def test_a_ramp_is_a_signal_where_the_sample_time_is_given(tmp_path: Path) -> None:
     k, u, y = motor(60)
     path = put(tmp_path, "ramp,u,y\n" + lines([point(0.02 * k), whole(u), point(y)]))

@@ -68,7 +68,7 @@ def find_header(numbered: Sequence[Line]) -> Header:
     notes += dropped
     first = next((i for i, (_, text) in enumerate(rest[:_TITLES]) if is_data(text)), 0)
     units = None
-    if first and not is_data(head[1]):
+    if first and not is_data(head[1]) and not _has_number(rest[first - 1][1]):
         above = [head, *rest[:first]]
         if _is_units(above[-1][1], above[-2][1], rest[first][1]):
             units = above.pop()[1]
@@ -126,6 +126,11 @@ def _tokens(text: str) -> list[str]:
     else:
         cells = text.split()
     return [c.strip().strip('"') for c in cells if c.strip().strip('"')]
+
+
+def _has_number(text: str) -> bool:
+    """Whether a cell is a number: then the line is a row with empty cells, and no header."""
+    return any(_NUMBER.fullmatch(c) for c in _tokens(text))
 
 
 def _comment(text: str) -> bool:

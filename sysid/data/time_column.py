@@ -161,7 +161,8 @@ def find_time(
         names: the columns, in the order of the file.
         read: reads a column; None to go by names alone.
         skip: columns asked for as signals.
-        by_steps: whether a first column may be the time by its steps alone.
+        by_steps: whether a first column may be the time by its steps alone; not where the
+            sample time is known, and a column that stands still then tells nothing either.
     """
     free = [n for n in names if n not in skip]
     told = [n for n in free if is_time(n)]
@@ -171,9 +172,13 @@ def find_time(
         # stable: among those that rise the plainest name stays first; T is mostly a temperature
         told.sort(key=lambda n: (not _rises(read(n)), n == "T"))
         told = [n for n in told if n != "T" or _rises(read(n))]
+    if read is not None and not by_steps:
+        told = [n for n in told if _rises(read(n))]  # of no use, and the sample time is known
     if told:
         return _with_fraction(told, read) or TimeColumn(told[0])
-    counters = [n for n in free if is_counter(n)]
+    counters = [n for n in free if is_counter(n) and tells_time(read, n)]
+    if read is None:
+        counters = [n for n in counters if n in COUNTERS[:5]]
     first = next((n for n in free if n not in counters), None)
     if by_steps and read is not None and first is not None and first == _first(names, counters):
         column = (

@@ -162,7 +162,7 @@ def _increasing(t: Array, policy: ResamplePolicy, place: Place, where: str) -> t
     if not np.any(d > 0) or np.count_nonzero(d == 0) > len(d) // 3:
         raise DataError(
             f"{place(i + 1)}: time stands still at {t[i]:.9g} (as {np.count_nonzero(d == 0)} rows "
-            "do); log it with more digits, or drop the time column and give --ts"
+            "do); log it with more digits, or give the sample time with --ts"
         )
     if d[i] == 0:
         raise DataError(
