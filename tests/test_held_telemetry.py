@@ -99,6 +99,18 @@ def test_a_coarse_sensor_has_no_dropouts(what: str) -> None:
     assert found.hidden == 0
 
 
+@pytest.mark.parametrize("step", [0.5, 2.0])
+def test_a_coarse_sensor_on_a_jittering_clock_has_no_dropouts(tmp_path: Path, step: float) -> None:
+    """Its readings are interpolated onto a grid: no lattice is left, but they are no lost ones."""
+    u, y = driven()
+    t = np.arange(N) * DT + np.random.default_rng(3).uniform(-0.15, 0.15, N) * DT
+    columns = (t, u, step * np.round(y / step))
+    path = write_log(tmp_path / "jitter.csv", ("t", "u", "omega"), columns, None)
+    found = inspect_samples(read_file(path).records)
+    assert "dropouts" not in found.ids
+    assert found.hidden == 0
+
+
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
     """Two wheels whose readings arrive every four rows, each in rows of its own."""

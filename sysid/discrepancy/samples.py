@@ -35,6 +35,9 @@ VISIBLE = 0.015
 LONGEST = 8
 """Longest burst of lost readings [samples]."""
 
+RECURS = 4
+"""A value repeated in so many bursts is a step of a coarse sensor."""
+
 FEWEST = 3
 FEWEST_SHARE = 0.002
 """Fewer clear bursts than this, or than this share of the samples, are chance."""
@@ -140,7 +143,8 @@ def inspect_samples(records: Sequence[Record]) -> SampleEffects:
     slow = refreshes(records)
     for i, name in enumerate(records[0].output_names):
         series = [r.y[:, i] for r in records]
-        step = lattice(np.concatenate(series))
+        whole = np.concatenate(series)
+        step = lattice(whole) or recurring_step(whole)
         masks = [np.zeros(len(y), dtype=bool) for y in series]
         refresh = slow[i]
         if refresh is not None:
@@ -259,6 +263,26 @@ def _repeats_by_chance(y: Array) -> bool:
     change = np.round(np.abs(np.diff(y)), 9)
     near = float(np.sum((change > 0.0) & (change < 1.5 * _resolution(y)))) / 2.0
     return float(np.sum(change == 0.0)) <= 3.0 * near + 5.0
+
+
+def recurring_step(y: Array) -> float:
+    """Step of a coarse sensor whose readings were interpolated onto a grid; 0 for none.
+
+    They lie on no lattice any more, but where two readings were alike the lattice value still
+    stands twice, and such values recur. A reading of a fine sensor that was held is a number of
+    its own.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.diff(y) == 0.0, [0]])))
+    held = np.round(y[edges[::2]], 9)
+    values, where, counts = np.unique(held, return_inverse=True, return_counts=True)
+    often = values[counts >= RECURS]
+    moving = held != 0.0
+    if len(often) < 4 or float(np.mean(counts[where[moving]] >= RECURS)) <= 0.5:
+        return 0.0
+    gaps = np.diff(often)
+    step = float(np.min(gaps[gaps > 1e-3 * float(np.median(gaps))]))
+    off = (often - often[0]) / step
+    return step if float(np.mean(np.abs(off - np.round(off)) < 0.05)) >= ON_LATTICE else 0.0
 
 
 def _moved_before(record: Record, i: int, k: int, stop: int, least: float) -> bool:
