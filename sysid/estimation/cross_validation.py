@@ -12,6 +12,8 @@ from sysid.estimation.offsets import Offsets
 from sysid.estimation.pem import fit
 from sysid.estimation.robust_judging import judged
 from sysid.estimation.search import FitOptions
+from sysid.structures.augmented import Augmented
+from sysid.structures.base import Focus, Initial
 from sysid.structures.model import Model
 
 SHORTEST_BLOCK = 20
@@ -49,7 +51,7 @@ def cross_validate(
         model: gives structure, orders and offsets.
         records: estimation data.
         folds: number of blocks, at least 2.
-        options: how to fit.
+        options: how to fit; as the model itself was, unless given.
 
     Raises:
         UsageError: fewer than 2 folds.
@@ -67,12 +69,16 @@ def cross_validate(
         if model.level.estimated
         else model.detrend
     )
+    options = options or options_of(model)
+    # a structure without starting values of its own begins at the model's: what the held-out block
+    # tells is where a search begins, not where it ends
+    warm = [("all data", model.theta)] if isinstance(model.structure, Augmented) else []
     squares, counts, failed = [], [], 0
     total = np.zeros(len(model.outputs))
     for k in range(folds):
         inside, held = _fold(records, folds, k)
         try:
-            refit = fit(model.structure, inside, options, detrend=again)
+            refit = fit(model.structure, inside, options, detrend=again, warm=warm)
         except SysidError:
             failed += 1
             continue
@@ -96,6 +102,31 @@ def cross_validate(
         dict(zip(names, np.sqrt(square / count).tolist(), strict=True)),
         dict(zip(names, each.std(axis=0).tolist(), strict=True)),
         failed,
+    )
+
+
+def options_of(model: Model) -> FitOptions:
+    """How a model was fitted, as far as it says: focus, states, loss, stability, held values.
+
+    Bounds are those of its parameters that differ from its structure's own.
+    """
+    told = model.provenance.options
+    own = model.structure.parameters(model.inputs, model.outputs)
+    usual = {p.name: (p.lower, p.upper, p.fixed) for p in own}
+    fixed, bounds = {}, {}
+    for p in model.parameters:
+        lower, upper, held = usual.get(p.name, (p.lower, p.upper, p.fixed))
+        if p.fixed is not None and held is None:
+            fixed[p.name] = p.fixed
+        elif (p.lower, p.upper) != (lower, upper):
+            bounds[p.name] = (p.lower, p.upper)
+    return FitOptions(
+        focus=Focus(told.get("focus", Focus.PREDICTION.value)),
+        initial=Initial(told.get("initial", Initial.AUTO.value)),
+        robust=told.get("loss") == "huber",
+        stable=bool(told.get("stable", False)),
+        fixed=fixed,
+        bounds=bounds,
     )
 
 

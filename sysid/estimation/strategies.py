@@ -51,6 +51,7 @@ Warm = Sequence[tuple[str, Array]]
 Strategy = Callable[[Structure, Sequence[Record], FitOptions, tuple[Parameter, ...], Warm], Outcome]
 
 _OWN: dict[str, str] = {
+    "augmented": "sysid.estimation.augmented:fit",
     "hammerstein-wiener": "sysid.estimation.hammerstein_wiener:fit",
     "wiener-hammerstein": "sysid.estimation.wiener_hammerstein:fit",
     "narmax": "sysid.estimation.narmax:fit_narmax",

@@ -16,12 +16,22 @@ from sysid.structures.base import Focus, Initial, Parameter, Problem, Structure,
 from sysid.structures.chain import (
     ChainState,
     Core,
+    Sample,
     chain_step,
     drive_before,
     first_speed,
     rest_state,
+    step_with,
+    with_constants,
 )
+from sysid.structures.chain_runs import ChainRuns
 from sysid.structures.given_base import GivenBase
+
+SLOPE = 1e-5
+"""Relative shift of a number for its slope: the root of what rounding leaves of a long run."""
+
+SMALLEST = 1e-3
+"""Size below which a number is shifted as if it had that size."""
 
 
 @dataclass(frozen=True)
@@ -124,6 +134,12 @@ class Augmented(Structure):
                 ]
         return tuple(found)
 
+    @property
+    def n_effect_parameters(self) -> int:
+        """Numbers of all effects, those of each track counted."""
+        own = [effect(id) for id in self.effects]
+        return sum(len(e.parameters) * (1 if e.shared else self.ny) for e in own)
+
     def ground(self, theta: Array) -> Ground:
         """The effects of the vehicle, which the chain leaves to those who move it."""
         _, values = self.unpack(theta)
@@ -157,8 +173,12 @@ class Augmented(Structure):
     def problems(
         self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
     ) -> tuple[Problem, ...]:
-        """None: the diagnosis searches these structures in its super-model."""
-        return ()
+        """One: the errors of the free run, from the first readings on.
+
+        The diagnosis finds effects and their first values in its super-model; from there on the
+        structure is fitted like any other.
+        """
+        return (ChainRuns(self, [(r.u, r.y) for r in records]),)
 
     def first_sample(self) -> int:
         """Free-run structures predict from the first sample."""
@@ -198,12 +218,66 @@ class Augmented(Structure):
 
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
         """Free run from x0."""
-        step = self.step(theta)
         x = np.zeros(self.n_states(theta)) if x0 is None else x0
-        out = np.zeros((len(u), self.ny))
+        return np.asarray(self.simulate_many(theta[None], u, x[None])[0])
+
+    def simulate_many(self, thetas: Array, u: Array, states: Array) -> Array:
+        """Free runs side by side, one step of all of them at a time; (L, N, tracks).
+
+        Args:
+            thetas: parameters of each run, (L, n).
+            u: commands of all runs, (N, nu).
+            states: initial states, (L, n_states); those of the given model are alike.
+        """
+        lag, tracks, own = self.delay - 1, self.ny, self._given_states
+        core, parameters = self._side_by_side(thetas)
+        whole = with_constants(np, self.active, core, parameters, self.dt)
+        template, _ = self._shape(thetas[0])
+        parts = [_unflat(x[own:], template, lag, tracks) for x in states]
+        state: ChainState = (
+            np.stack([p[0][0] for p in parts], axis=1),
+            tuple(
+                tuple(np.stack(values) for values in zip(*held, strict=True))
+                for held in zip(*(p[0][1] for p in parts), strict=True)
+            ),
+        )
+        before = np.stack([p[1] for p in parts], axis=1)
+        clock = float(parts[0][2])
+        turned, counted = (np.stack([p[3][k] for p in parts]) for k in (0, 1))
+        drive = self._drive(u, states[0, :own])
+        out = np.zeros((len(thetas), len(u), tracks))
         for k in range(len(u)):
-            x, out[k] = step(x, u[k])
+            now = np.broadcast_to(drive[k - lag], turned.shape) if k >= lag else before[k]
+            sample = Sample(now, now, np.float64(clock), turned, counted)
+            speed = state[0][0]
+            state, y = step_with(np, self.active, core, whole, state, sample, self.dt)
+            turned = turned + 0.5 * self.dt * (speed + state[0][0])
+            counted = counted + self.dt * y
+            clock += self.dt
+            out[:, k] = y
         return out
+
+    def _side_by_side(self, thetas: Array) -> tuple[Core, dict[str, dict[str, Array]]]:
+        """Cores and effects' parameters of many θ: one value a run and track."""
+        cores, values = zip(*(self.unpack(theta) for theta in thetas), strict=True)
+        core = Core(
+            np.stack([c.gain for c in cores]),
+            np.stack([c.f for c in cores], axis=1),
+            np.stack([c.b for c in cores], axis=1),
+        )
+        return core, {
+            id: {name: np.stack([v[id][name] for v in values]) for name in values[0][id]}
+            for id in self.effects
+        }
+
+    def _drive(self, u: Array, head: Array) -> Array:
+        """What drives the chain: the commands, or what the given model makes of them."""
+        if self.given is None:
+            return np.asarray(u / np.array(self.scales))
+        base, drive = self.given.step(), np.zeros((len(u), self.ny))
+        for k in range(len(u)):
+            head, drive[k] = base(head, u[k])
+        return drive
 
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
         """One sample of the chain with the accepted effects only."""
@@ -244,16 +318,16 @@ class Augmented(Structure):
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
         """∂ŷ/∂θ by central differences."""
+        return self.slopes(theta, u, y)[:, output]
+
+    def slopes(self, theta: Array, u: Array, y: Array) -> Array:
+        """∂ŷ/∂θ of all outputs by central differences, every run beside the others; (N, ny, n)."""
         x0 = self.fitted_state(theta, u, y, 1)
-        columns = np.zeros((len(u), len(theta)))
-        for k in range(len(theta)):
-            h = 1e-5 * max(abs(theta[k]), 1e-3)
-            up, down = theta.copy(), theta.copy()
-            up[k] += h
-            down[k] -= h
-            run = self.simulate(up, u, x0) - self.simulate(down, u, x0)
-            columns[:, k] = run[:, output] / (2.0 * h)
-        return columns
+        h = SLOPE * np.maximum(np.abs(theta), SMALLEST)
+        shifted = np.concatenate([theta + np.diag(h), theta - np.diag(h)])
+        runs = self.simulate_many(shifted, u, np.repeat(x0[None], len(shifted), axis=0))
+        change = runs[: len(theta)] - runs[len(theta) :]
+        return np.asarray(np.moveaxis(change / (2.0 * h)[:, None, None], 0, -1))
 
     def equations(
         self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
