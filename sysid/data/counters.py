@@ -334,7 +334,8 @@ def as_speeds(
             continue
         k = list(names).index(name)
         out[:, k] = speeds(t, values[:, k])
-        rate = Conversion(f"{unit.unit or 'counts'}/s", unit.scale, unit.file_unit)
+        counted = unit.file_unit.partition("=")[0] or unit.unit or "counts"
+        rate = Conversion(f"{unit.unit or 'counts'}/s", unit.scale, f"{counted}/s")
         found[f"{name}_speed"] = rate
         step = grain(values[:, k]) * unit.scale / float(np.median(np.diff(t)))
         text = (

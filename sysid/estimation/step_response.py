@@ -404,19 +404,18 @@ def _dead_time(model: Model, i: int, j: int, run: _Run) -> float:
 
 def _gain_units(u: Channel, y: Channel, integrates: bool) -> tuple[str, str]:
     """Unit of the gain in the model's units and, where something was converted, in the file's."""
-    own = _per(y.unit, u.unit, integrates)
+    own = _per(y.unit or y.name, u.unit or u.name, integrates)
     if u.scale == y.scale == 1.0:
         return own, ""
-    return own, _per(y.file_unit or y.unit, u.file_unit or u.unit, integrates)
+    top, bottom = y.file_unit or y.unit or y.name, u.file_unit or u.unit or u.name
+    return own, _per(top, bottom, integrates)
 
 
 def _per(top: str, bottom: str, integrates: bool) -> str:
     """``rpm/V``; a unit that holds a fraction itself gets brackets."""
     if integrates:
-        top = f"{_inside(top or '1')}/s"
-    if not bottom:
-        return top
-    return f"{_inside(top or '1')}/{_inside(bottom)}"
+        top = f"{_inside(top)}/s"
+    return f"{_inside(top)}/{_inside(bottom)}"
 
 
 def _inside(unit: str) -> str:
