@@ -124,8 +124,6 @@ def _make_folder(log: Path) -> None:
 
 def _show(name: str, facts: dict[str, Any]) -> None:
     if "outcome" in facts:
-        from sysid.mission.result import Outcome
-
         final = facts["final"]
         rows = [
             ("outcome", facts["outcome"]),
@@ -137,7 +135,7 @@ def _show(name: str, facts: dict[str, Any]) -> None:
             ("off the straight line [m]", render.number(facts["max_deviation_m"], 3)),
         ]
         render.table((name, ""), rows)
-        render.say(Outcome(facts["outcome"]).sentence)
+        render.say(facts["sentence"])
     else:
         fits = facts["fit_percent"]
         render.table(

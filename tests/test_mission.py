@@ -376,6 +376,29 @@ def test_no_progress_is_stuck(mission: Mission, robot: Robot) -> None:
     assert 10.0 <= result.time_s < 40.0
 
 
+@pytest.mark.parametrize(
+    ("mission", "robot", "words", "not_words"),
+    [
+        (
+            goal(2, 0, obstacles=[(1, 0), (1, 0.4), (1, -0.4), (0.7, 0.7), (0.7, -0.7)]),
+            Robot(),
+            "local minimum of the field; move the goal or lower eta",
+            "past",
+        ),
+        (goal(1, 0), Robot(top_speed=0.0), "stands still 1 m from the goal", "eta"),
+        (goal(1, 0, tolerance=0.002, timeout=300), Robot(), "drove past it", "eta"),
+        (goal(3, 0, control={"kp_yaw": 0.0}), Robot(difference=0.6), "does not lead there", "eta"),
+    ],
+    ids=["cup", "dead plant", "past the goal", "off course"],
+)
+def test_stuck_says_why(mission: Mission, robot: Robot, words: str, not_words: str) -> None:
+    result = simulate(mission, robot)
+    assert result.outcome is Outcome.STUCK
+    assert words in result.sentence
+    assert not_words not in result.sentence
+    assert result.summary()["sentence"] == result.sentence
+
+
 def test_a_slow_turn_on_the_spot_is_progress() -> None:
     """Turning at 0.06 rad/s takes 25 s, during which the distance to the goal stands still."""
     mission = goal(-0.3, 0.1, control={"psi_cmd_max": 0.013})

@@ -8,9 +8,10 @@ import pytest
 from pose_cases import hidden_mission, logs, true_base
 
 from sysid.discrepancy.ground_model import with_ground
-from sysid.discrepancy.mission_proof import MissionProof, prove_on_mission
+from sysid.discrepancy.mission_proof import MissionProof, not_this_mission, prove_on_mission
 from sysid.discrepancy.pose import diagnose_pose
 from sysid.errors import ModelError
+from sysid.mission.spec import load_mission
 
 
 @pytest.fixture(scope="module", params=["track-slip", "radius-mismatch"])
@@ -72,3 +73,37 @@ def test_a_log_without_pose_is_refused(tmp_path: Path) -> None:
     plain = true_base(hidden)
     with pytest.raises(ModelError, match="x, y, psi"):
         prove_on_mission(tmp_path / "mission_est.yaml", [bare], plain, plain)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("start: [1.5, 1.5, 0]", "begins"),
+        ("goal: [-4, -4]", "comes no nearer than"),
+        ("goal: [0.3, 0.1]", "strays up to"),
+    ],
+)
+def test_a_log_of_another_mission_is_noticed(change: str, words: str, tmp_path: Path) -> None:
+    """It used to be driven again all the same, and the models blamed for the way between."""
+    hidden = hidden_mission("", 2)
+    est, _ = logs(hidden, tmp_path)
+    key = change.partition(":")[0]
+    lines = (tmp_path / "mission_est.yaml").read_text(encoding="utf-8").splitlines()
+    other = tmp_path / "other.yaml"
+    kept = [line for line in lines if not line.startswith(f"{key}:")]
+    other.write_text("\n".join([*kept, change]) + "\n", encoding="utf-8")
+    plain = true_base(hidden)
+    facts = prove_on_mission(other, [est], plain, plain).facts
+    assert "was not driven on this mission" in facts["sentence"]
+    assert words in facts["sentence"]
+    assert set(facts["closed_loop"]) == {"measured"}
+
+
+@pytest.mark.parametrize("effect", ["", "track-slip", "radius-mismatch"])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_log_of_this_mission_is_not_called_another(
+    effect: str, seed: int, tmp_path: Path
+) -> None:
+    est, val = logs(hidden_mission(effect, seed), tmp_path)
+    for log, name in ((est, "mission_est.yaml"), (val, "mission_val.yaml")):
+        assert not_this_mission(log, load_mission(tmp_path / name), (0, 1)) == ""

@@ -125,6 +125,16 @@ BAD = {
     "tolerance with a comma": (G + "tolerance: 0,1\n", 2, "text '0,1'"),
     "timeout zero": (G + "timeout: 0\n", 2, "timeout is 0: give a number above 0"),
     "timeout too long": (G + "timeout: 1e9\n", 2, "at most 86400"),
+    "start inside an obstacle": (
+        G + "obstacles: [[0.1, 0]]\n",
+        1,
+        r"the start \(0, 0\) lies inside the obstacle",
+    ),
+    "goal inside an obstacle": (
+        "goal: [3, 1]\nobstacles: [[5, 5], [3, 1.1, 0.2]]\n",
+        1,
+        r"the goal \(3, 1\) lies inside the obstacle at \(3, 1.1\) of radius 0.2 m",
+    ),
     "obstacles a number": (G + "obstacles: 5\n", 2, "must be a list"),
     "obstacles one bare point": (G + "obstacles: [1, 2]\n", 2, "1 is not an obstacle"),
     "obstacle of one number": (G + "obstacles: [[1]]\n", 2, "an obstacle has 1 numbers"),

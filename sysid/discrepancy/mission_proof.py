@@ -29,6 +29,15 @@ SAME_PLACE = 0.05
 """A log that begins within so many metres and radians of the mission's start begins there: the
 start is then known better than one noisy reading tells."""
 
+ELSEWHERE = 0.25
+"""A log begins elsewhere where it begins farther from the start than this share of the way …"""
+
+LEAST_ELSEWHERE = 0.3
+"""… and than this [m]: places are set by hand and seen by cameras."""
+
+ASTRAY = 0.5
+"""A log that stays farther from the goal than this share of the way was not on its way there."""
+
 HEAD = 20
 """Samples at the head of a log that the state of a model is fitted to."""
 
@@ -101,7 +110,10 @@ def prove_on_mission(
         )
     traces = tuple(_replayed(r, before, after, channels, mission) for r in posed)
     driven, warnings = {}, []
+    elsewhere = not_this_mission(posed[0], mission, channels)
     for name, model in (("before", before), ("after", after)):
+        if elsewhere:  # a drive of another way would be compared with it
+            break
         try:
             robot, notes = as_robot(model.plant(), mission)
             driven[name] = simulate(mission, robot)
@@ -118,10 +130,49 @@ def prove_on_mission(
         ],
         "closed_loop": {"measured": _measured_facts(posed[0], mission)}
         | {k: _closed_facts(v, posed[0]) for k, v in driven.items()},
-        "sentence": _sentence(traces[0], driven, posed[0]),
+        "sentence": f"{elsewhere} {_sentence(traces[0], driven, posed[0])}".lstrip(),
         "warnings": warnings,
     }
     return MissionProof(facts, traces, mission, driven)
+
+
+def not_this_mission(record: Record, mission: Mission, channels: tuple[int, int]) -> str:
+    """Why a log cannot be a drive of this mission, or nothing.
+
+    It begins elsewhere, never comes near the goal, or strays farther from start and goal than they
+    lie apart. Slip or wrong radii may lead a robot astray that believes it is there, so the path by
+    its wheels counts as well as the measured one.
+
+    Args:
+        record: a log with pose.
+        mission: what it is said to have driven.
+        channels: outputs of the left and of the right track.
+
+    Returns:
+        A sentence, empty where start, goal and path fit.
+    """
+    assert record.pose is not None
+    place = record.pose[np.isfinite(record.pose).all(axis=1), :2]
+    start, goal = np.array(mission.start[:2]), np.array(mission.goal)
+    apart = max(float(np.hypot(*(goal - start))), mission.tolerance)
+    off = float(np.hypot(*(place[0] - start)))
+    begin, wheels = _start(record, mission), mission.vehicle.geometry
+    believed = _path(record.y, record.dt, Ground(), wheels, begin, channels)[:, :2]
+    to_goal = min(float(np.min(np.hypot(*(way - goal).T))) for way in (place, believed))
+    strayed = float(np.max(np.minimum(*(np.hypot(*(place - p).T) for p in (start, goal)))))
+    found = []
+    if off > max(ELSEWHERE * apart, LEAST_ELSEWHERE):
+        found.append(f"begins {off:.2g} m from its start")
+    if to_goal > ASTRAY * apart + mission.tolerance:
+        found.append(f"comes no nearer than {to_goal:.2g} m to its goal")
+    if strayed > apart + mission.guidance.rho0:
+        found.append(f"strays up to {strayed:.2g} m from both")
+    if not found:
+        return ""
+    return (
+        f"{record.name} was not driven on this mission: it {' and '.join(found)}. The mission was "
+        "therefore not driven again; name the mission of this log."
+    )
 
 
 # Open loop ----------------------------------------------------------------------------------------

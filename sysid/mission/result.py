@@ -44,8 +44,7 @@ _SENTENCES = {
     Outcome.TIMEOUT: "Time ran out before the goal was reached: raise timeout or v_max.",
     Outcome.COLLISION: "The robot touched an obstacle: raise eta or rho0, or lower v_max.",
     Outcome.STUCK: (
-        f"The robot came less than {STUCK_PROGRESS} m closer in {STUCK_TIME:g} s: a local minimum "
-        "of the field or a plant that does not answer; move the goal or lower eta."
+        f"The robot came less than {STUCK_PROGRESS} m closer in {STUCK_TIME:g} s: look at its path."
     ),
 }
 
@@ -63,6 +62,7 @@ class MissionResult:
             None without obstacles.
         max_deviation_m: largest distance from the line through start and goal [m].
         log: columns of equal length by name (:data:`COLUMNS`), one row a plant sample; read-only.
+        why: the outcome in words with the next step; the outcome's own sentence unless given.
     """
 
     outcome: Outcome
@@ -72,11 +72,18 @@ class MissionResult:
     min_clearance_m: float | None
     max_deviation_m: float
     log: Mapping[str, Array]
+    why: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """How it ended, with the next step."""
+        return self.why or self.outcome.sentence
 
     def summary(self) -> dict[str, Any]:
         """Return everything but the log as plain values for a JSON document."""
         return {
             "outcome": self.outcome.value,
+            "sentence": self.sentence,
             "time_s": self.time_s,
             "final": dict(zip(("x", "y", "psi"), self.final, strict=True)),
             "path_length_m": self.path_length_m,

@@ -22,6 +22,7 @@ from sysid.mission.result import (
     write_log,
 )
 from sysid.mission.spec import Mission
+from sysid.mission.stuck import why_stuck
 from sysid.vehicle.kinematics import body_velocity, step_pose, wrap_angle
 
 __all__ = [
@@ -125,6 +126,7 @@ def simulate(
         min_clearance_m=loop.clearance if mission.obstacles else None,
         max_deviation_m=_deviation(mission, log),
         log=log,
+        why=why_stuck(mission, log) if outcome is Outcome.STUCK else "",
     )
 
 

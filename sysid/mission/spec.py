@@ -4,6 +4,7 @@ Only ``goal`` is required; every default is the thesis's (chapters 4 and 6) or, 
 none, the value chosen for this workbench. See :func:`load_mission` for the file.
 """
 
+import math
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -204,6 +205,18 @@ class Mission(_Spec):
         if not isinstance(value, list | tuple):
             raise ValueError("obstacles must be a list: write obstacles: [[x, y], [x, y]]")
         return tuple(value)
+
+    @model_validator(mode="after")
+    def _clear(self) -> "Mission":
+        """Nothing drives out of an obstacle, or into one, without touching it."""
+        for what, (x, y) in (("start", self.start[:2]), ("goal", self.goal)):
+            for o in self.obstacles:
+                if math.hypot(o.x - x, o.y - y) <= o.radius:
+                    raise ValueError(
+                        f"the {what} ({x:g}, {y:g}) lies inside the obstacle at ({o.x:g}, {o.y:g}) "
+                        f"of radius {o.radius:g} m: move one of them"
+                    )
+        return self
 
     def with_geometry(self, geometry: Geometry) -> "Mission":
         """The mission driven by a vehicle of other lengths."""
