@@ -39,7 +39,8 @@ def fit(
             "--orders",
             metavar="TEXT",
             rich_help_panel=_FITTING,
-            help='"na=2 nb=2 nk=1", matrices "na=1,0;0,1", ranges "na=1:4". Searched unless given.',
+            help='"na=2 nb=2 nk=1", matrices "na=1,0;0,1", ranges "na=1:4"; '
+            '"arx: na=2 nb=2; oe: nb=2 nf=2". Searched unless given.',
         ),
     ] = None,
     val: Annotated[

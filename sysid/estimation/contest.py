@@ -85,13 +85,17 @@ class Contest:
     failed: Mapping[str, str]
 
 
+Grid = Sequence[Mapping[str, Any]]
+"""Orders to try."""
+
+
 def run_contest(
     names: Sequence[str],
     records: Sequence[Record],
     options: FitOptions,
     detrend: Detrend | Offsets | str = "auto",
     *,
-    grid: Sequence[Mapping[str, Any]] | None = None,
+    grid: Grid | Mapping[str, Grid] | None = None,
     criterion: str = "fit",
     jobs: int = 1,
     progress: Progress | None = None,
@@ -103,8 +107,8 @@ def run_contest(
         records: estimation data.
         options: how to fit.
         detrend: what is done about the records' levels: a policy, or what was chosen before.
-        grid: orders to try, or None for each structure's default grid; a single entry is fitted
-            without a search.
+        grid: orders to try, for all or by structure; None, and where a structure is left out, for
+            its default grid; a single entry is fitted without a search.
         criterion: what ranks orders and structures.
         jobs: processes for the search.
         progress: called with (share done, what).
@@ -116,15 +120,22 @@ def run_contest(
     check_data(records)
     small = shortened(records, SEARCH_SAMPLES)
     nu, ny = records[0].nu, records[0].ny
-    offsets, nk = _offsets_and_delay(records, small, detrend, search=grid is None)
+    given = _by_structure(names, grid)
+    whole = len(given) == len(names)
+    offsets, nk = _offsets_and_delay(records, small, detrend, search=not whole)
     cut = hold_out(small, longest_of(nk))
     tasks, data = [], {}
     for name in names:
-        chosen = list(grid) if grid is not None else _grid(name, nu, ny, cut.samples, nk)
-        made = [
-            structure_class(name).from_orders(dict(o), nu, ny, options.structure_options)
-            for o in chosen
-        ]
+        chosen = list(given[name]) if name in given else _grid(name, nu, ny, cut.samples, nk)
+        try:
+            made = [
+                structure_class(name).from_orders(dict(o), nu, ny, options.structure_options)
+                for o in chosen
+            ]
+        except UsageError as error:
+            if name in given and len(names) > 1:
+                raise UsageError(f"{error}; or name fewer structures with --structure") from None
+            raise
         own = offsets.for_structure(made[0], small)
         data[name] = (cut.of(own.detrend.remove), own.estimated)
         tasks.append((name, chosen))
@@ -157,9 +168,15 @@ def run_contest(
     if progress:
         progress(1.0, "done")
     order = in_order(entries, records, options, criterion, tie_margin(cut.held))
-    return Contest(
-        order.entries, reason(order, criterion, cut.words, given=grid is not None), failed
-    )
+    return Contest(order.entries, reason(order, criterion, cut.words, given=whole), failed)
+
+
+def _by_structure(
+    names: Sequence[str], grid: Grid | Mapping[str, Grid] | None
+) -> Mapping[str, Grid]:
+    if grid is None or isinstance(grid, Mapping):
+        return grid or {}
+    return dict.fromkeys(names, grid)
 
 
 def _offsets_and_delay(

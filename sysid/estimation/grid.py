@@ -1,6 +1,7 @@
 """Which orders to try: grids given by the user, and the small default grids of each structure."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any
 
@@ -42,6 +43,58 @@ def parse_grid(text: str) -> list[RawOrders]:
     if size > MAX_GRID:
         raise UsageError(f"--orders names {size} combinations; at most {MAX_GRID} are searched")
     return [dict(zip(choices, values, strict=True)) for values in product(*choices.values())]
+
+
+def parse_grids(text: str, names: Sequence[str]) -> dict[str, list[RawOrders]]:
+    """Orders to try for each of several structures.
+
+    ``"arx: na=2 nb=2; oe: nb=2 nf=2"`` gives each its own; a structure left out is searched.
+    ``"na=2 nb=2 nf=2"`` is one set, from which each takes the orders it has.
+
+    Raises:
+        UsageError: the text cannot be read, a structure is not fitted or named twice, or an order
+            belongs to none of them.
+    """
+    heads = list(_HEAD.finditer(text))
+    if not heads:
+        return _shared_grids(text, names)
+    if text[: heads[0].start()].strip():
+        raise UsageError(
+            f"--orders: {text[: heads[0].start()].strip()!r} stands before the first structure; "
+            f'write each behind its own, such as "{names[0]}: …; {names[-1]}: …"'
+        )
+    ends = [*(h.start() for h in heads[1:]), len(text)]
+    grids: dict[str, list[RawOrders]] = {}
+    for head, end in zip(heads, ends, strict=True):
+        name = head[1].lower()
+        if name not in names:
+            raise UsageError(
+                f"--orders: {name} is not one of the structures to fit: {', '.join(names)}"
+            )
+        if name in grids:
+            raise UsageError(f"--orders: {name} is given twice; give each structure once")
+        grids[name] = parse_grid(text[head.end() : end])
+    return grids
+
+
+_HEAD = re.compile(r"(?:^|;)\s*([A-Za-z][\w-]*)\s*:")
+"""A structure's name and a colon, at the beginning or behind a semicolon: the semicolons between
+the rows of a matrix are followed by digits."""
+
+
+def _shared_grids(text: str, names: Sequence[str]) -> dict[str, list[RawOrders]]:
+    grid = parse_grid(text)
+    if len(names) == 1:
+        return {names[0]: grid}
+    known = {name: structure_class(name).order_names for name in names}
+    for order in grid[0]:
+        if not any(order in orders for orders in known.values()):
+            raise UsageError(f"--orders: none of {', '.join(names)} has an order {order}")
+    found = {}
+    for name, orders in known.items():
+        own = [{k: v for k, v in raw.items() if k in orders} for raw in grid]
+        found[name] = [o for k, o in enumerate(own) if o not in own[:k]]
+    return found
 
 
 def default_grid(name: str, nu: int, ny: int, samples: int, nk: Any) -> list[RawOrders]:

@@ -14,13 +14,14 @@ from sysid.estimation.assessment import Assessment, Policy, assess
 from sysid.estimation.contest import run_contest, structures_for
 from sysid.estimation.data_notes import notes_for
 from sysid.estimation.figures import require_left
-from sysid.estimation.grid import parse_grid
+from sysid.estimation.grid import parse_grids
 from sysid.estimation.offset_choice import start_of
 from sysid.estimation.orders import check_criterion
 from sysid.estimation.search import FitOptions
 from sysid.estimation.standings import Entry
 from sysid.structures.model import SAME_CLOCK
 from sysid.structures.orders import orders_text
+from sysid.structures.own_names import options_in_generic_names
 
 SHOWN_CANDIDATES = 10
 
@@ -92,12 +93,13 @@ def identify(
     require_enough(inside, outside, request.split)
     start_of(inside, request.detrend)  # refuses a policy that does not exist
     names = structures_for(request.structures, records[0].input_names)
-    grid = None if request.orders is None else parse_grid(request.orders)
-    if grid is not None and len(names) > 1:
-        raise UsageError("--orders belongs to one structure; name it with --structure")
+    grids = None if request.orders is None else parse_grids(request.orders, names)
     check_criterion(request.criterion)
     options = replace(
         request.options,
+        structure_options=options_in_generic_names(
+            request.options.structure_options, inside[0].inputs, inside[0].outputs
+        ),
         extra={
             **request.options.extra,
             "detrend": request.detrend,
@@ -110,7 +112,7 @@ def identify(
         inside,
         options,
         request.detrend,
-        grid=grid,
+        grid=grids,
         criterion=request.criterion,
         jobs=request.jobs,
         progress=progress,

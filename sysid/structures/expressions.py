@@ -93,7 +93,7 @@ _OPERATORS: Mapping[str, Callable[..., Values]] = {
     "minus": lambda xp, a: -a,
 }
 
-_TOKEN = re.compile(r"\s*(\d+\.?\d*(?:[eE][+-]?\d+)?|[A-Za-z]+\d*|[-+*/^(),|])")
+_TOKEN = re.compile(r"\s*(\d+\.?\d*(?:[eE][+-]?\d+)?|[^\W\d]\w*|[-+*/^(),|])")
 _SIGNAL = re.compile(r"([yu])(\d*)")
 
 
@@ -282,7 +282,10 @@ class _Reader:
         match = _SIGNAL.fullmatch(token)
         if match is None:
             known = ", ".join(FUNCTIONS)
-            raise self.error(f"{token!r} is no signal (y, u, y2 …) and no function ({known})")
+            raise self.error(
+                f"{token!r} is no signal (a name of the log, or y, u, y2 …) "
+                f"and no function ({known})"
+            )
         return self.signal(match.group(1), match.group(2), token)
 
     def call(self, name: str, depth: int) -> Expression:
