@@ -19,7 +19,7 @@ from sysid.data.join import companion, joined
 from sysid.data.pose_reading import pose_in_si, usable_pose
 from sysid.data.read_options import ReadOptions
 from sysid.data.record import Array, Channel, Record
-from sysid.data.row_times import column_reader, row_times
+from sysid.data.row_times import column_reader, numbered_clock, row_times
 from sysid.data.table import Table, read_table
 from sysid.data.timing import (
     Grid,
@@ -134,8 +134,10 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
     bracketed = dict(zip(table.names, table.units, strict=True))
     choice, pose_units = usable_pose(choice, bracketed, options.units, table.where)
     signals = (*choice.inputs, *choice.outputs, *choice.pose)
-    values = table.columns(signals)
-    clock = row_times(table, choice.clock, options.units, options.ts)
+    stamps = numbered_clock(table, choice.clock)
+    block = table.columns((*signals, *stamps))  # in one go: a long text is slow to read
+    values, raw = block[:, : len(signals)], block[:, len(signals) :]
+    clock = row_times(table, choice.clock, options.units, options.ts, raw if stamps else None)
     t, findings = clock.t, clock.findings
     policy: ResamplePolicy = "auto" if options.resample == "hold" else options.resample
     if options.resample == "hold":

@@ -31,8 +31,19 @@ def column_reader(table: Table) -> Read:
     return read
 
 
+def numbered_clock(table: Table, column: TimeColumn | None) -> tuple[str, ...]:
+    """The columns of a clock that holds numbers; none where it holds dates or is not there."""
+    if column is None or table.dates(column.name) is not None:
+        return ()
+    return (column.name, column.fine) if column.fine else (column.name,)
+
+
 def row_times(
-    table: Table, column: TimeColumn | None, units: Mapping[str, str], ts: float | None
+    table: Table,
+    column: TimeColumn | None,
+    units: Mapping[str, str],
+    ts: float | None,
+    numbers: Array | None = None,
 ) -> Clock:
     """Instants [s] of every row.
 
@@ -41,6 +52,7 @@ def row_times(
         column: its time column or counter, None where it has none.
         units: column name → unit by option.
         ts: sample time [s] by option, None to go by the column.
+        numbers: the columns of ``numbered_clock`` if they have been read, (N, 1) or (N, 2).
 
     Raises:
         DataError: a stamp is missing or is none.
@@ -55,8 +67,7 @@ def row_times(
     if dates is not None:
         elapsed, notes = unrolled(dates[0], column.name, where, table.place)
         return _checked(Clock(elapsed, dates[1], notes), column, ts, where)
-    names = (column.name, column.fine) if column.fine else (column.name,)
-    block = table.columns(names)
+    block = table.columns(numbered_clock(table, column)) if numbers is None else numbers
     raw = block[:, 0]
     if column.fine:
         whole = raw - raw[0]
