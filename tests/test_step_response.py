@@ -1,5 +1,7 @@
 """What a model does to a step: gains, times and their errors, against plants known exactly."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from command_line import run, write_log
@@ -165,3 +167,11 @@ def test_fit_and_models_show_begin_with_what_the_model_means(
     document = run(capsys, "models", "show", name, "--json", *place).document
     kept = [StepResponse.from_json(s) for s in document["report"]["step_response"]]
     assert step_sentences(kept)[0] in out
+
+
+def test_three_time_constants_are_a_list() -> None:
+    (step,) = step_responses(model_of(two_lags()))
+    three = replace(step, time_constants=(*step.time_constants, step.time_constants[0]))
+    words = step_sentences([three])[0]
+    assert words.count(" and ") == 1
+    assert words.split("time constants ")[1].count(" s,") == 1

@@ -96,7 +96,7 @@ def _times(r: StepResponse) -> list[str]:
         parts.append(f"63 % of it after {_seconds(r.rise)}")
     if r.time_constants:
         word = "time constant" if len(r.time_constants) == 1 else "time constants"
-        parts.append(f"{word} {' and '.join(_seconds(t) for t in r.time_constants)}")
+        parts.append(f"{word} {_listed([_seconds(t) for t in r.time_constants])}")
     if r.oscillation is not None:
         frequency, damping = r.oscillation
         parts.append(
@@ -104,6 +104,11 @@ def _times(r: StepResponse) -> list[str]:
             f"{with_error(damping.value, damping.std_error)}"
         )
     return parts
+
+
+def _listed(words: Sequence[str]) -> str:
+    """``a, b and c``."""
+    return " and ".join(filter(None, (", ".join(words[:-1]), words[-1])))
 
 
 def _seconds(time: Estimate) -> str:
