@@ -81,16 +81,18 @@ def controlled(
     integral: float = 0.0,
     reference: str = "steps",
     sensor: float = 0.0,
+    colour: float = 0.0,
 ) -> Record:
     """The plant with process noise under a controller that answers in the same row."""
     rng = np.random.default_rng([seed, samples])
     r = held(rng, samples, 40) if reference == "steps" else INPUTS[reference](rng, samples)
     x, u, y, total = np.zeros(samples), np.zeros(samples), np.zeros(samples), 0.0
+    push = lfilter([0.05], [1.0, -colour], rng.standard_normal(samples))
     for t in range(samples):
         for k in (1, 2):
             if t >= k:
                 x[t] += -A[k] * x[t - k] + B[k - 1] * u[t - k]
-        x[t] += 0.05 * rng.standard_normal()
+        x[t] += push[t]
         y[t] = x[t] + sensor * rng.standard_normal()
         total += integral * (r[t] - y[t])
         u[t] = gain * (r[t] - y[t]) + total
@@ -149,6 +151,25 @@ def test_feedback_is_not_called_nonlinear() -> None:
     logs = [controlled(seed, 1000) for seed in range(8)]
     found = [f for log in logs for f in inspect_records([log]) if f.code == "nonlinearity"]
     assert sum("answers nonlinearly" in f.text for f in found) < 2
+
+
+def test_the_contest_acts_on_feedback() -> None:
+    """OE's free run is the best one on the log, and far from the plant."""
+    u = np.random.default_rng(99).standard_normal((1000, 1))
+    true = lfilter((0.0, *B), A, u[:, 0])
+    for seed in range(2):
+        log = controlled(seed, 700, integral=0.05, colour=0.9)
+        found = identify([log], [], Request(structures=("oe", "arx", "armax")))
+        error = {}
+        for a in found.assessments:
+            run_free = a.model.structure.simulate(a.model.theta, u)[:, 0]
+            error[a.model.structure.name] = float(np.linalg.norm(run_free - true))
+        winner = found.assessments[0].model.structure.name
+        assert winner != "oe"
+        assert error[winner] < 0.5 * error["oe"]
+        assert "closed loop" in found.reason
+        free = {a.model.structure.name: a.estimation.free_run.mean_fit for a in found.assessments}
+        assert free["oe"] > free[winner], "else the log does not show what misleads"
 
 
 # ------------------------------------------------------------------ delays

@@ -98,6 +98,8 @@ def feedback_tests(records: Sequence[Record]) -> tuple[FeedbackTest, ...]:
     Raises:
         DataError: there are too few samples for the regressions.
     """
+    if not records[0].nu:
+        return ()
     windows = [w for row in first_seen(records) for w in row]
     far = far_lags(windows, NEAR)
     order = chosen_order(records, far=far)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
+from sysid.data.feedback import in_feedback
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
 from sysid.errors import DataError, ModelError, SysidError, UsageError
@@ -23,7 +24,7 @@ from sysid.estimation.orders import (
 from sysid.estimation.pem import check_data, fit
 from sysid.estimation.search import FitOptions
 from sysid.estimation.standings import Entry, in_order, reason
-from sysid.structures.base import Structure
+from sysid.structures.base import Focus, Structure
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
 
@@ -123,7 +124,7 @@ def run_contest(
     given = _by_structure(names, grid)
     whole = len(given) == len(names)
     offsets, nk = _offsets_and_delay(records, small, detrend, search=not whole)
-    cut = hold_out(small, longest_of(nk))
+    cut = replace(hold_out(small, longest_of(nk)), one_step=_judged_one_step(names, small, options))
     tasks, data = [], {}
     for name in names:
         chosen = list(given[name]) if name in given else _grid(name, nu, ny, cut.samples, nk)
@@ -167,7 +168,7 @@ def run_contest(
         raise DataError("; ".join(failed.values()) or "no structure could be fitted")
     if progress:
         progress(1.0, "done")
-    order = in_order(entries, records, options, criterion, tie_margin(cut.held))
+    order = in_order(entries, records, options, criterion, tie_margin(cut.held), cut.one_step)
     return Contest(order.entries, reason(order, criterion, cut.words, given=whole), failed)
 
 
@@ -177,6 +178,16 @@ def _by_structure(
     if grid is None or isinstance(grid, Mapping):
         return grid or {}
     return dict.fromkeys(names, grid)
+
+
+def _judged_one_step(names: Sequence[str], records: Sequence[Record], options: FitOptions) -> bool:
+    """Whether held-out samples are judged one step ahead, because a controller was running.
+
+    Only among linear structures: of nonlinear ones those without noise model would never lead, and
+    what they are asked for is a simulator. So they are where simulation is the focus asked for.
+    """
+    linear = all(name in LINEAR for name in names)
+    return linear and options.focus is Focus.PREDICTION and in_feedback(records)
 
 
 def _offsets_and_delay(

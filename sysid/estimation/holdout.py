@@ -32,6 +32,8 @@ class HoldOut:
             to the head of a short block would hide a model that drifts.
         counted: by record, the samples of ``whole`` that are held out, (N,) each.
         words: what was done.
+        one_step: whether held-out samples are judged one step ahead instead of in free run, as
+            data of a closed loop have to be.
     """
 
     train: tuple[Record, ...]
@@ -39,13 +41,14 @@ class HoldOut:
     whole: tuple[Record, ...]
     counted: tuple[NDArray[np.bool_], ...]
     words: str
+    one_step: bool = False
 
     def of(self, changed: Callable[[Record], Record]) -> "HoldOut":
         """The same split of records that are changed sample by sample."""
         train, held, whole = (
             tuple(changed(r) for r in part) for part in (self.train, self.held, self.whole)
         )
-        return HoldOut(train, held, whole, self.counted, self.words)
+        return HoldOut(train, held, whole, self.counted, self.words, self.one_step)
 
     @property
     def samples(self) -> int:

@@ -53,7 +53,8 @@ class Candidate:
         orders: as ``Structure.from_orders`` reads them.
         n: number of parameters.
         score: the criterion's value, smaller is better.
-        error: free-run error on the held-out data relative to the outputs' spread.
+        error: free-run error on the held-out data relative to the outputs' spread; one step ahead
+            where the data come from a closed loop.
         stable: whether the free run is bounded; unstable candidates rank behind all others.
         settled: whether nothing speaks against its motion (see ``motion_doubts``); among those
             that tie, such a one is taken.
@@ -216,7 +217,9 @@ def _one_after_another(
         if model is not None:
             # a structure that reads terms or scalings off the data comes back adapted
             s, names = model.structure, [q.name for q in model.parameters]
-            error = free_run_error(s, model.theta, data.whole, data.counted, options.robust)
+            error = free_run_error(
+                s, model.theta, data.whole, data.counted, options.robust, one_step=data.one_step
+            )
             if criterion in ERROR_CRITERIA:
                 score = error
             else:
@@ -260,28 +263,39 @@ def free_run_error(
     records: Sequence[Record],
     counted: Sequence[NDArray[np.bool_]],
     robust: bool = False,
+    *,
+    one_step: bool = False,
 ) -> float:
     """Root mean square over the outputs of free-run error relative to the output's spread.
 
     The run goes through each whole record; only the samples ``counted``, (N,) by record, matter.
+    With ``one_step`` it is the one-step error. In a closed loop the input holds a part of the
+    noise, and a free run errs least, on held-out samples of the same loop too, where the model
+    takes that part for the plant's answer; one-step errors are least for the plant itself, if the
+    noise is modelled as well (Ljung 1999, §13.4).
     With ``robust`` errors beyond OUTLYING times the usual one count no more than that, because a
     handful of outliers would drown every difference between models.
     """
     window = head_window(s, theta)
     parts = []
+    measured = []
     with np.errstate(over="ignore", invalid="ignore"):
         for r, held in zip(records, counted, strict=True):
-            if s.nu:
-                run = s.simulate(theta, r.u, s.fitted_state(theta, r.u, r.y, window))
-                parts.append((r.y - run)[held])
-            else:  # nothing drives it: how far ahead it sees is one step
-                parts.append(np.nan_to_num(s.errors(theta, r.u, r.y, window))[held])
+            if one_step or not s.nu:  # nothing drives it: how far ahead it sees is one step
+                e = s.errors(theta, r.u, r.y, window)
+                held = held & ~np.isnan(e).any(axis=1)
+            else:
+                e = r.y - s.simulate(theta, r.u, s.fitted_state(theta, r.u, r.y, window))
+            parts.append(e[held])
+            measured.append(r.y[held])
         errors = np.concatenate(parts)
         if robust:
             limit = OUTLYING * 1.4826 * np.median(np.abs(errors), axis=0)
             errors = np.clip(errors, -limit, limit)
         square = np.sum(errors**2, axis=0)
-    spread = np.concatenate([r.y[held] for r, held in zip(records, counted, strict=True)])
+    spread = np.concatenate(measured)
+    if not len(spread):
+        return float("inf")
     spread_square = np.sum((spread - spread.mean(axis=0)) ** 2, axis=0)
     moving = spread_square > 0
     if not moving.any():
@@ -298,7 +312,9 @@ def _arx_at_once(structures: Sequence[Structure], data: HoldOut, criterion: str)
     for a in promising(solved) if criterion in ERROR_CRITERIA else solved:
         s, n = a.structure, len(a.theta)
         if criterion in ERROR_CRITERIA:
-            score = error = free_run_error(s, a.theta, data.whole, data.counted)
+            score = error = free_run_error(
+                s, a.theta, data.whole, data.counted, one_step=data.one_step
+            )
         else:
             loss = from_loss(float(np.exp(a.log_det)), a.samples, n, s.ny)
             score, error = float(getattr(loss, criterion)), float("nan")

@@ -19,6 +19,11 @@ from sysid.estimation.soundness import doubts_about, relative_gap
 from sysid.structures.model import Model
 from sysid.structures.orders import orders_text
 
+IN_LOOP = (
+    "Judged one step ahead, because the log was recorded in closed loop: there a free run errs "
+    "least where a model without noise model (oe) takes noise for the plant."
+)
+
 FOLLOWS = 1.5
 """A model whose free run over all data errs by more than so many times the best one's does not
 lead: its search saw a good fit that the fit to all data did not find again."""
@@ -56,6 +61,7 @@ class Standings:
         margin: fraction within which held-out errors tie.
         rule: what decided among equals: the name of a criterion, or ``size``.
         passed: an entry that would lead, had it nothing against it.
+        one_step: whether held-out samples were judged one step ahead, not in free run.
     """
 
     entries: tuple[Entry, ...]
@@ -63,6 +69,7 @@ class Standings:
     margin: float
     rule: str
     passed: Entry | None = None
+    one_step: bool = False
 
 
 def in_order(
@@ -71,6 +78,7 @@ def in_order(
     options: FitOptions,
     criterion: str,
     margin: float,
+    one_step: bool = False,
 ) -> Standings:
     """Entries by held-out error; of those within ``margin`` of the best the lowest BIC leads.
 
@@ -79,12 +87,18 @@ def in_order(
     Under an information criterion that one ranks alone. Of those that tie, one that settles and
     whose search has ended is taken before others. Models that cannot lead come last: those
     whose free run is unbounded, and those whose fit to all data follows them much worse than
-    another one does.
+    another one does. ``one_step``: held-out samples were judged one step ahead, as data of a closed
+    loop have to be.
     """
     counted = [np.ones(len(r), dtype=bool) for r in records]
     follows = {
         id(e): free_run_error(
-            e.model.structure, e.model.theta, _seen(e, records), counted, options.robust
+            e.model.structure,
+            e.model.theta,
+            _seen(e, records),
+            counted,
+            options.robust,
+            one_step=one_step,
         )
         for e in entries
     }
@@ -126,7 +140,7 @@ def in_order(
     )
     decided = "size" if options.robust and by_error else rule
     passed = None if lead is first else first
-    return Standings((lead, *rest), tuple(sound), margin, decided, passed)
+    return Standings((lead, *rest), tuple(sound), margin, decided, passed, one_step)
 
 
 def _seen(entry: Entry, records: Sequence[Record]) -> list[Record]:
@@ -188,23 +202,24 @@ def _ahead(order: Standings, criterion: str, words: str, *, given: bool) -> str:
     if criterion not in ERROR_CRITERIA:
         return f"{text} is ahead by {criterion} over one-step errors on the estimation data."
     share = 100.0 * (1.0 - first.error)
-    kind, ahead = (
-        ("free-run", "in free run") if first.model.inputs else ("one-step", "one step ahead")
-    )
+    ahead_by_one = order.one_step or not first.model.inputs
+    kind, how = ("one-step", "one step ahead") if ahead_by_one else ("free-run", "in free run")
     if len(order.entries) == 1:
-        return f"{text} was chosen by {criterion} on {words}: {share:.2f} % {ahead}."
+        return f"{text} was chosen by {criterion} on {words}: {share:.2f} % {how}."
     second = order.entries[1]
+    loop = f" {IN_LOOP}" if order.one_step else ""
     said = (
         f"{text} is ahead: {share:.2f} % {kind} fit on {words} with {_size(first)} parameters; "
         f"next {second.model.structure.name} with {100.0 * (1.0 - (second.error or 0.0)):.2f} % "
         f"and {_size(second)}"
     )
     if (second.error or 0.0) > (1.0 + order.margin) * first.error:
-        return f"{said}."
+        return f"{said}.{loop}"
     if second in order.sound:
         rule = "the smallest leads" if order.rule == "size" else "the lowest BIC leads"
-        return f"{said} (errors within {100.0 * order.margin:.2g} % tie; of those {rule})."
-    return f"{said}, which does not hold in a free run over all estimation data."
+        tie = f"(errors within {100.0 * order.margin:.2g} % tie; of those {rule})"
+        return f"{said} {tie}.{loop}"
+    return f"{said}, which does not hold {how} over all estimation data.{loop}"
 
 
 def _origin(model: Model, given: bool) -> str:
