@@ -287,8 +287,8 @@ def _over_chunks(
         lower=lower[index],
         upper=upper[index],
         huber=huber_widths(counted, counted.residual(theta[index])) if options.robust else None,
-        max_evaluations=FINAL_EVALUATIONS,
-        tolerance=1e-7,
+        max_evaluations=options.limit(FINAL_EVALUATIONS),
+        tolerance=options.precision(1e-7),
     )
     theta[index] = solution.p
     solved: list[tuple[Problem, Solution]] = [(problem, solution)]

@@ -97,7 +97,7 @@ def fit_narx(
         winners.append(best)
         starts += [_report(channel.name, t) for t in sorted(tried, key=lambda t: t.error)]
     s = replace(s, designs=tuple(t.design for t in winners))
-    estimates = _on_all_data(s, records, winners)
+    estimates = _on_all_data(s, records, options, winners)
     return _outcome(s, records, estimates, starts)
 
 
@@ -152,7 +152,7 @@ def _report(output: str, t: Trial) -> StartReport:
 
 
 def _on_all_data(
-    s: NarxWavelet, records: Sequence[Record], winners: Sequence[Trial]
+    s: NarxWavelet, records: Sequence[Record], options: FitOptions, winners: Sequence[Trial]
 ) -> list[Estimate]:
     """Least squares, and what refinement makes of the winners."""
     whole = everything(records)
@@ -167,7 +167,8 @@ def _on_all_data(
     if not any(t.chunk for t in winners):
         return found
     start = [t.theta if t.chunk else linear for t, linear in zip(winners, plain, strict=True)]
-    found.append(_together(s, records, np.concatenate(start), max(t.chunk for t in winners)))
+    chunk = max(t.chunk for t in winners)
+    found.append(_together(s, records, options, np.concatenate(start), chunk))
     return found
 
 
@@ -203,7 +204,9 @@ def _prior(
     return pull, np.where(np.concatenate(amplitude), 0.0, start)
 
 
-def _together(s: NarxWavelet, records: Sequence[Record], theta: Array, chunk: int) -> Estimate:
+def _together(
+    s: NarxWavelet, records: Sequence[Record], options: FitOptions, theta: Array, chunk: int
+) -> Estimate:
     """All rows refined at once within bounds: outputs see each other's simulated past."""
     small = shortened(records, RUN_SAMPLES)
     data = [(r.u, r.y) for r in small]
@@ -219,7 +222,8 @@ def _together(s: NarxWavelet, records: Sequence[Record], theta: Array, chunk: in
     )
     found = levenberg_marquardt(
         problem, np.clip(theta, lower, upper), free=free, lower=lower, upper=upper,
-        max_evaluations=ROUNDS if samples < SHORT else FEWER_ROUNDS, tolerance=TOLERANCE,
+        max_evaluations=options.limit(ROUNDS if samples < SHORT else FEWER_ROUNDS),
+        tolerance=options.precision(TOLERANCE),
         regular=True,
     )  # fmt: skip
     return Estimate(
