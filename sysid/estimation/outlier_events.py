@@ -48,12 +48,11 @@ def explained(
     left = errors.copy()
     chosen: dict[tuple[int, int], bool] = {}
     values = [_gain(left, place, pattern) for place, pattern in zip(places, patterns, strict=True)]
+    gains = np.array([gain for gain, _, _ in values])
     memory = len(patterns[0]) if patterns else 1
     samples = np.array([t for t, _ in places])
-    while True:
-        best = max(range(len(values)), key=lambda k: values[k][0], default=-1)
-        if best < 0 or values[best][0] <= 1.0:
-            break
+    while np.max(gains, initial=0.0) > 1.0:
+        best = int(np.argmax(gains))
         (t, i), (_, size, reading) = places[best], values[best]
         chosen[t, i] = reading
         if reading:
@@ -61,11 +60,12 @@ def explained(
             part -= size * patterns[best][: len(part)]
         else:
             left[t, i] = 0.0
-        near = np.flatnonzero(np.abs(samples - t) < 2 * memory).tolist()
-        for k in near:
-            values[k] = (
-                (0.0, 0.0, False) if places[k] in chosen else _gain(left, places[k], patterns[k])
-            )
+        # samples are in order of time
+        start, stop = np.searchsorted(samples, [t - 2 * memory + 1, t + 2 * memory])
+        for k in range(int(start), int(stop)):
+            known = places[k] in chosen
+            values[k] = (0.0, 0.0, False) if known else _gain(left, places[k], patterns[k])
+            gains[k] = values[k][0]
     found = []
     for cluster in _clusters(sorted(chosen), memory):
         found += _best_set(errors, cluster, places, patterns, chosen)
