@@ -30,6 +30,7 @@ MADE_BY: dict[str, tuple[str, str]] = {
     "published_figures.md": ("published_report.py", "make reports"),
     "coverage.md": ("study_coverage.py", "make study"),
     "residual_tests.md": ("study_residual_tests.py", "make study"),
+    "robust.md": ("study_robust.py", "make study"),
     "block_oriented.md": ("study_block_oriented.py", "make study"),
     "nonlinear_structures.md": ("study_nonlinear.py", "make study"),
     "nonlinear_tests.md": (

@@ -19,6 +19,7 @@ from joblib import Parallel, delayed
 sys.path.insert(0, str(Path(__file__).parent))
 
 from outlier_cases import CASES, KINDS, Case, Drawn
+from stamps import stamped
 
 from sysid.data.record import Record
 from sysid.estimation.outliers import find_outliers
@@ -176,6 +177,7 @@ def main(target: Path, most: int, names: Sequence[str] = tuple(CASES)) -> None:
         # the slowest come last: what is there already is kept when somebody stops it
         text = HEAD + table(headers, rows, "l" + "r" * 10) + tail
         target.write_text(text, encoding="utf-8")
+    stamped(target)
 
 
 HEAD = """# Robust fits of every structure
