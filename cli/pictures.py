@@ -1,32 +1,27 @@
 """From results of the library to the pictures of the report layer."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from sysid.criteria.correlation import Correlation as FoundCorrelation
+    from sysid.criteria.verdicts import ResidualTest
     from sysid.data.record import Record
     from sysid.estimation.assessment import Assessment
     from sysid.estimation.comparison import Ranking
     from sysid.estimation.identify import Identification
-    from sysid.report.correlation_panels import Correlation
+    from sysid.report.correlation_panels import LagTest
     from sysid.report.fit_picture import FitSegment
 
 
 def draw_fit(path: Path, title: str, found: "Identification") -> None:
-    """Draw measured, simulated and residual of the winner with its residual correlations."""
-    from sysid.criteria.residuals import autocorrelation, cross_correlation
-    from sysid.estimation.pem import head_window
+    """Draw measured, simulated and residual of the winner with what decides its residual tests."""
     from sysid.report.fit_picture import FitPicture
     from sysid.report.plots import plot_fit
     from sysid.structures.orders import orders_text
 
     best = found.assessments[0]
     model = best.model
-    window = head_window(model.structure, model.theta)
-    errors = [model.errors(r, window) for r in found.estimation]
-    inputs = [r.u for r in found.estimation]
-    columns = [[e[:, [i]] for e in errors] for i in range(len(model.outputs))]
     named = f"{title}: {orders_text(model.structure.order_values())}"
     plot_fit(
         path,
@@ -40,11 +35,9 @@ def draw_fit(path: Path, title: str, found: "Identification") -> None:
             validation_fit=(
                 tuple(best.validation.free_run.fit_percent.values()) if best.validation else ()
             ),
-            autocorrelation=tuple(_drawn(autocorrelation(e), 0) for e in columns),
-            cross_correlation=tuple(
-                tuple(_drawn(found, j) for j in range(len(model.inputs)))
-                for found in (cross_correlation(e, inputs) for e in columns)
-            ),
+            whiteness=_drawn(best.residuals.whiteness, "white", "not white"),
+            independence=_drawn(best.residuals.independence, "no trace of u", "depend on u"),
+            feedback=_drawn(best.residuals.feedback, "", ""),
         ),
     )
 
@@ -91,11 +84,27 @@ def draw_ranking(path: Path, ranking: "Ranking") -> None:
     )
 
 
-def _drawn(found: "FoundCorrelation", column: int) -> "Correlation":
-    from sysid.report.correlation_panels import Correlation
+def _drawn(tests: "Sequence[ResidualTest]", right: str, wrong: str) -> "tuple[LagTest, ...]":
+    """The tests of one kind for a picture; none where nothing was left to test."""
+    import numpy as np
 
-    lags = found.lags.astype(float)
-    return Correlation(lags, found.values[:, column], float(found.bound[column]))
+    from sysid.report.correlation_panels import LagTest
+
+    if any(t.parts is None or not t.parts.values.size for t in tests):
+        return ()
+    return tuple(
+        LagTest(
+            np.array(t.parts.lags, dtype=np.float64),
+            t.parts.signals,
+            t.parts.values,
+            t.statistic,
+            t.limit,
+            right if t.passed else wrong,
+            t.judged,
+        )
+        for t in tests
+        if t.parts is not None
+    )
 
 
 def _segments(best: "Assessment", found: "Identification") -> "tuple[FitSegment, ...]":

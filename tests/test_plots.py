@@ -18,10 +18,10 @@ from sysid.errors import DataError, UsageError
 from sysid.report import plots
 from sysid.report.envelope import envelope, isolated
 from sysid.report.plots import (
-    Correlation,
     DynamicsPicture,
     FitPicture,
     FitSegment,
+    LagTest,
     MissionPicture,
     Obstacle,
     PoleZeroSet,
@@ -45,8 +45,11 @@ def fit_picture(n: int = 120, ny: int = 1, nu: int = 2, t1: float | None = None)
     s = y + rng.normal(size=(n, ny))
     u = rng.choice([-9000.0, 9000.0], size=(n, nu))
     later = t[cut:] if t1 is None else t[cut:] - t[cut] + t1
-    lags = np.arange(-5, 26)
-    one = Correlation(lags, 0.1 * rng.normal(size=lags.size), 0.15)
+    past, future = np.arange(26.0), np.arange(-25.0, 0.0)
+    names = tuple(f"pwm{k + 1}" for k in range(nu))
+    whiteness = LagTest(past[1:], ("ω1",), rng.normal(size=(1, 25)), 25.0, 44.3, "white")
+    independence = LagTest(past, names, rng.normal(size=(nu, 26)), 143.0, 107.0, "depend on u")
+    feedback = LagTest(future, names, rng.normal(size=(nu, 25)), 50.0, 107.0, "")
     return FitPicture(
         title="oe-1: OE, nb = 2, nf = 2, nk = 1",
         outputs=channels("ω", ny, "rad/s"),
@@ -58,8 +61,9 @@ def fit_picture(n: int = 120, ny: int = 1, nu: int = 2, t1: float | None = None)
         initial_state="estimated",
         estimation_fit=(91.47, 91.9, 88.0, 87.0)[:ny],
         validation_fit=(90.04, float("nan"), 85.0, 84.0)[:ny],
-        autocorrelation=(one,) * ny,
-        cross_correlation=((one,) * nu,) * ny if nu else (),
+        whiteness=(whiteness,) * ny,
+        independence=(independence,) * ny if nu else (),
+        feedback=(feedback,) * ny if nu else (),
     )
 
 
@@ -191,11 +195,9 @@ FIT_CASES: dict[str, FitPicture] = {
     "two outputs": fit_picture(60, 2, 2),
     "two records": fit_picture(60, 1, 2, t1=0.0),
     "no input": fit_picture(30, 1, 0),
-    "without correlations": dataclasses.replace(
-        fit_picture(), autocorrelation=(), cross_correlation=()
-    ),
-    "autocorrelation only": dataclasses.replace(fit_picture(), cross_correlation=()),
-    "cross-correlation only": dataclasses.replace(fit_picture(), autocorrelation=()),
+    "without correlations": dataclasses.replace(fit_picture(), whiteness=(), independence=()),
+    "whiteness only": dataclasses.replace(fit_picture(), independence=()),
+    "independence only": dataclasses.replace(fit_picture(), whiteness=()),
     "no fits": dataclasses.replace(fit_picture(), estimation_fit=(), validation_fit=()),
     "three units": dataclasses.replace(
         fit_picture(40, 1, 3), inputs=(Channel("a", "V"), Channel("b", "A"), Channel("c", "K"))
@@ -217,6 +219,14 @@ def test_every_kind_of_fit_is_drawn(case: str, tmp_path: Path) -> None:
     # A lone sample tells no sample time, so nothing can be seen to continue it.
     apart = {"two records", "forty records", "one sample a part"}
     assert ("one after another" in text) == (case in apart)
+
+
+def test_the_picture_shows_what_decides(tmp_path: Path) -> None:
+    text = svg_of(fit_picture(60, 1, 2), tmp_path)
+    assert "past inputs: depend on u" in text
+    assert "Σ² 143 &gt; 107" in text
+    assert "past residuals: white" in text
+    assert "Σ² 25 &lt; 44.3" in text
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -1e300])
@@ -244,9 +254,7 @@ def test_a_gap_breaks_the_line_and_a_lone_sample_is_a_dot(tmp_path: Path) -> Non
         """Moves of the pen within measured lines, and dots."""
         picture = fit_picture(120, 1, 0)
         first = dataclasses.replace(picture.segments[0], measured=measured)
-        bare = dataclasses.replace(
-            picture, segments=(first,), autocorrelation=(), cross_correlation=()
-        )
+        bare = dataclasses.replace(picture, segments=(first,), whiteness=(), independence=())
         text = svg_of(bare, tmp_path)
         lines = re.findall(r'd="([^"]*)"[^>]*stroke: #a3b1bf; stroke-width: 2.6', text)
         return max(line.count("M") for line in lines), text.count("fill: #a3b1bf")

@@ -1,122 +1,127 @@
-"""Panels of the residuals' correlations beside the bounds a correct model keeps."""
+"""Panels of what decides about residuals: each test's statistic, lag by lag, against its limit."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid.data.record import Array, Channel
+from sysid.data.record import Array
 from sysid.report import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+SINGLE = 2.576
+"""Half-width of the band that holds a standard normal value with 99 %."""
+
 
 @dataclass(frozen=True, eq=False)
-class Correlation:
-    """A correlation function of the residuals with the bound a correct model stays within.
+class LagTest:
+    """A residual test as a picture shows it.
 
     Attributes:
-        lags: lags [samples], shape (L,).
-        values: correlation coefficients, shape (L,).
-        bound: half-width of the confidence band, a number or one per lag.
+        lags: lags [samples], shape (L,); negative ones are in the future.
+        signals: names of what was lagged, one a row of ``values``.
+        values: (signals, L); standard normal each for a right model, their squares add up to the
+            statistic.
+        statistic: what decides.
+        limit: what it must not exceed; 0 where there was nothing to test.
+        verdict: the outcome in a few words, as the tables have it.
+        judged: whether the outcome counts against the model.
     """
 
     lags: Array
+    signals: tuple[str, ...]
     values: Array
-    bound: float | Array
+    statistic: float
+    limit: float
+    verdict: str
+    judged: bool = True
 
     @property
-    def band(self) -> Array:
-        """The bound at each lag, shape (L,)."""
-        return np.broadcast_to(np.asarray(self.bound, dtype=np.float64), np.shape(self.lags))
+    def passed(self) -> bool:
+        """Whether the statistic is within its limit."""
+        return self.statistic <= self.limit or self.limit == 0.0
 
 
-def draw_autocorrelation(axes: "Axes", correlation: Correlation, confidence: float) -> None:
-    """Draw the residuals' own correlation over positive lags; at lag 0 it is 1 by definition."""
-    lags, values = np.asarray(correlation.lags), np.asarray(correlation.values)
-    later = lags > 0
-    _stems(axes, lags[later], values[later], correlation.band[later], style.INK)
-    axes.set_title("residual autocorrelation")
-    _limits(axes, values[later], correlation.band[later])
-    _note(axes, f"band: {confidence:g} %")
+def draw_whiteness(axes: "Axes", test: LagTest) -> None:
+    """Draw how past residuals predict the residuals of one output, and what decides."""
+    _draw(axes, test, "past residuals", None)
 
 
-def draw_cross_correlation(
-    axes: "Axes",
-    correlations: tuple[Correlation, ...],
-    inputs: tuple[Channel, ...],
-    confidence: float,
-) -> None:
-    """Draw the residuals' correlation with each input.
+def draw_independence(axes: "Axes", test: LagTest, feedback: LagTest | None) -> None:
+    """Draw what past inputs tell of the residuals, and what decides.
 
-    With one input the coefficients are drawn as they are. With several, each is divided by its
-    own bound, so that one band serves all. Negative lags, where only feedback correlates, are
-    greyed.
+    Future inputs, which correlate under feedback only, stand faded at negative lags.
     """
-    if len(correlations) == 1:
-        only = correlations[0]
-        lags, values, band = np.asarray(only.lags), np.asarray(only.values), only.band
-        _stems(axes, lags, values, band, style.SERIES[0])
-        style.title(axes, f"residual × {inputs[0].name}", 1.95)
-        _note(axes, f"band: {confidence:g} %")
-        _limits(axes, values, band)
-    else:
-        everything = [
-            np.asarray(c.values) / np.where(c.band > 0, c.band, np.nan) for c in correlations
-        ]
-        lags = np.asarray(correlations[0].lags)
-        _band(axes, lags, np.ones(len(lags)))
-        for k, (c, values) in enumerate(zip(correlations, everything, strict=True)):
-            axes.plot(c.lags, values, color=style.SERIES[k % len(style.SERIES)], linewidth=1.1)
-        axes.set_title("residual × inputs")
-        _note(axes, f"in units of the {confidence:g} % band")
-        _limits(axes, np.concatenate(everything), np.ones(1))
-    if lags.size and lags.min() < 0:
-        axes.axvspan(lags.min() - 1.0, -0.5, color="white", alpha=0.6, linewidth=0, zorder=4)
-        axes.axvline(-0.5, color=style.FAINT, linewidth=0.8, zorder=4.1)
-        axes.text(
-            0.02,
-            0.03,
-            "← feedback",
-            transform=axes.transAxes,
-            size=style.SMALL - 0.5,
-            color=style.MUTED,
-            zorder=5,
-        )
+    what = f"past {test.signals[0]}" if len(test.signals) == 1 else "past inputs"
+    _draw(axes, test, what, feedback)
 
 
-def _note(axes: "Axes", words: str) -> None:
+def _draw(axes: "Axes", test: LagTest, what: str, future: LagTest | None) -> None:
+    style.title(axes, f"{what}: {test.verdict}", 1.95)
+    every = [test] if future is None else [future, test]
+    lags = np.concatenate([t.lags for t in every])
+    axes.fill_between(
+        [lags.min(), lags.max()], -SINGLE, SINGLE, color="#d5e6f1", linewidth=0, zorder=0.5
+    )
+    axes.axhline(0.0, color=style.INK, linewidth=0.6, zorder=1.5)
+    several = len(test.signals) > 1
+    for t in every:
+        faded = 0.35 if t is future else 1.0
+        for k, values in enumerate(t.values):
+            beside = 0.3 * (k - 0.5 * (len(t.values) - 1)) if several else 0.0
+            colour = style.SERIES[k % len(style.SERIES)] if t is not test or several else style.INK
+            # one broken line for all stems: a hundredth of the bytes of so many lines
+            x = np.repeat(t.lags + beside, 3)
+            y = np.column_stack([0.0 * values, values, np.full(len(values), np.nan)]).ravel()
+            axes.plot(x, y, color=colour, linewidth=1.3, alpha=faded, solid_capstyle="butt")
+    sizes = np.abs(np.concatenate([t.values.ravel() for t in every]))
+    top = 1.5 * max(SINGLE, float(sizes.max(initial=0.0)))
+    axes.set_ylim(-top, top)
+    axes.set_xlim(lags.min() - 1.0, lags.max() + 0.22 * np.ptp(lags) + 1.0)
+    axes.locator_params(axis="y", nbins=5)
+    axes.set_xticks([tick for tick in (-20, -10, 0, 10, 20) if lags.min() <= tick <= lags.max()])
+    if future is not None:
+        axes.axvline(-0.5, color=style.FAINT, linewidth=0.8, zorder=1.4)
+        _note(axes, 0.02, 0.03, "← feedback", "left")
+    _note(axes, 0.02, 0.97, "band: 99 %", "left")
+    _gauge(axes, test)
+
+
+def _gauge(axes: "Axes", test: LagTest) -> None:
+    """A column at the right: the sum of squares over its limit."""
+    if test.limit <= 0.0:
+        return
+    beside = axes.inset_axes((0.88, 0.0, 0.1, 1.0))
+    ratio = test.statistic / test.limit
+    colour = style.MUTED if test.passed or not test.judged else style.VERMILION
+    beside.bar([0.0], [ratio], width=0.8, color=colour, alpha=0.9)
+    beside.axhline(1.0, color=style.INK, linewidth=1.0)
+    beside.set_xlim(-0.6, 0.6)
+    beside.set_ylim(0.0, 1.35 * max(ratio, 1.0))
+    beside.set_xticks([])
+    beside.set_yticks([])
+    beside.grid(visible=False)
+    for side in beside.spines.values():
+        side.set_visible(False)
+    sign = "<" if test.passed else ">"
+    words = f"Σ² {test.statistic:.3g} {sign} {test.limit:.3g}"
+    _note(axes, 0.99, 0.97, words, "right", colour)
+
+
+def _note(
+    axes: "Axes", x: float, y: float, words: str, side: str, colour: str = style.MUTED
+) -> None:
     axes.text(
-        0.99,
-        0.98,
+        x,
+        y,
         words,
         transform=axes.transAxes,
-        ha="right",
-        va="top",
+        ha=side,
+        va="top" if y > 0.5 else "bottom",
         size=style.SMALL - 0.5,
-        color=style.MUTED,
-        zorder=5,
+        color=colour,
+        zorder=6,
         bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5},
     )
-
-
-def _stems(axes: "Axes", lags: Array, values: Array, band: Array, colour: str) -> None:
-    _band(axes, lags, band)
-    axes.vlines(lags, 0.0, values, color=colour, linewidth=1.0)
-    axes.plot(lags, values, linestyle="none", marker="o", markersize=2.4, color=colour)
-
-
-def _band(axes: "Axes", lags: Array, band: Array) -> None:
-    axes.fill_between(lags, -band, band, color="#d5e6f1", linewidth=0, zorder=0.5)
-    axes.axhline(0.0, color=style.INK, linewidth=0.6, zorder=1.5)
-
-
-def _limits(axes: "Axes", values: Array, band: Array) -> None:
-    both = np.concatenate([np.abs(values), np.abs(band)])
-    both = both[np.isfinite(both)]
-    top = 1.45 * float(both.max()) if both.size and both.max() > 0 else 1.0
-    axes.set_ylim(-top, top)
-    axes.margins(x=0.02)
-    axes.locator_params(axis="y", nbins=5)
-    axes.locator_params(axis="x", nbins=6, integer=True)

@@ -1,4 +1,4 @@
-"""Drawing a fit: outputs and residuals over time, correlations at the right, inputs below."""
+"""Drawing a fit: outputs and residuals over time, their tests at the right, inputs below."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.report import style
-from sysid.report.correlation_panels import draw_autocorrelation, draw_cross_correlation
+from sysid.report.correlation_panels import draw_independence, draw_whiteness
 from sysid.report.envelope import envelope
 from sysid.report.fit_picture import FitPicture, FitSegment
 
@@ -53,7 +53,7 @@ def draw(figure: "Figure", picture: FitPicture) -> None:
     subtitle = ", ".join(s for s in (picture.horizon, start) if s)
     style.heading(figure, picture.title, subtitle)
     pieces, panels, ny = _pieces(picture), _input_panels(picture), len(picture.outputs)
-    kinds = [k for k in (picture.autocorrelation, picture.cross_correlation) if k]
+    kinds = [k for k in (picture.whiteness, picture.independence) if k]
     grid = figure.add_gridspec(
         2 * ny + len(panels),
         2 if kinds else 1,
@@ -66,11 +66,11 @@ def draw(figure: "Figure", picture: FitPicture) -> None:
         _draw_output(timed[-2], picture, pieces, i)
         _draw_residual(timed[-1], picture, pieces, i)
         beside = [figure.add_subplot(grid[2 * i + k, 1]) for k in range(len(kinds))]
-        if picture.autocorrelation:
-            draw_autocorrelation(beside[0], picture.autocorrelation[i], picture.confidence)
-        if picture.cross_correlation:
-            crossed = picture.cross_correlation[i]
-            draw_cross_correlation(beside[-1], crossed, picture.inputs, picture.confidence)
+        if picture.whiteness:
+            draw_whiteness(beside[0], picture.whiteness[i])
+        if picture.independence:
+            future = picture.feedback[i] if picture.feedback else None
+            draw_independence(beside[-1], picture.independence[i], future)
         if kinds and i == ny - 1:
             beside[-1].set_xlabel("lag τ [samples]")
     for k, panel in enumerate(panels):

@@ -1,4 +1,4 @@
-"""What a picture of a fit shows: stretches of data, fits, correlations of the residuals."""
+"""What a picture of a fit shows: stretches of data, fits, tests of the residuals."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -7,7 +7,7 @@ import numpy as np
 
 from sysid.data.record import Array, Channel, frozen
 from sysid.errors import DataError
-from sysid.report.correlation_panels import Correlation
+from sysid.report.correlation_panels import LagTest
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +68,9 @@ class FitPicture:
         initial_state: how its initial state was found; shown in the subtitle.
         estimation_fit: fit % per output on the estimation data, or empty.
         validation_fit: fit % per output on the validation data, or empty.
-        autocorrelation: of the residuals, one per output, or empty.
-        cross_correlation: of the residuals with each input, per output, or empty.
-        confidence: probability of the correlation bounds, in per cent.
+        whiteness: the test of the residuals against their past, one per output, or empty.
+        independence: that against past inputs, one per output, or empty.
+        feedback: that against future inputs, one per output, or empty.
 
     Raises:
         DataError: a segment does not have the channels named.
@@ -84,9 +84,9 @@ class FitPicture:
     initial_state: str = ""
     estimation_fit: tuple[float, ...] = ()
     validation_fit: tuple[float, ...] = ()
-    autocorrelation: tuple[Correlation, ...] = ()
-    cross_correlation: tuple[tuple[Correlation, ...], ...] = ()
-    confidence: float = 99.0
+    whiteness: tuple[LagTest, ...] = ()
+    independence: tuple[LagTest, ...] = ()
+    feedback: tuple[LagTest, ...] = ()
 
     def __post_init__(self) -> None:
         ny, nu = len(self.outputs), len(self.inputs)
@@ -98,7 +98,8 @@ class FitPicture:
                     f"segment {segment.label!r} has {segment.measured.shape[1]} outputs and "
                     f"{segment.u.shape[1]} inputs; {ny} and {nu} are named"
                 )
-        per_output = ("estimation_fit", "validation_fit", "autocorrelation", "cross_correlation")
+        fits = ("estimation_fit", "validation_fit")
+        per_output = (*fits, "whiteness", "independence", "feedback")
         for name in per_output:
             if len(getattr(self, name)) not in (0, ny):
                 raise DataError(f"{name} needs one entry per output ({ny}), or none")

@@ -29,7 +29,7 @@ from sysid.report import (
     ranking_drawing,
     style,
 )
-from sysid.report.correlation_panels import Correlation
+from sysid.report.correlation_panels import LagTest
 from sysid.report.dynamics_drawing import DynamicsPicture, PoleZeroSet, StepResponse
 from sysid.report.fit_picture import FitPicture, FitSegment
 from sysid.report.mission_drawing import MissionPicture, Obstacle
@@ -39,10 +39,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "Correlation",
     "DynamicsPicture",
     "FitPicture",
     "FitSegment",
+    "LagTest",
     "MissionPicture",
     "Obstacle",
     "PoleZeroSet",
@@ -78,7 +78,7 @@ def picture_format(path: Path) -> PictureFormat:
 
 
 def plot_fit(path: Path, picture: FitPicture) -> None:
-    """Draw measured and simulated outputs, residuals, their correlations and the inputs.
+    """Draw measured and simulated outputs, residuals, their tests and the inputs.
 
     Raises:
         UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
