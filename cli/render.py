@@ -7,7 +7,9 @@ Results go to stdout, everything about them (warnings, progress, errors) to stde
 import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from threading import Event, Thread
+from time import monotonic
 from typing import TYPE_CHECKING, Any, Literal
 
 from . import documents
@@ -134,7 +136,7 @@ def standard_error(
 
 @contextmanager
 def progress(label: str, total: int | None = None) -> Iterator[Callable[[int], None]]:
-    """Show a bar on stderr while the block runs, where stderr is a terminal.
+    """Show a bar on stderr while the block runs; a line every ten seconds where it is piped.
 
     Args:
         label: what is going on.
@@ -144,7 +146,16 @@ def progress(label: str, total: int | None = None) -> Iterator[Callable[[int], N
         A function that takes how many more steps are done.
     """
     if not sys.stderr.isatty():
-        yield lambda _steps: None
+        done = 0
+
+        with _spoken(label) as tell:
+
+            def count(steps: int) -> None:
+                nonlocal done
+                done += steps
+                tell(label, done / total if total else None)
+
+            yield count
         return
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -156,7 +167,7 @@ def progress(label: str, total: int | None = None) -> Iterator[Callable[[int], N
 
 @contextmanager
 def stages(label: str) -> Iterator[Callable[[str, float], None]]:
-    """Show a bar on stderr that also says what is being done, where stderr is a terminal.
+    """Show a bar on stderr that also says what is being done; lines where it is piped.
 
     Args:
         label: what stands there before the first stage.
@@ -165,7 +176,8 @@ def stages(label: str) -> Iterator[Callable[[str, float], None]]:
         A function that takes what is being done and which share is over, 0 to 1.
     """
     if not sys.stderr.isatty():
-        yield lambda _what, _share: None
+        with _spoken(label) as tell:
+            yield tell
         return
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -173,6 +185,38 @@ def stages(label: str) -> Iterator[Callable[[str, float], None]]:
     with Progress(*columns, console=_console(sys.stderr), transient=True) as bar:
         task = bar.add_task(label, total=1.0)
         yield lambda what, share: bar.update(task, completed=share, description=what)
+
+
+SPOKEN_EVERY = 10.0
+"""Seconds between two lines on progress where no terminal shows a bar."""
+
+
+@contextmanager
+def _spoken(label: str) -> Iterator[Callable[[str, float | None], None]]:
+    """A line on stderr now and then while the block runs: what is done, how far, since when."""
+    now: tuple[str, float | None] = (label, None)
+    over = Event()
+
+    def tell(what: str, share: float | None) -> None:
+        nonlocal now
+        now = (what, share)
+
+    def speak() -> None:
+        started = monotonic()
+        while not over.wait(SPOKEN_EVERY):
+            what, share = now
+            far = "" if share is None else f", {100.0 * share:.0f} % done"
+            with suppress(OSError, ValueError):  # whoever reads may have gone
+                sys.stderr.write(f"{what}: {monotonic() - started:.0f} s{far}\n")
+                sys.stderr.flush()
+
+    speaker = Thread(target=speak, daemon=True)
+    speaker.start()
+    try:
+        yield tell
+    finally:
+        over.set()
+        speaker.join()
 
 
 def _print(sentence: str, stream: Any, style: str) -> None:

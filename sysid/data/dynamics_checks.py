@@ -89,7 +89,7 @@ def _together(records: Sequence[Record]) -> list[Finding]:
                 Severity.WARNING if own < 1e-3 else Severity.NOTE,
                 f"The inputs {name} and {partner} {'always' if own < 1e-3 else 'nearly always'} "
                 f"move together ({how}): their effects cannot be told apart.",
-                "Add a run in which they differ (for a robot: turns on the spot, or sysid excite).",
+                _APART[records[0].is_robot_log],
                 name,
             )
         )
@@ -245,6 +245,13 @@ _TRY = {
 
 def _chance(p_value: float) -> str:
     return f"p = {p_value:.1g}" if p_value >= 1e-12 else "p < 1e-12"
+
+
+_APART = {
+    True: "Add a run in which they differ, such as turns on the spot, or one of sysid excite.",
+    False: "Add a run in which they differ: move one of them while the others stand still.",
+}
+"""How to tell inputs apart, by whether they are a robot's."""
 
 
 def _immediate(records: Sequence[Record]) -> set[str]:
