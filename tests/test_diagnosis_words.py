@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from sysid.discrepancy.localise import localise, regimes
 from sysid.discrepancy.model_error import Left
 from sysid.discrepancy.study import _story
 from sysid.discrepancy.verify import ChannelGap, Gap
+from sysid.report.diagnosis_words import headline
 
 ROBOTS_OWN = ("track", "robot", "speed", "stands", "runs")
 
@@ -82,6 +85,24 @@ def test_what_is_left_is_said_in_words(closed: float) -> None:
     assert "0 % of" not in text.replace("40 % of", "")
     assert ("Less than 1 %" in text) == (closed > 99.0)
     assert "structured" not in text
+
+
+@pytest.mark.parametrize(
+    ("verdict", "ids", "words"),
+    [
+        ("effects-found", ("dead-zone", "held-telemetry"), "Missing: dead-zone"),
+        ("unexplained", ("held-telemetry",), "Something is missing, but no effect"),
+        ("effects-found", ("held-telemetry",), "Nothing is missing that this log could show; its"),
+        ("no-missing-effect", (), "Nothing is missing that this log could show"),
+    ],
+)
+def test_held_telemetry_is_no_missing_effect(
+    verdict: str, ids: tuple[str, ...], words: str
+) -> None:
+    effects = tuple(SimpleNamespace(id=id) for id in ids)
+    found: Any = SimpleNamespace(verdict=verdict, effects=effects, unfollowed="")
+    assert headline(found).startswith(words)
+    assert "held-telemetry" not in headline(found)
 
 
 @pytest.fixture

@@ -261,7 +261,9 @@ class Study:
         off = told is not None and told.left.structured
         astray = poor.startswith(ASTRAY)
         if effects or found.withdrawn or off or astray or (structured and not slight):
-            verdict = "effects-found" if effects else "unexplained"
+            # that telemetry is held is a matter of the log, and explains no structured error
+            explained = [e for e in effects if e.id != "held-telemetry" or not structured or slight]
+            verdict = "effects-found" if explained else "unexplained"
         before = model if model is not None else model_of(base, naming.base)
         after = model_of(base, naming.final, naming.intervals) if naming.named else before
         if told is not None and told.effects:

@@ -49,12 +49,14 @@ def headline(found: Diagnosis) -> str:
     """The verdict in a few words."""
     if found.unfollowed:
         return found.unfollowed.partition(":")[0]
-    if found.verdict == "effects-found":
-        return f"Missing: {', '.join(e.id for e in found.effects)}"
-    if found.verdict == "no-missing-effect":
-        return "Nothing is missing that this log could show"
-    if found.effects:
-        return f"Missing: {', '.join(e.id for e in found.effects)}, and more that has no name here"
+    missing = ", ".join(e.id for e in found.effects if e.id != "held-telemetry")
+    if found.verdict == "effects-found" and missing:
+        return f"Missing: {missing}"
+    if found.verdict != "unexplained":
+        held = "; its telemetry is held" if found.effects else ""
+        return f"Nothing is missing that this log could show{held}"
+    if missing:
+        return f"Missing: {missing}, and more that has no name here"
     return "Something is missing, but no effect of the catalogue explains it"
 
 
