@@ -2,8 +2,8 @@
 
 Simulates right and wrong models, fits them with the plainest means (least squares for ARX,
 scipy's Levenberg–Marquardt for OE; none of this package's estimators) and counts alarms at a
-nominal 1 %. Run by hand, four minutes of one core; every draw is seeded and the table carries no
-times, so that the file it writes is the same each time:
+nominal 1 %. Run by hand, twelve minutes of one core; every draw is seeded and the tables carry
+no times, so that the file it writes is the same each time:
 
     python benchmarks/study_residual_tests.py [replicates] [file]
 """
@@ -27,6 +27,8 @@ from sysid.criteria.residuals import (
     independence_test,
     whiteness_test,
 )
+from sysid.data.feedback import feedback_tests
+from sysid.data.record import Record
 
 Array = NDArray[np.float64]
 Generator = np.random.Generator
@@ -311,6 +313,100 @@ def rates(case: Case, replicates: int, samples: int, jobs: int = 1) -> Alarms:
     return {k: 100.0 * float(np.mean([d[k] for d in draws])) for k in draws[0]}
 
 
+@dataclass(frozen=True)
+class Log:
+    """A simulated log for the test of feedback that ``sysid inspect`` makes, before any model."""
+
+    name: str
+    simulate: Callable[[Generator, int], Record]
+
+
+def smooth_input(rng: Generator, samples: int, kind: str) -> Array:
+    """A multisine of 19 lines or a chirp, which any few samples of theirs foretell."""
+    k = np.arange(samples)
+    if kind == "chirp":
+        return np.sin(2.0 * np.pi * (0.005 * k + 0.05 * k**2 / samples) + rng.uniform(0.0, 6.28))
+    phase = 2.0 * np.pi * np.outer(k, np.arange(1, 20)) / 200.0
+    return np.cos(phase + rng.uniform(0.0, 2.0 * np.pi, 19)).sum(axis=1) / 5.0
+
+
+def open_log(
+    kind: str, noise: tuple[float, ...] = (1.0,), *, delay: int = 1, bend: float = 0.0
+) -> Callable[[Generator, int], Record]:
+    """:data:`PLANT` behind a delay; ``bend`` adds u|u|, which makes it nonlinear."""
+
+    def simulate(rng: Generator, samples: int) -> Record:
+        smooth = kind in ("multisine", "chirp")
+        u = (smooth_input if smooth else draw_input)(rng, samples, kind)
+        late = shifted(u, delay)
+        y = lfilter(PLANT[0].b, (1.0, *PLANT[0].f), late + bend * late * np.abs(late))
+        y = y + 0.2 * y.std() * coloured(rng, samples, noise)
+        return Record(u[:, None], y[:, None], 0.1)
+
+    return simulate
+
+
+def loop_log(
+    gain: float, integral: float = 0.0, colour: float = 0.0, kind: str = "steps"
+) -> Callable[[Generator, int], Record]:
+    """:data:`PLANT` with process noise under a controller that answers in the same row."""
+
+    def simulate(rng: Generator, samples: int) -> Record:
+        r = draw_input(rng, samples, kind)
+        push = 0.1 * lfilter([1.0], [1.0, -colour], rng.standard_normal(samples))
+        u, y, total = np.zeros(samples), np.zeros(samples), 0.0
+        for t in range(samples):
+            y[t] = push[t]
+            for k in (1, 2):
+                if t >= k:
+                    y[t] += PLANT[0].b[k - 1] * u[t - k] - PLANT[0].f[k - 1] * y[t - k]
+            total += integral * (r[t] - y[t])
+            u[t] = gain * (r[t] - y[t]) + total
+        return Record(u[:, None], y[:, None], 0.1)
+
+    return simulate
+
+
+OPEN_LOGS = (
+    *(Log(f"open loop, {kind}", open_log(kind))
+      for kind in ("white", "slow", "steps", "multisine", "chirp")),
+    Log("open loop, steps, AR(1) noise", open_log("steps", AR1)),
+    Log("open loop, multisine, AR(2) noise", open_log("multisine", AR2)),
+    Log("open loop, white, feedthrough", open_log("white", delay=0)),
+    Log("open loop, steps, delay 21", open_log("steps", delay=21)),
+    Log("open loop, slow, delay 61, AR(1) noise", open_log("slow", AR1, delay=61)),
+    Log("open loop, multisine, u + 0.3 u|u|", open_log("multisine", bend=0.3)),
+)  # fmt: skip
+LOOP_LOGS = (
+    Log("P control in the same row, gain 0.5", loop_log(0.5)),
+    Log("P control in the same row, gain 0.1", loop_log(0.1)),
+    Log("PI control in the same row", loop_log(0.3, 0.05)),
+    Log("PI control in the same row, AR(1) noise", loop_log(0.3, 0.05, 0.9)),
+    Log("PI control in the same row, white reference", loop_log(0.3, 0.05, kind="white")),
+)
+
+
+def feedback_seen(log: Log, seed: int, samples: int) -> bool:
+    """Whether one simulated log is called recorded in closed loop."""
+    record = log.simulate(np.random.default_rng([seed, samples]), samples)
+    return any(t.seen for t in feedback_tests([record]))
+
+
+def feedback_table(logs: tuple[Log, ...], replicates: int, lengths: tuple[int, ...]) -> list[str]:
+    """Markdown rows: how often feedback is seen [%]."""
+    lines = ["| log | " + " | ".join(f"N = {n}" for n in lengths) + " |"]
+    lines.append("|---|" + "---:|" * len(lengths))
+    for log in logs:
+        cells = []
+        for samples in lengths:
+            run = Parallel(n_jobs=-1)
+            seen = list(run(delayed(feedback_seen)(log, s, samples) for s in range(replicates)))
+            cells.append(f"{100.0 * np.mean(seen):.1f}")
+        lines.append(f"| {log.name} | " + " | ".join(cells) + " |")
+        print(lines[-1], file=sys.stderr, flush=True)
+    return lines
+
+
 def table(cases: tuple[Case, ...], replicates: int, lengths: tuple[int, ...]) -> list[str]:
     """Markdown rows of alarm rates."""
     lines = ["| model | N | " + " | ".join(COLUMNS.values()) + " |"]
@@ -330,7 +426,11 @@ def main(replicates: int, target: Path) -> None:
     lines = table(RIGHT, replicates, (300, 1000, 2000))
     wrong = table(WRONG, max(replicates // 4, 1), (300, 1000))
     middle = MIDDLE.format(replicates=max(replicates // 4, 1))
-    target.write_text("\n".join([text, *lines, middle, *wrong, ""]), encoding="utf-8")
+    few = max(replicates // 2, 1)
+    before = feedback_table(OPEN_LOGS, few, (300, 1000))
+    loops = feedback_table(LOOP_LOGS, max(replicates // 10, 1), (300, 1000))
+    parts = [text, *lines, middle, *wrong, FEEDBACK.format(replicates=few), *before, LOOPS, *loops]
+    target.write_text("\n".join([*parts, ""]), encoding="utf-8")
     from stamps import stamped
 
     stamped(target)
@@ -357,6 +457,16 @@ MIDDLE = """
 
 {replicates} replicates a line. A test alarms where its kind of error is present: feedback only in
 the last case, whiteness wherever dynamics or noise model are too small.
+"""
+
+FEEDBACK = """
+## Feedback, before any model
+
+How often [%] `sysid inspect` says that a log was recorded in closed loop. In open loop every figure
+should be 1 at most; {replicates} replicates a line.
+"""
+LOOPS = """
+With a controller 100 is full power:
 """
 
 if __name__ == "__main__":
