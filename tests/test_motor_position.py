@@ -8,7 +8,7 @@ from command_line import run, write_log
 
 from sysid.data.integrating import is_position
 from sysid.data.record import Array, Channel, Record
-from sysid.estimation.pem import LONGEST_HEAD, head_window
+from sysid.estimation.head import LONGEST_HEAD, head_window
 from sysid.structures.dc_motor import DCMotor
 
 GAIN, TAU, DRY, LOAD = 0.17, 0.45, 0.5, -0.09
