@@ -231,13 +231,17 @@ def test_units_are_converted_stored_and_used_again(tmp_path: Path, capsys: Captu
     rpm = write_log(tmp_path / "rpm.csv", list(raw), list(raw.values()))
     units = ("--unit", "omega_l=rpm,omega_r=rpm", "--pwm-max", "255")
     wanted = run(capsys, "fit", plain, *ARX, "--json", "--workspace", "plain").document
-    found = run(capsys, "fit", rpm, *ARX, *units, "--val", rpm, "--json").document
+    more = {k: v[:-1] for k, v in raw.items()}  # a log cannot judge itself: one row less is another
+    val = write_log(tmp_path / "val.csv", list(more), list(more.values()))
+    found = run(capsys, "fit", rpm, *ARX, *units, "--val", val, "--json").document
     for name, (value, _) in parameters(wanted).items():
         # nine printed digits of the log leave six of a parameter
         assert parameters(found)[name][0] == pytest.approx(value, rel=1e-6, abs=1e-12), name
-    assert found["validation"]["fit_percent"] == pytest.approx(found["estimation"]["fit_percent"])
-    ranked = run(capsys, "compare", "--val", rpm, "--json").document
-    assert ranked["ranking"][0]["fit_percent"] == pytest.approx(found["estimation"]["fit_percent"])
+    inside = found["estimation"]["fit_percent"]
+    assert found["validation"]["fit_percent"] == pytest.approx(inside, abs=0.1)
+    ranked = run(capsys, "compare", "--val", val, "--json").document
+    judged = found["validation"]["fit_percent"]
+    assert ranked["ranking"][0]["fit_percent"] == pytest.approx(judged)
     plant = run(capsys, "export", "--json").document["plant"]
     channels = json.loads(Path(plant, "plant.json").read_text())["inputs"]
     assert [c["scale"] for c in channels] == pytest.approx([20000 / 255] * 2)
@@ -389,7 +393,7 @@ def test_compare_goes_on_without_the_log(tmp_path: Path, capsys: Capture) -> Non
     for words in (ARX, OE):
         run(capsys, "fit", log, *words)
     fresh = run(capsys, "compare", "--criteria", "aic", "--json").document
-    assert not fresh["notes"]
+    assert not any("gone or have changed" in note for note in fresh["notes"])
     robot_log(log, seed=8)
     changed = run(capsys, "compare", "--criteria", "aic", "--json").document
     log.unlink()
@@ -450,6 +454,7 @@ def test_free_run_figures_of_the_coupled_drives(
     train = write_rows(tmp_path / "train.csv", header, rows[:200])
     test = write_rows(tmp_path / "test.csv", header, rows[400:])
     words = ("--structure", "arx", "--orders", "na=10 nb=10 nk=0", "--skip", 10)
+    words = (*words, "--detrend", "mean")  # as it was published
     found = run(capsys, "fit", train, "--val", test, *words, "--json").document
     # four digits were published
     assert found["validation"]["rmse"]["y_speed_V"] == pytest.approx(published, abs=5e-5)
@@ -461,7 +466,7 @@ def test_free_run_figures_of_the_coupled_drives(
 def test_published_parameters_of_the_dryer(tmp_path: Path, capsys: Capture) -> None:
     header, rows = measured("dryer/dryer.csv")
     log = write_rows(tmp_path / "log.csv", header, rows[:300])
-    words = ("--structure", "arx", "--orders", "na=2 nb=2 nk=3")
+    words = ("--structure", "arx", "--orders", "na=2 nb=2 nk=3", "--detrend", "mean")
     found = run(capsys, "fit", log, *words, "--json").document
     values = [value for value, _ in parameters(found).values()]
     # four digits were published

@@ -175,3 +175,23 @@ def test_three_time_constants_are_a_list() -> None:
     words = step_sentences([three])[0]
     assert words.count(" and ") == 1
     assert words.split("time constants ")[1].count(" s,") == 1
+
+
+def test_a_double_root_keeps_its_numbers() -> None:
+    """Two equal time constants: a pair that is real here is complex a hair's breadth away."""
+    top, bottom, _ = cont2discrete(([GAIN], np.polymul([0.1, 1.0], [0.1, 1.0])), DT, method="zoh")
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        u = np.repeat(rng.uniform(-3.0, 3.0, 40), 15)
+        y = lfilter(top[0], bottom, u) + 2.0 * rng.standard_normal(600)
+        (step,) = step_responses(model_of(Record(u, y, DT), orders="nb=2 nf=2 nk=1"))
+        assert step.gain.value == pytest.approx(GAIN, abs=4.0 * step.gain.std_error)
+
+
+def test_poles_that_no_sample_resolves_are_no_swing() -> None:
+    """An ARX of high order on one lag and a delay has noise poles all around the circle."""
+    rng = np.random.default_rng(7)
+    u = np.repeat(rng.choice([-1.0, 1.0], 60), 10)
+    y = lfilter([0.0, 0.1], [1.0, -0.9], u) + 0.05 * rng.standard_normal(600)
+    (step,) = step_responses(model_of(Record(u, y, DT), "arx", "na=6 nb=6 nk=1"))
+    assert step.oscillation is None or step.oscillation[0].value < np.pi / 2.0 / DT

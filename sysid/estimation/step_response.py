@@ -33,6 +33,10 @@ RAMP = 0.15
 VISIBLE_MODE = 0.02
 """A mode that carries less than this share of the final value is not seen in a step."""
 
+RESOLVED = np.pi / 2.0
+"""Largest angle of a pole that swings, a quarter of the sampling rate: with fewer than four
+samples a period a pair of poles is noise or a delay, not a motion that anybody saw."""
+
 MOVES = 1e-6
 """Share of the final change from which an answer has begun."""
 
@@ -163,7 +167,8 @@ def _answers_to(model: Model, j: int, share: float | None) -> list[StepResponse]
             for i in reached:
                 run = _read(y[:, i], model.dt, level - start)
                 found += [run.gain, run.rise, run.settling]
-                found += _mode_numbers(_followed(model, theta, i, j, poles[i]), model.dt)
+                moved = _followed(model, theta, i, j, poles[i])
+                found += _mode_numbers(moved, poles[i], model.dt)
         return np.array(found)
 
     centre = numbers(model.theta)
@@ -329,7 +334,7 @@ def _visible_poles(model: Model, i: int, j: int) -> "np.ndarray[Any, Any] | None
         p
         for p, share in zip(poles, carried, strict=True)
         if p.imag >= 0.0
-        and (p.imag > 0.0 or p.real > 0.0)
+        and (p.real > 0.0 if p.imag == 0.0 else np.angle(p) <= RESOLVED)
         and not share < VISIBLE_MODE * (abs(total) if np.isfinite(total) else 0.0)
     ]
     return np.array(sorted(kept, key=lambda p: -abs(p)))
@@ -347,12 +352,18 @@ def _followed(
     return np.array([found[np.argmin(np.abs(found - p))] for p in poles])
 
 
-def _mode_numbers(poles: "np.ndarray[Any, Any] | None", dt: float) -> list[float]:
-    """Of every pole its time constant, or its natural frequency and its damping."""
+def _mode_numbers(
+    poles: "np.ndarray[Any, Any] | None", like: "np.ndarray[Any, Any] | None", dt: float
+) -> list[float]:
+    """Of every pole its time constant, or its natural frequency and its damping.
+
+    Which of them is told by the poles at θ̂, ``like``: near a double root a real pair turns complex
+    and back with the smallest change of θ, and the numbers must stay the same ones.
+    """
     numbers: list[float] = []
-    for p in () if poles is None else poles:
+    for p, kind in zip(() if poles is None else poles, () if like is None else like, strict=True):
         s = np.log(complex(p)) / dt
-        if p.imag:
+        if kind.imag:
             numbers += [float(abs(s)), float(-s.real / abs(s))]
         else:
             numbers.append(float(-1.0 / s.real) if s.real else float("inf"))
