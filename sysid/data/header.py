@@ -49,7 +49,10 @@ class Header:
 
 
 def find_header(numbered: Sequence[Line]) -> Header:
-    """The header is the line above the first line of data, or above the units over it.
+    """The header is the last line of words above the table, or above the units over it.
+
+    What a title block says in numbers (``Samples  2400  2400``) is no row of the table below it,
+    see ``_first_row``.
 
     Comments go; where nothing but comments stands above the data, the last one is the header
     (``numpy.savetxt`` and ROS put it behind a sign). Where no line looks like data, the first one
@@ -66,17 +69,17 @@ def find_header(numbered: Sequence[Line]) -> Header:
         head = lines[at]
     rest, dropped = _body(lines[at + 1 :], head[1])
     notes += dropped
-    first = next((i for i, (_, text) in enumerate(rest[:_TITLES]) if is_data(text)), 0)
-    units = None
-    if first and not is_data(head[1]) and not _has_number(rest[first - 1][1]):
-        above = [head, *rest[:first]]
-        if _is_units(above[-1][1], above[-2][1], rest[first][1]):
+    block = [head, *rest[:_TITLES]]
+    first = _first_row(block)
+    units, titles = None, []
+    if first > 1 and not _has_number(block[first - 1][1]):
+        above, rest = block[:first], rest[first - 1 :]
+        if _is_units(above[-1][1], above[-2][1], rest[0][1]):
             units = above.pop()[1]
-        full = [i for i, (_, text) in enumerate(above) if _is_full(text, rest[first][1])]
-        if len(full) > 1 and units is None:
-            return Header(above[full[0]], None, [*above[full[0] + 1 :], *rest[first:]], notes)
+        full = [i for i in _ending(above) if _is_full(above[i][1], rest[0][1])]
+        if full and full[0] == 0 and len(full) > 1 and units is None:
+            return Header(above[0], None, [*above[1:], *rest], notes)
         titles, head = above[:-1], above[-1]
-        rest = rest[first:]
         if titles:
             many = len(titles) > 1
             which = f"lines {titles[0][0]} to {titles[-1][0]}" if many else f"line {titles[0][0]}"
@@ -193,20 +196,87 @@ def _without_labels(lines: Sequence[Line]) -> tuple[list[Line], tuple[str, ...]]
     return [(0, ";".join(names)), *found], ("the names in front of the numbers are the columns",)
 
 
+def _first_row(block: Sequence[Line]) -> int:
+    """Where the table's first row stands; 0 where no line looks like data.
+
+    Above it a title block may hold lines that look like data: values behind a word, as ``X0  0.0
+    0.0``, or with another number of cells. Such a line is left behind where a line of words with
+    the table's number of cells follows. A line of words below rows of the table is no header: it
+    is a fault in the log, which the reader is to hear of.
+    """
+    data = [i for i, (_, text) in enumerate(block) if i and is_data(text)]
+    if not data:
+        return 0
+    first, foreign = data[0], [0] if is_data(block[0][1]) else []
+    for i in data:
+        words = block[i - 1][1]
+        heads = (
+            i > 1 and not is_data(words) and not _has_number(words) and _fits(words, block[i][1])
+        )
+        if heads and _are_foreign([block[j][1] for j in foreign], block[i][1]):
+            first = i
+        foreign.append(i)
+    return first
+
+
+def _fits(words: str, data: str) -> bool:
+    """Whether a line of words has the cells of a row; one may be more, or one a trailing sign."""
+    sep = _sign_of(data)
+    cells = [c.strip() for c in cells_of(words, sep)]
+    most = len(cells_of(data, sep))
+    return len([c for c in cells if c]) > 1 and abs(len(cells) - most) <= 1
+
+
+def _are_foreign(lines: Sequence[str], data: str) -> bool:
+    """Whether lines that look like data are no rows of the table in which another one stands.
+
+    They stand behind a word, as no row of numbers does; one line alone, such as a date and a time
+    of day, is also told by its number of cells. Several such lines may be a table of their own.
+    """
+    if not _is_value(_tokens(data)[0]):
+        return not lines  # rows that begin with a word look like what stands in a title block
+    bare = [line for line in lines if not _is_labelled(line)]
+    sep = _sign_of(data)
+    wanted = len(cells_of(data.rstrip(sep), sep))
+    return len(bare) < 2 and all(len(cells_of(b.rstrip(sep), sep)) != wanted for b in bare)
+
+
+def _is_labelled(line: str) -> bool:
+    first = _tokens(line)[0]
+    return not _is_value(first) and first.lower() not in (*MISSING, *STATES)
+
+
+def _is_value(cell: str) -> bool:
+    return bool(_NUMBER.fullmatch(cell)) or date_format(cell) is not None
+
+
+def _sign_of(data: str) -> str:
+    """The delimiter that a row of data shows."""
+    return next((sign for sign in (";", "\t", ",") if sign in data), " ")
+
+
+def _ending(lines: Sequence[Line]) -> list[int]:
+    """The places of the last lines that follow each other without an empty line between them."""
+    start = len(lines) - 1
+    while start > 0 and lines[start][0] == lines[start - 1][0] + 1:
+        start -= 1
+    return list(range(start, len(lines)))
+
+
 def _is_full(line: str, data: str) -> bool:
     """Whether a line above the data has a word for each of three or more cells, as a header has.
 
     Two such lines that are no names over units are not chosen between: the second is then said to
     hold no numbers.
     """
-    sep = next((sign for sign in (";", "\t", ",") if sign in data), " ")
+    sep = _sign_of(data)
     wanted = len([c for c in cells_of(data, sep) if c.strip()])
     return wanted > 2 and len([c for c in cells_of(line, sep) if c.strip()]) == wanted
 
 
 def _is_units(line: str, header: str, data: str) -> bool:
     """Whether a line below a header holds units: as many cells, none a number, most a unit."""
-    sep = next((sign for sign in (";", "\t", ",") if sign in data), " ")
+    sep = _sign_of(data)
     names = [c.strip() for c in cells_of(header.rstrip(sep), sep)]
     cells = [c.strip().strip('"') for c in cells_of(line, sep)]
     told = [c for c in cells if c and c not in ("1",)]

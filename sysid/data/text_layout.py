@@ -170,8 +170,21 @@ def _even_out(
     plain = sep != " " and not any('"' in r for r in rows)
     counts = [r.count(sep) + 1 if plain else len(cells_of(r, sep)) for r in rows]
     wanted = len(names)
-    if wanted > 1 and not names[-1] and all(not cells_of(r, sep)[-1].strip() for r in rows[:1]):
-        names = names[:-1]  # every line, the header too, ends in a delimiter
+    comment = names[-1].lower() == "comment"
+    shown = rows if comment else rows[:1]
+    if wanted > 1 and comment and plain and set(counts) == {wanted - 1, wanted}:
+        # LabVIEW writes its comment behind the row that it was given for, and nothing elsewhere
+        pairs = zip(rows, counts, strict=True)
+        rows = [r.rsplit(sep, 1)[0] if n == wanted else r for r, n in pairs]
+        names, wanted = names[:-1], wanted - 1
+        counts = [wanted] * len(rows)
+    elif (
+        wanted > 1
+        and (comment or not names[-1])
+        and set(counts) == {wanted}
+        and all(not cells_of(r, sep)[-1].strip() for r in shown)
+    ):
+        names = names[:-1]  # every line, the header too, ends in a delimiter or an empty comment
     elif wanted > 1 and set(counts) == {wanted - 1} and names[-1].lower() in ("", "comment"):
         names, wanted = names[:-1], wanted - 1  # only the header ends in a delimiter or "Comment"
     elif set(counts) == {wanted + 1} and all(r.rstrip(" ").endswith(sep) for r in rows):

@@ -1,0 +1,77 @@
+"""Logs whose header stands below a title block, as laboratory loggers write them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from written_logs import motor
+
+from sysid.data.io import read_file
+from sysid.data.read_options import ReadOptions
+from sysid.errors import DataError
+
+LABVIEW = (
+    "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t.\n"
+    "Date\t2026/05/04\nTime\t14:02:11.29\n***End_of_Header***\t\n{e}\nChannels\t2{e}\n"
+    "Samples\t240\t240{e}\nDate\t2026/05/04\t2026/05/04{e}\nTime\t14:02:11.3\t14:02:11.3{e}\n"
+    "Y_Unit_Label\tV\tcm{e}\nX_Dimension\tTime\tTime{e}\nX0\t0.0\t0.0{e}\n"
+    "Delta_X\t0.02\t0.02{e}\n***End_of_Header***\nX_Value\tPump voltage\tLevel\tComment\n"
+)
+SCOPE = (
+    "Model,MSO24\nFirmware Version,1.38\n\nPoint Format,Y,\nHorizontal Units,s,\n"
+    "Sample Interval,2e-02,\nRecord Length,240,\nVertical Units,V,A\nLabel,coil,shunt\n{gap}"
+    "TIME,CH1,CH2\n"
+)
+
+
+def table(sep: str = "\t", end: str = "") -> str:
+    k, u, y = motor()
+    return "".join(
+        f"{i * 0.02:.6f}{sep}{a:g}{sep}{b:.2f}{end}\n" for i, a, b in zip(k, u, y, strict=True)
+    )
+
+
+def read(tmp_path: Path, text: str, **options: object) -> tuple[np.ndarray, np.ndarray, float]:
+    path = tmp_path / "log.csv"
+    path.write_text(text)
+    (record,) = read_file(path, ReadOptions(**options)).records  # type: ignore[arg-type]
+    return record.u[:, 0], record.y[:, 0], record.dt
+
+
+SIGNALS = {"inputs": ("CH1",), "outputs": ("CH2",)}
+BLOCKS: dict[str, tuple[str, dict[str, object]]] = {
+    "labview": (LABVIEW.format(e="") + table(), {}),
+    "labview, trailing tabs": (LABVIEW.format(e="\t") + table(end="\t"), {}),
+    "labview, a comment in the first row": (
+        LABVIEW.format(e="\t") + table().replace("\n", "\tpump on\n", 1),
+        {},
+    ),
+    "scope": (SCOPE.format(gap="\n") + table(","), SIGNALS),
+    "scope without the empty line": (SCOPE.format(gap="") + table(","), SIGNALS),
+    "a date above the header": ("2026-05-04 14:02:11\nt;u;y\n" + table(";"), {}),
+    "counts above the header": ("Channels;2\nRows;240;240\nt;u;y\n" + table(";"), {}),
+}
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+def test_the_header_is_the_last_line_of_words_above_the_numbers(name: str, tmp_path: Path) -> None:
+    text, options = BLOCKS[name]
+    _, u, y = motor()
+    got_u, got_y, dt = read(tmp_path, text, **options)
+    np.testing.assert_allclose(got_u, u)
+    np.testing.assert_allclose(got_y, y)
+    assert dt == pytest.approx(0.02)
+
+
+FAULTS = {
+    "words among the rows": "t,u,y\n0,1,2\n1,1,2\nERR,ERR,ERR\n2,1,2\n3,1,2\n",
+    "another table below": "t,u,y\n0,1,2\n1,1,2\nt,u,y,z\n2,1,2,3\n3,1,2,3\n",
+    "rows that begin with words": "what,u,y\na,1,2\nb,1,2\nt,u,y\n2,1,2\n3,1,2\n",
+    "two lines of words": "t,u,y\nalpha,beta,gamma\n0,1,2\n1,1,2\n",
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_rows_of_a_table_are_never_left_out_as_a_title_block(name: str, tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"line|column"):
+        read(tmp_path, FAULTS[name])
