@@ -104,7 +104,8 @@ def test_story_files_and_page(here: Path, capsys: pytest.CaptureFixture[str]) ->
     assert len(parser.ids) == len(set(parser.ids))
     referred = set(re.findall(r"url\(#([^)]+)\)|href=\"#([^\"]+)\"", page))
     assert {a or b for a, b in referred} <= set(parser.ids)
-    assert page.count("<svg") == 10  # regions, gap, candidates, one schedule, three an output
+    # regions, gap, candidates, one schedule, three an output: each wide and narrow, and the letters
+    assert page.count("<svg") == 2 * 10 + 1
     assert "next_1_dead-zone.csv" in page
     assert len(page) < 1_500_000
 

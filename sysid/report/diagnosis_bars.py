@@ -7,6 +7,7 @@ import numpy as np
 
 from sysid.report import style
 from sysid.report.diagnosis_words import ChannelLine, percent, score_words
+from sysid.report.layout import LINE, WIDE, Layout, legend, legend_height
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -16,46 +17,69 @@ MOST = 14
 """Candidates drawn."""
 
 
-def gap_size(lines: Sequence[ChannelLine]) -> tuple[float, float]:
+_ERRORS = {
+    "before": (style.VERMILION, 5.0),
+    "after": (style.BLUE, 5.0),
+    "noise floor": (style.INK, 1.6),
+}
+_GAP_ROW, _GAP_ROW_STACKED = 0.55, 0.55 + 2.0 * LINE
+_TIED = "#8dbfe0"
+_CANDIDATE_ROW = 0.24
+
+
+def gap_size(lines: Sequence[ChannelLine], layout: Layout = WIDE) -> tuple[float, float]:
     """Width and height of the picture [in]."""
-    return style.WIDTH, 0.75 + 0.55 * len(lines)
+    if layout.stacked:
+        top = legend_height(list(_ERRORS), layout)
+        return layout.width, 0.4 + top + _GAP_ROW_STACKED * len(lines)
+    return layout.width, 0.75 + _GAP_ROW * len(lines)
 
 
-def draw_gap(figure: "Figure", lines: Sequence[ChannelLine]) -> None:
+def draw_gap(figure: "Figure", lines: Sequence[ChannelLine], layout: Layout = WIDE) -> None:
     """Two bars an output, RMSE before and after; what lies left of the tick is noise.
 
     Each output has its own unit, so the bars are in per cent of the error before.
     """
-    axes = _panel(figure, len(lines), 0.55, 1.5, 2.5)
+    if layout.stacked:
+        axes = _panel(figure, len(lines) * _GAP_ROW_STACKED, len(lines), 0.14, 0.18)
+    else:
+        axes = _panel(figure, len(lines) * _GAP_ROW, len(lines), 1.5, 2.5)
+    above = LINE / _GAP_ROW_STACKED
     for k, line in enumerate(lines):
         whole = max(line.rmse_before, line.rmse_after, 1e-300)
         before, after, floor = (
             100.0 * v / whole for v in (line.rmse_before, line.rmse_after, line.noise_floor)
         )
-        axes.barh(k + 0.3, before, 0.26, color=style.VERMILION)
-        axes.barh(k + 0.62, after, 0.26, color=style.BLUE)
-        axes.plot([floor] * 2, [k + 0.1, k + 0.84], color=style.INK, linewidth=1.6)
-        _name(axes, k + 0.46, line.name, -8.0, "right", bold=True)
         unit = f" {line.unit}" if line.unit else ""
         words = f"{line.rmse_before:.3g} → {line.rmse_after:.3g}{unit}"
-        _name(axes, k + 0.32, words, 8.0, "left", right=True)
         noise = f"noise {line.noise_floor:.3g}, closed {percent(line.closed_percent)}"
-        _name(axes, k + 0.64, noise, 8.0, "left", right=True, faint=True)
+        top, row = (k + 2.0 * above, 1.0 - 2.0 * above) if layout.stacked else (float(k), 1.0)
+        axes.barh(top + 0.3 * row, before, 0.26 * row, color=style.VERMILION)
+        axes.barh(top + 0.62 * row, after, 0.26 * row, color=style.BLUE)
+        ends = [top + 0.1 * row, top + 0.84 * row]
+        axes.plot([floor] * 2, ends, color=style.INK, linewidth=1.6)
+        if layout.stacked:
+            _name(axes, k + 0.6 * above, line.name, -4.0, "left", bold=True, room=1.4)
+            _name(axes, k + 0.6 * above, words, 6.0, "right", right=True, room=1.65)
+            _name(axes, k + 1.6 * above, noise, -4.0, "left", faint=True, room=3.1)
+        else:
+            _name(axes, k + 0.46, line.name, -8.0, "right", bold=True)
+            _name(axes, k + 0.32, words, 8.0, "left", right=True)
+            _name(axes, k + 0.64, noise, 8.0, "left", right=True, faint=True)
     axes.set_xlim(0.0, 100.0)
     axes.set_xlabel("RMSE on held-out data [% of the larger]")
-    style.legend_above(
-        axes,
-        {
-            "before": (style.VERMILION, 5.0),
-            "after": (style.BLUE, 5.0),
-            "noise floor": (style.INK, 1.6),
-        },
-    )
+    legend(axes, _ERRORS, layout)
 
 
-def candidates_size(candidates: Sequence[tuple[str, float]]) -> tuple[float, float]:
+def candidates_size(
+    candidates: Sequence[tuple[str, float]],
+    accepted: Sequence[str],
+    tied: Sequence[str],
+    layout: Layout = WIDE,
+) -> tuple[float, float]:
     """Width and height of the picture [in]."""
-    return style.WIDTH, 0.7 + 0.24 * min(len(candidates), MOST)
+    top = legend_height(list(_kinds(accepted, tied)), layout) if layout.stacked else 0.3
+    return layout.width, 0.4 + top + _CANDIDATE_ROW * min(len(candidates), MOST)
 
 
 def draw_candidates(
@@ -63,35 +87,52 @@ def draw_candidates(
     candidates: Sequence[tuple[str, float]],
     accepted: Sequence[str],
     tied: Sequence[str],
+    layout: Layout = WIDE,
 ) -> None:
     """Every effect tried first by its score; accepted ones and their ties in colour."""
     shown = candidates[:MOST]
-    axes = _panel(figure, len(shown), 0.24, 1.9, 0.9)
+    left, right = (1.5, 0.6) if layout.stacked else (1.9, 0.9)
+    axes = _panel(figure, _CANDIDATE_ROW * len(shown), len(shown), left, right)
+    size = style.SMALL if layout.stacked else style.NORMAL
     for k, (id, score) in enumerate(shown):
         colour = style.MEASURED
         if id in accepted:
             colour = style.BLUE
         elif id in tied:
-            colour = "#8dbfe0"
+            colour = _TIED
         value = score if np.isfinite(score) else 0.0
         axes.barh(k + 0.5, value, 0.62, color=colour)
-        _name(axes, k + 0.5, id, -8.0, "right", bold=id in accepted)
-        _name(axes, k + 0.5, score_words(score), 8.0, "left", right=True, faint=id not in accepted)
+        taken = id in accepted
+        room = left - 0.15 if layout.stacked else 2.5
+        _name(axes, k + 0.5, id, -8.0, "right", bold=taken, size=size, room=room)
+        _name(
+            axes, k + 0.5, score_words(score), 8.0, "left", right=True, faint=not taken, size=size
+        )
     scores = [s for _, s in shown if np.isfinite(s)] or [0.0]
     axes.set_xlim(min(0.0, 1.05 * min(scores)), max(1.02 * max(scores), 1e-9))
+    if layout.stacked:
+        axes.locator_params(axis="x", nbins=3)
     axes.set_xlabel("score of the first round")
-    entries = {"accepted": (style.BLUE, 5.0), "tied": ("#8dbfe0", 5.0)}
+    entries = _kinds(accepted, tied)
+    if entries:
+        legend(axes, entries, layout)
+
+
+def _kinds(accepted: Sequence[str], tied: Sequence[str]) -> dict[str, tuple[str, float]]:
+    """Entries of the legend; none where nothing was accepted."""
+    if not accepted:
+        return {}
+    found = {"accepted": (style.BLUE, 5.0), "tied": (_TIED, 5.0)}
     if not tied:
-        entries.pop("tied")
-    if accepted:
-        style.legend_above(axes, {**entries, "not taken": (style.MEASURED, 5.0)})
+        found.pop("tied")
+    return {**found, "not taken": (style.MEASURED, 5.0)}
 
 
-def _panel(figure: "Figure", rows: int, row: float, left: float, right: float) -> "Axes":
+def _panel(figure: "Figure", inches: float, rows: int, left: float, right: float) -> "Axes":
     figure.set_layout_engine("none")
     width, height = figure.get_size_inches()
     axes = figure.add_axes(
-        (left / width, 0.4 / height, (width - left - right) / width, row * rows / height)
+        (left / width, 0.4 / height, (width - left - right) / width, inches / height)
     )
     axes.set_ylim(max(rows, 1), 0)
     axes.set_yticks([])
@@ -110,6 +151,8 @@ def _name(
     bold: bool = False,
     right: bool = False,
     faint: bool = False,
+    size: float = style.NORMAL,
+    room: float = 2.5,
 ) -> None:
     text = axes.annotate(
         words,
@@ -121,8 +164,8 @@ def _name(
         va="center",
         weight="bold" if bold else "normal",
         color=style.MUTED if faint else style.INK,
-        size=style.SMALL if faint else style.NORMAL,
+        size=style.SMALL if faint else size,
         annotation_clip=False,
     )
     text.set_in_layout(False)
-    style.shorten(text, 2.5)
+    style.shorten(text, room)

@@ -1,16 +1,20 @@
 """The page of a diagnosis: one HTML file that needs nothing beside it."""
 
 import re
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.discrepancy.diagnosis import Diagnosis
+from sysid.discrepancy.diagnosis import Diagnosis, Experiment
 from sysid.report import diagnosis_bars, diagnosis_drawing, diagnosis_picture, style
 from sysid.report import diagnosis_words as words
-from sysid.report.plots import inline_svg
+from sysid.report.layout import NARROW, NARROWEST_WIDE, WIDE, Layout
+from sysid.report.plots import inline_svg, share_letters
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _TEMPLATE = "diagnosis.html.j2"
 
@@ -36,6 +40,7 @@ def diagnosis_page(found: Diagnosis, before: str, after: str) -> str:
         found=found,
         words=words,
         look=style,
+        narrowest_wide=NARROWEST_WIDE,
         headline=words.headline(found),
         channels=words.channel_lines(found),
         moved=words.moved(found),
@@ -49,7 +54,8 @@ def diagnosis_page(found: Diagnosis, before: str, after: str) -> str:
         detectable=sorted(found.detectable.items()),
         equations=_equations(found),
     )
-    return re.sub(r"(?<=\d) %(?!\w)", "\N{NO-BREAK SPACE}%", text)
+    text = re.sub(r"(?<=\d) %(?!\w)", "\N{NO-BREAK SPACE}%", text)
+    return share_letters(text)
 
 
 def _pictures(found: Diagnosis) -> dict[str, Any]:
@@ -57,27 +63,28 @@ def _pictures(found: Diagnosis) -> dict[str, Any]:
     shown = words.leading_regions(found, 10)
     drawn: dict[str, Any] = {"channels": [], "regions": "", "candidates": "", "gap": ""}
     if shown:
-        drawn["regions"] = inline_svg(
+        drawn["regions"] = _picture(
             "regions",
-            diagnosis_drawing.regions_size(shown),
-            lambda figure: diagnosis_drawing.draw_regions(figure, shown),
+            lambda layout: diagnosis_drawing.regions_size(shown, layout),
+            lambda figure, layout: diagnosis_drawing.draw_regions(figure, shown, layout),
             "Shares of the excess error by regime",
         )
     lines = words.channel_lines(found)
     if found.grown:
-        drawn["gap"] = inline_svg(
+        drawn["gap"] = _picture(
             "gap",
-            diagnosis_bars.gap_size(lines),
-            lambda figure: diagnosis_bars.draw_gap(figure, lines),
+            lambda layout: diagnosis_bars.gap_size(lines, layout),
+            lambda figure, layout: diagnosis_bars.draw_gap(figure, lines, layout),
             "Errors before and after by output, with the noise floor",
         )
     if found.candidates:
         accepted = tuple(e.id for e in found.effects)
         tied = tuple(i for e in found.effects for i in e.indistinguishable)
-        drawn["candidates"] = inline_svg(
+        facts = (found.candidates, accepted, tied)
+        drawn["candidates"] = _picture(
             "candidates",
-            diagnosis_bars.candidates_size(found.candidates),
-            lambda figure: diagnosis_bars.draw_candidates(figure, found.candidates, accepted, tied),
+            lambda layout: diagnosis_bars.candidates_size(*facts, layout),
+            lambda figure, layout: diagnosis_bars.draw_candidates(figure, *facts, layout),
             "Candidates by score",
         )
     drawn["paths"] = [_path(k, *entry) for k, entry in enumerate(words.path_lines(found.path))]
@@ -85,6 +92,18 @@ def _pictures(found: Diagnosis) -> dict[str, Any]:
         outputs = words.held_out(found)[0].record.outputs
         drawn["channels"] = [_channel(found, k) for k in range(len(outputs))]
     return drawn
+
+
+def _picture(
+    name: str,
+    size: Callable[[Layout], tuple[float, float]],
+    draw: Callable[["Figure", Layout], None],
+    label: str,
+) -> str:
+    """A picture in both layouts, of which the page's style shows the one that can be read."""
+    wide = inline_svg(name, size(WIDE), lambda figure: draw(figure, WIDE), label)
+    narrow = inline_svg(f"{name}-narrow", size(NARROW), lambda figure: draw(figure, NARROW), label)
+    return f'<div class="wide">{wide}</div>\n<div class="narrow">{narrow}</div>'
 
 
 def _channel(found: Diagnosis, i: int) -> dict[str, str]:
@@ -97,29 +116,30 @@ def _channel(found: Diagnosis, i: int) -> dict[str, str]:
     profiles = diagnosis_picture.profiles(found, i)
     regimes = diagnosis_picture.regime_lines(found, i)
     unit, changed = channel.unit, found.grown
+    draw = diagnosis_drawing
     return {
         "name": channel.name,
-        "worst": inline_svg(
+        "worst": _picture(
             f"worst{i}",
-            diagnosis_drawing.worst_size(windows),
-            lambda figure: diagnosis_drawing.draw_worst(figure, windows, changed=changed),
+            lambda layout: draw.worst_size(windows, changed=changed, layout=layout),
+            lambda figure, layout: draw.draw_worst(figure, windows, changed=changed, layout=layout),
             f"{channel.name} where the model before is worst",
         ),
-        "profiles": inline_svg(  # a short log has none
+        "profiles": _picture(  # a short log has none
             f"profiles{i}",
-            diagnosis_drawing.profiles_size(profiles),
-            lambda figure: diagnosis_drawing.draw_profiles(
-                figure, profiles, unit, floor, changed=changed
+            lambda layout: draw.profiles_size(profiles, changed=changed, layout=layout),
+            lambda figure, layout: draw.draw_profiles(
+                figure, profiles, unit, floor, changed=changed, layout=layout
             ),
             f"Residuals of {channel.name} against the regime variables",
         )
         if profiles
         else "",
-        "regimes": inline_svg(
+        "regimes": _picture(
             f"regimes{i}",
-            diagnosis_drawing.regimes_size(regimes),
-            lambda figure: diagnosis_drawing.draw_regimes(
-                figure, regimes, unit, floor, changed=changed
+            lambda layout: draw.regimes_size(regimes, changed=changed, layout=layout),
+            lambda figure, layout: draw.draw_regimes(
+                figure, regimes, unit, floor, changed=changed, layout=layout
             ),
             f"Errors of {channel.name} by regime before and after",
         ),
@@ -128,31 +148,31 @@ def _channel(found: Diagnosis, i: int) -> dict[str, str]:
 
 def _path(k: int, record: str, lines: tuple[tuple[str, Array], ...]) -> dict[str, str]:
     """The picture of one replayed path."""
-    picture = inline_svg(
+    picture = _picture(
         f"path{k}",
-        diagnosis_drawing.PATH_SIZE,
-        lambda figure: diagnosis_drawing.draw_path(figure, lines),
+        lambda layout: diagnosis_drawing.path_size(lines, layout),
+        lambda figure, layout: diagnosis_drawing.draw_path(figure, lines, layout),
         f"Paths of {record}: measured, and by both models under its commands",
     )
     return {"record": record, "picture": picture}
 
 
 def _experiments(found: Diagnosis) -> list[dict[str, Any]]:
-    shown = []
-    for k, e in enumerate(found.next_experiments):
-        rows = np.array(e.rows, dtype=np.float64)
-        picture = ""
-        if len(rows) > 1:
-            picture = inline_svg(
-                f"next{k}",
-                diagnosis_drawing.SCHEDULE_SIZE,
-                lambda figure, e=e, rows=rows: diagnosis_drawing.draw_schedule(  # type: ignore[misc]
-                    figure, e.columns, rows
-                ),
-                f"Schedule of the experiment for {', '.join(e.effects)}",
-            )
-        shown.append({"it": e, "picture": picture})
-    return shown
+    return [
+        {"it": e, "picture": _schedule(k, e) if len(e.rows) > 1 else ""}
+        for k, e in enumerate(found.next_experiments)
+    ]
+
+
+def _schedule(k: int, e: Experiment) -> str:
+    """The picture of one experiment's commands."""
+    rows = np.array(e.rows, dtype=np.float64)
+    return _picture(
+        f"next{k}",
+        lambda layout: diagnosis_drawing.schedule_size(e.columns, layout),
+        lambda figure, layout: diagnosis_drawing.draw_schedule(figure, e.columns, rows, layout),
+        f"Schedule of the experiment for {', '.join(e.effects)}",
+    )
 
 
 def _logs(found: Diagnosis) -> list[tuple[str, str]]:

@@ -55,6 +55,7 @@ __all__ = [
     "plot_fit",
     "plot_mission",
     "plot_ranking",
+    "share_letters",
 ]
 
 PictureFormat = Literal["svg", "png"]
@@ -142,6 +143,37 @@ def inline_svg(
     svg = re.sub(r"\n\s*\n+", "\n", svg)
     described = f'<svg role="img" aria-label="{html.escape(label)}"'
     return svg.replace("<svg", described, 1).strip()
+
+
+def share_letters(page: str) -> str:
+    """Keep the outline of each letter once in a page of :func:`inline_svg` pictures.
+
+    A dozen pictures have most letters in common: their outlines and the references to them were
+    half of the page.
+
+    Args:
+        page: an HTML page with a ``<body>``.
+
+    Returns:
+        the page, the outlines in a first picture that has no size.
+    """
+    short: dict[str, str] = {}  # outline -> id
+
+    def keep(match: re.Match[str]) -> str:
+        outline = match[2]
+        renamed[match[1]] = short.setdefault(outline, f"l{len(short)}")
+        return ""
+
+    renamed: dict[str, str] = {}
+    page = re.sub(r'<path id="([^"]+-DejaVuSans[^"]*)"([^>]*?)/>\n?', keep, page)
+    page = re.sub(
+        r'<use xlink:href="#([^"]+-DejaVuSans[^"]*)"',
+        lambda match: f'<use xlink:href="#{renamed[match[1]]}"',
+        page,
+    )
+    letters = "".join(f'<path id="{id}"{outline}/>\n' for outline, id in short.items())
+    shared = f'<svg width="0" height="0" aria-hidden="true" class="letters"><defs>\n{letters}'
+    return page.replace("<body>\n", f"<body>\n{shared}</defs></svg>\n", 1)
 
 
 def _write(path: Path, size: tuple[float, float], draw: Callable[["Figure"], None]) -> None:
