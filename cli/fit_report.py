@@ -20,7 +20,8 @@ MANY = 24
 
 def show(stored: "Sequence[StoredModel]", found: "Identification", plot: Path | None) -> None:
     """Print the ranking, the winner's parameters and figures, and what to do next."""
-    from sysid.report.step_words import step_sentences
+    from sysid.estimation.own_motion import own_modes
+    from sysid.report.step_words import mode_sentences, step_sentences
     from sysid.structures.orders import orders_text
 
     best = found.assessments[0]
@@ -48,7 +49,8 @@ def show(stored: "Sequence[StoredModel]", found: "Identification", plot: Path | 
     render.say(found.reason, "bold")
     for name, reason in found.failed.items():
         render.warn(f"{name} could not be fitted: {reason}")
-    for line in step_sentences(best.steps):
+    own = mode_sentences(own_modes(best.model))
+    for line in (*step_sentences(best.steps), *own):
         render.say(f"  {line}")
     _parameters(best)
     _figures(best)
@@ -65,25 +67,34 @@ def show(stored: "Sequence[StoredModel]", found: "Identification", plot: Path | 
         render.warn(f"! {sentence}")
     if plot is not None:
         render.say(f"Picture: {plot}")
-    render.say(f"Kept as {stored[0].id} in {stored[0].path}. Next: sysid compare, sysid export.")
+    render.say(f"Kept as {stored[0].id} in {stored[0].path}. Next: {_next(best)}.")
+
+
+def _next(best: "Assessment") -> str:
+    """What can be done with the model; no plant is made of a signal on its own."""
+    return "sysid compare, sysid export" if best.model.inputs else "sysid compare"
 
 
 def residual_words(residuals: Mapping[str, Any]) -> str:
     """What the residual tests found, as a fit and a comparison both say it."""
     if not residuals:
         return "–"
-    words = ["no linear trace of u" if residuals["independence"]["passed"] else "depend on u"]
+    words = []
+    if any(t["dof"] for t in residuals["independence"]["outputs"]):
+        passed = residuals["independence"]["passed"]
+        words.append("no linear trace of u" if passed else "depend on u")
     if residuals["whiteness"]["judged"]:
         words.append("white" if residuals["whiteness"]["passed"] else "not white")
     for kind, found in (residuals.get("nonlinear") or {}).items():
         if found["judged"] and not found["passed"]:
             words.append(_NONLINEAR[kind])
-    if residuals.get("nonlinear") and not words[2 if residuals["whiteness"]["judged"] else 1 :]:
+    bent = [f for f in (residuals.get("nonlinear") or {}).values() if f["judged"]]
+    if residuals.get("nonlinear") and all(f["passed"] for f in bent):
         words.append("nothing nonlinear left")
     held = [t["output"] for t in residuals.get("held_parameters") or () if not t["passed"]]
     if held:
         words.append(f"held {', '.join(held)} contradicted")
-    return ", ".join(words)
+    return ", ".join(words) or "not tested"
 
 
 _NONLINEAR = {
@@ -121,7 +132,7 @@ def in_both_units(value: float, channel: "Channel") -> str:
     text = f"{render.number(value, 4)} {channel.unit}".strip()
     if channel.scale == 1.0 or not channel.file_unit:
         return text
-    return f"{text} ({render.number(value / channel.scale, 4)} {channel.file_unit})"
+    return f"{text} ({render.number(value / channel.scale, 4)} {channel.file_words})"
 
 
 def _figures(a: "Assessment") -> None:
@@ -130,7 +141,8 @@ def _figures(a: "Assessment") -> None:
     for part in (a.estimation, a.validation):
         if part is None:
             continue
-        for f in (part.free_run, *part.k_step[::-1], part.one_step):
+        driven = [part.free_run] if part.free_run.horizon is None else []
+        for f in (*driven, *part.k_step[::-1], part.one_step):
             horizon = "free run" if f.horizon is None else f"{f.horizon} step"
             rows += [
                 [

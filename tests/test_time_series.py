@@ -135,3 +135,39 @@ def test_columns_that_nobody_can_tell_are_still_asked_for(
     refused = run(capsys, "fit", log)
     assert refused.code == 1
     assert "--input none" in refused.err
+
+
+def test_a_signal_is_told_by_what_it_swings_at(
+    tmp_path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Poles 0.75 ± 0.487i at 0.1 s: 5.909 rad/s = 0.940 Hz with damping 0.189."""
+    record = series(*CASES["ar"][1:], samples=4000)
+    log = write_log(tmp_path / "vibration.csv", ["tilt"], [record.y[:, 0]])
+    place = ("--workspace", tmp_path / "ws")
+    found = run(capsys, "fit", log, "--structure", "ar", "--orders", "na=2", *place)
+    assert "swings at 0.9" in found.out
+    assert "trace of u" not in found.out
+    assert "sysid export" not in found.out
+    assert " and  " not in found.out
+    document = run(capsys, "fit", log, "--structure", "ar", *place, "--json").document
+    (mode,) = [m for m in document["own_modes"] if m["frequency"]]
+    for name, truth in (("frequency", 5.909), ("damping", 0.1888)):
+        assert abs(mode[name]["value"] - truth) < 4.0 * mode[name]["std_error"] + 0.03 * truth
+
+
+@pytest.mark.parametrize(
+    ("unit", "word"),
+    [
+        ("±255", "count"),
+        ("counts=2048/rev", "counts"),
+        ("counts/2048", "counts"),
+        ("counts/1024/s", "counts/s"),
+        ("counts/s/2048", "counts/s"),
+        ("ticks/360", "ticks"),
+        ("counts/s", "counts/s"),
+        ("rpm", "rpm"),
+        ("", ""),
+    ],
+)
+def test_a_unit_of_the_file_is_spoken_of_by_what_it_counts(unit: str, word: str) -> None:
+    assert Channel("c", "rad", 0.1, unit).file_words == word

@@ -87,7 +87,8 @@ class Level:
         if self.origin is Origin.INSIDE:
             return f"Level: part of the structure; it counts from the channels' own zeros{why}."
         if self.origin is Origin.MEANS:
-            return f"Level: the means {y} and {u} were removed; the model is of deviations{why}."
+            both = " and ".join(filter(None, (y, u)))
+            return f"Level: the means {both} were removed; the model is of deviations{why}."
         if self.origin is Origin.LINES:
             return (
                 f"Level: straight lines were removed from every channel, at t = 0 s {y} and {u}; "
@@ -125,7 +126,7 @@ def _value(channel: Channel, value: float, error: float) -> str:
     if not channel.file_unit or value == 0.0:
         return text
     in_file = value_with_error(value / channel.scale, error / abs(channel.scale))
-    return f"{text} ({in_file} {channel.file_unit})"
+    return f"{text} ({in_file} {channel.file_words})"
 
 
 def value_with_error(value: float, error: float) -> str:

@@ -1,6 +1,7 @@
 """Record: one experiment as every other part of the workbench sees it."""
 
 import hashlib
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -35,6 +36,22 @@ class Channel:
     unit: str = ""
     scale: float = 1.0
     file_unit: str = ""
+
+    @property
+    def file_words(self) -> str:
+        """The unit of the numbers in the file as one speaks of it: ``counts/s``, ``rpm``.
+
+        A conversion such as ``counts=2048/rev`` or ``±255`` also says how large the unit is; in
+        a sentence only the unit itself means what the number counts.
+        """
+        if self.file_unit.startswith("±"):
+            return "count"
+        ticks = re.fullmatch(
+            r"(counts|ticks)(/s)?(=[^/]*)?(/[0-9.eE+]+)?(/rev)?(/s)?", self.file_unit
+        )
+        if ticks:
+            return ticks[1] + ("/s" if ticks[2] or ticks[6] else "")
+        return self.file_unit
 
 
 def frozen(values: ArrayLike, columns: int | None = None) -> Array:

@@ -9,6 +9,7 @@ from sysid.data.record import Record
 from sysid.estimation.advice import advice
 from sysid.estimation.figures import Figures, Start, figures, residual_tests
 from sysid.estimation.operating_range import beyond_range
+from sysid.estimation.own_motion import own_modes
 from sysid.estimation.robust_judging import judged
 from sysid.estimation.step_response import StepResponse, step_responses
 from sysid.structures.model import Model
@@ -103,6 +104,7 @@ class Assessment:
             "residuals": self.residuals.as_dict(),
             "termination": {"code": m.termination.code, "message": m.termination.value},
             "properties": m.structure.properties(m.theta, m.dt),
+            "own_modes": [mode.to_json() for mode in own_modes(m)],
             "step_response": [s.to_json() for s in self.steps],
             "equations": list(m.equations()),
             "sample_time": m.dt,

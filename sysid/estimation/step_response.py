@@ -418,7 +418,7 @@ def _gain_units(u: Channel, y: Channel, integrates: bool) -> tuple[str, str]:
     own = _per(y.unit or y.name, u.unit or u.name, integrates)
     if u.scale == y.scale == 1.0:
         return own, ""
-    top, bottom = y.file_unit or y.unit or y.name, u.file_unit or u.unit or u.name
+    top, bottom = y.file_words or y.unit or y.name, u.file_words or u.unit or u.name
     return own, _per(top, bottom, integrates)
 
 

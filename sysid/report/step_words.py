@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 
+from sysid.estimation.own_motion import OwnMode
 from sysid.estimation.step_response import Estimate, StepResponse
 
 CLEAR = 2.0
@@ -55,6 +56,19 @@ def step_sentences(responses: Sequence[StepResponse]) -> tuple[str, ...]:
             f"{100 * PASSES_LITTLE:g} % of the strongest path)."
         )
     return tuple(kept)
+
+
+def mode_sentences(modes: Sequence[OwnMode]) -> tuple[str, ...]:
+    """What a signal without inputs does by itself, a sentence a mode."""
+    found = []
+    for m in modes:
+        if m.frequency is not None and m.damping is not None:
+            hertz = with_error(m.frequency.value / math.tau, m.frequency.std_error / math.tau)
+            damping = with_error(m.damping.value, m.damping.std_error)
+            found.append(f"It swings at {hertz} Hz with damping {damping}.")
+        elif m.time_constant is not None:
+            found.append(f"It forgets with a time constant of {_seconds(m.time_constant)}.")
+    return tuple(found)
 
 
 def sentence(r: StepResponse) -> str:

@@ -75,7 +75,7 @@ class PolynomialStructure(Structure):
         self, inputs: Sequence[Channel], outputs: Sequence[Channel]
     ) -> tuple[Parameter, ...]:
         """Names (``a1``, ``b1[omega_l,pwm_r]`` …) and units of θ."""
-        single = self.nu == 1 and self.ny == 1
+        single = self.nu <= 1 and self.ny == 1
         found = []
         for i, out in enumerate(outputs):
             lay = self.layout(i)
