@@ -51,6 +51,15 @@ READINGS: tuple[tuple[str, ...], ...] = (
 )
 """Words of other readings, in the same way."""
 
+DRIVES = frozenset(
+    (
+        *("torque", "drehmoment", "moment", "couple", "force", "kraft", "current", "strom"),
+        *("courant", "freq", "frequency", "frequenz", "fréquence", "hz"),
+    )
+)
+"""Words of what drives a plant where nothing else in the log does: each is measured too, but turns,
+moves or pumps what the other columns tell."""
+
 REFERENCES = frozenset(
     (
         *("ref", "reference", "setpoint", "sp", "desired", "des", "target", "goal"),
@@ -142,6 +151,19 @@ def is_wheel_speed(name: str, unit: str) -> bool:
     told = meaning(name)
     plain = told.rank <= 1 or bool(told.side) or unit == "rad/s"
     return told.quantity == "speed" and plain and unit in ("", "rad/s", "m/s")
+
+
+def may_drive(name: str) -> bool:
+    """Whether a column that names no command may be the input beside readings of its effect."""
+    told = meaning(name)
+    base, unit = ending(name)
+    named = bool(DRIVES & {*words(base), unit.lower()})
+    return named and told.quantity in ("reading", "other")
+
+
+def is_effect(name: str) -> bool:
+    """Whether a column is a speed or another reading that does not drive a plant itself."""
+    return meaning(name).quantity in ("speed", "reading") and not may_drive(name)
 
 
 def _rank(told: tuple[str, ...], groups: tuple[tuple[str, ...], ...]) -> int | None:

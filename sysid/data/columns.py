@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from sysid.data.column_words import SIDES, Meaning, meaning, words
+from sysid.data.column_words import SIDES, Meaning, is_effect, may_drive, meaning, words
 from sysid.data.pose_columns import PoseColumns, find_pose
 from sysid.data.time_column import (
     Read,
@@ -185,7 +185,7 @@ def _signals(
             measured = [n for n in measured if n not in pose]
         found_y = tuple(measured)
     left = {n: m for n, m in meant.items() if n not in (*found_u, *found_y)}
-    found_u = found_u or both_u or _plainest(left, ("command",))
+    found_u = found_u or both_u or _plainest(left, ("command",)) or _one_drive(left, found_y)
     left = {n: m for n, m in left.items() if n not in found_u}
     found_y = found_y or both_y or _plainest(left, ("speed", "reading")) or _sides(left, "reading")
     rest = [n for n, m in left.items() if m.quantity == "other" and n not in found_y]
@@ -194,6 +194,14 @@ def _signals(
         last = (rest[0],)
         return found_u or last, found_y or last, "last"
     return found_u, found_y, "prefix"
+
+
+def _one_drive(left: Mapping[str, Meaning], found_y: Sequence[str]) -> tuple[str, ...]:
+    """The one torque, force, current or frequency beside readings of what it moves, or none."""
+    drives = tuple(n for n in left if may_drive(n))
+    commanded = any(m.quantity == "command" for m in left.values())
+    effects = any(is_effect(n) for n in (*left, *found_y))
+    return drives if len(drives) == 1 and effects and not commanded else ()
 
 
 def _is_input(name: str) -> bool:
@@ -286,11 +294,13 @@ def _example(free: Sequence[str], inputs: tuple[str, ...], outputs: tuple[str, .
     pose = find_pose(free).names
     meant = {n: meaning(n) for n in free if n not in pose} or {n: meaning(n) for n in free}
     free = list(meant)
-    commands = sorted((n for n in free if meant[n].quantity == "command"), key=free.index)
-    readings = [n for n in free if meant[n].quantity in ("speed", "reading")]
-    plain = [n for n in free if meant[n].quantity == "other"]
-    u = inputs or tuple((commands or plain or readings)[:1])
-    y = outputs or tuple([n for n in (*readings, *plain, *free) if n not in u][:1])
+    commands = [n for n in free if meant[n].quantity == "command"]
+    drives = [n for n in free if may_drive(n)]
+    effects = [n for n in free if is_effect(n)]
+    plain = [n for n in free if meant[n].quantity == "other" and n not in drives]
+    plain = [n for n in plain if not (is_time(n) or is_counter(n))]
+    u = inputs or tuple((commands or drives or plain or effects)[:1])
+    y = outputs or tuple([n for n in (*effects, *plain, *drives, *free) if n not in u][:1])
     if not u or not y:
         return ""
     return f" (for example --input {_quoted(u)} --output {_quoted(y)})"

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sysid.data.dates import date_format
+from sysid.data.line_keys import Line, interval_of, without_keys
 from sysid.data.time_column import UNIT_WORDS
 from sysid.data.unit_words import ENDINGS, SYNONYMS, looks_like_unit
 from sysid.data.units import UNITS
@@ -27,9 +28,6 @@ _TITLES = 60
 _LABEL = re.compile(r"[A-Za-z_][\w .()\[\]/%°-]*")
 _MONITOR = re.compile(r"\d{1,2}:\d{2}:\d{2}[.,]\d+ -> ?")
 
-Line = tuple[int, str]
-"""Number of a line in the file, counted from 1, and its text."""
-
 
 @dataclass(frozen=True)
 class Header:
@@ -40,12 +38,14 @@ class Header:
         units: the line of units below it, or None.
         body: the lines of data.
         notes: what was left out, as parts of sentences.
+        interval: time between two rows [s] that a title tells, None without.
     """
 
     line: Line
     units: str | None
     body: list[Line]
     notes: tuple[str, ...]
+    interval: float | None = None
 
 
 def find_header(numbered: Sequence[Line]) -> Header:
@@ -60,7 +60,8 @@ def find_header(numbered: Sequence[Line]) -> Header:
     """
     lines, notes = _without_monitor(numbered)
     lines, labelled = _without_labels(lines)
-    notes += labelled
+    lines, paired = without_keys(lines)
+    notes += labelled + paired
     at = next((i for i, (_, text) in enumerate(lines) if not _comment(text)), len(lines))
     if at and (at == len(lines) or is_data(lines[at][1])):
         at -= 1
@@ -71,7 +72,8 @@ def find_header(numbered: Sequence[Line]) -> Header:
     notes += dropped
     block = [head, *rest[:_TITLES]]
     first = _first_row(block)
-    units, titles = None, []
+    units: str | None = None
+    titles: list[Line] = []
     if first > 1 and not _has_number(block[first - 1][1]):
         above, rest = block[:first], rest[first - 1 :]
         if _is_units(above[-1][1], above[-2][1], rest[0][1]):
@@ -84,7 +86,10 @@ def find_header(numbered: Sequence[Line]) -> Header:
             many = len(titles) > 1
             which = f"lines {titles[0][0]} to {titles[-1][0]}" if many else f"line {titles[0][0]}"
             notes += (f"{which} above the header {'were' if many else 'was'} left out",)
-    return Header(head, units, rest, notes)
+    remarks = [text for _, text in numbered[:_TITLES] if _comment(text)]
+    told = [interval_of(_uncommented(text)) for text in (*[t for _, t in titles], *remarks)]
+    every = {seconds for seconds in told if seconds is not None}
+    return Header(head, units, rest, notes, every.pop() if len(every) == 1 else None)
 
 
 def is_numeric(text: str) -> bool:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.data.column_words import words
+from sysid.data.column_words import meaning, words
 from sysid.data.finding import Finding, Severity
 from sysid.data.record import PWM_FULL_SCALE, Array, Record
 from sysid.data.units import LEAST_PULSE
@@ -21,17 +21,29 @@ _SUSPECTS = (
 
 
 def check_robot(records: Sequence[Record]) -> list[Finding]:
-    """Sign, side and unit of PWM and ω; nothing for a log that is not a robot's."""
+    """Sign, side and unit of PWM and ω; nothing for a log that is not a robot's.
+
+    One motor alone, of which no name tells a side, is a fan as likely as a track: of it only the
+    scale of its PWM and its sign are looked at, in words that do not speak of a robot.
+    """
     if not all(r.is_robot_log for r in records):
         return []
     u = np.concatenate([r.u for r in records])
     y = np.concatenate([r.y for r in records])
-    scaled = _pwm_scale(records[0], u)
-    found = scaled or _omega_unit(records[0], u, y)
+    found = _pwm_scale(records[0], u)
+    if not _has_sides(records[0]):
+        return found + _signs(records)
+    found = found or _omega_unit(records[0], u, y)
     found += _signs(records)
     return found or [
         Finding("robot", Severity.OK, "PWM and ω agree in sign, side and size with the robot.")
     ]
+
+
+def _has_sides(record: Record) -> bool:
+    """Whether the log is of a vehicle's two sides, or of one that its columns name."""
+    names = (*record.input_names, *record.output_names)
+    return (record.nu > 1 and record.ny > 1) or all(meaning(n).side for n in names)
 
 
 def _pwm_scale(record: Record, u: Array) -> list[Finding]:
@@ -116,7 +128,12 @@ def _signs(records: Sequence[Record]) -> list[Finding]:
             "sign",
             Severity.WARNING,
             f"{first.output_names[j]} runs against {first.input_names[j]} (correlation "
-            f"{c[j, j]:.2f}): positive PWM turns that track backward.",
+            f"{c[j, j]:.2f}): "
+            + (
+                "positive PWM turns that track backward."
+                if _has_sides(first)
+                else f"where {first.input_names[j]} rises it falls."
+            ),
             "Swap the motor's two leads or the encoder's two channels, or negate the column.",
             first.output_names[j],
         )

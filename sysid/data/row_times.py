@@ -60,8 +60,8 @@ def row_times(
     """
     where = table.where
     if column is None:
-        every: Array = np.arange(len(table), dtype=np.float64) * (ts or 1.0)
-        return Clock(every, 0.0, _unknown(ts, where))
+        every: Array = np.arange(len(table), dtype=np.float64) * (ts or table.interval or 1.0)
+        return Clock(every, 0.0, _untold(ts, table))
     asked = next((u for n, u in units.items() if n.lower() == column.name.lower()), None)
     dates = table.dates(column.name)
     if dates is not None:
@@ -80,7 +80,8 @@ def row_times(
         place = table.place
         counts = instants(raw, column, 1.0, where, place).t if column.by_name else raw
         step = median_step(counts)
-        return Clock((counts - counts[0]) / step * (ts or 1.0), 0.0, _unknown(ts, where, column))
+        each = ts or table.interval or 1.0
+        return Clock((counts - counts[0]) / step * each, 0.0, _untold(ts, table, column))
     bracket = dict(zip(table.names, table.units, strict=True)).get(column.name, "")
     unit = told_unit(column, bracket, asked)
     if unit is None and ts is not None:
@@ -119,9 +120,17 @@ def _checked(found: Clock, column: TimeColumn, ts: float | None, where: str) -> 
     return Clock(found.t / step * ts, found.origin, (*found.findings, note))
 
 
-def _unknown(ts: float | None, where: str, column: TimeColumn | None = None) -> tuple[Finding, ...]:
+def _untold(
+    ts: float | None, table: Table, column: TimeColumn | None = None
+) -> tuple[Finding, ...]:
+    """What to say where no column tells the time: nothing if the option does."""
+    where = table.where
     if ts is not None:
         return ()
+    if table.interval is not None:
+        text = f"{where}: the title above the header says one row every {table.interval:.6g} s."
+        advice = "If that is not so, give the sample time in seconds with --ts."
+        return (Finding("sample-time", Severity.NOTE, text, advice, record=where),)
     counts = f" ({column.name} only counts rows)" if column is not None else ""
     return (
         Finding(

@@ -72,6 +72,11 @@ class Table:
             extra={k: v[rows] for k, v in self.extra.items()} | dict(columns),
         )
 
+    @property
+    def interval(self) -> float | None:
+        """Time between two rows [s] that a title above the header tells, None without."""
+        return self.source.interval if isinstance(self.source, Layout) else None
+
     def __len__(self) -> int:
         return len(self.source.rows) if isinstance(self.source, Layout) else len(self.source)
 

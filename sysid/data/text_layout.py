@@ -36,6 +36,7 @@ class Layout:
         lines: line number of each data line in the file, counted from 1.
         notes: what a person should know about the reading.
         units: cells of a row of units below the header, as many as names; empty cells without.
+        interval: time between two rows [s] that a title tells, None without.
     """
 
     names: tuple[str, ...]
@@ -45,6 +46,7 @@ class Layout:
     lines: list[int]
     notes: tuple[str, ...]
     units: tuple[str, ...] = ()
+    interval: float | None = None
 
 
 def lay_out(data: bytes, where: str, delimiter: str | None, decimal: str | None) -> Layout:
@@ -86,7 +88,7 @@ def lay_out(data: bytes, where: str, delimiter: str | None, decimal: str | None)
     names, rows, numbers, more = _even_out(names, rows, numbers, sep, where, complete)
     units = () if found.units is None else tuple(map(bare_unit, cells_of(found.units, cut)))
     units = (*units, *[""] * len(names))[: len(names)]
-    return Layout(names, sep, point, rows, numbers, (*notes, *more), units)
+    return Layout(names, sep, point, rows, numbers, (*notes, *more), units, found.interval)
 
 
 def split_line(line: str, delimiter: str) -> list[str]:
