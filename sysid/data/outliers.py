@@ -1,13 +1,90 @@
 """Outliers: single samples of an output that neither their neighbours nor the inputs explain."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
 
+PASSES = 8
+"""Searches of one record: the largest outliers hide the others, because they spoil the regression
+that says what is a surprise. Each pass finds those that stand out of what is left."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mended:
+    """Records whose outliers are replaced, and how many there were.
+
+    Attributes:
+        records: with the line between their neighbours in place of outliers.
+        replaced: by output, how many samples that were, all records together.
+    """
+
+    records: tuple[Record, ...]
+    replaced: tuple[int, ...]
+
+    @property
+    def words(self) -> str:
+        """``12 readings of rpm``, or nothing where none was replaced."""
+        parts = [
+            f"{n} {'reading' if n == 1 else 'readings'} of {name}"
+            for n, name in zip(self.replaced, self.records[0].output_names, strict=True)
+            if n
+        ]
+        return " and ".join(parts)
+
+
+def mended(records: Sequence[Record]) -> Mended:
+    """The records with the line between their neighbours in place of every outlier.
+
+    One reading a hundred times too large outweighs all others in any correlation or least squares:
+    what is asked of dynamics before a model is there has to be asked of these records.
+
+    Args:
+        records: experiments with the same channels.
+    """
+    found, counts = [], np.zeros(records[0].ny, dtype=int)
+    for record in records:
+        flags = outlier_flags(record)
+        counts += flags.sum(axis=0)
+        found.append(replace(record, y=_bridged(record.y, flags)) if flags.any() else record)
+    return Mended(tuple(found), tuple(int(n) for n in counts))
+
 
 def outlier_flags(record: Record, threshold: float = 8.0, half_width: int = 4) -> NDArray[np.bool_]:
     """Single samples of the outputs that stand out of their neighbourhood, shape (N, ny).
+
+    The samples that one search finds are replaced by the line between their neighbours, and what
+    is left is searched again until nothing more is found.
+    """
+    flags = np.zeros(record.y.shape, dtype=bool)
+    if not np.all(np.isfinite(record.y)):
+        return _one_search(record, threshold, half_width)
+    left = record
+    for _ in range(PASSES):
+        more = _one_search(left, threshold, half_width) & ~flags
+        if not more.any():
+            break
+        flags |= more
+        left = replace(record, y=_bridged(record.y, flags))
+    return flags
+
+
+def _bridged(y: Array, flags: NDArray[np.bool_]) -> Array:
+    """The line between the neighbours in place of flagged samples, (N, ny)."""
+    y = y.copy()
+    at = np.arange(len(y))
+    for j in range(y.shape[1]):
+        good = ~flags[:, j]
+        if good.any():
+            y[~good, j] = np.interp(at[~good], at[good], y[good, j])
+    return y
+
+
+def _one_search(record: Record, threshold: float, half_width: int) -> NDArray[np.bool_]:
+    """One search of :func:`outlier_flags`, shape (N, ny).
 
     A Hampel filter: r = y − median of 2·half_width + 1 neighbours, flagged where |r| >
     threshold · s, with s = 1.4826 · median|r| taken in a window ten times as wide and over the
@@ -33,6 +110,8 @@ def outlier_flags(record: Record, threshold: float = 8.0, half_width: int = 4) -
         r = np.abs(y - median_filter(y, width, mode="nearest"))
         floor = max(float(1.4826 * np.median(r)), float(np.percentile(moves, 10)))
         alone = np.minimum(np.abs(before), np.abs(after)) > threshold * floor
+        # beside a wild reading a good one stands out of it too; it is asked again once it is gone
+        alone &= (r >= np.append(0.0, r[:-1])) & (r >= np.append(r[1:], 0.0))
         candidates = np.flatnonzero((r > threshold * floor) & alone & (before * after > 0))
         if not len(candidates):
             continue

@@ -14,6 +14,7 @@ from sysid.data.dynamics_checks import (
 )
 from sysid.data.finding import Finding, Severity, worst
 from sysid.data.level_checks import check_levels
+from sysid.data.outliers import mended
 from sysid.data.record import Record
 from sysid.data.robot_checks import check_robot
 from sysid.data.signal_checks import (
@@ -73,7 +74,8 @@ def inspect_records(
     Length, missing samples and constant channels come first; where one of them is fatal the other
     checks have nothing to stand on and are left out. Then stuck values, clipping, resolution and
     outliers, the robot's signs and units, excitation, sampling rate, delay, feedback and
-    nonlinearity; these need an input.
+    nonlinearity; these need an input, and see the line between their neighbours in place of
+    outliers.
 
     Args:
         records: experiments with the same channels.
@@ -95,6 +97,8 @@ def inspect_records(
         for check in SIGNAL_CHECKS:
             found += check(records)
     if worst(tuple(found)) < Severity.FATAL and records[0].nu:
+        # one reading a hundred times too large outweighs the answer to every input
+        records = mended(records).records
         for check in INPUT_CHECKS:
             found += check(records)
         found += check_excitation(records, order)

@@ -212,7 +212,8 @@ def check_outliers(records: Sequence[Record]) -> list[Finding]:
                     Finding(
                         "outliers",
                         Severity.WARNING if far or n > 0.005 * len(y) else Severity.NOTE,
-                        f"{text}{record.t0 + hits[0] * record.dt:.6g} s.",
+                        f"{text}{record.t0 + hits[0] * record.dt:.6g} s. "
+                        f"What is said of dynamics leaves {'it' if n == 1 else 'them'} out.",
                         "Mend them, or fit with a robust loss.",
                         name,
                         record.name,

@@ -6,10 +6,11 @@ from time import perf_counter
 from typing import Any
 
 from sysid.data.feedback import in_feedback
+from sysid.data.outliers import mended
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
 from sysid.errors import DataError, ModelError, SysidError, UsageError
-from sysid.estimation.delays import choose_delay
+from sysid.estimation.delays import ChosenDelay, chosen_delay
 from sysid.estimation.grid import default_grid
 from sysid.estimation.holdout import HoldOut, hold_out, longest_of, shortened
 from sysid.estimation.offset_choice import choose_offsets, start_of
@@ -119,11 +120,19 @@ def run_contest(
         UsageError: the orders do not fit a structure.
     """
     check_data(records)
-    small = shortened(records, SEARCH_SAMPLES)
+    clean = mended(records)
+    small = shortened(clean.records, SEARCH_SAMPLES)
     nu, ny = records[0].nu, records[0].ny
     given = _by_structure(names, grid)
     whole = len(given) == len(names)
-    offsets, nk = _offsets_and_delay(records, small, detrend, search=not whole)
+    offsets, found = _offsets_and_delay(clean.records, small, detrend, search=not whole)
+    nk, said = found.nk, found.notes
+    if clean.words and (not whole or any(len(g) > 1 for g in given.values())):
+        said = (
+            *said,
+            f"{clean.words} stood out; delay, orders and levels were chosen with the line between "
+            "their neighbours in their place.",
+        )
     cut = replace(hold_out(small, longest_of(nk)), one_step=_judged_one_step(names, small, options))
     tasks, data = [], {}
     for name in names:
@@ -163,7 +172,7 @@ def run_contest(
             failed[name] = str(error)
             continue
         spent = perf_counter() - started + (search[1] if search else 0.0)
-        entries.append(Entry(model, search[0] if search else None, spent, notes))
+        entries.append(Entry(model, search[0] if search else None, spent, (*said, *notes)))
     if not entries:
         raise DataError("; ".join(failed.values()) or "no structure could be fitted")
     if progress:
@@ -196,15 +205,15 @@ def _offsets_and_delay(
     detrend: Detrend | Offsets | str,
     *,
     search: bool,
-) -> tuple[Offsets, int | list[list[int]]]:
+) -> tuple[Offsets, ChosenDelay]:
     """What is done about levels, and the delay to search with, which that choice needs."""
     known = Offsets.of_detrend(detrend) if isinstance(detrend, Detrend) else detrend
     first = start_of(records, known) if isinstance(known, str) else known
-    nk: int | list[list[int]] = 1
-    if search:
+    found = ChosenDelay(1)
+    if search and small[0].nu:
         data = hold_out([first.detrend.remove(r) for r in small])
-        nk = choose_delay(data, any(first.estimated)) if small[0].nu else 1
-    return choose_offsets(records, known, nk) if isinstance(known, str) else known, nk
+        found = chosen_delay(data, any(first.estimated))
+    return choose_offsets(records, known, found.nk) if isinstance(known, str) else known, found
 
 
 def _fitted(

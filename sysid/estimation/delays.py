@@ -1,6 +1,7 @@
 """Which input delay to search with: estimated from the data, confirmed by free runs."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from sysid.estimation.pem import fit_prepared
 from sysid.estimation.search import FitOptions
 from sysid.structures.constant_input import with_constant, with_ones
 from sysid.structures.oe import OE
+from sysid.structures.orders import MAX_ORDER
 from sysid.structures.polynomial import PolynomialStructure
 
 LONGEST_DELAY = 30
@@ -30,7 +32,25 @@ PLAIN = 1
 Row = tuple[int, ...]
 
 
+@dataclass(frozen=True)
+class ChosenDelay:
+    """The delay to search with.
+
+    Attributes:
+        nk: a number where all pairs agree, else a matrix (outputs × inputs).
+        notes: sentences about delays that orders cannot express.
+    """
+
+    nk: int | list[list[int]]
+    notes: tuple[str, ...] = ()
+
+
 def choose_delay(data: HoldOut, level: bool = False) -> int | list[list[int]]:
+    """What :func:`chosen_delay` finds, without its sentences."""
+    return chosen_delay(data, level).nk
+
+
+def chosen_delay(data: HoldOut, level: bool = False) -> ChosenDelay:
     """The delay of every pair: a number where all agree, else a matrix (outputs × inputs).
 
     The long regression that estimates delays misleads where the sampling is much faster than the
@@ -49,13 +69,20 @@ def choose_delay(data: HoldOut, level: bool = False) -> int | list[list[int]]:
         longest = min(LONGEST_DELAY, max(min(len(r) for r in data.whole) // 20, 2))
         found = estimate_delays(data.whole, longest, shortest=int(in_feedback(data.whole)))
     except DataError:
-        return PLAIN
+        return ChosenDelay(PLAIN)
+    notes = tuple(
+        f"{d.output} seems to answer to {d.input} after {d.delay} samples, more than the "
+        f"{MAX_ORDER} that orders allow; the search left this delay out. If it is real, decimate."
+        for d in found
+        if d.delay is not None and d.delay > MAX_ORDER
+    )
+    found = tuple(d if (d.delay or 0) <= MAX_ORDER else replace(d, delay=None) for d in found)
     rows = [
         _confirmed(_only(data, output), [d for d in found if d.output == output], level)
         for output in first.output_names
     ]
     alike = len({nk for row in rows for nk in row}) == 1
-    return rows[0][0] if alike else [list(row) for row in rows]
+    return ChosenDelay(rows[0][0] if alike else [list(row) for row in rows], notes)
 
 
 def _confirmed(data: HoldOut, found: Sequence[Delay], level: bool) -> Row:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.data.level import Level, Origin
+from sysid.data.outliers import mended
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Index, Record
 from sysid.estimation.offsets import Offsets
@@ -95,7 +96,8 @@ def _narrowed(
     places, _ = constant_places(wide)
     kept = np.setdiff1d(np.arange(len(outcome.theta)), places)
     before = offsets.detrend
-    u, y = (np.concatenate([getattr(r, side) for r in records]) for side in ("u", "y"))
+    seen = mended(records).records
+    u, y = (np.concatenate([getattr(r, side) for r in seen]) for side in ("u", "y"))
     ranges = np.ptp(y, axis=0)
     move = _balance(wide, outcome, ranges)
     base = np.asarray(before.u_offset)
@@ -137,9 +139,12 @@ def _least_error(
     estimated with it, says that the level is known exactly (pile-up; Davis & Dunsmuir 1996).
     """
     errors = []
-    for r in records:
+    for r, found in zip(records, outcome.outliers or (None,) * len(records), strict=True):
         plain = with_ones(before.remove(r))
-        errors.append(wide.errors(outcome.theta, plain.u, plain.y, len(plain)))
+        if found is not None:  # what was left out of the fit says nothing about its level
+            plain = found.marked(plain)
+        e = wide.errors(outcome.theta, plain.u, plain.y, len(plain))
+        errors.append(np.where(plain.left_out, np.nan, e))
     e = np.concatenate(errors)
     e = e[np.all(np.isfinite(e), axis=1)]
     least = np.sqrt(np.mean(e**2, axis=0) / max(len(e), 1)) if len(e) else np.zeros(wide.ny)

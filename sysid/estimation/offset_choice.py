@@ -33,6 +33,10 @@ SEEN_BALANCED = 3.0
 """Standard errors from which an offset is seen in a log on both sides of zero: what is not seen
 there biases no gain, because such inputs are nearly uncorrelated with a constant."""
 
+NEAR_ZERO = 0.1
+"""A log shows its zero where an input comes within this share of its largest size. One that does
+not says nothing about zero: between them lie the friction and the dead zone of the drive."""
+
 SEEN_AT_REST = 2.0
 """The same for a log of one side that rests at zero: an unseen offset biases the gain, and one
 estimated without need costs next to nothing."""
@@ -50,10 +54,10 @@ PER_COEFFICIENT = 20
 def choose_offsets(records: Sequence[Record], policy: str = "auto", nk: Any = 1) -> Offsets:
     """How the levels of these records are dealt with.
 
-    ``auto``: the zeros of a robot log are physical. A log that rests at zero at its head, or whose
-    signals are all on both sides of zero, keeps its zero unless an offset is seen; then both are
-    tried on held-out data. Otherwise a level is estimated with each model, counted from the
-    rest at the head where there is one.
+    ``auto``: the zeros of a robot log that comes near them are physical. A robot log that does not,
+    and a log that rests at zero at its head, or whose signals are all on both sides of zero, keeps
+    its zero unless an offset is seen; then both are tried on held-out data. Otherwise a level is
+    estimated with each model, counted from the rest at the head where there is one.
 
     Args:
         records: estimation data.
@@ -86,7 +90,7 @@ def start_of(records: Sequence[Record], policy: str) -> Offsets:
         raise UsageError(f"no detrending {policy!r}; choose one of {', '.join(POLICIES)}")
     first = records[0]
     ny = first.ny
-    if policy == "none" or (policy == "auto" and first.is_robot_log):
+    if policy == "none" or (policy == "auto" and first.is_robot_log and _shows_zero(records)):
         return Offsets.none(first.nu, ny)
     if policy == "mean" or not first.nu:  # nothing to count a level from but the signal itself
         return Offsets(Detrend.means(records), Origin.MEANS)
@@ -111,6 +115,8 @@ def _zero(evidence: "_Evidence", rest: Rest | None, start: Offsets) -> Offsets |
         words, seen = "the log rests there before the first command", SEEN_AT_REST
     elif _both_sides(records):
         words, seen = "the log is on both sides of it", SEEN_BALANCED
+    elif records[0].is_robot_log:
+        words, seen = "a drive without command stands still", SEEN_BALANCED
     else:
         return None
     found = evidence.regression(none)
@@ -156,6 +162,13 @@ def _both_sides(records: Sequence[Record]) -> bool:
     joined = np.concatenate([np.column_stack([r.u, r.y]) for r in records])
     low, high = np.quantile(joined, [STRADDLES, 1.0 - STRADDLES], axis=0)
     return bool(np.all((low < 0.0) & (high > 0.0)))
+
+
+def _shows_zero(records: Sequence[Record]) -> bool:
+    """Whether every input comes near zero, or changes its side."""
+    u = np.concatenate([r.u for r in records])
+    near = np.min(np.abs(u), axis=0) <= NEAR_ZERO * np.max(np.abs(u), axis=0)
+    return bool(np.all(near | ((u.min(axis=0) < 0.0) & (u.max(axis=0) > 0.0))))
 
 
 def _share(error: float) -> str:

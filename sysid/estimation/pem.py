@@ -8,6 +8,7 @@ import numpy as np
 from sysid import __version__
 from sysid.criteria.information import information_criteria
 from sysid.data.level import Level
+from sysid.data.outliers import mended
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.errors import DataError, UsageError
@@ -95,7 +96,7 @@ def _offsets(
         # it tries models on held-out data, which are fitted here
         from sysid.estimation.offset_choice import choose_offsets
 
-        offsets = choose_offsets(records, detrend)
+        offsets = choose_offsets(mended(records).records, detrend)
     return offsets.for_structure(structure, records)
 
 
