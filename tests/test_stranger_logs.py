@@ -312,6 +312,15 @@ def test_a_signal_with_the_name_of_a_time_is_a_signal(tmp_path: Path) -> None:
         ("t voltage rpm temp", "voltage", "rpm", ""),
         ("t Spannung Drehzahl Strom", "Spannung", "Drehzahl", ""),
         ("t Heizung Temperatur", "Heizung", "Temperatur", ""),
+        ("t Gaspedal Geschwindigkeit Ladezustand", "Gaspedal", "Geschwindigkeit", ""),
+        ("t Kommando_deg Winkel_deg", "Kommando_deg", "Winkel_deg", ""),
+        ("t RudderDeg YawRate Heading", "RudderDeg", "YawRate", ""),
+        ("t Lenkwinkel Gierrate", "Lenkwinkel", "Gierrate", ""),
+        ("t vanne débit niveau_2", "vanne", "niveau_2", ""),
+        ("t Chauffage1 Chauffage2 Température1", "Chauffage1 Chauffage2", "Température1", ""),
+        ("t Pump_A Pump_B Level_A Level_B", "Pump_A Pump_B", "Level_A Level_B", ""),
+        ("t heater heater_temp", "heater", "heater_temp", ""),
+        ("t pompe courant pression", "pompe", "pression", ""),
         ("t valve level battery_voltage", "valve", "level", ""),
         ("t speed_cmd speed", "speed_cmd", "speed", ""),
         ("t duty wobble", "duty", "wobble", ""),
@@ -342,6 +351,10 @@ def test_names(names: str, inputs: str, outputs: str, pose: str) -> None:
         ("t alpha beta", "--input alpha --output beta"),
         ("t duty throttle rpm drehzahl", "--output rpm"),
         ("t motor 1", ""),
+        ("t ML MR rpmL rpmR", "--input ML,MR --output rpmL,rpmR"),
+        ("t p1 p2 rpm", "--input p1,p2 --output rpm"),
+        ("t zone_a zone_b temp1 temp2", "--input zone_a,zone_b --output temp1,temp2"),
+        ("t FU_Sollwert Geber_Istwert", "--input FU_Sollwert --output Geber_Istwert"),
     ],
 )
 def test_ambiguous_names_are_refused_with_an_example_that_works(
@@ -359,7 +372,8 @@ def test_ambiguous_names_are_refused_with_an_example_that_works(
         assert example in text
         if "for example" in text:
             words = text.split("for example ")[1].rstrip(")").split()
-            read_file(path, ReadOptions(inputs=(words[1],), outputs=(words[3],)))
+            sides = [tuple(words[i].split(",")) for i in (1, 3)]
+            read_file(path, ReadOptions(inputs=sides[0], outputs=sides[1]))
     else:
         assert not example
 

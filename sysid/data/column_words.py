@@ -2,15 +2,17 @@
 
 import re
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
-from sysid.data.unit_words import ending
+from sysid.data.unit_words import ending, without_unit
 
 Quantity = Literal["command", "speed", "reading", "reference", "supply", "other"]
 """What a column holds: a command to the plant, a speed, another reading, a set point, the supply
 voltage, or something its name does not tell."""
 
-_WORD = re.compile(r"[A-ZÄÖÜ]?[a-zäöüß]+|[A-ZÄÖÜ]+(?![a-zäöüß])|[A-ZÄÖÜ]|\d+")
+_UPPER, _LOWER = "A-ZÀ-ÖØ-Þ", "a-zß-öø-ÿ"
+_WORD = re.compile(rf"[{_UPPER}]?[{_LOWER}]+|[{_UPPER}]+(?![{_LOWER}])|[{_UPPER}]|\d+")
 
 SIDES = {
     **dict.fromkeys(("l", "left", "links", "li", "gauche"), "left"),
@@ -20,11 +22,18 @@ SIDES = {
 
 COMMANDS: tuple[tuple[str, ...], ...] = (
     ("pwm",),
-    ("duty", "dutycycle", "throttle", "gas"),
-    ("cmd", "command", "befehl", "stellgröße", "stellgroesse", "stellsignal", "stellwert"),
+    ("duty", "dutycycle", "throttle", "gas", "gaspedal", "fahrpedal", "pedal"),
+    (
+        *("cmd", "command", "befehl", "kommando", "commande", "stellgröße", "stellgroesse"),
+        *("stellsignal", "stellwert"),
+    ),
     ("volt", "volts", "voltage", "spannung"),
     ("control", "ctrl", "effort", "drive", "power", "leistung"),
-    ("heater", "heizung", "heat", "pump", "pumpe", "valve", "ventil", "fan", "lüfter", "relay"),
+    (
+        *("rudder", "ruder", "ruderwinkel", "gouvernail", "steer", "steering", "lenkung"),
+        *("lenkwinkel", "heater", "heizung", "heat", "chauffage", "pump", "pumpe", "pompe"),
+        *("valve", "ventil", "vanne", "fan", "lüfter", "relay"),
+    ),
     ("u", "motor", "mot"),
 )
 """Words of a command, the plainest first: where several columns could be the command, the first
@@ -43,10 +52,17 @@ SPEED_UNITS = frozenset(("rpm", "rad/s", "deg/s", "rev/s", "m/s", "mm/s", "cm/s"
 
 READINGS: tuple[tuple[str, ...], ...] = (
     ("y", "out", "output", "ausgang", "measured", "istwert", "ist", "messwert", "pv"),
-    ("temp", "temperature", "temperatur", "level", "füllstand", "fuellstand", "pegel"),
-    ("pressure", "druck", "flow", "durchfluss", "force", "kraft", "torque", "drehmoment"),
+    (
+        *("temp", "temperature", "temperatur", "température", "level", "füllstand"),
+        *("fuellstand", "pegel", "niveau"),
+    ),
+    (
+        *("pressure", "druck", "pression", "flow", "durchfluss", "débit", "debit", "force"),
+        *("kraft", "torque", "drehmoment"),
+    ),
     ("position", "pos", "angle", "winkel", "displacement", "weg", "theta", "phi", "abstand"),
-    ("current", "strom", "accel", "acceleration", "beschleunigung"),
+    ("yawrate", "gyro", "gierrate", "drehrate"),
+    ("current", "strom", "courant", "accel", "acceleration", "beschleunigung"),
     ("enc", "encoder", "ticks", "counts"),
 )
 """Words of other readings, in the same way."""
@@ -119,10 +135,14 @@ def meaning(name: str) -> Meaning:
         return Meaning("reference", 0, side)
     if SUPPLIES & set(told) or any(w.startswith(("batter", "akku", "versorg")) for w in told):
         return Meaning("supply", 0, side)
+    pairs = (a + b for a, b in pairwise(told))
+    told = (*told, *(pair for pair in pairs if pair in _KNOWN))  # YawRate, wheel_speed
     weak = len(COMMANDS) - 1
     command, speed = _rank(told, COMMANDS), _rank(told, SPEEDS)
     if command is not None and (command < weak or speed is None):
         reading = _rank(told, READINGS)
+        if command == weak - 1 and _rank(told[-1:], READINGS) in (1, 2):
+            return Meaning("reading", reading or 0, side)  # heater_temp, pump_pressure
         if command < weak or reading is None:
             return Meaning("command", command, side)
     if speed is None and command is None and unit in SPEED_UNITS:
@@ -133,6 +153,19 @@ def meaning(name: str) -> Meaning:
     if reading is not None:
         return Meaning("reading", reading, side)
     return Meaning("other", 0, side)
+
+
+def family(name: str) -> tuple[str, ...]:
+    """The words of a name without what tells one of a pair from the other.
+
+    ``Pump A`` and ``Pump B``, ``y1`` and ``y2``, ``pwm_l`` and ``pwm_r``, ``ML`` and ``MR`` are
+    families.
+    """
+    told = [w for w in words(without_unit(name)) if not w.isdigit() and w not in SIDES]
+    told = [w for w in told if w not in ("a", "b")] if len(told) > 1 else told
+    if len(told) == 1 and re.search(r"[a-zA-Z][LR]$", name):
+        return (told[0][:-1] if told[0][-1] in "lr" else told[0],)
+    return tuple(told)
 
 
 def is_drive(name: str, unit: str) -> bool:

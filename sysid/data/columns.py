@@ -4,11 +4,20 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from sysid.data.column_words import SIDES, Meaning, is_effect, may_drive, meaning, words
+from sysid.data.column_words import (
+    SIDES,
+    Meaning,
+    family,
+    is_effect,
+    may_drive,
+    meaning,
+    words,
+)
 from sysid.data.pose_columns import PoseColumns, find_pose
 from sysid.data.time_column import (
     Read,
     TimeColumn,
+    counts_rows,
     find_time,
     is_counter,
     is_time,
@@ -95,6 +104,7 @@ def choose_columns(
     clock = _clock(names, asked_u, asked_y, time, where, read, timed)
     taken = () if clock is None else (clock.name, *((clock.fine,) if clock.fine else ()))
     free = [n for n in names if n not in (*asked_u, *asked_y, *taken)]
+    free = [n for n in free if not counts_rows(n, read)]
     found = find_pose(free)
     if asked_y and (asked_u or not driven):
         found_u, found_y, rule = asked_u, asked_y, "option"
@@ -105,7 +115,7 @@ def choose_columns(
     elif not found_u and not inputs and set(free) <= {*found_y, *_only(free)}:
         found_y, driven = found_y or _only(free), False  # a signal on its own: a time series
     if (driven and not found_u) or not found_y:
-        raise DataError(_unclear(names, found_u, found_y, taken, where))
+        raise DataError(_unclear(names, found_u, found_y, _signals_only(free, read), where))
     used = {*found_u, *found_y, *taken}
     pose = found.names
     if any(p in used for p in pose):
@@ -234,8 +244,7 @@ def _plainest(meant: Mapping[str, Meaning], quantities: Sequence[str]) -> tuple[
         of = {n: m.rank for n, m in meant.items() if m.quantity == quantity}
         if of:
             best = tuple(n for n, rank in of.items() if rank == min(of.values()))
-            numbered = {tuple(w for w in words(n) if not w.isdigit()) for n in best}
-            return best if len(numbered) == 1 else ()
+            return best if len({family(n) for n in best}) == 1 else ()
     return ()
 
 
@@ -269,13 +278,13 @@ def _unclear(
     names: Sequence[str],
     inputs: tuple[str, ...],
     outputs: tuple[str, ...],
-    taken: tuple[str, ...],
+    signals: Sequence[str],
     where: str,
 ) -> str:
     missing = "input and which output"
     if inputs or outputs:
         missing = "the input" if outputs else "the output"
-    free = [n for n in names if n not in (*inputs, *outputs, *taken)]
+    free = [n for n in signals if n not in (*inputs, *outputs)]
     if not free:
         return (
             f"{where} has no column left for {missing}: its columns are {_listed(names)}; "
@@ -298,16 +307,38 @@ def _example(free: Sequence[str], inputs: tuple[str, ...], outputs: tuple[str, .
     drives = [n for n in free if may_drive(n)]
     effects = [n for n in free if is_effect(n)]
     plain = [n for n in free if meant[n].quantity == "other" and n not in drives]
-    plain = [n for n in plain if not (is_time(n) or is_counter(n))]
-    u = inputs or tuple((commands or drives or plain or effects)[:1])
-    y = outputs or tuple([n for n in (*effects, *plain, *drives, *free) if n not in u][:1])
+    references = [n for n in free if meant[n].quantity == "reference"]
+    u = inputs or _with_partners(commands or drives or plain or references or effects)
+    every = dict.fromkeys((*effects, *plain, *drives, *free))
+    y = outputs or _with_partners([n for n in every if n not in u])
     if not u or not y:
         return ""
     return f" (for example --input {_quoted(u)} --output {_quoted(y)})"
 
 
+def _with_partners(likely: Sequence[str]) -> tuple[str, ...]:
+    """The first column with those of its kind, such as the other of a pair."""
+    return tuple(n for n in likely if family(n) == family(likely[0]))
+
+
+def _is_switch(name: str, read: Read) -> bool:
+    """Whether a column without a telling name takes two values, as a light barrier does."""
+    column = read(name)
+    return meaning(name).quantity == "other" and column is not None and len(set(column)) <= 2
+
+
+def _signals_only(free: Sequence[str], read: Read | None) -> list[str]:
+    """The columns that can be a signal: no second clock, no text, no switch if others are left."""
+    kept = [n for n in free if not (is_time(n) and tells_time(read, n))]
+    if read is None:
+        return kept
+    kept = [n for n in kept if read(n) is not None]
+    moving = [n for n in kept if not _is_switch(n, read)]
+    return moving if len(moving) > 1 else kept
+
+
 def _quoted(names: Sequence[str]) -> str:
-    text = ",".join(names[:3])
+    text = ",".join(names)
     return f"'{text}'" if re.search(r"[^\w,.+-]", text) else text
 
 

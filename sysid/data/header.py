@@ -23,6 +23,15 @@ STATES: dict[str, float] = {
 
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf)", re.I)
 _UNIT_NAMES = frozenset((*UNITS, *(u.lower() for u in UNITS), *SYNONYMS, *ENDINGS, *UNIT_WORDS))
+_NO_UNITS = ("TS", "RN")
+"""What Campbell loggers write for the unit of a time stamp and of a record number."""
+_PROCESSING = frozenset(
+    (
+        *("smp", "avg", "mean", "std", "min", "max", "tot", "med", "tmn", "tmx", "wvc", "cov"),
+        *("sample", "average", "minimum", "maximum", "total", "mittelwert"),
+    )
+)
+"""Words, in lower case, with which a row says how a logger made its numbers from readings."""
 _TITLES = 60
 """No logger writes more lines than this before its header."""
 _LABEL = re.compile(r"[A-Za-z_][\w .()\[\]/%°-]*")
@@ -76,6 +85,9 @@ def find_header(numbered: Sequence[Line]) -> Header:
     titles: list[Line] = []
     if first > 1 and not _has_number(block[first - 1][1]):
         above, rest = block[:first], rest[first - 1 :]
+        summed = len(above) > 2 and _is_processing(above[-1][1])
+        if summed:
+            notes += (f"line {above.pop()[0]}, how the logger sums up, was left out",)
         if _is_units(above[-1][1], above[-2][1], rest[0][1]):
             units = above.pop()[1]
         full = [i for i in _ending(above) if _is_full(above[i][1], rest[0][1])]
@@ -121,7 +133,7 @@ def cells_of(line: str, sep: str) -> list[str]:
 def bare_unit(cell: str) -> str:
     """A unit of the row of units without brackets; empty where it says that there is none."""
     text = cell.strip().strip('"').strip("[](){}").strip()
-    return "" if text in ("-", "–", "--", "1") else text
+    return "" if text in ("-", "–", "--", "1", *_NO_UNITS) else text
 
 
 def _tokens(text: str) -> list[str]:
@@ -284,13 +296,19 @@ def _is_units(line: str, header: str, data: str) -> bool:
     sep = _sign_of(data)
     names = [c.strip() for c in cells_of(header.rstrip(sep), sep)]
     cells = [c.strip().strip('"') for c in cells_of(line, sep)]
-    told = [c for c in cells if c and c not in ("1",)]
+    told = [c for c in cells if c and c not in ("1", *_NO_UNITS)]
     if not len(names) - 1 <= len(cells) <= len(names) + 1 or len(names) < 2 or not told:
         return False
     if any(_NUMBER.fullmatch(c) for c in told):
         return False
     hits = sum(looks_like_unit(c, _UNIT_NAMES) for c in told)
     return 2 * hits > len(told)
+
+
+def _is_processing(line: str) -> bool:
+    """Whether a line says of each column how it was summed up; ``min`` alone is a unit."""
+    told = {c.lower() for c in _tokens(line)}
+    return bool(told) and told <= _PROCESSING and told != {"min"}
 
 
 def _count(n: int, noun: str) -> str:

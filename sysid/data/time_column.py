@@ -37,7 +37,8 @@ COUNTERS = (
         "lfd",
         "lfd nr",
         "zeile",
-        "header seq",
+        *("record", "record no", "record nr", "frame", "frame no", "frame nr", "packet", "line"),
+        *("number", "nummer", "num", "satz", "datensatz"),
         "sample no",
         "sample nr",
         "no name",
@@ -132,7 +133,20 @@ def unit_in_name(name: str) -> float | None:
 
 def is_counter(name: str) -> bool:
     """Whether a name says that the column counts rows."""
-    return " ".join(words(name)) in COUNTERS or name.strip() in ("#", "(no name)")
+    told = [word for word in words(name) if word not in ("field", "header")]
+    return " ".join(told) in COUNTERS or name.strip() in ("#", "(no name)")
+
+
+def counts_rows(name: str, read: Read | None) -> bool:
+    """Whether a column counts rows: its name says so, and nearly all its steps are the same."""
+    if not is_counter(name):
+        return False
+    column = None if read is None else read(name)
+    if column is None or len(column) < 2 or not np.all(np.isfinite(column)):
+        return read is None
+    d = np.diff(column)
+    usual = float(np.median(d))
+    return usual != 0.0 and float(np.mean(d == usual)) >= RISING
 
 
 def is_time(name: str) -> bool:

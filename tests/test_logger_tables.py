@@ -1,0 +1,96 @@
+"""What loggers write beside the numbers: rows on processing, counters of rows, units in cells."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sysid.data.io import read_file
+from sysid.errors import DataError, SysidError
+
+N = 200
+
+
+def put(folder: Path, text: str, name: str = "log.csv") -> Path:
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def campbell(
+    processing: str = '"","","Smp","Avg"', units: str = '"TS","RN","volts","m/s^2"'
+) -> str:
+    head = [
+        '"TOA5","Mast7","CR1000X","20331","CR1000X.Std.05.01","CPU:mast.CR1X","4411","Vib"',
+        '"TIMESTAMP","RECORD","U","Accel_X"',
+        units,
+        processing,
+    ]
+    rows = [
+        f'"2026-02-01 03:{k // 60:02d}:{k % 60:02d}",{88000 + k},{np.sin(0.3 * k):.4f},'
+        f"{np.cos(0.3 * k):.4f}"
+        for k in range(N)
+    ]
+    return "\r\n".join([*head, *rows]) + "\r\n"
+
+
+@pytest.mark.parametrize("processing", ['"","","Smp","Avg"', '"","","Min","Max"', '"","","",WVc'])
+def test_campbell_tables_are_read(tmp_path: Path, processing: str) -> None:
+    log = read_file(put(tmp_path, campbell(processing), "tower.dat"))
+    record = log.records[0]
+    assert record.input_names == ("U",)
+    assert record.output_names == ("Accel_X",)
+    assert record.outputs[0].unit == "m/s^2"
+    assert record.dt == pytest.approx(1.0)
+    assert len(record) == N
+    assert "RECORD" in " ".join(log.notes)  # not used, and said
+
+
+def test_a_row_of_minutes_is_one_of_units(tmp_path: Path) -> None:
+    rows = "\n".join(f"{k / 60:.6f},{k % 7},{k % 5}" for k in range(N))
+    record = read_file(put(tmp_path, f"Run\nTime,u,y\nmin,,\n{rows}\n")).records[0]
+    assert record.dt == pytest.approx(1.0, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    "counter", ["RECORD", "Nr.", "Frame", "lfd.", "lfd. Nr.", "field.header.seq"]
+)
+@pytest.mark.parametrize("signals", ["alpha beta", "alpha beta gamma"])
+def test_counters_of_rows_are_no_signals(tmp_path: Path, counter: str, signals: str) -> None:
+    """Neither taken nor offered, wherever they stand."""
+    names = signals.split()
+    rng = np.random.default_rng(3)
+    values = rng.normal(size=(N, len(names)))
+    for order in ([counter, "t"], ["t", counter]):
+        lines = [",".join([*order, *names])]
+        for k, row in enumerate(values):
+            own = {counter: str(5000 + k), "t": f"{0.1 * k:.1f}"}
+            lines.append(",".join([*(own[n] for n in order), *(f"{v:.4f}" for v in row)]))
+        path = put(tmp_path, "\n".join(lines) + "\n")
+        with pytest.raises(SysidError) as refused:
+            read_file(path)
+        example = str(refused.value).split("for example ")[1]
+        assert example.startswith("--input alpha --output beta")
+
+
+def test_a_counter_beside_one_signal_is_a_time_series(tmp_path: Path) -> None:
+    rows = "\n".join(f"{0.1 * k:.1f},{k},{np.sin(k):.4f}" for k in range(N))
+    record = read_file(put(tmp_path, f"t,RECORD,accel\n{rows}\n")).records[0]
+    assert record.output_names == ("accel",)
+    assert not record.input_names
+
+
+def test_a_column_called_count_that_does_not_count_rows_is_a_signal(tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    count = np.cumsum(rng.integers(-3, 9, N))
+    rows = "\n".join(f"{0.1 * k:.1f},{k % 9},{c}" for k, c in enumerate(count))
+    record = read_file(put(tmp_path, f"t,u,count\n{rows}\n")).records[0]
+    assert record.output_names == ("count",)
+
+
+def test_text_clocks_and_switches_are_not_offered(tmp_path: Path) -> None:
+    rows = "\n".join(
+        f"{0.1 * k:.1f},{k % 2},base,{np.sin(k):.3f},{np.cos(k):.3f}" for k in range(N)
+    )
+    with pytest.raises(DataError, match=r"--input alpha --output beta\)"):
+        read_file(put(tmp_path, f"t,barrier,frame_id,alpha,beta\n{rows}\n"))
