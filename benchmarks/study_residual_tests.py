@@ -448,9 +448,9 @@ outside 2.58/√N" are what the tests replace: parameters taken off the degrees 
 parameters' share not projected out, and the band for white residuals. "Lags outside the P band" is
 the share of single lags (0…25), not of models.
 
-Two OE lines of 300 samples are above 1 (AR(1) noise with steps 2.4, AR(2) noise 4.8). That is the
+OE lines of 300 samples with AR noise and steps, a slow input or a bound lie above 1. That is the
 fit's doing, not the test's: with so little information the estimate leaves the region where the
-model is linear in its parameters. With a tenth of the noise both are below 1 (0.0 and 0.4).
+model is linear in its parameters. With a tenth of the noise they do not.
 """
 MIDDLE = """
 ## Wrong models: 100 is full power
