@@ -152,7 +152,7 @@ def _show(ranking: "Ranking", folds: "Mapping[str, CrossValidation]", plot: Path
         ["model", "orders", "n", *heads, *([shown] if shown else ["RMSE"]), "residuals"],
         [_row(line, names, folds, shown) for line in ranking.lines],
         title=f"Ranked by {ranking.criterion}, judged on {ranking.data}",
-        caption=f"fits of {', '.join(names)}; n counts initial states; "
+        caption=f"fits of {', '.join(names)}; n: estimated parameters, with initial states; "
         f"initial state: {first.figures['initial_state']}",
     )
     render.say(CRITERIA[ranking.criterion].sentence)

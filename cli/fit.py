@@ -12,6 +12,7 @@ from .stored_data import judged_on
 from .workspace import StoredModel, Workspace
 
 if TYPE_CHECKING:
+    from sysid.data.finding import Finding
     from sysid.data.preparation import Preparation
     from sysid.data.read_options import ReadOptions
     from sysid.data.record import Record
@@ -222,7 +223,7 @@ def fit(
         policy=fit_options.judging(initial_state, skip, horizon or []),
         jobs=jobs,
     )
-    found = _identify(logs, val or [], read, steps, request)
+    found, notes = _identify(logs, val or [], read, steps, request)
     place = Workspace(workspace)
     held = {"judged_on": judged_on(found.validation, val or logs)}
     stored = [place.save(a.model, a.to_json() | held) for a in reversed(found.assessments)][::-1]
@@ -231,7 +232,7 @@ def fit(
         from .pictures import draw_fit
 
         draw_fit(plot, stored[0].id, found)
-    _document(stored, found) if json else show(stored, found, plot)
+    _document(stored, found) if json else show(stored, found, plot, notes)
 
 
 def _identify(
@@ -240,7 +241,12 @@ def _identify(
     read: "ReadOptions",
     steps: "Preparation",
     request: "Request",
-) -> "Identification":
+) -> "tuple[Identification, list[Finding]]":
+    """What was found, and what the reader did to the numbers of the logs.
+
+    A note of reading is for the eyes: what needs an action is a warning, which the models keep.
+    """
+    from sysid.data.finding import Severity
     from sysid.data.io import read_files
     from sysid.data.quality import inspect_records, require_usable
     from sysid.estimation.identify import identify
@@ -264,7 +270,9 @@ def _identify(
             tick(round(1000 * share) - done)
             done = round(1000 * share)
 
-        return identify(records, held, request, progress, findings)
+        found = identify(records, held, request, progress, findings)
+    read_as = [f for file in (*files, *judged) for f in file.findings]
+    return found, [f for f in read_as if f.severity is Severity.NOTE]
 
 
 def _document(stored: list[StoredModel], found: "Identification") -> None:

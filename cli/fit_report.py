@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from . import render
 
 if TYPE_CHECKING:
+    from sysid.data.finding import Finding
     from sysid.data.record import Channel
     from sysid.estimation.assessment import Assessment
     from sysid.estimation.identify import Identification
@@ -18,12 +19,18 @@ MANY = 24
 """Parameters from which only the file lists them all."""
 
 
-def show(stored: "Sequence[StoredModel]", found: "Identification", plot: Path | None) -> None:
-    """Print the ranking, the winner's parameters and figures, and what to do next."""
+def show(
+    stored: "Sequence[StoredModel]",
+    found: "Identification",
+    plot: Path | None,
+    reading: "Sequence[Finding]" = (),
+) -> None:
+    """Print how the logs were read, the ranking, the winner, and what to do next."""
     from sysid.estimation.own_motion import own_modes
     from sysid.report.step_words import mode_sentences, step_sentences
     from sysid.structures.orders import orders_text
 
+    _reading(reading)
     best = found.assessments[0]
     names = list(best.estimation.free_run.fit_percent)
     judged = "validation" if best.validation else "estimation"
@@ -44,7 +51,7 @@ def show(stored: "Sequence[StoredModel]", found: "Identification", plot: Path | 
             ["model", "orders", "n", "free run %", "one step %", "AIC", "residuals"],
             rows,
             title=f"Models, judged on {judged} data: {best.judged.free_run.data}",
-            caption=f"fits of {', '.join(names)}; n counts estimated initial states",
+            caption=f"fits of {', '.join(names)}; n: estimated parameters, with initial states",
         )
     render.say(found.reason, "bold")
     for name, reason in found.failed.items():
@@ -54,7 +61,8 @@ def show(stored: "Sequence[StoredModel]", found: "Identification", plot: Path | 
         render.say(f"  {line}")
     _parameters(best)
     _figures(best)
-    render.say(f"Residuals: {residual_words(best.residuals.as_dict())}.")
+    left = residual_words(best.residuals.as_dict(), [c.name for c in best.model.inputs])
+    render.say(f"Residuals (measured less predicted): {left}.")
     level = best.model.level_sentence()
     if level:
         render.say(level)
@@ -75,14 +83,31 @@ def _next(best: "Assessment") -> str:
     return "sysid compare, sysid export" if best.model.inputs else "sysid compare"
 
 
-def residual_words(residuals: Mapping[str, Any]) -> str:
-    """What the residual tests found, as a fit and a comparison both say it."""
+READING_LINES = 8
+"""Most lines on how the logs were read: more would hide the models."""
+
+
+def _reading(findings: "Sequence[Finding]") -> None:
+    """What the reader did to the numbers, one dim line each; sysid inspect shows the rest."""
+    lines = list(dict.fromkeys(f.sentence for f in findings))
+    for line in lines[:READING_LINES]:
+        render.say(line, "dim")
+    if len(lines) > READING_LINES:
+        more = len(lines) - READING_LINES
+        render.say(f"{more} more notes on how the logs were read: sysid inspect.", "dim")
+
+
+def residual_words(residuals: Mapping[str, Any], inputs: Sequence[str] = ()) -> str:
+    """What the residual tests found, as a fit and a comparison both say it; inputs by name."""
     if not residuals:
         return "–"
     words = []
     if any(t["dof"] for t in residuals["independence"]["outputs"]):
-        passed = residuals["independence"]["passed"]
-        words.append("no linear trace of u" if passed else "depend on u")
+        of, named = ("", "the inputs")
+        if inputs:
+            of, named = f" of {', '.join(inputs)}", ", ".join(inputs)
+        free = residuals["independence"]["passed"]
+        words.append(f"no linear effect{of} left" if free else f"still follow {named}")
     if residuals["whiteness"]["judged"]:
         words.append("white" if residuals["whiteness"]["passed"] else "not white")
     for kind, found in (residuals.get("nonlinear") or {}).items():
@@ -98,8 +123,8 @@ def residual_words(residuals: Mapping[str, Any]) -> str:
 
 
 _NONLINEAR = {
-    "error products": "products of error and input left",
-    "input squares": "squares of the input left",
+    "error products": "products of errors and inputs left",
+    "input squares": "squares of inputs left",
     "error size": "larger errors at large inputs",
 }
 """Words for what Billings & Voon's tests found in the residuals of a nonlinear model."""

@@ -36,7 +36,9 @@ def draw_fit(path: Path, title: str, found: "Identification") -> None:
                 tuple(best.validation.free_run.fit_percent.values()) if best.validation else ()
             ),
             whiteness=_drawn(best.residuals.whiteness, "white", "not white"),
-            independence=_drawn(best.residuals.independence, "no trace of u", "depend on u"),
+            independence=_drawn(
+                best.residuals.independence, "no linear effect left", "an effect is left"
+            ),
             feedback=_drawn(best.residuals.feedback, "", ""),
         ),
     )

@@ -95,7 +95,7 @@ def test_four_commands_in_a_row_in_an_empty_folder(tmp_path: Path, capsys: Captu
     assert {m["structure"] for m in best["models"]} >= {"arx", "armax", "oe", "bj"}
     for model in best["models"]:
         assert_fit_document(model, ["omega_l", "omega_r"], judged=False)
-    assert "is ahead" in best["reason"]
+    assert " leads: " in best["reason"]
 
     lines = ranking["ranking"]
     assert ranking["criterion"] == "aic"

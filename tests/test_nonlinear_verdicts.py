@@ -169,5 +169,5 @@ def test_words_of_a_fit_name_what_is_left() -> None:
         residual_words(residual_tests(fit(_narmax(t), [log]), [log]).as_dict())
         for t in (RIGHT_TERMS, WRONG_TERMS)
     )
-    assert right == "no linear trace of u, white, nothing nonlinear left"
-    assert "squares of the input left" in wrong
+    assert right == "no linear effect left, white, nothing nonlinear left"
+    assert "squares of inputs left" in wrong

@@ -185,5 +185,5 @@ def test_the_contest_says_by_what_it_was_decided(criterion: str) -> None:
     if criterion == "fit":  # AIC may take an order more
         error = np.sqrt(first.covariance[1, 1])
         assert abs(first.theta[1] + 0.6) < 4 * error  # a chance of 6e-5
-    words = {"fit": "free-run fit on the 30 %", "aic": "ahead by aic", "bic": "ahead by bic"}
+    words = {"fit": "on the 30 %", "aic": "its AIC", "bic": "its BIC"}
     assert words[criterion] in found.reason

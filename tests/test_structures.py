@@ -559,7 +559,7 @@ NAMES = {
 def test_units_of_the_parameters_follow_from_the_channels() -> None:
     structure = structure_class("arx").from_orders({"na": 1, "nb": 1}, 1, 1)
     a, b = structure.parameters([Channel("pwm", "us")], [Channel("omega", "rad/s")])
-    assert (a.unit, b.unit) == ("", "(rad/s)/(us)")
+    assert (a.unit, b.unit) == ("", "(rad/s)/us")
 
 
 def test_the_equation_is_written_as_a_person_would() -> None:

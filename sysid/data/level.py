@@ -85,7 +85,9 @@ class Level:
         if self.origin is Origin.ZERO:
             return f"Level: zero{why}." if self.why else ""
         if self.origin is Origin.INSIDE:
-            return f"Level: part of the structure; it counts from the channels' own zeros{why}."
+            return (
+                f"Level: nothing was removed; the model takes the log's readings as they are{why}."
+            )
         if self.origin is Origin.MEANS:
             both = " and ".join(filter(None, (y, u)))
             return f"Level: the means {both} were removed; the model is of deviations{why}."

@@ -105,3 +105,18 @@ def looks_like_unit(cell: str, known: frozenset[str]) -> bool:
         return True
     name = synonym(text)
     return name in known or name.lower() in known
+
+
+def ratio(top: str, bottom: str) -> str:
+    """``rpm/V``, ``(rad/s)/V``, ``1/V``: a unit over another, empty where they cancel.
+
+    Where the lower one has no unit the upper one stands alone.
+    """
+    if top == bottom:
+        return ""
+    return f"{bracketed(top) or '1'}/{bracketed(bottom)}" if bottom else top
+
+
+def bracketed(unit: str) -> str:
+    """A unit as part of a fraction: in brackets where it is a fraction or product itself."""
+    return f"({unit})" if "/" in unit or "·" in unit else unit

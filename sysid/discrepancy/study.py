@@ -428,7 +428,7 @@ def _story(verdict: str, ids: Sequence[str], gap: Gap, left: Left | None) -> str
             share = "Less than 1 %" if rest < 1.0 else f"{rest:.0f} %"
             text += f" {share} of the error beyond the noise is left"
             text += f" (errors: {loud} the noise)" if loud else ""
-            text += " and still follows commands and speeds: something else is missing, too."
+            text += " and still follows inputs and outputs: something else is missing, too."
         elif loud:
             text += (
                 f" The errors that remain ({loud} the noise) depend on nothing known: a "

@@ -106,7 +106,7 @@ def compare(
     policy = policy or Policy()
     if not contenders:
         raise ModelError("there is no model to compare; run `sysid fit` first")
-    notes: list[str] = []
+    notes: list[str] = [] if validation is None else _seen_before(contenders, validation[0])
     excluded: dict[str, str] = {}
     figures: dict[str, dict[str, Any]] = {}
     for c in contenders:
@@ -148,6 +148,34 @@ def compare(
     data = validation[1] if validation else str(lines[0].figures["data"])
     best = _leading(lines, criterion, notes)
     return Ranking(criterion, tuple(lines), excluded, tuple(notes), data, best)
+
+
+def _seen_before(contenders: Sequence[Contender], judged: Sequence[Record]) -> list[str]:
+    """A note where models are judged on what some of them were fitted to: those look too good."""
+    seen = [c.id for c in contenders if not _unseen(c.model, judged)]
+    if not seen:
+        return []
+    who = "All models were" if len(seen) == len(contenders) else f"{', '.join(seen)}: "
+    called = ", ".join(dict.fromkeys(r.name for r in judged))
+    who = who if len(seen) == len(contenders) else who + ("was" if len(seen) == 1 else "were")
+    return [
+        f"{who} fitted to data of {called}, on which they are judged here; that favours large "
+        "models and those that saw the log. Judge on a log that no model saw."
+    ]
+
+
+def _unseen(model: Model, judged: Sequence[Record]) -> bool:
+    """Whether no sample of the records is among those that the model was fitted to."""
+    return not any(
+        bool(s.sha256) and s.sha256 == r.sha256 and _overlap(s.first, s.samples, r, model.dt)
+        for s in model.provenance.data
+        for r in judged
+    )
+
+
+def _overlap(first: float, samples: int, record: Record, dt: float) -> bool:
+    """Whether a stretch of the same file and the record have an instant in common."""
+    return first < record.t0 + len(record) * record.dt and record.t0 < first + samples * dt
 
 
 def _leading(lines: Sequence[Ranked], criterion: str, notes: list[str]) -> Ranked:

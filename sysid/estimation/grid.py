@@ -28,7 +28,10 @@ def parse_grid(text: str) -> list[RawOrders]:
         if ":" in value:
             low, _, high = value.partition(":")
             if not (low.isdigit() and high.isdigit() and int(low) <= int(high)):
-                raise UsageError(f"--orders: {item!r} is not a range such as {name or 'na'}=1:4")
+                apart = "; put spaces between orders, no commas" if item.count("=") > 1 else ""
+                raise UsageError(
+                    f"--orders: {item!r} is not a range such as {name or 'na'}=1:4{apart}"
+                )
             if name in choices:
                 raise UsageError(f"--orders: {name} is given twice; give each order once")
             choices[name] = list(range(int(low), int(high) + 1))

@@ -198,28 +198,39 @@ def _ahead(order: Standings, criterion: str, words: str, *, given: bool) -> str:
     if first.error is None:
         if len(order.entries) == 1:
             return f"{text}: {_origin(first.model, given)}."
-        return f"{text} is ahead by {order.rule.upper()} on the estimation data."
+        return f"{text} leads: its {order.rule.upper()} on the estimation data is the lowest."
     if criterion not in ERROR_CRITERIA:
-        return f"{text} is ahead by {criterion} over one-step errors on the estimation data."
+        return (
+            f"{text} leads: its {criterion.upper()}, from one-step errors on the estimation data, "
+            "is the lowest."
+        )
     share = 100.0 * (1.0 - first.error)
     ahead_by_one = order.one_step or not first.model.inputs
-    kind, how = ("one-step", "one step ahead") if ahead_by_one else ("free-run", "in free run")
+    kind, how = (
+        ("one-step prediction", "one step ahead") if ahead_by_one else ("free run", "in free run")
+    )
     if len(order.entries) == 1:
         return f"{text} was chosen by {criterion} on {words}: {share:.2f} % {how}."
     second = order.entries[1]
     loop = f" {IN_LOOP}" if order.one_step else ""
     said = (
-        f"{text} is ahead: {share:.2f} % {kind} fit on {words} with {_size(first)} parameters; "
-        f"next {second.model.structure.name} with {100.0 * (1.0 - (second.error or 0.0)):.2f} % "
-        f"and {_size(second)}"
+        f"{text} leads: on {words} its {kind} fits {share:.2f} %, with {_size(first)} "
+        f"parameters; next is {second.model.structure.name} with "
+        f"{100.0 * (1.0 - (second.error or 0.0)):.2f} % and {_size(second)} parameters"
     )
     if (second.error or 0.0) > (1.0 + order.margin) * first.error:
         return f"{said}.{loop}"
     if second in order.sound:
-        rule = "the smallest leads" if order.rule == "size" else "the lowest BIC leads"
-        tie = f"(errors within {100.0 * order.margin:.2g} % tie; of those {rule})"
-        return f"{said} {tie}.{loop}"
-    return f"{said}, which does not hold {how} over all estimation data.{loop}"
+        equal = f"Errors that differ by less than {100.0 * order.margin:.2g} % count as equal"
+        return f"{said}. {equal}; {_AMONG_EQUALS[order.rule == 'size']}.{loop}"
+    return f"{said}, but over all estimation data it errs much more {how}.{loop}"
+
+
+_AMONG_EQUALS = (
+    "among equals the model with the lowest BIC leads (small one-step errors, few parameters)",
+    "among equals the model with the fewest parameters leads",
+)
+"""What decides between models whose held-out errors are equal: not by size, by size."""
 
 
 def _origin(model: Model, given: bool) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data.record import Array, Channel
+from sysid.data.unit_words import bracketed
 from sysid.estimation.delta_method import delta_errors
 from sysid.structures.model import Model
 from sysid.structures.polynomial import PolynomialStructure
@@ -425,9 +426,5 @@ def _gain_units(u: Channel, y: Channel, integrates: bool) -> tuple[str, str]:
 def _per(top: str, bottom: str, integrates: bool) -> str:
     """``rpm/V``; a unit that holds a fraction itself gets brackets."""
     if integrates:
-        top = f"{_inside(top)}/s"
-    return f"{_inside(top)}/{_inside(bottom)}"
-
-
-def _inside(unit: str) -> str:
-    return f"({unit})" if "/" in unit else unit
+        top = f"{bracketed(top)}/s"
+    return f"{bracketed(top)}/{bracketed(bottom)}"

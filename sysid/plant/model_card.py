@@ -5,6 +5,7 @@ from importlib.resources import files
 from string import Template
 from typing import Any
 
+from sysid.data.unit_words import ratio
 from sysid.plant.c_code import why_no_c_code
 from sysid.plant.selftest import TOLERANCE
 from sysid.structures.model import Model
@@ -91,10 +92,10 @@ def _behaviour(described: Mapping[str, Any], level: str) -> Iterator[str]:
         described["outputs"], properties.get("static_gain", []), strict=False
     ):
         for source, gain in zip(described["inputs"], gains, strict=True):
-            unit = f"({channel['unit'] or '1'})/({source['unit'] or '1'})"
+            unit = ratio(channel["unit"], source["unit"])
+            value = f"{_number(gain, 6, 'infinite')} {_cell(unit)}".rstrip()
             yield (
-                f"Static gain from {_cell(source['name'])} to {_cell(channel['name'])}: "
-                f"{_number(gain, 6, 'infinite')} {_cell(unit)}."
+                f"Static gain from {_cell(source['name'])} to {_cell(channel['name'])}: {value}."
             )
 
 

@@ -140,7 +140,7 @@ def residual_sentence(test: ResidualVerdict) -> str:
     verdict = f"they {still}depend" if test.p_value < CLEAR else "not shown to depend"
     share = f"{percent(100 * max(test.share, 0.0))} of what is above the noise"
     return (
-        f"errors {test.model}: {verdict} on commands and speeds "
+        f"errors {test.model}: {verdict} on inputs and outputs "
         f"({p_words(test.p_value)}; predictable: {share})"
     )
 

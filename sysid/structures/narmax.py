@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sysid.data.record import Array, Channel, Index, Record
+from sysid.data.unit_words import ratio
 from sysid.structures.base import (
     Focus,
     Initial,
@@ -410,6 +411,4 @@ def _unit(top: str, t: Term, inputs: Sequence[Channel], outputs: Sequence[Channe
     if top in below:
         below.remove(top)
         top = ""
-    if not below:
-        return top
-    return f"({top or '1'})/({'·'.join(below)})"
+    return ratio(top, "·".join(below))

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data.record import Channel
+from sysid.data.unit_words import ratio
 from sysid.structures.base import Parameter
 from sysid.structures.expressions import Signal
 from sysid.structures.regressors import Row, named
@@ -48,7 +49,7 @@ def parameters(
         below = ""
         if isinstance(e, Signal):
             below = (inputs if e.kind == "u" else outputs)[e.channel].unit
-        names.append((named(e, inputs, outputs), _over(top, below)))
+        names.append((named(e, inputs, outputs), ratio(top, below)))
     names += [
         ("product[" + "·".join(named(row[k], inputs, outputs) for k in t) + "]", top)
         for t in d.terms
@@ -61,12 +62,6 @@ def parameters(
         Parameter(name + tag, unit, p.lower, p.upper)
         for (name, unit), p in zip(names, shapes(d, kind), strict=True)
     )
-
-
-def _over(top: str, below: str) -> str:
-    if top == below:
-        return ""
-    return top if not below else f"({top or '1'})/({below})"
 
 
 def equation(

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Channel, Index, Record
+from sysid.data.unit_words import ratio
 from sysid.structures.base import Focus, Initial, Parameter, Problem, Structure, refuse_options
 from sysid.structures.orders import Orders, spread
 from sysid.structures.predictor import RowErrors, RowLayout
@@ -80,11 +81,11 @@ class PolynomialStructure(Structure):
         for i, out in enumerate(outputs):
             lay = self.layout(i)
             for j, n in enumerate(lay.na):
-                unit = "" if i == j else _ratio(out.unit, outputs[j].unit)
+                unit = "" if i == j else ratio(out.unit, outputs[j].unit)
                 tag = "" if single else f"[{out.name},{outputs[j].name}]"
                 found += [Parameter(f"a{k}{tag}", unit) for k in range(1, n + 1)]
             for j, n in enumerate(lay.nb):
-                unit = _ratio(out.unit, inputs[j].unit)
+                unit = ratio(out.unit, inputs[j].unit)
                 tag = "" if single else f"[{out.name},{inputs[j].name}]"
                 first = lay.nk[j]
                 found += [Parameter(f"b{k}{tag}", unit) for k in range(first, first + n)]
@@ -346,12 +347,6 @@ def _pole(z: complex, dt: float) -> dict[str, float]:
         found["frequency_rad_s"] = float(abs(s))
         found["damping"] = float(-s.real / abs(s)) if abs(s) else 1.0
     return found
-
-
-def _ratio(top: str, bottom: str) -> str:
-    if not top and not bottom:
-        return ""
-    return "" if top == bottom else f"({top or '1'})/({bottom or '1'})"
 
 
 def _text(polynomial: Array) -> str:
