@@ -5,7 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sysid.data.io import read_file
+from sysid.data.finding import Severity
+from sysid.data.io import ReadOptions, read_file
+from sysid.data.quality import inspect_records
 from sysid.errors import DataError, SysidError
 
 N = 200
@@ -94,3 +96,74 @@ def test_text_clocks_and_switches_are_not_offered(tmp_path: Path) -> None:
     )
     with pytest.raises(DataError, match=r"--input alpha --output beta\)"):
         read_file(put(tmp_path, f"t,barrier,frame_id,alpha,beta\n{rows}\n"))
+
+
+@pytest.mark.parametrize(
+    ("cell", "dt"),
+    [
+        ("{0:g} sec", 0.25),
+        ("{0:g} s", 0.25),
+        ("{0:g} min", 15.0),
+        ("{0:g}ms", 0.25e-3),
+        ("{0:g} hr", 900.0),
+        ("00:00:{0:05.2f}", 0.25),
+    ],
+)
+@pytest.mark.parametrize(("sep", "point"), [(",", "."), (";", ","), ("\t", ".")])
+def test_durations_with_a_unit_behind_the_number(
+    tmp_path: Path, cell: str, dt: float, sep: str, point: str
+) -> None:
+    """As MATLAB's writetimetable writes durations."""
+    rows = [sep.join(["Time", "u", "y"])]
+    for k in range(N):
+        cells = [cell.format(0.25 * k % 60 if ":" in cell else 0.25 * k), f"{k % 7}.5", f"{k % 5}"]
+        rows.append(sep.join(c.replace(".", point) for c in cells))
+    log = read_file(put(tmp_path, "\n".join(rows) + "\n"))
+    assert log.records[0].dt == pytest.approx(dt, rel=1e-6)
+    if ":" not in cell:
+        assert "units stand behind the numbers: Time in" in " ".join(log.notes)
+
+
+def test_units_behind_the_numbers_of_any_column(tmp_path: Path) -> None:
+    rows = "\n".join(f"{k},{k % 7}.5 mV,{'' if k == 3 else f'{k % 5} rpm'}" for k in range(N))
+    path = put(tmp_path, f"t,u,y\n{rows}\n")
+    record = read_file(path, ReadOptions(resample="fill")).records[0]
+    assert record.inputs[0].unit == "V"
+    assert record.u[1, 0] == pytest.approx(1.5e-3)
+    assert record.outputs[0].unit == "rad/s"
+
+
+def test_two_units_in_one_column_are_refused(tmp_path: Path) -> None:
+    rows = "\n".join(f"{k} {'ms' if k < 100 else 's'},{k % 7},{k % 5}" for k in range(N))
+    with pytest.raises(DataError, match=r"line 102, column t: '100 s' is not in ms"):
+        read_file(put(tmp_path, f"t,u,y\n{rows}\n"))
+
+
+def test_text_that_begins_as_a_measurement_stays_text(tmp_path: Path) -> None:
+    rows = "\n".join(f"{k},{k % 7},{k % 5},{'5 V' if k < 9 else 'off'}" for k in range(N))
+    assert read_file(put(tmp_path, f"t,u,y,range\n{rows}\n")).records[0].output_names == ("y",)
+
+
+@pytest.mark.parametrize("wraps", [True, False])
+def test_a_counter_that_waits_at_its_start_does_not_clip(tmp_path: Path, wraps: bool) -> None:
+    """60 rows of rest; where it starts over its speed is proposed."""
+    rng = np.random.default_rng(5)
+    u = np.repeat(rng.uniform(10, 90, 30), 20)
+    u[:60] = 0.0
+    count = 20000 + np.floor(np.cumsum(u * (2.0 if wraps else 0.2))).astype(int)
+    shown = (count + 32768) % 65536 - 32768
+    rows = "\n".join(f"{k},{a:.1f},{b}" for k, (a, b) in enumerate(zip(u, shown, strict=True)))
+    log = read_file(put(tmp_path, f"t,u,enc\n{rows}\n"))
+    said = inspect_records(log.records, reading=log.findings)
+    assert not [f for f in said if f.code == "saturation" and f.severity is not Severity.OK]
+    assert any("--speed-of 'enc'" in f.advice for f in log.findings) is wraps
+
+
+def test_a_sensor_at_its_limit_still_clips(tmp_path: Path) -> None:
+    rng = np.random.default_rng(6)
+    y = np.minimum(np.cumsum(rng.normal(size=600)), 5.0)
+    y[:40] = 5.0
+    rows = "\n".join(f"{k},{k % 7},{b:.4f}" for k, b in enumerate(y))
+    log = read_file(put(tmp_path, f"t,u,y\n{rows}\n"))
+    said = inspect_records(log.records, reading=log.findings)
+    assert [f for f in said if f.code == "saturation" and f.severity is not Severity.OK]

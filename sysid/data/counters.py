@@ -6,7 +6,7 @@ the one that is whole periods away from the step read and smaller than half a pe
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
@@ -278,6 +278,7 @@ def continued(
     headings: Sequence[str],
     unwrap: Mapping[str, float],
     where: str,
+    speed_of: Sequence[str] = (),
 ) -> tuple[Array, tuple[Finding, ...]]:
     """Outputs that count or turn, and headings, without their jumps.
 
@@ -288,6 +289,7 @@ def continued(
         headings: columns of the pose that are angles.
         unwrap: output → period, 0 to leave it, as ``without_jumps`` takes them.
         where: name of the file.
+        speed_of: outputs whose speed is asked for; for another counter it is proposed.
 
     Raises:
         UsageError, DataError: an option names no output or does not fit its readings.
@@ -295,7 +297,15 @@ def continued(
     turns: dict[str, tuple[float, ...] | None] = dict.fromkeys(headings, (2.0 * pi, 360.0))
     for name, unit in outputs.items():
         turns[name] = (2.0 * pi / unit.scale,) if unit.unit == "rad" else () if unit.unit else None
-    return without_jumps(values, names, turns, unwrap, where)
+    out, findings = without_jumps(values, names, turns, unwrap, where)
+    counters = {n for n, y in zip(names, values.T, strict=True) if np.all(y == np.rint(y))}
+    counters &= {n for n in outputs if n not in speed_of}
+    return out, tuple(
+        replace(f, advice=f"{f.advice} For its speed: --speed-of '{f.channel}'.".strip())
+        if f.channel in counters
+        else f
+        for f in findings
+    )
 
 
 def as_speeds(

@@ -22,6 +22,10 @@ STATES: dict[str, float] = {
 """Words of a switch, in lower case -> its number."""
 
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf)", re.I)
+_MEASURED = re.compile(
+    r"(?P<number>[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?)\s*"
+    r"(?P<unit>[a-zA-Zµμ°%Ω][\w°µμ/^·*²%-]*)"
+)
 _UNIT_NAMES = frozenset((*UNITS, *(u.lower() for u in UNITS), *SYNONYMS, *ENDINGS, *UNIT_WORDS))
 _NO_UNITS = ("TS", "RN")
 """What Campbell loggers write for the unit of a time stamp and of a record number."""
@@ -116,9 +120,17 @@ def is_data(text: str) -> bool:
     Half is not enough: ``Writer_Version 2`` or ``Run 3`` stand in many heads.
     """
     cells = _tokens(text)
-    good = [c for c in cells if _NUMBER.fullmatch(c) or date_format(c)]
+    good = [c for c in cells if _NUMBER.fullmatch(c) or date_format(c) or measured(c)]
     states = [c for c in cells if c.lower() in STATES or c.lower() in MISSING]
     return bool(good) and len(cells) > 1 and 2 * (len(good) + len(states)) > len(cells)
+
+
+def measured(cell: str) -> tuple[str, str] | None:
+    """Number and unit of a cell such as ``0.01 sec`` or ``12 V``; None for any other."""
+    found = _MEASURED.fullmatch(cell.strip())
+    if found is None or not looks_like_unit(found["unit"], _UNIT_NAMES):
+        return None
+    return found["number"], found["unit"]
 
 
 def cells_of(line: str, sep: str) -> list[str]:

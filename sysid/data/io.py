@@ -164,7 +164,10 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
     told = {n for n in choice.inputs if bracketed[n] or n.lower() in by_option}
     inputs = without_false_pulses(inputs, told, dict(zip(signals, largest, strict=True)))
     values, of_pose = pose_in_si(values[rows], choice, pose_units, table.where)
-    read, jumps = continued(values, signals, outputs, choice.pose[2:], options.unwrap, table.where)
+    turning = choice.pose[2:]
+    read, jumps = continued(
+        values, signals, outputs, turning, options.unwrap, table.where, options.speed_of
+    )
     sizes = (len(choice.inputs), len(choice.outputs))
     slow = slow_sensors(t[rows], read, signals, sizes, options.held, table.where)
     read, outputs, derived = as_speeds(

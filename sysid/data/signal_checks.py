@@ -162,6 +162,8 @@ def _pile_up(y: Array, end: float) -> float:
     if end == 0 or width == 0 or len(np.unique(y)) < MANY_VALUES:
         return 0.0
     at = y == end
+    if at[0] and np.count_nonzero(np.diff(at)) == 1:
+        return 0.0  # it waits where it starts and never comes back, as a position does
     near = np.abs(y - end) <= 0.05 * width
     _, lengths = _runs(np.where(at, 1.0, 0.0))
     longest = int(lengths[0::2].max() if at[0] else lengths[1::2].max(initial=0))

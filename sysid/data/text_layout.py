@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 
 from sysid.data.dates import date_format
-from sysid.data.header import bare_unit, cells_of, find_header, is_numeric
+from sysid.data.header import MISSING, bare_unit, cells_of, find_header, is_numeric, measured
 from sysid.errors import DataError, UsageError
 
 DELIMITERS = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
@@ -37,6 +37,7 @@ class Layout:
         notes: what a person should know about the reading.
         units: cells of a row of units below the header, as many as names; empty cells without.
         interval: time between two rows [s] that a title tells, None without.
+        in_cells: the unit behind every number of a column, as many as names; empty without.
     """
 
     names: tuple[str, ...]
@@ -47,6 +48,7 @@ class Layout:
     notes: tuple[str, ...]
     units: tuple[str, ...] = ()
     interval: float | None = None
+    in_cells: tuple[str, ...] = ()
 
 
 def lay_out(data: bytes, where: str, delimiter: str | None, decimal: str | None) -> Layout:
@@ -80,6 +82,7 @@ def lay_out(data: bytes, where: str, delimiter: str | None, decimal: str | None)
         )
     if not rows:
         raise DataError(f"{where} has a header but no rows of numbers; record the log again")
+    rows, behind = _without_units(rows, numbers, sep, names, where)
     point = decimal or _decimal(rows, sep)
     if point not in (".", ","):
         raise UsageError(f"the decimal sign must be '.' or ',', got {point!r}")
@@ -88,12 +91,46 @@ def lay_out(data: bytes, where: str, delimiter: str | None, decimal: str | None)
     names, rows, numbers, more = _even_out(names, rows, numbers, sep, where, complete)
     units = () if found.units is None else tuple(map(bare_unit, cells_of(found.units, cut)))
     units = (*units, *[""] * len(names))[: len(names)]
-    return Layout(names, sep, point, rows, numbers, (*notes, *more), units, found.interval)
+    in_cells = tuple(behind.get(i, "") for i in range(len(names)))
+    notes = (*notes, *more)
+    return Layout(names, sep, point, rows, numbers, notes, units, found.interval, in_cells)
 
 
 def split_line(line: str, delimiter: str) -> list[str]:
     """The cells of one line, stripped."""
     return [c.strip() for c in cells_of(line, delimiter)]
+
+
+def _without_units(
+    rows: list[str], numbers: list[int], sep: str, names: tuple[str, ...], where: str
+) -> tuple[list[str], dict[int, str]]:
+    """The rows without the unit behind each number of a column (``0.01 sec``), and these units.
+
+    Raises:
+        DataError: a column has numbers in more than one unit.
+    """
+    first = [measured(c) for c in cells_of(rows[0], sep)] if sep != " " else []
+    units = {i: m[1] for i, m in enumerate(first) if m is not None and i < len(names)}
+    if not units:
+        return rows, {}
+    cells = [cells_of(row, sep) for row in rows]
+    for i, unit in tuple(units.items()):
+        for line, row in zip(numbers, cells, strict=True):
+            text = row[i].strip() if i < len(row) else ""
+            told = measured(text)
+            if told is None and text.lower() not in MISSING:
+                del units[i]  # text that only begins as a measurement does
+                break
+            if told is not None and told[1] != unit:
+                raise DataError(
+                    f"{where}, line {line}, column {names[i]}: {text!r} is not in {unit} as the "
+                    "first row is; write the column in one unit"
+                )
+    out = []
+    for row in cells:
+        bare = [(measured(c) or (c,))[0] if i in units else c for i, c in enumerate(row)]
+        out.append(sep.join(f'"{c}"' if sep in c else c for c in bare))
+    return out, units
 
 
 def _decode(data: bytes, where: str) -> tuple[str, tuple[str, ...]]:
