@@ -12,6 +12,7 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.column_words import READINGS, words
 from sysid.data.finding import Finding, Severity
 from sysid.data.record import Array
 from sysid.data.units import Conversion
@@ -162,6 +163,7 @@ def without_jumps(
     turns: Mapping[str, tuple[float, ...] | None],
     asked: Mapping[str, float],
     where: str,
+    speeds: Sequence[str] = (),
 ) -> tuple[Array, tuple[Finding, ...]]:
     """Columns with their wraps and resets undone, and what was done.
 
@@ -172,6 +174,7 @@ def without_jumps(
             angle; None where the unit is not known. Other columns are left as they are.
         asked: column (or ``EVERY``) → period [file unit], 0 to leave it; wins over what is seen.
         where: name of the file.
+        speeds: columns that are read as speeds, which need no advice to do so.
 
     Raises:
         UsageError: a period is asked for a column that is not there.
@@ -194,6 +197,8 @@ def without_jumps(
         if period is None:
             turn = turns[name]
             found = counted(values[:, k], (2.0 * pi, 360.0) if turn is None else turn, turn is None)
+            if turn is None and name not in speeds:
+                findings += _running_count(found.values, found.wraps, name, where)
             if not (found.wraps or found.resets):
                 findings += _doubted(suspected(values[:, k]), name, where)
         else:
@@ -206,6 +211,28 @@ def without_jumps(
             "own unit, or leave it out and it is looked for"
         )
     return out, tuple(findings)
+
+
+def _running_count(y: Array, wraps: int, name: str, where: str) -> list[Finding]:
+    """What to do with an output that is a number of counts which goes on and on.
+
+    Its name or a register's wraps say so: a slow reading in whole numbers looks alike.
+    """
+    if np.any(y != np.rint(y)) or len(np.unique(y)) < FEWEST_VALUES:
+        return []
+    told = bool({*words(name)} & set(READINGS[-1]))
+    step = np.abs(np.diff(y))
+    if not (told or wraps) or np.ptp(y) < TRAVEL * float(np.quantile(step, 0.99)):
+        return []
+    text = (
+        f"{where}: {name} counts on and on in whole numbers, as an encoder does: it is a position "
+        "without a unit, and most models are of a speed."
+    )
+    advice = (
+        f"Fit its speed with --speed-of {name} --unit {name}=counts=N/rev, N the counts of one "
+        f"turn (or --output {name} --unit {name}=counts=N/rev for the position)."
+    )
+    return [Finding("counter", Severity.WARNING, text, advice, name, where)]
 
 
 def _doubted(period: float, name: str, where: str) -> list[Finding]:
@@ -297,12 +324,12 @@ def continued(
     turns: dict[str, tuple[float, ...] | None] = dict.fromkeys(headings, (2.0 * pi, 360.0))
     for name, unit in outputs.items():
         turns[name] = (2.0 * pi / unit.scale,) if unit.unit == "rad" else () if unit.unit else None
-    out, findings = without_jumps(values, names, turns, unwrap, where)
+    out, findings = without_jumps(values, names, turns, unwrap, where, speed_of)
     counters = {n for n, y in zip(names, values.T, strict=True) if np.all(y == np.rint(y))}
     counters &= {n for n in outputs if n not in speed_of}
     return out, tuple(
         replace(f, advice=f"{f.advice} For its speed: --speed-of '{f.channel}'.".strip())
-        if f.channel in counters
+        if f.channel in counters and "--speed-of" not in f.advice
         else f
         for f in findings
     )

@@ -2,7 +2,8 @@
 
 A camera's pose at 120 Hz and wheel speeds at 50 Hz come in files of their own, each with a clock
 of its own. Where the wheels of the one and the pose of the other are known, the clocks are brought
-together by the motion that both saw; else the stamps are taken as they are.
+together by the motion that both saw; else the stamps are taken as they are. What is measured is
+read between rows by lines; a command, and a file written only when something changes, is held.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.between_rows import Lookup, held_names, is_event_log
 from sysid.data.clock_offset import AGREES, Shift, clock_shift, travelled, way_and_turn
 from sysid.data.columns import choose_columns
 from sysid.data.counters import counted
@@ -22,7 +24,7 @@ from sysid.data.held import between_readings, refreshed
 from sysid.data.pose_columns import angle_unit, find_pose
 from sysid.data.read_options import ReadOptions
 from sysid.data.record import Array
-from sysid.data.row_times import column_reader, row_times
+from sysid.data.row_times import column_reader, median_step, row_times
 from sysid.data.table import Table, read_table
 from sysid.data.time_column import TimeColumn, find_time
 from sysid.errors import DataError, UsageError
@@ -75,18 +77,27 @@ def joined(
     """
     data = read_bytes(other)
     mine = _series(table, options.time, options.ts, options.units)
-    theirs = _series(read_table(data, other.name), None, None, options.units)
+    second = read_table(data, other.name)
+    theirs = _series(second, None, None, {**_unit_of_log(mine, second), **options.units})
     names = tuple(n for n in theirs.table.names if n not in theirs.clock)
     called = _new_names(names, table.names, other.stem)
-    values = _numbers(theirs.table, names)
-    known = {called[n]: values[n] for n in names if n in values}
+    numbers = _numbers(theirs.table, names)
+    raw = {called[n]: numbers[n] for n in names if n in numbers}
+    known = {n: _filled(column) for n, column in raw.items()}
     if not known:
         raise DataError(f"{other.name} has no column of numbers beside its time")
-    continued = {n: _continued(v) for n, v in known.items()}
     shift, said = _shift(mine, theirs, known, options)
     at = shift.to_log(theirs.t)
     order = np.flatnonzero(np.diff(at, prepend=-np.inf) > 0.0)
-    rows = _covered(mine.t, at[order])
+    by_events = is_event_log(mine.t, at[order])
+    still = tuple(n for n in known if n not in find_pose(tuple(known)).names)
+    kept = held_names({n: known[n][order] for n in still}, by_events)
+    steps = [Lookup.of(mine.t, at[order], raw[n][order]) for n in kept]
+    rows = np.ones(len(mine.t), dtype=bool) if by_events else _covered(mine.t, at[order])
+    for step in steps:
+        rows &= step.covered
+    if by_events and len(kept) < len(known):
+        rows &= _covered(mine.t, at[order])
     where = f"{other.name} joined to {table.where}"
     if np.count_nonzero(rows) < FEWEST:
         raise DataError(
@@ -94,13 +105,20 @@ def joined(
             f"{mine.t[0]:.6g} to {mine.t[-1]:.6g} s and the other, on its clock, from {at[0]:.6g} "
             f"to {at[-1]:.6g} s; give the shift of the clocks with --join-offset SECONDS"
         )
-    columns = {}
-    for name, (series, period, low) in continued.items():
+    columns = {n: step.values[rows] for n, step in zip(kept, steps, strict=True)}
+    for name in (n for n in known if n not in kept):
+        series, period, low = _continued(known[name])
         on_log = np.interp(mine.t[rows], at[order], series[order])
         columns[name] = low + np.mod(on_log - low, period) if period else on_log
     lost = int(np.count_nonzero(~rows))
     share = f"; {lost} rows of the log that it does not cover were left out" if lost else ""
-    text = f"{where}: {', '.join(columns)} were brought onto the rows of the log{share}."
+    columns = {n: columns[n] for n in known}
+    brought = "was" if len(columns) == 1 else "were"
+    text = f"{where}: {', '.join(columns)} {brought} brought onto the rows of the log{share}"
+    if kept:
+        why = f", as its {len(order)} rows are written at changes" if by_events else ""
+        text += f"; {', '.join(kept)} {'is' if len(kept) == 1 else 'are'} held between them{why}"
+    text += "."
     note = Finding("join", Severity.NOTE, text, record=table.where)
     brackets = dict(zip(theirs.table.names, theirs.table.units, strict=True))
     more = {called[n]: brackets[n] for n in names if called[n] in columns}
@@ -120,6 +138,22 @@ def _series(table: Table, time: str | None, ts: float | None, units: Mapping[str
     return Series(table, found.t, found.origin, taken, found.findings)
 
 
+def _unit_of_log(log: Series, other: Table) -> dict[str, str]:
+    """The unit of the log's clock for a second file's column of the same name, by name.
+
+    A file of events has rows too far apart for its steps to tell the unit.
+    """
+    name = log.clock[0] if len(log.clock) == 1 else ""
+    if name not in other.names or dict(zip(other.names, other.units, strict=True))[name]:
+        return {}
+    if log.table.dates(name) is not None or other.dates(name) is not None:
+        return {}
+    ratio = median_step(log.t) / median_step(log.table.columns((name,))[:, 0])
+    units = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+    told = [u for u, seconds in units.items() if abs(ratio / seconds - 1.0) < 1e-3]
+    return {name: told[0]} if told else {}
+
+
 def _new_names(names: Sequence[str], taken: Sequence[str], stem: str) -> dict[str, str]:
     """Names in the joined log; the file's own name goes before one that is there already."""
     lower = {n.lower() for n in taken}
@@ -127,17 +161,17 @@ def _new_names(names: Sequence[str], taken: Sequence[str], stem: str) -> dict[st
 
 
 def _numbers(table: Table, names: Sequence[str]) -> dict[str, Array]:
-    """The columns that hold numbers; an empty cell is filled from its neighbours."""
+    """The columns that hold numbers, with NaN in empty cells."""
     read = column_reader(table)
-    found = {}
-    for name in names:
-        column = read(name)
-        if column is None or not np.isfinite(column).any():
-            continue
-        there = np.isfinite(column)
-        rows = np.arange(len(column))
-        found[name] = np.interp(rows, rows[there], column[there])
-    return found
+    found = {name: read(name) for name in names}
+    return {n: c for n, c in found.items() if c is not None and np.isfinite(c).any()}
+
+
+def _filled(column: Array) -> Array:
+    """A column whose empty cells are filled from their neighbours."""
+    there = np.isfinite(column)
+    rows = np.arange(len(column))
+    return np.interp(rows, rows[there], column[there])
 
 
 def _continued(values: Array) -> tuple[Array, float, float]:
@@ -174,12 +208,15 @@ def _shift(
     moved = _wheels_and_pose(mine, known, options)
     start = theirs.origin - mine.origin if theirs.origin and mine.origin else 0.0
     if moved is None:
-        text = (
-            f"{other}: its clock was taken for that of {log}: there is no pose in the one and no "
-            "wheels in the other to tell them apart."
-        )
-        advice = "If they differ, give the shift with --join-offset SECONDS."
-        return Shift(start), (Finding("join", Severity.WARNING, text, advice, record=log),)
+        pose = bool(find_pose(tuple(known)).names)
+        why = ": no wheel speeds are known that would tell them apart" if pose else ""
+        text = f"{other}: its clock was taken for that of {log}{why}."
+        dated = bool(theirs.origin and mine.origin)
+        if dated and not pose:
+            text = f"{other}: the dates of both files say which of its rows belong to {log}."
+        advice = "If their clocks differ, give the shift with --join-offset SECONDS."
+        severity = Severity.NOTE if dated else Severity.WARNING
+        return Shift(start), (Finding("join", severity, text, advice, record=log),)
     found = clock_shift(mine.t, moved[0], theirs.t, moved[1])
     sentence = f"the pose of {other} follows the wheels of {log}"
     if found.agreement < AGREES:
