@@ -16,6 +16,10 @@ from sysid.errors import ModelError
 from sysid.plant.selftest import run
 from sysid.structures.plant import Plant
 
+ELSEWHERE = 0.1
+"""Share of an output's range in the log by which it may begin beside the plant's rest: less than
+that is noise, or gone before anybody sees it in a figure."""
+
 
 @dataclass(frozen=True, eq=False)
 class Replay:
@@ -94,7 +98,26 @@ def replay(plant: Plant, record: Record) -> Replay:
             f"the plant runs away on {record.name}: it is unstable; fit it with "
             "`sysid fit --stable` or choose another model"
         )
-    return Replay(record, simulated, outside_domain(plant, record.u))
+    told = (*outside_domain(plant, record.u), *begins_elsewhere(record, simulated))
+    return Replay(record, simulated, told)
+
+
+def begins_elsewhere(record: Record, simulated: Array) -> tuple[str, ...]:
+    """A sentence for each output that begins in the log where the plant at rest does not.
+
+    The run then first goes from the one to the other, which its figures count as an error.
+    """
+    found = []
+    for i, channel in enumerate(record.outputs):
+        measured, rest = float(record.y[0, i]), float(simulated[0, i])
+        if abs(measured - rest) > ELSEWHERE * float(np.ptp(record.y[:, i])):
+            unit = f" {channel.unit}" if channel.unit else ""
+            found.append(
+                f"{channel.name} begins at {measured:.4g}{unit} in the log and the plant rests at "
+                f"{rest:.4g}{unit}: the figures count the way from one to the other; `sysid "
+                "compare --val LOG` judges from the log's own start."
+            )
+    return tuple(found)
 
 
 def write_replay(result: Replay, path: str | Path) -> Path:
