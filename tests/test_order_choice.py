@@ -187,3 +187,20 @@ def test_the_contest_says_by_what_it_was_decided(criterion: str) -> None:
         assert abs(first.theta[1] + 0.6) < 4 * error  # a chance of 6e-5
     words = {"fit": "on the 30 %", "aic": "its AIC", "bic": "its BIC"}
     assert words[criterion] in found.reason
+
+
+@pytest.mark.parametrize("delay", [1, 3, 6])
+def test_two_lags_sampled_fast_get_no_dead_time_they_have_not(delay: int) -> None:
+    rng = np.random.default_rng(1 + 10 * delay)
+    u = np.repeat(rng.uniform(-1.0, 1.0, 60), 50)
+    # 130 and 12 samples, commands held: a discrete plant with a pole for each
+    slow, fast = np.exp(-1.0 / np.array([130.0, 12.0]))
+    first, y = np.zeros(3000), np.zeros(3000)
+    for k in range(1, 3000):
+        first[k] = slow * first[k - 1] + (1.0 - slow) * u[max(k - delay, 0)]
+        y[k] = fast * y[k - 1] + (1.0 - fast) * first[k]
+    log = Record((u - u.mean())[:, None], (y + 0.003 * rng.standard_normal(3000))[:, None], 2.0)
+    found = choose_delay(hold_out([log]), True)
+    # in the first sample the answer is a thousandth of the step: a third of the noise
+    assert isinstance(found, int)
+    assert abs(found - delay) <= 1
