@@ -167,3 +167,59 @@ def test_a_sensor_at_its_limit_still_clips(tmp_path: Path) -> None:
     log = read_file(put(tmp_path, f"t,u,y\n{rows}\n"))
     said = inspect_records(log.records, reading=log.findings)
     assert [f for f in said if f.code == "saturation" and f.severity is not Severity.OK]
+
+
+def ros_log(stamp: str, broken: int | None = None) -> str:
+    """Reception jitters by a tenth of the sample time; the sender's stamp does not."""
+    rng = np.random.default_rng(7)
+    pair = stamp == "header.stamp.secs"
+    names = [stamp, "header.stamp.nsecs"] if pair else [stamp]
+    rows = [",".join(["%time", "field.header.seq", *names, "u", "y"])]
+    for k in range(N):
+        ns = 1777777777123456789 + k * 10_000_000
+        own = [str(ns // 10**9), str(ns % 10**9)] if pair else [str(ns)]
+        own = ["0"] * len(own) if broken == k else own
+        heard = ns + int(rng.uniform(5e5, 1.5e6))
+        rows.append(",".join([str(heard), str(k), *own, f"{k % 7}", f"{k % 5}"]))
+    return "\n".join(rows) + "\n"
+
+
+@pytest.mark.parametrize("stamp", ["field.header.stamp", "header.stamp.secs"])
+def test_the_senders_stamp_goes_before_the_recorders(tmp_path: Path, stamp: str) -> None:
+    path = put(tmp_path, ros_log(stamp))
+    log = read_file(path)
+    assert not [f for f in log.findings if f.code == "jitter"]
+    assert log.records[0].dt == pytest.approx(0.01, rel=1e-6)
+    assert f"the time is {stamp}, the sender's own stamp; time," in " ".join(log.notes)
+    asked = read_file(path, ReadOptions(time="time"))
+    assert [f for f in asked.findings if f.code == "jitter"]
+
+
+@pytest.mark.parametrize("stamp", ["field.header.stamp", "header.stamp.secs"])
+def test_a_senders_stamp_with_a_hole_is_left(tmp_path: Path, stamp: str) -> None:
+    log = read_file(put(tmp_path, ros_log(stamp, broken=50)))
+    assert "sender's own stamp" not in " ".join(log.notes)
+    assert log.records[0].dt == pytest.approx(0.01, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("unit", "seconds", "digits", "step", "shown"),
+    [
+        ("min", 60.0, 4, 5.0, "5 s"),
+        ("min", 60.0, 2, 5.0, "5 s"),
+        ("h", 3600.0, 4, 10.0, "10 s"),
+        ("s", 1.0, 3, 1.0 / 30.0, "0.03333 s"),
+        ("min", 60.0, 4, 4.98, "4.98 s"),
+    ],
+)
+def test_rounded_stamps_tell_their_round_period(
+    tmp_path: Path, unit: str, seconds: float, digits: int, step: float, shown: str
+) -> None:
+    """A mean of 200 rounded steps is right to a last digit / 200; a round period exactly."""
+    rows = "\n".join(f"{k * step / seconds:.{digits}f},{k % 7},{k % 5}" for k in range(N))
+    log = read_file(put(tmp_path, f"Zeit ({unit}),u,y\n{rows}\n"))
+    round_one = float(f"{step:.2g}") == step
+    slack = 0.0 if round_one else seconds * 10.0**-digits / (N - 1)
+    assert abs(log.records[0].dt - step) <= slack
+    assert not [f for f in log.findings if f.code == "jitter"]
+    assert f"a sample every {shown}." in " ".join(log.notes)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sysid.data.finding import Finding, Severity
 from sysid.data.record import Array
+from sysid.data.round_period import round_period
 from sysid.data.time_column import TIME_COLUMNS, TimeColumn, unit_in_name, unit_of
 from sysid.errors import DataError, UsageError
 
@@ -187,12 +188,14 @@ def _guess(
 def _said(t: Array, column: TimeColumn, unit: float, where: str) -> Finding:
     d = np.diff(t)
     ahead = d[d > 0]
-    step = float(np.median(ahead)) if len(ahead) else 0.0
+    usual = float(np.median(ahead)) if len(ahead) else 0.0
+    # the mean: a median of rounded steps is one of them; 1.5 usual steps are a gap
+    step = float(np.mean(ahead[ahead <= 1.5 * usual])) * unit if len(ahead) else 0.0
     return Finding(
         "time-unit",
         Severity.NOTE,
         f"{where}: the time is column {column.name}, in {UNIT_NAMES[unit]}: a sample every "
-        f"{step * unit:.4g} s.",
+        f"{round_period(t * unit, step):.4g} s.",
         record=where,
     )
 

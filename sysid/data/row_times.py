@@ -1,6 +1,7 @@
 """When each row of a log was written: from its time column, a counter of rows, or ``ts`` alone."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -58,6 +59,25 @@ def row_times(
         DataError: a stamp is missing or is none.
         UsageError: the unit asked for the time column is none of time.
     """
+    found = _row_times(table, column, units, ts, numbers)
+    if column is None or column.over is None:
+        return found
+    text = (
+        f"{table.where}: the time is {column.name}, the sender's own stamp; {column.over}, when "
+        "the message was recorded, was left aside."
+    )
+    advice = f"To go by the recorder's clock say --time '{column.over}'."
+    note = Finding("time-unit", Severity.NOTE, text, advice, record=table.where)
+    return replace(found, findings=(*found.findings, note))
+
+
+def _row_times(
+    table: Table,
+    column: TimeColumn | None,
+    units: Mapping[str, str],
+    ts: float | None,
+    numbers: Array | None,
+) -> Clock:
     where = table.where
     if column is None:
         every: Array = np.arange(len(table), dtype=np.float64) * (ts or table.interval or 1.0)

@@ -104,12 +104,14 @@ class TimeColumn:
         fine: a second column that holds the fraction of a second in nanoseconds, or None.
         counts: whether it only counts rows.
         by_name: whether its name says so; else it was the only steady first column.
+        over: the column of the recorder's own clock that this stamp of the sender goes before.
     """
 
     name: str
     fine: str | None = None
     counts: bool = False
     by_name: bool = True
+    over: str | None = None
 
 
 Read = Callable[[str], Array | None]
@@ -188,6 +190,9 @@ def find_time(
         told = [n for n in told if n != "T" or _rises(read(n))]
     if read is not None and not by_steps:
         told = [n for n in told if _rises(read(n))]  # of no use, and the sample time is known
+    sender = None if read is None or not told else _of_sender(told, read)
+    if sender is not None:
+        return sender
     if told:
         return _with_fraction(told, read) or TimeColumn(told[0])
     counters = [n for n in free if is_counter(n) and tells_time(read, n)]
@@ -223,6 +228,26 @@ def _with_fraction(told: Sequence[str], read: Read | None) -> TimeColumn | None:
         for fine in fractions:
             if words(whole)[:-1] == words(fine)[:-1]:
                 return TimeColumn(whole, fine)
+    return None
+
+
+def _of_sender(told: Sequence[str], read: Read) -> TimeColumn | None:
+    """The stamp in a message's header where the plainest time is when the recorder received it.
+
+    It is the moment of the reading, without the jitter of the way; taken where it is complete and
+    rises in every row.
+    """
+    if {"header", "stamp"} <= set(words(told[0])):
+        return None
+    for name in (n for n in told if {"header", "stamp"} <= set(words(n))):
+        rest = [n for n in told if words(n)[:-1] == words(name)[:-1] and n != name]
+        fine = next((n for n in rest if words(n)[-1] in ("nsec", "nsecs", "nanosec")), None)
+        column, more = read(name), None if fine is None else read(fine)
+        if column is not None and more is not None and words(name)[-1] in ("sec", "secs"):
+            if _strictly((column - column[0]) + 1e-9 * more):
+                return TimeColumn(name, fine, over=told[0])
+        elif _strictly(column):
+            return TimeColumn(name, over=told[0])
     return None
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sysid.data.finding import Finding, Severity
 from sysid.data.record import Array
+from sysid.data.round_period import last_digit, round_period
 from sysid.errors import DataError, UsageError
 
 ResamplePolicy = Literal["auto", "hold", "refuse", "fill", "split"]
@@ -95,6 +96,7 @@ def plan_grid(t: Array, policy: ResamplePolicy, place: Place, where: str) -> Gri
             f"{where}: samples {dt:.3g} s apart are not credible; check the time column"
         )
     dt = float(f"{dt:.12g}")  # 0.0999999… of a mean over printed tenths is 0.1
+    dt = round_period(t, dt)
 
     off = np.abs(d / dt - 1.0)[inside & ~gaps]
     uneven = bool(len(off)) and off.max() > ROUNDING and not _is_rounding(t, dt, gaps | ~inside)
@@ -193,18 +195,9 @@ def _gaps(ratio: Array) -> NDArray[np.bool_]:
 
 def _is_rounding(t: Array, dt: float, cut: NDArray[np.bool_]) -> bool:
     """Whether the deviations from the grid are no larger than the last digit printed."""
-    shifted = t - t[0]
-    for digits in range(10):
-        scaled = shifted * 10.0**digits
-        if np.max(np.abs(scaled - np.rint(scaled))) < 1e-4:
-            quantum = 10.0**-digits
-            break
-    else:
-        return False
-    if quantum > 0.5 * dt:
-        return False
+    quantum = last_digit(t, dt)
     steps = np.where(cut, np.nan, np.diff(t) - dt)
-    return bool(np.nanmax(np.abs(steps)) <= 1.001 * quantum and quantum <= 0.2 * dt)
+    return quantum > 0.0 and bool(np.nanmax(np.abs(steps)) <= 1.001 * quantum)
 
 
 def _jitter(d: Array, dt: float, policy: ResamplePolicy, where: str) -> Finding:
