@@ -9,6 +9,7 @@ from sysid_datasets.hidden_logs import Request, hide
 
 from sysid.data.io import read_log
 from sysid.data.record import Channel, Record
+from sysid.discrepancy.base_model import plain_base
 from sysid.discrepancy.batched_search import information, search
 from sysid.discrepancy.diagnose import diagnose
 from sysid.discrepancy.diagnosis import Diagnosis
@@ -262,3 +263,31 @@ def test_a_position_is_known_for_the_integral_of_its_drive() -> None:
     assert (rate.output_names, rate.outputs[0].unit, rate.dt) == (("position_rate",), "m/s", 0.02)
     # central differences over ±2 samples of a speed that forgets over 100
     np.testing.assert_allclose(rate.y[:, 0], v[2 : 2 * len(rate) + 2 : 2], atol=0.02)
+
+
+def test_an_effect_that_was_left_alone_is_accounted_for_though_it_was_no_candidate() -> None:
+    # a swap may name what the first round of candidates did not hold
+    m, r = model(), record()
+    s = NamingSearch(m, [r], [r], np.full(2, 20000.0), 1)
+    s.origin = core(m)
+    base, row = s.node((), core(m), s.core), core(m)
+    row[m.place["coulomb-friction", "level", 0]] = 1.0
+    levels = tuple(m.place["coulomb-friction", "level", i] for i in range(2))
+    found = s.account(base, s.node(("coulomb-friction",), row, (*s.core, *levels)), m.effects, [])
+    assert [n.id for n in found] == ["coulomb-friction"]
+    assert set(found[0].rivals) == {"coulomb-friction"}
+    assert found[0].touched.tolist() == [True, False]
+
+
+def test_a_lightly_damped_swing_is_followed_by_the_plainest_base() -> None:
+    # poles 0.995 exp(±0.12j) with 1 % noise: a base of real poles would name a stand-in for the swing
+    rng = np.random.default_rng(1)
+    u = np.repeat(rng.uniform(-1.0, 1.0, size=30), 50)
+    f1, f2 = -2.0 * 0.995 * np.cos(0.12), 0.995**2
+    y = np.zeros(len(u))
+    for k in range(2, len(u)):
+        y[k] = 0.004 * u[k - 1] + 0.003 * u[k - 2] - f1 * y[k - 1] - f2 * y[k - 2]
+    y += 0.01 * np.std(y) * rng.standard_normal(len(y)) + 0.4
+    log = Record(u[:, None], y[:, None], 0.02, (Channel("torque"),), (Channel("angle"),), name="a")
+    base = plain_base([log], None, chain_effects())
+    assert base.node.held_rmse < 0.02 * np.std(y)

@@ -71,7 +71,7 @@ def _step_responses(records: Sequence[Record]) -> list[tuple[Array, Array]]:
 def _simplest_good(candidates: list[tuple[Array, Array]], j: int) -> Array | None:
     """The step response of lowest order that explains output j nearly as well as the best one."""
     best = max(float(explained[j]) for _, explained in candidates)
-    if best < TRUSTED:
+    if not best >= TRUSTED:  # nor where it is no number
         return None
     return next(step for step, explained in candidates if explained[j] >= best - 0.02)
 

@@ -24,6 +24,7 @@ from sysid.estimation.holdout import hold_out
 from sysid.estimation.search import FitOptions
 from sysid.structures.given_base import GivenBase, begins_at_rest
 from sysid.structures.model import Model
+from sysid.structures.oe import OE
 
 LARGEST_ORDER = 3
 FULL_DRIVE = 20000.0
@@ -101,7 +102,7 @@ def plain_base(
         DataError: numbers of inputs and outputs differ.
         ModelError: the base cannot be fitted.
     """
-    on_rate = integrates(estimation)
+    on_rate, linear = integrates(estimation), None
     if on_rate:
         step = step_of(estimation)
         estimation, held = rates(estimation, step), rates(held, step) if held else None
@@ -113,7 +114,10 @@ def plain_base(
         words = "per track its own command, first order, one sample of delay, no offset"
     else:
         # a body that a force moves: friction would otherwise hide in a higher order
-        order, delay = (1, 1) if on_rate else _order_and_delay(without_repeats(estimation))
+        order, delay = 1, 1
+        if not on_rate:
+            linear, delay = _linear(without_repeats(estimation))
+            order = int(np.max(linear.structure.order_values()["nf"]))
         level = not may_lack_sign(estimation)
         order = order if level else LARGEST_ORDER
         late = "one sample" if delay == 1 else f"{delay} samples"
@@ -132,7 +136,10 @@ def plain_base(
         parts.weights,
         PROVEN_IN_LOOP if in_loop else PROVEN,
     )
-    node = search.base(_starts(model, estimation, scales))
+    starts = _starts(model, estimation, scales)
+    if linear is not None:
+        starts = np.vstack([starts, _start_of(linear, model, scales)])
+    node = search.base(starts)
     if not np.isfinite(node.held_rmse):
         raise ModelError("the base model cannot be simulated on this log; look at sysid inspect")
     return Base(parts, search, node, scales, delay, level, words, in_loop)
@@ -241,14 +248,38 @@ def _require_tracks(records: Sequence[Record]) -> Record:
     return first
 
 
-def _order_and_delay(records: Sequence[Record]) -> tuple[int, int]:
+def _linear(records: Sequence[Record]) -> tuple[Model, int]:
+    """The output-error model whose order the log asks for, and its delay in samples."""
     detrend = Detrend.means(records)
     nk = choose_delay(hold_out([detrend.remove(r) for r in records]))
     delay = int(np.max(nk)) if isinstance(nk, list) else int(nk)
     delay = max(delay, 1)
     grid = [{"nb": n, "nf": n, "nk": delay} for n in range(1, LARGEST_ORDER + 1)]
     found = run_contest(("oe",), records, FitOptions(stable=True), detrend, grid=grid)
-    return int(np.max(found.entries[0].model.structure.order_values()["nf"])), delay
+    return found.entries[0].model, delay
+
+
+def _start_of(linear: Model, model: SuperModel, scales: Array) -> Array:
+    """The cores that run as a linear model does, (1, slots); no row where a core cannot.
+
+    From real poles alone no search finds a lightly damped swing: B(q)/F(q) = K b(q)/F(q) with
+    b(1) = F(1).
+    """
+    q = model.null.copy()
+    if not isinstance(linear.structure, OE):
+        return np.empty((0, len(q)))
+    polynomials = linear.structure.polynomials(linear.theta)
+    for i in range(model.tracks):
+        top, bottom = np.trim_zeros(polynomials.B[i][i], "f"), polynomials.F[i][i]
+        gain = float(np.sum(top) / np.sum(bottom)) if len(top) else 0.0
+        if not np.isfinite(gain) or gain == 0.0 or max(len(top), len(bottom) - 1) > model.order:
+            return np.empty((0, len(q)))
+        q[model.place["core", "gain", i]] = gain * scales[i]
+        for k, f in enumerate(bottom[1:]):
+            q[model.place["core", f"f{k + 1}", i]] = f
+        for k, b in enumerate(top[1:], start=1):
+            q[model.place["core", f"b{k + 1}", i]] = b / gain
+    return q[None]
 
 
 def _starts(model: SuperModel, records: Sequence[Record], scales: Array) -> Array:

@@ -214,7 +214,9 @@ class NamingSearch(CandidateSearch):
         for id in node.effects:
             if len(node.effects) == 1:
                 judged: Sequence[Judged] = first
-                mine = next(j for j in judged if j.id == id)
+                # one that a swap or a drop has left alone may not be among the first candidates
+                found = next((j for j in first if j.id == id), None)
+                mine = found or self._in_place(node, base, first, len(effects))
             else:
                 likely = (id, *about(id).ties, *(j.id for j in first[:4]))
                 others = [
@@ -233,7 +235,7 @@ class NamingSearch(CandidateSearch):
                 and self.admissible(j.node)
                 and tied(mine.node, j.node)
             )
-            rivals = {j.id: j.node for j in judged if j.id in (id, *ties)}
+            rivals = {id: mine.node} | {j.id: j.node for j in judged if j.id in (id, *ties)}
             named.append(Named(id, mine.evidence, ties, mine.node.touched, rivals))
         return tuple(named)
 
