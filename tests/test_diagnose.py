@@ -280,7 +280,7 @@ def test_an_effect_that_was_left_alone_is_accounted_for_though_it_was_no_candida
 
 
 def test_a_lightly_damped_swing_is_followed_by_the_plainest_base() -> None:
-    # poles 0.995 exp(±0.12j) with 1 % noise: a base of real poles would name a stand-in for the swing
+    # poles 0.995 exp(±0.12j), 1 % noise: a base of real poles names a stand-in for the swing
     rng = np.random.default_rng(1)
     u = np.repeat(rng.uniform(-1.0, 1.0, size=30), 50)
     f1, f2 = -2.0 * 0.995 * np.cos(0.12), 0.995**2
