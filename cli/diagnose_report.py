@@ -93,7 +93,13 @@ def _added(found: "Diagnosis", before: str, after: str) -> None:
     stem = f"the plainest base ({found.plainer})" if found.plainer else ""
     render.say(f"{after} is {stem or f'{before} ({found.base_words})'} with:")
     rows: list[list[Any]] = [
-        [e.id if k == 0 else "", p.name, p.value, p.words or render.number(None), p.unit]
+        [
+            e.id if k == 0 else "",
+            p.name,
+            p.told.value,
+            p.told.words or render.number(None),
+            p.told.unit,
+        ]
         for e in found.effects
         for k, p in enumerate(e.parameters)
     ]
@@ -150,7 +156,7 @@ def _next(found: "Diagnosis", before: str, after: str, folder: Path, held: Seque
     render.say("")
     for e in found.next_experiments:
         written = f" Schedule: {folder / e.file}." if e.file else ""
-        render.say(f"To tell {', '.join(e.effects)}: {e.purpose}{written}")
+        render.say(f"{e.purpose}{written}")
     render.say(f"Page: {folder / 'index.html'}, all figures: {folder / 'diagnosis.json'}.")
     if found.grown:
         logs = "".join(f" --val {path}" for path in held)

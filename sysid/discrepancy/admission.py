@@ -1,6 +1,7 @@
 """What may be named: numbers away from their null and their bounds; and what is a tie."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Array
 from sysid.discrepancy.evidence import difference
@@ -19,6 +20,21 @@ MOST_ABSORBED = (3.0, 20.0)
 factors: small commands that hardly leave a dead zone make it far too small."""
 
 
+LATE = ("input-delay", "actuator-lag", "sensor-lag")
+"""Effects that only shift or smooth in time: below one sample they are how the log was sampled and
+differenced (a difference over a sample is half of one late), no part of the machine."""
+
+
+def beyond_a_sample(model: SuperModel, id: str, q: Array) -> NDArray[np.bool_]:
+    """Tracks on which an effect is later than sampling itself makes it, (tracks,)."""
+    found = np.ones(model.tracks, dtype=bool)
+    if id in LATE:
+        for k in model.of(id):
+            if model.slots[k].track >= 0:
+                found[model.slots[k].track] = q[k] > model.dt
+    return found
+
+
 def admissible(model: SuperModel, origin: Array, node: Node) -> bool:
     """Whether the newest effect's numbers are away from their null and from their bounds."""
     id = node.effects[-1]
@@ -31,7 +47,9 @@ def admissible(model: SuperModel, origin: Array, node: Node) -> bool:
     if id in ("unsigned-speed", "sensor-saturation", CHANGED.id):
         return True  # no number is searched, or the core's own are
     if id == "input-delay":
-        return any(node.q[k] > model.dt for k in mine)
+        return bool(beyond_a_sample(model, id, node.q).any())
+    if not beyond_a_sample(model, id, node.q).any():
+        return False
     first = about(id).parameters[0].name
     inside = []
     for k in mine:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -80,6 +81,7 @@ def values_of(
         else:
             error = told.std_error(value)
             found.append(_interval_value(f"{slot.name}{tag}", value, told, words))
+        found[-1] = replace(found[-1], in_file=_in_file(base, found[-1], slot.track))
         if not found[-1].visited:
             continue
         if id in DRY and slot.name in ("level", "excess"):
@@ -95,6 +97,25 @@ def values_of(
                 scaled = None if error is None else error * full
                 found.append(Value(name, value * full, scaled, channel.unit))
     return tuple(found)
+
+
+def _in_file(base: Base, value: Value, track: int) -> Value | None:
+    """A share of the log's largest command as a command of the file; None where it is none."""
+    first = base.parts.estimation[0]
+    declared = first.is_robot_log and first.is_in_pulse_widths
+    if "drive" not in value.unit or track < 0 or declared:
+        return None
+    channel = first.inputs[track]
+    full = float(full_drive(base.parts.estimation)[track]) / channel.scale
+    factor = 1.0 / full if value.unit.startswith("1/") else full
+    ends = value.interval and tuple(None if v is None else factor * v for v in value.interval)
+    return Value(
+        value.name,
+        factor * value.value,
+        None if value.std_error is None else abs(factor) * value.std_error,
+        value.unit.replace("drive", channel.file_words or channel.unit or channel.name),
+        (ends[0], ends[1]) if ends else None,
+    )
 
 
 def _interval_value(name: str, value: float, told: Interval, unit: str) -> Value:

@@ -111,7 +111,8 @@ def plain_base(
     scales = full_drive(estimation)
     if first.is_robot_log:
         order, delay, level = 1, 1, False
-        words = "per track its own command, first order, one sample of delay, no offset"
+        words = "its own command, first order, one sample of delay, no offset"
+        words = f"per track {words}" if first.ny > 1 else words
     else:
         # a body that a force moves: friction would otherwise hide in a higher order
         order, delay = 1, 1

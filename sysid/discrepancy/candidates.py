@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
-from sysid.discrepancy.admission import admissible
+from sysid.discrepancy.admission import admissible, beyond_a_sample
 from sysid.discrepancy.batched_search import best_tracks, refined, search
 from sysid.discrepancy.evidence import (
     PROVEN,
@@ -250,6 +250,7 @@ class CandidateSearch:
         served = (gain > cost) & (v1 < 0.97 * v0)
         if any(self.model.slots[k].track < 0 for k in before.free):
             served &= self._needed_itself(before, e, q, v1)
+        served &= beyond_a_sample(self.model, e.id, q)
         if served.all() or not served.any():
             return replace(node, touched=served if served.any() else node.touched)
         out = q.copy()

@@ -10,6 +10,13 @@ from sysid.discrepancy.pose_geometry import GeometryEstimate
 from sysid.discrepancy.verify import Gap
 from sysid.structures.model import Model
 
+OF_THE_LOG = {
+    "quantisation": "its readings are coarse",
+    "held-telemetry": "its telemetry is held",
+    "dropouts": "some readings are lost",
+}
+"""What the samples themselves show: a matter of sensor and log, that no model lacks."""
+
 VERDICTS = ("effects-found", "no-missing-effect", "unexplained")
 
 
@@ -24,6 +31,8 @@ class Value:
         unit: of value, error and interval.
         interval: a 95 % interval where slopes tell no standard error; an end that the log leaves
             open is None.
+        in_file: the same number in the unit of the file's input, where full drive is not declared
+            and a share of it is one of the largest command of the log; else None.
     """
 
     name: str
@@ -31,6 +40,12 @@ class Value:
     std_error: float | None
     unit: str
     interval: tuple[float | None, float | None] | None = None
+    in_file: "Value | None" = None
+
+    @property
+    def told(self) -> "Value":
+        """The number as a reader of the log's columns meets it."""
+        return self.in_file or self
 
     @property
     def visited(self) -> bool:
@@ -64,7 +79,8 @@ class Value:
         return f"= {self.value:.4g} ({self.words}){unit}"
 
     def to_json(self) -> dict[str, Any]:
-        """{name, value, std_error, unit, interval, visited}."""
+        """{name, value, std_error, unit, interval, visited}, and the same ``in_file``."""
+        own = {} if self.in_file is None else {"in_file": self.in_file.to_json()}
         return {
             "name": self.name,
             "value": self.value if self.visited else None,
@@ -72,6 +88,7 @@ class Value:
             "unit": self.unit,
             "interval": None if self.interval is None else list(self.interval),
             "visited": self.visited,
+            **own,
         }
 
 

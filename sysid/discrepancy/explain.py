@@ -59,7 +59,7 @@ class Description:
             sign = ("− " if c < 0 else "+ ") if k else ("−" if c < 0 else "")
             factor = f"{abs(c):.3g}" + ("" if term == "1" else f"·{term}")
             text += f"{' ' if k else ''}{sign}{factor}"
-        lag = " (F: through the track's lag)" if "F(" in text else ""
+        lag = " (F: through the lag of the model)" if "F(" in text else ""
         return (
             f"{self.output} error ≈ {text}; explains {100 * self.share:.0f} % of the error above "
             f"the noise{lag}"

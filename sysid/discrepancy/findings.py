@@ -7,7 +7,7 @@ import numpy as np
 from sysid.data.held import without_repeats
 from sysid.data.record import Array, Record
 from sysid.discrepancy.augment import covariance_of, values_of
-from sysid.discrepancy.base_model import Base
+from sysid.discrepancy.base_model import Base, full_drive
 from sysid.discrepancy.diagnosis import NamedEffect, Trace, Value
 from sysid.discrepancy.named_sets import Named, Naming
 from sysid.discrepancy.samples import SampleEffects
@@ -44,6 +44,7 @@ def named_effect(base: Base, naming: Naming, n: Named) -> NamedEffect:
 def sentence_of(e: Effect, values: Sequence[Value], ties: Sequence[str]) -> str:
     """What an effect is, by the sign of its number, and how large; what it cannot be told from."""
     text = _by_sign(e, values)
+    values = [v.told for v in values]
     known = [v for v in values if v.std_error is not None or v.interval is not None][:4]
     told = [v for v in (*known, *(v for v in values if not v.visited)) if v.words]
     if told:
@@ -162,14 +163,24 @@ def absorbed(base: Base, naming: Naming) -> tuple[str, ...]:
         moved = abs(new - old)
         if moved > ABSORBED[0] * error and moved > ABSORBED[1] * abs(new):
             slot = model.slots[k]
+            factor, unit = _per_command(base, slot.track) if slot.name == "gain" else (1.0, "")
             found.append(
-                f"{slot.name} of {names[slot.track]} goes from {old:.4g} to {new:.4g} "
-                f"({moved / error:.0f} standard errors)"
+                f"{slot.name} of {names[slot.track]} goes from {factor * old:.4g} to "
+                f"{factor * new:.4g}{unit} ({moved / error:.0f} standard errors)"
             )
     if not found:
         return ()
     ids = ", ".join(n.id for n in naming.named)
     return (f"The model before had absorbed a part of {ids}: {'; '.join(found)}.",)
+
+
+def _per_command(base: Base, i: int) -> tuple[float, str]:
+    """From a gain over full drive to the file's units: factor, and the unit with a blank before."""
+    first = base.parts.estimation[0]
+    y, u = first.outputs[i], first.inputs[i]
+    full = float(full_drive(base.parts.estimation)[i])
+    top, bottom = y.file_words or y.unit or y.name, u.file_words or u.unit or u.name
+    return u.scale / (y.scale * full), f" {top} per {bottom}"
 
 
 def traces(base: Base, naming: Naming) -> tuple[Trace, ...]:

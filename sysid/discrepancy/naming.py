@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.discrepancy.admission import tied
+from sysid.discrepancy.admission import beyond_a_sample, tied
 from sysid.discrepancy.batched_search import refined
 from sysid.discrepancy.candidates import POLISH, CandidateSearch, common_samples
 from sysid.discrepancy.evidence import Evidence, alike
@@ -250,9 +250,7 @@ class NamingSearch(CandidateSearch):
         """Effects that may not stand: all where a gain is chance, else delays that have shrunk."""
         if not all(n.evidence.significant for n in named):
             return list(named)
-        delay = self.model.of("input-delay")
-        short = all(node.q[k] <= self.model.dt for k in delay)
-        return [n for n in named if n.id == "input-delay" and short]
+        return [n for n in named if not beyond_a_sample(self.model, n.id, node.q).any()]
 
     def _in_place(self, node: Node, rest: Node, judged: Sequence[Judged], tried: int) -> Judged:
         """The effect that ``rest`` lacks as it stands in the node, or as found anew.

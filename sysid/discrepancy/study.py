@@ -13,7 +13,7 @@ from sysid.discrepancy.advise import experiment_between, next_experiments
 from sysid.discrepancy.augment import model_of
 from sysid.discrepancy.base_model import Base, may_lack_sign
 from sysid.discrepancy.detectable import detectable
-from sysid.discrepancy.diagnosis import Diagnosis, Experiment, Trace
+from sysid.discrepancy.diagnosis import OF_THE_LOG, Diagnosis, Experiment, Trace
 from sysid.discrepancy.evidence import PROVEN, PROVEN_IN_LOOP
 from sysid.discrepancy.explain import described, explain
 from sysid.discrepancy.following import ASTRAY, not_followed
@@ -261,8 +261,8 @@ class Study:
         off = told is not None and told.left.structured
         astray = poor.startswith(ASTRAY)
         if effects or found.withdrawn or off or astray or (structured and not slight):
-            # that telemetry is held is a matter of the log, and explains no structured error
-            explained = [e for e in effects if e.id != "held-telemetry" or not structured or slight]
+            # what is a matter of the log explains no structured error
+            explained = [e for e in effects if e.id not in OF_THE_LOG or not structured or slight]
             verdict = "effects-found" if explained else "unexplained"
         before = model if model is not None else model_of(base, naming.base)
         after = model_of(base, naming.final, naming.intervals) if naming.named else before
@@ -421,8 +421,9 @@ def _loud(gap: Gap) -> dict[str, float]:
 def _story(verdict: str, ids: Sequence[str], gap: Gap, left: Left | None) -> str:
     structured = left is not None and left.p_value < DEPENDENT
     loud = ", ".join(f"{name} {ratio:.1f} times" for name, ratio in _loud(gap).items())
-    if verdict == "effects-found":
-        text = f"Missing: {', '.join(ids)}."
+    missing = [id for id in ids if id not in OF_THE_LOG]
+    if verdict == "effects-found" and missing:
+        text = f"Missing: {', '.join(missing)}."
         if structured and (gap.closed_percent < 90.0 or loud):
             rest = 100.0 - gap.closed_percent
             share = "Less than 1 %" if rest < 1.0 else f"{rest:.0f} %"

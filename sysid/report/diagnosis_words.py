@@ -8,7 +8,14 @@ from typing import Any
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.discrepancy.diagnosis import Diagnosis, NamedEffect, ResidualVerdict, Trace, Value
+from sysid.discrepancy.diagnosis import (
+    OF_THE_LOG,
+    Diagnosis,
+    NamedEffect,
+    ResidualVerdict,
+    Trace,
+    Value,
+)
 from sysid.discrepancy.localise import Region
 from sysid.estimation.figures import Figures
 
@@ -49,12 +56,12 @@ def headline(found: Diagnosis) -> str:
     """The verdict in a few words."""
     if found.unfollowed:
         return found.unfollowed.partition(":")[0]
-    missing = ", ".join(e.id for e in found.effects if e.id != "held-telemetry")
+    missing = ", ".join(e.id for e in found.effects if e.id not in OF_THE_LOG)
+    seen = "".join(f"; {OF_THE_LOG[e.id]}" for e in found.effects if e.id in OF_THE_LOG)
     if found.verdict == "effects-found" and missing:
-        return f"Missing: {missing}"
+        return f"Missing: {missing}{seen}"
     if found.verdict != "unexplained":
-        held = "; its telemetry is held" if found.effects else ""
-        return f"Nothing is missing that this log could show{held}"
+        return f"Nothing is missing that this log could show{seen}"
     if missing:
         return f"Missing: {missing}, and more that has no name here"
     return "Something is missing, but no effect of the catalogue explains it"
@@ -156,7 +163,7 @@ def nothing_named(found: Diagnosis) -> str:
 
 def evidence_sentence(effect: NamedEffect) -> str:
     """Why an effect was accepted."""
-    if effect.id in ("quantisation", "held-telemetry", "dropouts"):
+    if effect.id in OF_THE_LOG:
         return "read off the samples themselves; the model stays as it is"
     return (
         f"held out, {percent(100 * effect.heldout_gain)} of the error went; "
@@ -166,7 +173,7 @@ def evidence_sentence(effect: NamedEffect) -> str:
 
 def story(found: Diagnosis) -> str:
     """The sentence below the headline, unless it says the same."""
-    said = headline(found)
+    said = headline(found).partition(";")[0]
     text = found.story.removeprefix(said).lstrip(".:").strip()
     return f"{text[:1].upper()}{text[1:]}"
 
