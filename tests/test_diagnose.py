@@ -9,11 +9,14 @@ from sysid_datasets.hidden_logs import Request, hide
 
 from sysid.data.io import read_log
 from sysid.data.record import Channel, Record
-from sysid.discrepancy.base_model import plain_base
+from sysid.discrepancy.admission import beyond_a_sample
+from sysid.discrepancy.augment import values_of
+from sysid.discrepancy.base_model import Base, divided, plain_base
 from sysid.discrepancy.batched_search import information, search
 from sysid.discrepancy.diagnose import diagnose
 from sysid.discrepancy.diagnosis import Diagnosis
 from sysid.discrepancy.integrating import integrates, rates
+from sysid.discrepancy.named_sets import Interval
 from sysid.discrepancy.naming import NamingSearch
 from sysid.discrepancy.starts import clip_level, repeats_at_top
 from sysid.discrepancy.supermodel import SuperModel, prepare
@@ -291,3 +294,37 @@ def test_a_lightly_damped_swing_is_followed_by_the_plainest_base() -> None:
     log = Record(u[:, None], y[:, None], 0.02, (Channel("torque"),), (Channel("angle"),), name="a")
     base = plain_base([log], None, chain_effects())
     assert base.node.held_rmse < 0.02 * np.std(y)
+
+
+def test_a_lag_below_one_sample_is_the_sampling_and_no_effect() -> None:
+    m, r = model(), record()
+    s = NamingSearch(m, [r], [r], np.full(2, 20000.0), 1)
+    s.origin = core(m)
+    for id in ("input-delay", "actuator-lag", "sensor-lag"):
+        slots = m.of(id)[:2]
+        for samples, stands in ((0.5, False), (1.5, True)):
+            row = core(m)
+            row[list(slots)] = samples * m.dt
+            node = s.node((id,), row, (*s.core, *slots))
+            assert s.admissible(node) == stands, (id, samples)
+            row[slots[1]] = 0.5 * m.dt
+            assert beyond_a_sample(m, id, row).tolist() == [stands, False]
+
+
+def test_a_share_of_the_largest_command_is_told_in_the_unit_of_the_input() -> None:
+    # throttle up to 80 %: a share of that is no share of full throttle
+    m = SuperModel(chain_effects(), 1, 1, np.array([10.0]), 0.05)
+    u = np.full((100, 1), 80.0)
+    u[50:] = 20.0
+    log = Record(u, 0.0 * u, 0.05, (Channel("throttle", "%"),), (Channel("v", "m/s"),), name="a")
+    scales = np.array([80.0])
+    s = NamingSearch(m, [log], [log], scales, 1)
+    row, at = m.null.copy(), m.place["input-saturation", "plus", 0]
+    row[m.place["core", "gain", 0]], row[m.place["core", "f1", 0]] = 20.0, -0.8
+    row[at] = 0.75
+    node = s.node(("input-saturation",), row, (*s.core, at))
+    base = Base(divided([log], None), s, node, scales, 1, False, "")
+    value = values_of(base, node, "input-saturation", {at: Interval(0.7, 0.8)})[0]
+    assert (value.value, value.unit) == (0.75, "drive")
+    assert value.told.shown == "= 60 (56 to 64) %"
+    assert value.to_json()["in_file"]["interval"] == pytest.approx([56.0, 64.0])

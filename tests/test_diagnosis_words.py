@@ -90,7 +90,9 @@ def test_what_is_left_is_said_in_words(closed: float) -> None:
 @pytest.mark.parametrize(
     ("verdict", "ids", "words"),
     [
-        ("effects-found", ("dead-zone", "held-telemetry"), "Missing: dead-zone"),
+        ("effects-found", ("dead-zone", "held-telemetry"), "Missing: dead-zone; its telemetry"),
+        ("effects-found", ("dropouts", "dead-zone"), "Missing: dead-zone; some readings are lost"),
+        ("effects-found", ("quantisation",), "Nothing is missing that this log could show; its"),
         ("unexplained", ("held-telemetry",), "Something is missing, but no effect"),
         ("effects-found", ("held-telemetry",), "Nothing is missing that this log could show; its"),
         ("no-missing-effect", (), "Nothing is missing that this log could show"),
