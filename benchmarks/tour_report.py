@@ -97,7 +97,8 @@ def shortened(text: str, tables: int) -> str:
     seen = 0
     for line in text.splitlines():
         seen += line.startswith("┏")
-        if line.startswith("  ") or (seen > tables and line[:1] in "┏┃┡│└"):
+        equation = line.startswith("  ") and "→" not in line
+        if equation or (seen > tables and line[:1] in "┏┃┡│└"):
             kept += [] if kept[-1:] == ["…"] else ["…"]
         else:
             kept.append(line)

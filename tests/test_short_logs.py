@@ -8,6 +8,9 @@ from command_line import run, write_log
 from quick_diagnosis import dead_zone_log, diagnose
 
 from sysid.data.io import read_log
+from sysid.data.record import Record
+from sysid.errors import UsageError
+from sysid.estimation.identify import Request, identify
 from sysid.report.html import diagnosis_page
 
 
@@ -71,3 +74,15 @@ def test_a_page_leaves_out_the_pictures_a_short_log_has_no_rows_for(tmp_path: Pa
     page = diagnosis_page(diagnose([log], None), "before", "after")
     assert "<svg" in page
     assert "against the regime variables" not in page
+
+
+def test_two_stretches_of_one_log_may_judge_each_other() -> None:
+    """``Record.split`` keeps the hash of the file: only a shared instant is forbidden."""
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.choice([-1.0, 1.0], 40), 10)
+    whole = Record(u, np.roll(u, 1) + 0.1 * rng.standard_normal(400), 0.1)
+    first, last = whole.split(0.5)
+    request = Request(structures=("arx",), orders="na=1 nb=1 nk=1")
+    assert identify([first], [last], request).assessments[0].validation is not None
+    with pytest.raises(UsageError, match="cannot judge"):
+        identify([whole], [last], request)
