@@ -310,6 +310,10 @@ def _example(free: Sequence[str], inputs: tuple[str, ...], outputs: tuple[str, .
     references = [n for n in free if meant[n].quantity == "reference"]
     u = inputs or _with_partners(commands or drives or plain or references or effects)
     every = dict.fromkeys((*effects, *plain, *drives, *free))
+    if not (inputs or outputs) and set(every) == set(
+        u
+    ):  # all of one kind, as a scope's channels: one drives
+        u = u[:1]
     y = outputs or _with_partners([n for n in every if n not in u])
     if not u or not y:
         return ""
