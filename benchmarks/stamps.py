@@ -49,6 +49,9 @@ MADE_BY: dict[str, tuple[str, str]] = {
 }
 """Report → the script that makes it and the command a person types."""
 
+PYTHON = f"{sys.version_info[0]}.{sys.version_info[1]}"
+"""Another Python writes the same code's tree in other words: stamps of two versions differ."""
+
 PLACES = {"sysid": "sysid", "sysid_cli": "cli", "sysid_datasets": "datasets"}
 """Package → its folder; any other name without a dot may be a script beside this one."""
 
@@ -84,6 +87,7 @@ def stamped(*reports: str | Path) -> None:
     for report in map(Path, reports):
         if report.name in MADE_BY and report.resolve().parent == REPORTS:
             known[report.name] = digest(MADE_BY[report.name][0])
+    known["python"] = PYTHON
     text = json.dumps(dict(sorted(known.items())), indent=1) + "\n"
     STAMPS.write_text(text, encoding="utf-8", newline="\n")
     PAGE.write_text(page(), encoding="utf-8", newline="\n")

@@ -16,6 +16,10 @@ def test_every_report_has_a_maker_and_every_maker_exists() -> None:
 
 
 def test_no_report_is_silently_older_than_the_code() -> None:
+    if stamps.stamps().get("python") != stamps.PYTHON:
+        pytest.skip(
+            "the stamps were made by another version of Python, which hashes code differently"
+        )
     late = ", ".join(f"{n}: {stamps.MADE_BY[n][1]}" for n in stamps.older())
     assert stamps.PAGE.read_text(encoding="utf-8") == stamps.page(), (
         f"reports/README.md does not say which reports are older than the code ({late}); make them "
