@@ -298,6 +298,10 @@ def _unclear(
     )
 
 
+MOST_IN_AN_EXAMPLE = 4
+"""Inputs and outputs each: a reader needs the form, not every column of a wide file."""
+
+
 def _example(free: Sequence[str], inputs: tuple[str, ...], outputs: tuple[str, ...]) -> str:
     """The options filled in with the file's own columns, as likely as their names allow."""
     pose = find_pose(free).names
@@ -310,13 +314,12 @@ def _example(free: Sequence[str], inputs: tuple[str, ...], outputs: tuple[str, .
     references = [n for n in free if meant[n].quantity == "reference"]
     u = inputs or _with_partners(commands or drives or plain or references or effects)
     every = dict.fromkeys((*effects, *plain, *drives, *free))
-    if not (inputs or outputs) and set(every) == set(
-        u
-    ):  # all of one kind, as a scope's channels: one drives
-        u = u[:1]
+    if not (inputs or outputs) and set(every) == set(u):
+        u = u[:1]  # all of one kind, as a scope's channels: one drives
     y = outputs or _with_partners([n for n in every if n not in u])
     if not u or not y:
         return ""
+    u, y = u[:MOST_IN_AN_EXAMPLE], y[:MOST_IN_AN_EXAMPLE]
     return f" (for example --input {_quoted(u)} --output {_quoted(y)})"
 
 
