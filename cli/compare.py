@@ -1,6 +1,7 @@
 """``sysid compare``: the workspace's models side by side, ranked by one criterion."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,6 +15,7 @@ from .stored_data import StoredData
 from .workspace import StoredModel, Workspace
 
 if TYPE_CHECKING:
+    from sysid.data.finding import Finding
     from sysid.data.read_options import ReadOptions
     from sysid.data.record import Record
     from sysid.estimation.comparison import Contender, Ranked, Ranking
@@ -69,6 +71,7 @@ def compare(
     json: reading.Json = False,
 ) -> None:
     """Rank the models of the workspace by one criterion, on equal terms."""
+    from sysid.data.finding import notes, warned
     from sysid.estimation.assessment import Policy
     from sysid.estimation.comparison import compare as rank
     from sysid.estimation.figures import Start
@@ -83,14 +86,20 @@ def compare(
     with render.progress("Comparing"):
         data = StoredData()
         contenders = [_contender(s, data) for s in stored]
-        ranking = rank(contenders, criteria, _validation(stored, val, read), policy)
+        held, findings = _validation(stored, val, read)
+        ranking = rank(contenders, criteria, held, policy)
+    ranking = replace(ranking, notes=(*ranking.notes, *warned(findings)))
     crossed = _cross_validated(ranking, folds)
     place.remember("best", ranking.best.contender.id)
     if plot is not None:
         from .pictures import draw_ranking
 
         draw_ranking(plot, ranking)
-    _document(ranking, crossed) if json else _show(ranking, crossed, plot)
+    if json:
+        _document(ranking, crossed)
+        return
+    render.reading(notes(findings))
+    _show(ranking, crossed, plot)
 
 
 def _contender(stored: StoredModel, data: StoredData) -> "Contender":
@@ -102,23 +111,28 @@ def _contender(stored: StoredModel, data: StoredData) -> "Contender":
 
 def _validation(
     stored: list[StoredModel], val: list[Path] | None, read: "ReadOptions"
-) -> "tuple[tuple[Record, ...], str] | None":
-    """The validation logs, read as the newest model's data were unless the line says how."""
+) -> "tuple[tuple[tuple[Record, ...], str] | None, list[Finding]]":
+    """The validation logs and what there is to say about their reading.
+
+    They are read as the newest model's data were unless the line says how.
+    """
     from sysid.data.read_options import ReadOptions
 
     if not val:
         if read != ReadOptions():
             raise UsageError("options of reading a log are for that of --val; name it")
-        return None
-    from sysid.data.io import read_logs
+        return None, []
+    from sysid.data.io import read_files
     from sysid.data.preparation import Preparation
 
     options = stored[-1].model.provenance.options if stored else {}
     steps = Preparation.from_json(options.get("prepare", {}))
     if read == ReadOptions():
         read = ReadOptions.from_json(options.get("read", {}))
-    records = tuple(steps.apply(r) for r in read_logs(val, read))
-    return records, ", ".join(dict.fromkeys(r.name for r in records))
+    files = read_files(val, read)
+    records = tuple(steps.apply(r) for file in files for r in file.records)
+    named = ", ".join(dict.fromkeys(r.name for r in records))
+    return (records, named), [f for file in files for f in file.findings]
 
 
 def _document(ranking: "Ranking", folds: "Mapping[str, CrossValidation]") -> None:

@@ -91,7 +91,7 @@ def diagnose(
     Both models stay in the workspace; diagnosis.json, a page (index.html) and schedules of the
     experiments that would tell more (next_*.csv) are written to a folder.
     """
-    from sysid.data.finding import Severity
+    from sysid.data.finding import notes, warned
 
     place = Workspace(workspace)
     if output is not None:
@@ -106,19 +106,19 @@ def diagnose(
     if read.resample == "auto":  # an empty reading is one of the things to be found: a dropout
         read = replace(read, resample="hold")
     package = packages.read(plant, accept_changes) if plant is not None else None
-    estimation, notes = _records(logs, read, steps)
+    estimation, said = _records(logs, read, steps)
     base = given or (place.best_for(estimation[0]) if plant is None else None)
     doubted = base.model if base else package.model() if package else None
-    slow = read.held == "auto" and any(n.code == "held-telemetry" for n in notes)
+    slow = read.held == "auto" and any(f.code == "held-telemetry" for f in said)
     if slow and not (doubted and doubted.fits_clock(estimation[0])):
         # no model at the sensor's rate: repeats are masked, and commands keep their instants
         read = replace(read, held="keep")
-        estimation, notes = _records(logs, read, steps)
+        estimation, said = _records(logs, read, steps)
     held, more = _records(val, read, steps) if val else (None, [])
     _apart(estimation, held)
     found = _run(estimation, held, base, (mission, lengths), package)
-    told = (n.text for n in (*notes, *more) if n.severity >= Severity.WARNING)
-    found = replace(found, warnings=(*dict.fromkeys(told), *found.warnings))
+    read_as = (*said, *more)
+    found = replace(found, reading=notes(read_as), warnings=(*warned(read_as), *found.warnings))
     origin = {"files": [str(p.resolve()) for p in logs], "read": read.to_json()}
     before, after = keep_models(place, found, base, origin | {"prepare": steps.to_json()})
     document = write_results(folder, found, before, after)

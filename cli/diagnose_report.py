@@ -19,6 +19,7 @@ def show(
     """Print the story and what to do next; ``held`` are the logs that judged."""
     from sysid.report.diagnosis_words import headline, story
 
+    render.reading(found.reading)
     if found.geometry is not None:
         render.say(found.geometry.sentence, "bold")
     render.say(headline(found), "bold")

@@ -12,7 +12,6 @@ from .stored_data import judged_on
 from .workspace import StoredModel, Workspace
 
 if TYPE_CHECKING:
-    from sysid.data.finding import Finding
     from sysid.data.preparation import Preparation
     from sysid.data.read_options import ReadOptions
     from sysid.data.record import Record
@@ -241,12 +240,12 @@ def _identify(
     read: "ReadOptions",
     steps: "Preparation",
     request: "Request",
-) -> "tuple[Identification, list[Finding]]":
+) -> "tuple[Identification, tuple[str, ...]]":
     """What was found, and what the reader did to the numbers of the logs.
 
     A note of reading is for the eyes: what needs an action is a warning, which the models keep.
     """
-    from sysid.data.finding import Severity
+    from sysid.data.finding import notes
     from sysid.data.io import read_files
     from sysid.data.quality import inspect_records, require_usable
     from sysid.estimation.identify import identify
@@ -271,8 +270,7 @@ def _identify(
             done = round(1000 * share)
 
         found = identify(records, held, request, progress, findings)
-    read_as = [f for file in (*files, *judged) for f in file.findings]
-    return found, [f for f in read_as if f.severity is Severity.NOTE]
+    return found, notes(f for file in (*files, *judged) for f in file.findings)
 
 
 def _document(stored: list[StoredModel], found: "Identification") -> None:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 from . import render
 
 if TYPE_CHECKING:
-    from sysid.data.finding import Finding
     from sysid.data.record import Channel
     from sysid.estimation.assessment import Assessment
     from sysid.estimation.identify import Identification
@@ -23,14 +22,14 @@ def show(
     stored: "Sequence[StoredModel]",
     found: "Identification",
     plot: Path | None,
-    reading: "Sequence[Finding]" = (),
+    reading: Sequence[str] = (),
 ) -> None:
     """Print how the logs were read, the ranking, the winner, and what to do next."""
     from sysid.estimation.own_motion import own_modes
     from sysid.report.step_words import mode_sentences, step_sentences
     from sysid.structures.orders import orders_text
 
-    _reading(reading)
+    render.reading(reading)
     best = found.assessments[0]
     names = list(best.estimation.free_run.fit_percent)
     judged = "validation" if best.validation else "estimation"
@@ -81,20 +80,6 @@ def show(
 def _next(best: "Assessment") -> str:
     """What can be done with the model; no plant is made of a signal on its own."""
     return "sysid compare, sysid export" if best.model.inputs else "sysid compare"
-
-
-READING_LINES = 8
-"""Most lines on how the logs were read: more would hide the models."""
-
-
-def _reading(findings: "Sequence[Finding]") -> None:
-    """What the reader did to the numbers, one dim line each; sysid inspect shows the rest."""
-    lines = list(dict.fromkeys(f.sentence for f in findings))
-    for line in lines[:READING_LINES]:
-        render.say(line, "dim")
-    if len(lines) > READING_LINES:
-        more = len(lines) - READING_LINES
-        render.say(f"{more} more notes on how the logs were read: sysid inspect.", "dim")
 
 
 def residual_words(residuals: Mapping[str, Any], inputs: Sequence[str] = ()) -> str:

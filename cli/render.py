@@ -110,6 +110,19 @@ def findings(found: "Sequence[Finding]") -> None:
             console.print(Text(" " * 10 + finding.advice, style="dim"), soft_wrap=True)
 
 
+READING_LINES = 8
+"""Most lines on how logs were read: more would hide the result."""
+
+
+def reading(lines: Sequence[str]) -> None:
+    """Print what the reader did to the numbers, one dim line each; sysid inspect shows the rest."""
+    for line in lines[:READING_LINES]:
+        say(line, "dim")
+    if len(lines) > READING_LINES:
+        more = len(lines) - READING_LINES
+        say(f"{more} more notes on how the logs were read: sysid inspect.", "dim")
+
+
 def number(value: float | None, digits: int = 5) -> str:
     """A number with so many significant digits; a dash where there is none."""
     if value is None or math.isnan(value):

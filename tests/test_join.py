@@ -1,10 +1,13 @@
 """A camera's pose and a robot's wheels in two files with two clocks: one log of both."""
 
+import sys
+import types
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
+import quick_diagnosis
 from command_line import run
 from scipy.signal import lfilter
 
@@ -144,6 +147,32 @@ def test_every_command_joins_and_a_model_can_read_its_data_again(
     assert fitted.code == 0, fitted.err
     compared = run(capsys, "compare", "--folds", "2")
     assert compared.code == 0, compared.err
+
+
+def test_every_command_says_what_reading_did_to_the_numbers(
+    files: tuple[Path, Path, Drive],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    log, camera, _ = files
+    monkeypatch.chdir(log.parent)
+    stub = types.ModuleType("sysid.discrepancy.diagnose")
+    stub.diagnose = quick_diagnosis.diagnose  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, stub.__name__, stub)
+    monkeypatch.setattr("sysid.report.html.diagnosis_page", lambda *_: "<html></html>")
+    joined = (log.name, "--join", camera.name)
+    inspected = run(capsys, "inspect", *joined, "--json").document["findings"]
+    codes = ("join", "reading")  # what the reader did, not what checks of the signals found
+    said = [f["sentence"] for f in inspected if f["severity"] == "note" and f["code"] in codes]
+    assert any("its clock is 3.21" in s for s in said)
+    fit = ("fit", *joined, "--structure", "arx", "--orders", "na=1 nb=1 nk=1")
+    compare = ("compare", "--val", *joined)
+    for command in (fit, compare, ("diagnose", *joined)):
+        shown = run(capsys, *command)
+        assert shown.code == 0, shown.err
+        for sentence in said:
+            assert sentence in " ".join(shown.out.split()), command[0]
+    assert set(run(capsys, "diagnose", *joined, "--json").document["reading"]) >= set(said)
 
 
 def test_an_output_may_come_from_the_joined_file(files: tuple[Path, Path, Drive]) -> None:

@@ -1,5 +1,6 @@
 """Finding: one verdict on the data, in words, with what to do about it."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -53,6 +54,16 @@ class Finding:
             "channel": self.channel,
             "record": self.record,
         }
+
+
+def notes(findings: Iterable[Finding]) -> tuple[str, ...]:
+    """Sentences of the notes, each once: what was done to the data and asks for no action."""
+    return tuple(dict.fromkeys(f.sentence for f in findings if f.severity is Severity.NOTE))
+
+
+def warned(findings: Iterable[Finding]) -> tuple[str, ...]:
+    """Warnings and worse in words, with what to do, each once."""
+    return tuple(dict.fromkeys(f.text for f in findings if f.severity >= Severity.WARNING))
 
 
 def worst(findings: tuple[Finding, ...]) -> Severity:

@@ -226,6 +226,7 @@ class Diagnosis:
         plainer: the base that the effects were added to where that is not the model before.
         geometry: the vehicle's lengths, where nobody gave them and the pose contradicts those
             that are assumed.
+        reading: what was done to the logs as they were read, in sentences.
         unfollowed: that the model after does not follow the log, and what to do; empty where it
             does.
     """
@@ -252,6 +253,7 @@ class Diagnosis:
     plainer: str = ""
     geometry: GeometryEstimate | None = None
     unfollowed: str = ""
+    reading: tuple[str, ...] = ()
 
     @property
     def grown(self) -> bool:
@@ -282,6 +284,7 @@ class Diagnosis:
             "model_after": after,
             "residual_tests": [r.to_json() for r in self.residuals],
             "description": self.description,
+            "reading": list(self.reading),
             "warnings": list(self.warnings),
             "path": self.path,
             "seconds": self.seconds,
