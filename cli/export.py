@@ -18,24 +18,40 @@ def export(
         Path | None,
         typer.Option("-o", "--out", metavar="DIR|FILE.zip", help="Where to [WORKSPACE/plant]."),
     ] = None,
+    formats: Annotated[
+        str | None,
+        typer.Option(
+            "--format",
+            metavar="NAME[,NAME]",
+            help="Formats; json is the package alone [json,c: without c where that cannot be].",
+        ),
+    ] = None,
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
     json: reading.Json = False,
 ) -> None:
     """Write a model as a plant package and run its self-test."""
-    from sysid.plant.package import write_package
+    from sysid.export.package import write_package
+    from sysid.plant.package import FILES, read_description
     from sysid.plant.selftest import TOLERANCE, selftest
 
     if output is not None:
         targets.check(output, "-o")
     place = Workspace(workspace)
     stored = place.chosen(model)
-    path = write_package(stored.model, output or place.plant_dir, stored.report, stored.id)
+    path = write_package(
+        stored.model,
+        output or place.plant_dir,
+        stored.report,
+        stored.id,
+        None if formats is None else formats.split(","),
+    )
     error = selftest(path)
     for warning in stored.model.warnings:
         render.warn(warning)
     if json:
         test = {"max_error": error, "relative_tolerance": TOLERANCE}
-        render.document({"plant": path, "model": stored.id, "selftest": test})
+        files = read_description(path)[FILES]
+        render.document({"plant": path, "model": stored.id, "files": files, "selftest": test})
         return
     render.say(f"Exported {stored.id} to {path}")
     render.say(f"Self-test: read back, it differs by {error:.2g} at most.")

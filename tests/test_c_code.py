@@ -9,7 +9,7 @@ from c_programs import COMPILER, FLAGS, build, driven, needs_compiler, worst_err
 from plant_models import ORDERS, bench_model, robot_model
 
 from sysid.errors import ModelError
-from sysid.plant.c_code import c_sources, has_c_code
+from sysid.export.c.source import c_sources, has_c_code
 from sysid.plant.selftest import make_selftest
 from sysid.structures.base import Structure
 

@@ -13,9 +13,10 @@ from hand_made import DT, hand_made
 
 from sysid.effects.catalogue import chain_effects
 from sysid.errors import ModelError
-from sysid.plant.c_code import c_sources, why_no_c_code
-from sysid.plant.c_trace import TRACE, Program
-from sysid.plant.package import CARD, package_files
+from sysid.export.c.source import c_sources, why_no_c_code
+from sysid.export.c.trace import TRACE, Program
+from sysid.export.package import package_files
+from sysid.plant.package import CARD
 from sysid.plant.selftest import make_selftest
 from sysid.structures.augmented import Augmented
 from sysid.structures.constants import Constant

@@ -49,7 +49,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     place = Workspace(Path(".sysid"))
     report = {"estimation": {"fit_percent": {"omega_l": 98.5, "omega_r": 98.25}}}
     place.remember("latest", [place.save(robot_model("oe"), report).id])
-    from sysid.plant.package import write_package
+    from sysid.export.package import write_package
 
     write_package(robot_model("oe"), place.plant_dir)
     return tmp_path
@@ -476,7 +476,7 @@ def test_a_replayed_log_is_brought_to_the_units_of_the_plant(
 ) -> None:
     from dataclasses import replace
 
-    from sysid.plant.package import write_package
+    from sysid.export.package import write_package
 
     model = robot_model("oe")
     inputs = tuple(replace(c, scale=20000 / 255, file_unit="±255") for c in model.inputs)

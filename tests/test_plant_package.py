@@ -10,16 +10,10 @@ import pytest
 from plant_models import ORDERS, bench_model, robot_model
 
 from sysid.errors import DataError, ModelError, UsageError
-from sysid.plant.package import (
-    CARD,
-    KNOWN,
-    load_plant,
-    package_files,
-    read_description,
-    write_package,
-)
+from sysid.export.package import package_files, write_package
+from sysid.plant.package import CARD, UNLISTED, load_plant, read_description
 from sysid.plant.selftest import TOLERANCE, make_selftest, run, selftest
-from sysid.plant.storage import zip_bytes
+from sysid.plant.storage import MARK, zip_bytes
 from sysid.structures.model import Model
 
 REPORT = {
@@ -90,7 +84,7 @@ def test_the_bytes_depend_on_the_model_only(tmp_path: Path) -> None:
     assert first == again
     folder = write_package(robot_model(), tmp_path / "c", REPORT, "m")
     with zipfile.ZipFile(tmp_path / "a.zip") as archive:
-        assert set(archive.namelist()) == KNOWN
+        assert set(archive.namelist()) == {CARD, MARK, *UNLISTED}
         for name in archive.namelist():
             assert archive.read(name) == (folder / name).read_bytes()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.zip", "b.zip", "c"]  # nothing left

@@ -14,10 +14,11 @@ from sysid.discrepancy.ground_model import with_ground, without_readings
 from sysid.discrepancy.pose import PoseDiagnosis, diagnose_pose
 from sysid.effects.ground import Ground
 from sysid.errors import ModelError, UsageError
+from sysid.export.package import write_package
 from sysid.mission.mapping import as_robot
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission
-from sysid.plant.package import load_plant, read_description, write_package
+from sysid.plant.package import load_plant, read_description
 from sysid.plant.selftest import selftest
 from sysid.structures.augmented import Augmented
 from sysid.structures.model import Model

@@ -11,7 +11,7 @@ from sysid.data.record import Channel, Record
 from sysid.errors import SysidError, UsageError
 from sysid.estimation.identify import Request, identify
 from sysid.estimation.pem import fit
-from sysid.plant.package import write_package
+from sysid.export.package import write_package
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
 

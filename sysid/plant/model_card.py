@@ -6,27 +6,18 @@ from string import Template
 from typing import Any
 
 from sysid.data.unit_words import ratio
-from sysid.plant.c_code import why_no_c_code
 from sysid.plant.selftest import TOLERANCE
 from sysid.structures.model import Model
 from sysid.structures.orders import orders_text
 
-_C_USAGE = """In C99, without heap or globals (`c/plant.h`, `c/plant.c`); the self-test prints its
-largest relative error:
 
-```
-cd c && cc -std=c99 -O2 -o selftest plant.c selftest.c -lm && ./selftest
-```
-
-"""
-
-
-def model_card(model: Model, described: Mapping[str, Any]) -> str:
+def model_card(model: Model, described: Mapping[str, Any], usage: str) -> str:
     """The card as Markdown.
 
     Args:
         model: the model exported.
         described: the content of plant.json (see ``description.describe``).
+        usage: how to use what exporters wrote beside it, Markdown.
     """
     before, core, after = described["blocks"]
     ins = ", ".join(c["name"] for c in described["inputs"])
@@ -50,16 +41,10 @@ def model_card(model: Model, described: Mapping[str, Any]) -> str:
         domain="\n".join(_domain_rows(described)),
         origin="\n".join(f"- {line}" for line in _origin(described)),
         warnings="\n".join(f"- {w}" for w in _warnings(model, described["warnings"])),
-        c_usage=_c_usage(model),
+        usage=usage,
         folder="plant",
         tolerance=f"{TOLERANCE:g}",
     )
-
-
-def _c_usage(model: Model) -> str:
-    """How to build the code, or why there is none."""
-    why = why_no_c_code(model)
-    return f"There is no C code: {why}.\n\n" if why else _C_USAGE
 
 
 def _parameter_rows(parameters: list[dict[str, Any]]) -> Iterator[str]:

@@ -1,14 +1,15 @@
-"""Plant packages: a fitted model as a folder or one zip that runs elsewhere."""
+"""Plant packages: a fitted model as a folder or one zip, put together, written and read back.
+
+What a package holds besides its description is written by exporters, see ``sysid.export``.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from sysid.errors import ModelError
 from sysid.plant import description, selftest
-from sysid.plant.c_code import c_sources, why_no_c_code
 from sysid.plant.content_hash import KEY, content_hash
 from sysid.plant.model_card import model_card
 from sysid.plant.storage import MARK, Files, read_member, read_members, write_files
@@ -16,50 +17,38 @@ from sysid.structures.model import Model
 from sysid.structures.plant import Plant
 
 CARD = "README.md"
-C_FILES = ("c/plant.h", "c/plant.c", "c/selftest.c")
-KNOWN = frozenset({MARK, selftest.NAME, CARD, *C_FILES})
-"""Every file that a package may hold."""
+FILES = "files"
+"""Where plant.json lists the files that its hash covers beside itself: all that a runtime takes."""
 
-HASHED = (selftest.NAME, *C_FILES)
-"""Files beside plant.json that the hash of the content covers: all that a runtime takes."""
-
-_NOTHING: Mapping[str, Any] = MappingProxyType({})
+UNLISTED = (selftest.NAME, "c/plant.h", "c/plant.c", "c/selftest.c")
+"""These files in packages of 0.1.0, which list none."""
 
 
-def package_files(model: Model, report: Mapping[str, Any] = _NOTHING, name: str = "") -> Files:
-    """The files of a package by name: plant.json, selftest.csv, README.md and the C code.
+def assembled(
+    model: Model, described: Mapping[str, Any], test: selftest.SelfTest, files: Files, usage: str
+) -> Files:
+    """A package: plant.json, selftest.csv and README.md, and these files beside them.
 
-    The same model and report give the same bytes. Without C code there is no ``c/``.
+    The same values give the same bytes.
 
     Args:
         model: a fitted model.
-        report: what ``fit`` had to say (its ``validation`` or ``estimation`` figures are kept).
-        name: what to call the plant; the structure's name unless given.
-
-    Raises:
-        ModelError: the model has no input.
+        described: what plant.json says of it, see ``description.describe``.
+        test: its self-test.
+        files: what exporters wrote, by name inside the package.
+        usage: how to use these files, Markdown for the model card.
     """
-    if not model.inputs:
-        raise ModelError(
-            f"{name or model.structure.name} has no input that could drive it: a plant needs one; "
-            "fit a structure with inputs"
-        )
-    described = description.describe(model, report, name or model.structure.name)
-    test = selftest.make_selftest(model)
-    texts = {selftest.NAME: selftest.to_csv(test, model), CARD: model_card(model, described)}
-    if not why_no_c_code(model):
-        texts |= {f"c/{file}": text for file, text in c_sources(model, test, name).items()}
-    files = {file: text.encode("utf-8") for file, text in texts.items()}
-    described[KEY] = content_hash(described, {n: files[n] for n in HASHED if n in files})
-    return {MARK: description.to_text(described).encode("utf-8"), **files}
+    card = model_card(model, described, usage).encode("utf-8")
+    covered = {selftest.NAME: selftest.to_csv(test, model).encode("utf-8"), **files}
+    content = {**described, FILES: sorted(covered)}
+    content[KEY] = content_hash(content, covered)
+    return {MARK: description.to_text(content).encode("utf-8"), CARD: card, **covered}
 
 
-def write_package(
-    model: Model, path: str | Path, report: Mapping[str, Any] = _NOTHING, name: str = ""
-) -> Path:
-    """Write a model as a plant package: a folder, or one zip where ``path`` ends in ``.zip``.
+def write(path: str | Path, files: Files) -> Path:
+    """Write a package as a folder, or as one zip where ``path`` ends in ``.zip``.
 
-    The package appears whole or not at all, and replaces one that is there already.
+    It appears whole or not at all, and replaces a package that is there already.
 
     Returns:
         The path written.
@@ -68,7 +57,12 @@ def write_package(
         UsageError: something that is no package stands at ``path``.
         DataError: the place cannot be written.
     """
-    return write_files(Path(path), package_files(model, report, name), KNOWN)
+    path = Path(path)
+    try:
+        replaced = _covered(read_description(path), str(path))
+    except ModelError:
+        replaced = UNLISTED
+    return write_files(path, files, frozenset({MARK, CARD, *files, *replaced}))
 
 
 class ChangedPackageError(ModelError):
@@ -129,7 +123,8 @@ def read_package(path: str | Path, accept_changes: bool = False) -> Package:
                 "was changed after the export cannot be seen.",
             ),
         )
-    if described[KEY] == content_hash(described, read_members(Path(path), HASHED)):
+    covered = _covered(described, str(path))
+    if described[KEY] == content_hash(described, read_members(Path(path), covered)):
         return Package(str(path), described)
     changed = f"{path} was changed after it was exported: its content and its hash differ"
     if not accept_changes:
@@ -155,3 +150,22 @@ def load_plant(path: str | Path, accept_changes: bool = False) -> Plant:
 def load_model(path: str | Path, accept_changes: bool = False) -> Model:
     """The model of a package; see :func:`read_package` and :meth:`Package.model`."""
     return read_package(path, accept_changes).model()
+
+
+def _covered(described: Mapping[str, Any], where: str) -> tuple[str, ...]:
+    """Names of the files that the hash of a package covers.
+
+    Raises:
+        ModelError: they are no names of files inside the package.
+    """
+    names = described.get(FILES, list(UNLISTED))
+    if not isinstance(names, list) or not all(map(_is_inside, names)):
+        raise ModelError(f"{where}: plant.json is damaged (its list of files); export it again")
+    return tuple(names)
+
+
+def _is_inside(name: object) -> bool:
+    """Whether a name leads to a file inside the package it stands in, on every system."""
+    if not isinstance(name, str) or set(name) & set("\\:\0"):
+        return False
+    return all(part not in ("", ".", "..") for part in name.split("/"))

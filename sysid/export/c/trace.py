@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sysid.errors import ModelError
-from sysid.plant.c_writing import factor, number
+from sysid.export.c.writing import factor, number
 
 
 class Program:

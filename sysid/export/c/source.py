@@ -10,13 +10,13 @@ import numpy as np
 from sysid import __version__
 from sysid.data.record import Channel
 from sysid.errors import ModelError
-from sysid.plant.c_augmented import augmented
-from sysid.plant.c_blocks import blocks
-from sysid.plant.c_grey_box import grey_box
-from sysid.plant.c_linear import linear
-from sysid.plant.c_narx import narx
-from sysid.plant.c_polynomial import polynomial
-from sysid.plant.c_writing import CBody, comment, listed, minus, number
+from sysid.export.c.augmented import augmented
+from sysid.export.c.blocks import blocks
+from sysid.export.c.grey_box import grey_box
+from sysid.export.c.linear import linear
+from sysid.export.c.narx import narx
+from sysid.export.c.polynomial import polynomial
+from sysid.export.c.writing import CBody, comment, listed, minus, number
 from sysid.plant.selftest import TOLERANCE, SelfTest
 from sysid.structures.augmented import Augmented
 from sysid.structures.base import Structure
@@ -141,5 +141,5 @@ def _channel_lines(inputs: tuple[Channel, ...], outputs: tuple[Channel, ...]) ->
 
 
 def _fill(template: str, **values: str) -> str:
-    source = files("sysid.plant").joinpath("templates", template).read_text(encoding="utf-8")
+    source = files("sysid.export.c").joinpath("templates", template).read_text(encoding="utf-8")
     return Template(source).substitute(values)

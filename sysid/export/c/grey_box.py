@@ -8,8 +8,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from sysid.errors import ModelError
-from sysid.plant.c_trace import TRACE, Cell, Program, Traced, assigned
-from sysid.plant.c_writing import CBody
+from sysid.export.c.trace import TRACE, Cell, Program, Traced, assigned
+from sysid.export.c.writing import CBody
 from sysid.structures.grey_box import GreyBox
 from sysid.structures.model import Model
 

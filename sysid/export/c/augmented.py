@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.errors import ModelError
-from sysid.plant.c_grey_box import refused, row
-from sysid.plant.c_trace import TRACE, Program, Traced, assigned
-from sysid.plant.c_writing import CBody, factor, minus, number
+from sysid.export.c.grey_box import refused, row
+from sysid.export.c.trace import TRACE, Program, Traced, assigned
+from sysid.export.c.writing import CBody, factor, minus, number
 from sysid.structures.augmented import Augmented
 from sysid.structures.chain import Sample, step_with, with_constants
 from sysid.structures.given_base import GivenBase

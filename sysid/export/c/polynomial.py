@@ -7,7 +7,7 @@ inputs, y_j(t−1) … y_j(t−depth_j) and u_j likewise, as in Python.
 from collections.abc import Iterator, Sequence
 
 from sysid.data.record import Array
-from sysid.plant.c_writing import CBody, factor, number, shifted
+from sysid.export.c.writing import CBody, factor, number, shifted
 from sysid.structures.model import Model
 from sysid.structures.monomials import Term, is_noise
 from sysid.structures.narmax import NARMAX

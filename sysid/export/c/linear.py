@@ -9,7 +9,7 @@ the transposed direct form II, which is what Python's filters run.
 
 from collections.abc import Iterator
 
-from sysid.plant.c_writing import CBody, number
+from sysid.export.c.writing import CBody, number
 from sysid.structures.model import Model
 from sysid.structures.polynomial import PolynomialStructure
 from sysid.structures.transfer import Group

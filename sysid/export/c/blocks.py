@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.plant.c_writing import CBody, factor, number, table
+from sysid.export.c.writing import CBody, factor, number, table
 from sysid.structures.block_layers import StaticLayer
 from sysid.structures.block_structure import BlockStructure
 from sysid.structures.model import Model

@@ -12,8 +12,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from sysid.plant.c_polynomial import Places, limit_words, limited
-from sysid.plant.c_writing import CBody, factor, integers, number, table
+from sysid.export.c.polynomial import Places, limit_words, limited
+from sysid.export.c.writing import CBody, factor, integers, number, table
 from sysid.structures.expressions import Expression, Number, Signal
 from sysid.structures.model import Model
 from sysid.structures.narx_wavelet import NarxWavelet

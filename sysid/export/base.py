@@ -1,0 +1,52 @@
+"""The contract of an exporter: what it is given, and what it gives."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from sysid.plant.selftest import SelfTest
+from sysid.structures.model import Model
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """What an exporter writes a plant from.
+
+    Attributes:
+        model: the fitted model; ``model.plant()`` steps it.
+        name: what the plant is called.
+        description: the content of plant.json without files and hash.
+        selftest: rows that every runtime must reproduce from rest.
+    """
+
+    model: Model
+    name: str
+    description: Mapping[str, Any]
+    selftest: SelfTest
+
+
+class Exporter(ABC):
+    """One form in which a plant is written.
+
+    Attributes:
+        name: as users type it, and the folder of its files inside a package.
+        title: what its files are, as in "there is no C code".
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+
+    @abstractmethod
+    def files(self, source: Source) -> Mapping[str, str | bytes]:
+        """Its files by name, text or bytes, which are put into the folder ``name`` of the package.
+
+        The same source must give the same files.
+
+        Raises:
+            ModelError: this plant cannot be written in this form; the sentence says why.
+        """
+
+    def usage(self) -> str:
+        """How to use the files, a paragraph of Markdown for the model card."""
+        return ""

@@ -1,0 +1,94 @@
+"""A model as a plant package, in the formats that are wanted."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from sysid.errors import ModelError
+from sysid.export.base import Exporter, Source
+from sysid.export.registry import DEFAULT, chosen
+from sysid.plant import package
+from sysid.plant.description import describe
+from sysid.plant.selftest import make_selftest
+from sysid.plant.storage import Files
+from sysid.structures.model import Model
+
+_NOTHING: Mapping[str, Any] = MappingProxyType({})
+
+
+def write_package(
+    model: Model,
+    path: str | Path,
+    report: Mapping[str, Any] = _NOTHING,
+    name: str = "",
+    formats: Sequence[str] | None = None,
+) -> Path:
+    """Write a model as a plant package: a folder, or one zip where ``path`` ends in ``.zip``.
+
+    The package appears whole or not at all, and replaces one that is there already.
+
+    Args:
+        model, report, name, formats: see :func:`package_files`.
+        path: the folder or zip.
+
+    Returns:
+        The path written.
+
+    Raises:
+        UsageError: something that is no package stands at ``path``, or a format does not exist.
+        ModelError: the model has no input, or cannot be written in a format that was asked for.
+        DataError: the place cannot be written.
+    """
+    return package.write(path, package_files(model, report, name, formats))
+
+
+def package_files(
+    model: Model,
+    report: Mapping[str, Any] = _NOTHING,
+    name: str = "",
+    formats: Sequence[str] | None = None,
+) -> Files:
+    """The files of a package by name: the package itself, and a folder for each format.
+
+    The same model and report give the same bytes.
+
+    Args:
+        model: a fitted model.
+        report: what ``fit`` had to say (its ``validation`` or ``estimation`` figures are kept).
+        name: what to call the plant; the structure's name unless given.
+        formats: names of exporters. None writes the usual ones, and one of these that cannot write
+            this model is left out: the model card says why.
+
+    Raises:
+        UsageError: a format does not exist.
+        ModelError: the model has no input, or cannot be written in a format that was asked for.
+    """
+    exporters = chosen(DEFAULT if formats is None else formats)
+    name = name or model.structure.name
+    if not model.inputs:
+        raise ModelError(
+            f"{name} has no input that could drive it: a plant needs one; fit a structure with "
+            "inputs"
+        )
+    source = Source(model, name, describe(model, report, name), make_selftest(model))
+    files: dict[str, bytes] = {}
+    usage = ""
+    for exporter in exporters:
+        try:
+            files |= _written(exporter, source)
+            words = exporter.usage()
+        except ModelError as error:
+            if formats is not None:
+                raise
+            words = f"There is no {exporter.title}: {error}."
+        usage += f"{words.rstrip()}\n\n" if words else ""
+    return package.assembled(model, source.description, source.selftest, files, usage)
+
+
+def _written(exporter: Exporter, source: Source) -> dict[str, bytes]:
+    """The files of one exporter by their names inside the package."""
+    return {
+        f"{exporter.name}/{file}": text.encode("utf-8") if isinstance(text, str) else text
+        for file, text in exporter.files(source).items()
+    }

@@ -1,0 +1,163 @@
+"""Formats of a plant: those that come along, and those of other packages."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+import pytest
+from command_line import run
+from plant_models import robot_model
+from sysid_cli.workspace import Workspace
+
+from sysid.errors import ModelError, UsageError
+from sysid.export import registry
+from sysid.export.base import Exporter, Source
+from sysid.export.package import package_files, write_package
+from sysid.plant.package import CARD, load_plant, read_package
+
+
+class Table(Exporter):
+    """A format that is not ours: text and bytes."""
+
+    name: ClassVar[str] = "table"
+    title: ClassVar[str] = "table"
+    most: ClassVar[int] = 2
+
+    def files(self, source: Source) -> Mapping[str, str | bytes]:
+        if len(source.model.outputs) > self.most:
+            raise ModelError(f"a table holds {self.most} output")
+        return {
+            "y.txt": f"{source.selftest.y[-1, 0]!r}\n",
+            "raw/y.bin": source.selftest.y.tobytes(),
+        }
+
+    def usage(self) -> str:
+        return "Read `table/y.txt`.\n"
+
+
+class _Point:
+    """An entry point, as importlib.metadata gives it."""
+
+    def __init__(self, name: str, made: Any) -> None:
+        self.name, self.value, self.made = name, f"theirs:{name}", made
+
+    def load(self) -> Any:
+        if isinstance(self.made, Exception):
+            raise self.made
+        return self.made
+
+
+@pytest.fixture(autouse=True)
+def others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two formats of other packages, one of them broken."""
+    points = [_Point("table", Table), _Point("broken", ImportError("No module named 'fmu'"))]
+    monkeypatch.setattr(
+        registry,
+        "entry_points",
+        lambda group, name=None: [p for p in points if name in (None, p.name)],
+    )
+
+
+def test_every_format_of_the_package_loads_and_is_called_what_it_calls_itself() -> None:
+    assert registry.names() == ("json", "c", "table", "broken")
+    for name in (*registry.BUILT_IN, "table"):
+        made = registry.exporter(name)
+        assert made.name == name
+        assert made.title
+    assert set(registry.DEFAULT) <= set(registry.BUILT_IN)
+
+
+@pytest.mark.parametrize(
+    ("formats", "error", "words"),
+    [
+        (["fmi"], UsageError, "there is no format 'fmi'; choose from json, c, table, broken"),
+        ([" "], UsageError, "no format is named; choose from json, c, table, broken"),
+        (
+            ["json", "broken"],
+            ModelError,
+            "theirs:broken cannot be imported (No module",
+        ),
+    ],
+)
+def test_formats_that_cannot_be_used(formats: list[str], error: type, words: str) -> None:
+    with pytest.raises(error) as caught:
+        package_files(robot_model("arx"), formats=formats)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_formats_say_what_stands_beside_the_package() -> None:
+    model = robot_model("arx")
+    package = {"plant.json", "selftest.csv", CARD}
+    c = {"c/plant.c", "c/plant.h", "c/selftest.c"}
+    table = {"table/y.txt", "table/raw/y.bin"}
+    for formats, more in [
+        (None, c),
+        (["json"], set()),
+        (["c"], c),
+        (["JSON", "c", "c"], c),
+        (["c", " table"], c | table),
+    ]:
+        files = package_files(model, formats=formats)
+        assert set(files) == package | more
+        assert json.loads(files["plant.json"])["files"] == sorted(set(files) - {"plant.json", CARD})
+        card = files[CARD].decode()
+        assert ("cc -std=c99" in card) == ("c/plant.c" in files)
+        assert ("Read `table/y.txt`." in card) == ("table/y.txt" in files)
+
+
+def test_a_format_that_cannot_write_a_plant_is_an_error_only_where_it_was_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    model = robot_model("arx")
+    monkeypatch.setattr(Table, "most", 1)
+    with pytest.raises(ModelError, match="a table holds 1 output"):
+        package_files(model, formats=["table"])
+    monkeypatch.setattr("sysid.export.package.DEFAULT", ("json", "table"))
+    card = package_files(model)[CARD].decode()
+    assert "There is no table: a table holds 1 output." in card
+    assert "table/y.txt" not in card
+
+
+@pytest.mark.parametrize("name", ["plant", "plant.zip"])
+def test_files_of_another_format_are_covered_by_the_hash_and_replaced(
+    tmp_path: Path, name: str
+) -> None:
+    model = robot_model("arx")
+    path = write_package(model, tmp_path / name, formats=["table"])
+    assert read_package(path).notes == ()
+    if path.is_dir():
+        (path / "table" / "y.txt").write_text("0.0\n")
+        with pytest.raises(ModelError, match="changed after it was exported"):
+            load_plant(path)
+    write_package(model, path)
+    assert read_package(path).notes == ()
+    assert not (tmp_path / name / "table").exists()
+
+
+@pytest.mark.parametrize(
+    "names", [["../../secret"], ["/etc/passwd"], ["c\\..\\x"], ["c:x"], [""], ["a//b"], 3, [3]]
+)
+def test_a_list_of_files_that_leads_out_of_the_package_is_refused(
+    tmp_path: Path, names: object
+) -> None:
+    path = write_package(robot_model("arx"), tmp_path / "p")
+    raw = json.loads((path / "plant.json").read_text())
+    (path / "plant.json").write_text(json.dumps(raw | {"files": names}))
+    with pytest.raises(ModelError, match="its list of files"):
+        read_package(path, accept_changes=True)
+
+
+def test_formats_are_chosen_on_the_command_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Workspace(Path(".sysid")).save(robot_model("arx"), {})
+    made = run(capsys, "export", "--format", "json,table", "-o", "p", "--json").document
+    assert made["files"] == ["selftest.csv", "table/raw/y.bin", "table/y.txt"]
+    assert made["selftest"]["max_error"] < 1e-9
+    refused = run(capsys, "export", "--format", "fmi")
+    assert refused.code == 2
+    assert refused.err.count("\n") == 1
+    assert "choose from json, c, table, broken" in refused.err
