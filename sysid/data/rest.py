@@ -13,7 +13,15 @@ SHORTEST = 5
 """Samples of rest that are enough to call it so: a line through fewer fits anything."""
 
 FLAT = 3.0
-"""A slope of an output within so many standard errors of zero is none."""
+"""A reading within so many standard errors of zero is zero."""
+
+CHANCE = 0.01
+"""Chance that noise passes for a drift of one shape. A rest that is not taken costs little, since
+the level is then estimated with the model; a drift that is taken for rest puts it wrong."""
+
+SETTLING = (8.0, 4.0, 2.0, 1.0, 0.0)
+"""Time constants that the head of a log may hold of a machine that settles: in eight it has done
+so early, of less than one only a straight line is seen (0)."""
 
 QUIET = 0.25
 """Largest spread of a resting output as a share of its whole range."""
@@ -51,8 +59,8 @@ class Rest:
 def rest_head(record: Record) -> Rest | None:
     """The rest at the head of a record, or None where it begins in motion.
 
-    Until the first command the inputs stay where they are; each output's readings must then lie
-    about a line without slope, and their spread must be small against the whole range.
+    Until the first command the inputs stay where they are; each output's readings must then not
+    drift, and their spread must be small against the whole range.
     """
     range_u, range_y = np.ptp(record.u, axis=0), np.ptp(record.y, axis=0)
     moved = np.any(np.abs(record.u - record.u[0]) > STILL * range_u, axis=1)
@@ -60,29 +68,51 @@ def rest_head(record: Record) -> Rest | None:
     if n < SHORTEST:
         return None
     y = record.y[:n]
-    t = np.arange(n) - 0.5 * (n - 1)
-    slope = t @ y / float(t @ t)
     mean: Array = y.mean(axis=0)
-    left = y - mean - np.outer(t, slope)
-    spread = np.sqrt(np.sum(left**2, axis=0) / max(n - 2, 1))
+    spread, memory = _noise(y - mean, 1)
     tiny = ROUNDING * range_y
-    noise = spread * np.sqrt(_memory(left))
-    flat = np.abs(slope) * n <= FLAT * noise * n / np.sqrt(float(t @ t)) + tiny
-    if not np.all(flat & (spread <= QUIET * range_y)):
+    drifting = [_drifts(column, least) for column, least in zip(y.T, tiny, strict=True)]
+    if any(drifting) or np.any(spread > QUIET * range_y):
         return None
     u = np.median(record.u[:n], axis=0)
     u = np.where(np.abs(u) <= STILL * range_u, 0.0, u)
-    y_error = noise / np.sqrt(n)
+    y_error = spread * np.sqrt(memory / n)
     mean = np.where(np.abs(mean) <= tiny, 0.0, mean)
     return Rest(u, mean, y_error, n)
 
 
-def _memory(left: Array) -> Array:
-    """Factor by which the variance of a mean grows because neighbours are alike.
+def _drifts(y: Array, tiny: float) -> bool:
+    """Whether an output's readings (n,) rise or fall towards where they would rest.
 
-    (1 + ρ)/(1 − ρ) of noise whose correlation falls as ρᵏ.
+    For each of SETTLING a t-test of d in y(k) = c + d exp(−k/τ) + noise, a straight line for the
+    slowest: a machine that settles nears its rest so, fast or slowly. The noise may have a memory
+    of its own; it is judged after the drift is taken out, which would otherwise pass for it.
     """
+    from scipy.special import stdtrit
+
+    n = len(y)
+    limit = -float(stdtrit(n - 3, 0.5 * CHANCE))
+    k = np.arange(n) / n
+    for rate in SETTLING:
+        shape = np.exp(-rate * k) if rate else k
+        X = np.column_stack([np.ones(n), shape - shape.mean()])
+        d = np.linalg.lstsq(X, y, rcond=None)[0]
+        left = y - X @ d
+        spread, memory = _noise(left[:, None], 2)
+        error = float(spread[0] * np.sqrt(memory[0])) / float(np.linalg.norm(X[:, 1]))
+        if abs(d[1]) > limit * error and abs(d[1]) * np.ptp(shape) > tiny:
+            return True
+    return False
+
+
+def _noise(left: Array, fitted: int) -> tuple[Array, Array]:
+    """Spread of residuals (n, ny), and the factor by which memory raises the variance of a mean.
+
+    (1 + ρ)/(1 − ρ) of noise whose correlation falls as ρᵏ. Of n residuals of ``fitted`` constants
+    ρ comes out low by (1 + ρ)(1 + fitted)/n or so (Kendall 1954).
+    """
+    n = len(left)
     power = np.sum(left**2, axis=0)
     rho = np.sum(left[1:] * left[:-1], axis=0) / np.where(power > 0.0, power, 1.0)
-    rho = np.clip(rho, 0.0, STICKIEST)
-    return np.asarray((1.0 + rho) / (1.0 - rho))
+    rho = np.clip(rho + (1.0 + rho) * (1 + fitted) / n, 0.0, STICKIEST)
+    return np.sqrt(power / (n - fitted)), np.asarray((1.0 + rho) / (1.0 - rho))
