@@ -9,6 +9,7 @@ from scipy.signal import lfilter
 
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import ModelError
+from sysid.estimation.block_fit import ChainData, descend
 from sysid.estimation.operating_range import beyond_range
 from sysid.estimation.pem import fit
 from sysid.estimation.search import FitOptions
@@ -181,3 +182,44 @@ def test_inputs_beyond_the_estimation_data_are_said() -> None:
     assert "estimation data" in said
     linear = fit(structure_class("oe").from_orders(FIRST, 1, 1), [log], FitOptions())
     assert beyond_range(linear, [replace(log, u=2.0 * log.u, sha256="")]) == ()
+
+
+def unfelt_start(kind: str, seed: int) -> tuple[BlockStructure, Record, Array, Array]:
+    """A plant whose initial state is hidden by its static for the first seconds.
+
+    Returns:
+        The structure, a record, the true θ, and a start not far from it.
+    """
+    rng = np.random.default_rng(seed)
+    u = rng.uniform(-1.2, 1.2, 150).repeat(4)
+    e = 0.02 * rng.standard_normal(600)
+    if kind == "wiener-hammerstein":
+        u[:40] = 0.1 * rng.standard_normal(40)
+        orders = {"nb1": 1, "nf1": 1, "nb": 1, "nf": 1, "nk": 1}
+        options = {"static": "dead-zone"}
+        theta = np.array([0.5, -0.5, -0.25, 0.35, 0.6, -0.8, 0.0])
+        lag = lfilter([0.5], [1.0, -0.5], u)
+        dead = np.maximum(lag - 0.35, 0.0) + np.minimum(lag + 0.25, 0.0)
+        y = lfilter([0.0, 0.6], [1.0, -0.8], dead)
+    else:
+        u[:40] = 1.5
+        orders, options = FIRST, {"input": "identity", "output": "saturation"}
+        theta = np.array([0.4, -0.6, -0.7, 0.8, 0.0])
+        y = np.clip(lfilter([0.0, 0.4], [1.0, -0.6], u, zi=[1.5])[0], -0.7, 0.8)
+    s = structure_class(kind).from_orders(orders, 1, 1, options)
+    assert isinstance(s, BlockStructure)
+    start = theta * rng.uniform(0.9, 1.1, len(theta))
+    return s, Record(u, y + e, 0.1), theta, start
+
+
+@pytest.mark.parametrize("kind", ["wiener-hammerstein", "hammerstein-wiener"])
+def test_a_state_that_nothing_shows_does_not_stop_a_descent(kind: str) -> None:
+    """Its column of the Jacobian is next to nothing: scaled to one it takes every step away."""
+    for seed in range(8):
+        s, r, theta, start = unfelt_start(kind, seed)
+        data = ChainData.of([r])
+        best = descend(s.chain, theta, data, evaluations=100, tolerance=1e-9)
+        hidden = data.with_states(s.chain, start)
+        hidden[s.chain.n] = 0.01 if kind == "wiener-hammerstein" else 1.4
+        found = descend(s.chain, hidden, data, evaluations=100, tolerance=1e-9)
+        assert found.cost < 1.02 * best.cost

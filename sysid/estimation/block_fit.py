@@ -18,6 +18,10 @@ ROUGH_TOLERANCE = 1e-4
 """Relative gain of a step below which a descent that only ranks candidates ends."""
 
 
+FELT_STATE = 0.1
+"""Share of the errors that the whole range of an initial state is taken to change at least: one
+that changes less says nothing, and its step shall be small."""
+
 HEAD = 400
 """Samples at the head of a record that say enough about its initial state to start from."""
 
@@ -120,14 +124,14 @@ def descend(
     r = problem.residual(p)
     cost, spent, damping, growth = _half_square(r), 1, 1e-3, 2.0
     fresh, gram, gradient = True, np.zeros((0, 0)), np.zeros(0)
+    sizes = np.concatenate([np.full(chain.n, np.inf), problem.state_sizes(p)])[free]
     while spent < evaluations:
         if fresh:
             full, slope = problem.normal_equations(p, r)
             gram, gradient = full[np.ix_(free, free)], slope[free]
             if not (np.all(np.isfinite(gram)) and np.all(np.isfinite(gradient))):
                 break
-            scale = np.sqrt(np.diag(gram))
-            scale[scale == 0.0] = 1.0
+            scale = _steps_scale(gram, cost, sizes)
             gram, gradient = gram / np.outer(scale, scale), gradient / scale
         step = -_solved(gram, damping, gradient)
         trial = p.copy()
@@ -150,6 +154,21 @@ def descend(
             damping, growth = damping * growth, growth * 2.0
     held = data.held_error(chain, p) if any(m.any() for m in data.held) else float("nan")
     return Fitted(chain, p, cost, held, spent)
+
+
+def _steps_scale(gram: Array, cost: float, sizes: Array) -> Array:
+    """What divides each entry's step: how much it is felt, of initial states at least a little.
+
+    One that is felt next to nothing, within a dead zone or where a sensor saturates, would
+    otherwise run away with every step, and no other entry could move.
+
+    Args:
+        gram: JᵀJ, (n, n).
+        cost: ½‖r‖².
+        sizes: range of each entry that is an initial state, infinite for the others, (n,).
+    """
+    felt = np.maximum(np.sqrt(np.diag(gram)), FELT_STATE * np.sqrt(2.0 * cost) / sizes)
+    return np.where(felt > 0.0, felt, 1.0)
 
 
 def _solved(gram: Array, damping: float, gradient: Array) -> Array:

@@ -97,6 +97,21 @@ class ChainErrors(Problem):
             for d, scale in zip(D, self.scales, strict=True):
                 yield columns, (d if kept.all() else d[:, kept]) / -scale
 
+    def state_sizes(self, p: Array) -> Array:
+        """How far apart inputs held at their lowest and highest value keep each initial state."""
+        sizes = []
+        if self.states_each:
+            theta = p[: self.chain.n]
+            with np.errstate(all="ignore"):
+                for u, _ in self.data:
+                    low, high = (
+                        self.chain.steady_state(theta, level)
+                        for level in (u.min(axis=0), u.max(axis=0))
+                    )
+                    sizes.append(np.abs(high - low))
+        found = np.concatenate([np.zeros(0), *sizes])
+        return np.where(np.isfinite(found) & (found > 0.0), found, 1.0)
+
     def initial_guess(self, theta: Array) -> Array:
         """θ, and for each experiment the state in which its first input has held for ever."""
         states = []
