@@ -25,6 +25,7 @@ from typing import Any, Protocol
 from diagnose_cases import Case, all_cases, chosen
 from diagnose_scores import Outcome, by_effect, confusion, failures, outcome, summary
 from joblib import Parallel, delayed
+from sysid_datasets.effect_robot import DISTANCE, RADIUS
 from sysid_datasets.hidden_logs import hide
 
 TIMEOUT = 300.0
@@ -70,6 +71,8 @@ def diagnose_files(
     if base and clean is not None:
         _sysid("fit", str(clean), *BASES[base], *workspace)
     options = ["--mission", str(mission)] if mission is not None else []
+    if "psi" in est.read_text(encoding="utf-8").splitlines()[0]:
+        options += ["--geometry", f"r={RADIUS},B={DISTANCE}"]
     answer = json.loads(
         _sysid("diagnose", str(est), "--val", str(val), *options, *workspace, "--json")
     )

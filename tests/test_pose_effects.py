@@ -45,7 +45,7 @@ def test_a_hidden_effect_is_named_from_mission_logs(
     effect: str, noise: str, tmp_path: Path
 ) -> None:
     hidden = hidden_mission(effect, 3, noise)
-    told = found(*logs(hidden, tmp_path))
+    told = found(*logs(hidden, tmp_path), geometry=Geometry())
     (named,) = told.effects
     assert effect in (named.id, *named.indistinguishable)
     assert named.stage == "vehicle"
@@ -99,7 +99,7 @@ def test_an_offset_of_the_speeds_is_no_effect_of_the_vehicle() -> None:
 def test_slip_and_width_are_a_tie_in_pure_turns() -> None:
     spin = np.abs(wandering()[:, :1]) * np.array([-1.0, 1.0])
     slip = ground("track-slip", 0.2)
-    told = found(driven(spin, slip), driven(spin[::-1], slip, seed=2))
+    told = found(driven(spin, slip), driven(spin[::-1], slip, seed=2), geometry=Geometry())
     assert len(told.effects) == 1
     assert {told.effects[0].id, *told.effects[0].indistinguishable} == {"track-slip", "track-width"}
 

@@ -159,12 +159,25 @@ def diagnose_pose(
     tracks, others = every[: len(tracks)], every[len(tracks) :]
     estimate = contradicted(every, Geometry()) if geometry is None else None
     geometry = estimate.geometry if estimate is not None else geometry or Geometry()
+    told = _diagnosed(tracks, others, geometry, estimate)
+    if estimate is not None and told.geometry is not None and not told.geometry.contradicts:
+        # what is missing explains it: beside the effects the lengths are those assumed
+        told = _diagnosed(tracks, others, estimate.assumed, None)
+    return replace(told, warnings=(*changed, *told.warnings))
+
+
+def _diagnosed(
+    tracks: tuple[Track, ...],
+    others: tuple[Track, ...],
+    geometry: Geometry,
+    estimate: GeometryEstimate | None,
+) -> PoseDiagnosis:
+    """What is missing with these lengths, which are fitted too where they are estimates."""
     always = LENGTHS if estimate is not None else ()
-    noise = increments_noise(every, geometry)
+    noise = increments_noise((*tracks, *others), geometry)
     first = _searched(tracks, others, noise, geometry, always)
     second = replace(noise, factor=_factor(first[2]))
-    told = _told(*_searched(tracks, others, second, geometry, always), estimate)
-    return replace(told, warnings=(*changed, *told.warnings))
+    return _told(*_searched(tracks, others, second, geometry, always), estimate)
 
 
 _Found = tuple[PoseSearch, Fitted, Fitted, list[_Step], tuple[tuple[str, float], ...]]

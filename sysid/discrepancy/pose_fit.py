@@ -6,9 +6,10 @@ from functools import cached_property
 
 import numpy as np
 
+from sysid.criteria.coloured import coloured_gram
 from sysid.data.record import Array, Index
 from sysid.discrepancy.evidence import Errors
-from sysid.discrepancy.pose_windows import Noise, Track
+from sysid.discrepancy.pose_windows import CHANNELS, Noise, Track
 from sysid.effects.catalogue import effect
 from sysid.effects.ground import Ground
 from sysid.estimation.solvers import levenberg_marquardt
@@ -217,6 +218,16 @@ class PoseProblem(Problem):
         return J
 
 
+def _memory(influence: Array, lengths: Sequence[int]) -> Array:
+    """Variance of each number from what every error did to it (rows), with its memory, (n,)."""
+    whole = np.array([n // len(CHANNELS) for n in lengths if n])
+    windows, numbers = len(influence) // len(CHANNELS), influence.shape[1]
+    each = influence.reshape(windows, len(CHANNELS), numbers).sum(axis=1)
+    pieces = np.split(each, np.cumsum(whole)[:-1])
+    ones = [np.ones((len(p), 1)) for p in pieces]
+    return np.array([coloured_gram(ones, [p[:, k] for p in pieces])[0, 0] for k in range(numbers)])
+
+
 @dataclass(frozen=True, eq=False)
 class PoseSearch:
     """Fits on the estimation part, judged on both.
@@ -234,7 +245,8 @@ class PoseSearch:
         """The numbers of all candidates together, estimated anew.
 
         The standard errors come from the Jacobian and the known noise, or the errors left where
-        these are larger.
+        these are larger; and from what each window does to a number, where that varies by more:
+        tracks slip more the faster they go, and for seconds at a time.
         """
         free = tuple(sorted(k for c in (*self.always, *candidates) for k in c.slots))
         keys = tuple(c.key for c in candidates)
@@ -255,7 +267,8 @@ class PoseSearch:
         errors = Errors(*(tuple(e / floor for e in part) for part in parts))
         white = Errors(self.estimation.whitened(parts[0]), self.held.whitened(parts[1]))
         bound = any(k in free for k in best.at_bound)
-        covariance = np.zeros((len(free), len(free)))
-        if free:
-            covariance[:] = variance * np.linalg.pinv(J.T @ J, hermitian=True)
+        inverse = np.linalg.pinv(J.T @ J, hermitian=True) if free else np.zeros((0, 0))
+        grown = _memory(best.residual[:, None] * (J @ inverse), self.estimation.lengths)
+        size = np.sqrt(np.maximum(grown / np.maximum(variance * np.diag(inverse), 1e-300), 1.0))
+        covariance = variance * inverse * np.outer(size, size)
         return Fitted(keys, best.p, covariance, free, errors, white, bound)

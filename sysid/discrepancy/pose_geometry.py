@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.criteria.coloured import coloured_gram
 from sysid.data.record import Array
 from sysid.discrepancy.pose_windows import OVERLAP, Track
 from sysid.vehicle.kinematics import Geometry, wrap_angle
@@ -23,10 +24,6 @@ from sysid.vehicle.kinematics import Geometry, wrap_angle
 CONTRADICTS = 0.20
 """A length that the pose puts further from the given one than this share contradicts it: tracks
 that sink in, stretch or wear change it by less."""
-
-SKIDDING = 1.6
-"""Where the radius agrees, turns as if the tracks were so many times as far apart are what
-skidding does (slip of 0.35, the most that is usual, on the spot), and no other vehicle."""
 
 SURE = 3.0
 """Standard errors by which a length must be off."""
@@ -71,6 +68,16 @@ class GeometryEstimate:
     assumed: Geometry
 
     @property
+    def contradicts(self) -> bool:
+        """Whether a length is off what was assumed by more than ``CONTRADICTS`` and ``SURE``."""
+        lengths = (self.geometry.r, self.geometry.B)
+        assumed = (self.assumed.r, self.assumed.B)
+        return any(
+            error is not None and _off(value, error, before)
+            for value, error, before in zip(lengths, self.std_errors, assumed, strict=True)
+        )
+
+    @property
     def sentence(self) -> str:
         """What was found, and instead of what."""
         found = " and ".join(
@@ -109,12 +116,14 @@ class _Ways:
     """What the windows of all tracks say of way and turn.
 
     Attributes:
+        each: windows of each record, in the order of time.
         moved: Δx + iΔy measured, (W,) complex.
         rolled: the same by the speeds at a radius of one, (W,) complex.
         turned: Δψ measured, (W,).
         spun: Σ (ω_R − ω_L) Δt, (W,).
     """
 
+    each: tuple[int, ...]
     moved: Array
     rolled: Array
     turned: Array
@@ -123,12 +132,12 @@ class _Ways:
     @cached_property
     def line(self) -> tuple[complex, float]:
         """r e^{iα} and the standard error of r."""
-        return _line(self.rolled, self.moved)
+        return _line(self.rolled, self.moved, self.each)
 
     @cached_property
     def slope(self) -> tuple[float, float]:
         """r/B and its standard error."""
-        slope, error = _line(self.spun, self.turned)
+        slope, error = _line(self.spun, self.turned, self.each)
         return float(slope.real), error
 
     @property
@@ -137,24 +146,37 @@ class _Ways:
         return float(np.mean(np.abs(self.moved - self.line[0] * self.rolled)))
 
 
-def _line(x: Array, y: Array) -> tuple[complex, float]:
-    """Factor c of y = c x and its standard error, for windows that overlap.
+def _line(x: Array, y: Array, each: Sequence[int]) -> tuple[complex, float]:
+    """Factor c of y = c x and the standard error of its size.
+
+    Wheels slip more the faster they go, and for seconds at a time, so the errors e = y − c x are
+    neither of one size nor independent. What counts is the sum of s = Re(c̄ x̄ e)/|c|, whose
+    variance has the memory of s (den Haan & Levin 1997, Handbook of Statistics 15):
+
+        var |c| = 1ᵀΣ1/(Σ|x|²)²,    Σ from an AR fit of s.
 
     Errors beyond ``FAR`` times the typical one count less (Huber 1964): a pose that jumps, or logs
     that were cut and joined, spoil some windows and not the lengths.
     """
     weight = np.ones(len(x))
+    reach = np.abs(x) + float(np.median(np.abs(x))) + 1e-300
     c = 0.0 + 0.0j
     for _ in range(ROUNDS):
         power = max(float(np.sum(weight * np.abs(x) ** 2)), 1e-300)
         c = complex(np.sum(weight * np.conj(x) * y) / power)
-        size = np.abs(y - c * x)
+        size = np.abs(y - c * x) / reach
         weight = np.minimum(1.0, FAR * float(np.median(size)) / np.maximum(size, 1e-300))
     freedom = max(len(x) / OVERLAP - 1.0, 1.0)
-    parts = 2.0 if np.iscomplexobj(y) else 1.0
-    spread = float(np.mean((weight * size) ** 2)) / parts * len(x) / freedom
-    power = float(np.sum(weight * np.abs(x) ** 2))
-    return c, math.sqrt(spread / power) if power > 1e-300 else math.inf
+    # an error cut short does not move the line along its direction, and less across it
+    moved = 0.5 * weight if np.iscomplexobj(y) else 0.0
+    power = float(np.sum(np.where(weight < 1.0, moved, 1.0) * np.abs(x) ** 2))
+    if power <= 1e-300:
+        return c, math.inf
+    along = c.conjugate() / abs(c) if c else 1.0
+    score = weight * np.real(along * np.conj(x) * (y - c * x))
+    pieces = np.split(score, np.cumsum(each)[:-1])
+    memory = float(coloured_gram([np.ones((len(p), 1)) for p in pieces], pieces)[0, 0])
+    return c, math.sqrt(memory * len(x) / freedom / OVERLAP) / power
 
 
 @dataclass(frozen=True)
@@ -230,22 +252,14 @@ def contradicted(tracks: Sequence[Track], assumed: Geometry) -> GeometryEstimate
     known_r, known_turn = r_error < KNOWN * r, slope_error < KNOWN * abs(slope)
     radius = r if known_r else assumed.r
     width = radius / slope if known_turn and slope > 0.0 else assumed.B
-    r_off = known_r and _off(r, r_error, assumed.r)
     r_error = math.hypot(r_error, LEFT_OUT * r)
     relative = math.hypot(slope_error / slope if slope else 0.0, r_error / r if known_r else 0.0)
-    turns = width / assumed.B
-    b_off = (
-        known_turn
-        and (turns > SKIDDING or turns < 1.0 - CONTRADICTS)
-        and _off(width, relative * width, assumed.B)
-    )
-    if not (r_off or b_off):
-        return None
-    return GeometryEstimate(
+    found = GeometryEstimate(
         Geometry(radius, width),
         (r_error if known_r else None, relative * width if known_turn else None),
         assumed,
     )
+    return found if found.contradicts else None
 
 
 def _off(value: float, error: float, assumed: float) -> bool:
@@ -253,9 +267,12 @@ def _off(value: float, error: float, assumed: float) -> bool:
 
 
 def _ways(tracks: Sequence[Track]) -> _Ways:
-    """Ways and turns over the windows of tracks whose headings are not wrapped."""
+    """Ways and turns over all windows of tracks whose headings are not wrapped.
+
+    A record that is cut into stretches comes as two tracks; here it counts once, as a whole.
+    """
     parts: list[list[Array]] = [[], [], [], []]
-    for t in tracks:
+    for t in (replace(t, part=None) for t in tracks if t.part != 1):
         psi = _filled(t.pose[:, 2])
         omega = np.nan_to_num(t.omega)
         mean = 0.25 * t.dt * (omega[1:] + omega[:-1]).sum(axis=1)
@@ -270,7 +287,7 @@ def _ways(tracks: Sequence[Track]) -> _Ways:
         parts[2].append(psi[b] - psi[a])
         parts[3].append(turn[b] - turn[a])
     moved, rolled, turned, spun = (np.concatenate(p) for p in parts)
-    return _Ways(moved, rolled, turned, spun)
+    return _Ways(tuple(map(len, parts[0])), moved, rolled, turned, spun)
 
 
 def _unwrapped(psi: Array) -> Array:
