@@ -80,7 +80,7 @@ def test_no_delay_is_searched_with_that_orders_do_not_allow() -> None:
     rng = np.random.default_rng(1)
     u = rng.standard_normal(2000)
     y = np.roll(u, MAX_ORDER + 60) + 0.1 * rng.standard_normal(2000)
-    found = chosen_delay(hold_out([Record(u[:, None], y[:, None], 0.1)]))
+    found = chosen_delay(hold_out([Record(u[:, None], y[:, None], 0.1)]), level=False, closed=False)
     assert found.nk == 1
     assert f"more than the {MAX_ORDER} that orders allow" in found.notes[0]
 

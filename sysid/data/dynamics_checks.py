@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data.delay import estimate_delays
-from sysid.data.feedback import feedback_tests, in_feedback
+from sysid.data.feedback import FeedbackTest
 from sysid.data.finding import Finding, Severity
 from sysid.data.nonlinearity import nonlinearity_tests
 from sysid.data.record import Array, Record
@@ -96,11 +96,13 @@ def _together(records: Sequence[Record]) -> list[Finding]:
     return found
 
 
-def check_feedback(records: Sequence[Record]) -> list[Finding]:
-    """Whether the input answers to the output: data recorded in closed loop."""
-    try:
-        tests = feedback_tests(records)
-    except DataError:
+def check_feedback(tests: Sequence[FeedbackTest] | None) -> list[Finding]:
+    """Whether the input answers to the output: data recorded in closed loop.
+
+    Args:
+        tests: one an output; None where the records are too short for them.
+    """
+    if tests is None:
         return [_too_short("feedback")]
     found = [
         Finding(
@@ -119,15 +121,19 @@ def check_feedback(records: Sequence[Record]) -> list[Finding]:
     return found or [Finding("feedback", Severity.OK, "No feedback from output to input is seen.")]
 
 
-def check_delay(records: Sequence[Record]) -> list[Finding]:
+def check_delay(records: Sequence[Record], closed: bool = False) -> list[Finding]:
     """The delay of every pair with its interval, output by output.
 
     An answer within the sample is either feedthrough or a controller that reads y(t) before it
     writes u(t). Where a controller is seen it is the controller's; where none is, one record cannot
     tell these apart for certain, so it is noted.
+
+    Args:
+        records: experiments with the same channels.
+        closed: whether an input answers to an output.
     """
     try:
-        delays = estimate_delays(records, shortest=int(in_feedback(records)))
+        delays = estimate_delays(records, shortest=int(closed))
     except DataError:
         return [_too_short("delay")]
     found = []
@@ -205,10 +211,15 @@ def check_sampling(records: Sequence[Record]) -> list[Finding]:
     return found
 
 
-def check_nonlinearity(records: Sequence[Record]) -> list[Finding]:
-    """Whether the log asks for a nonlinear model, output by output."""
+def check_nonlinearity(records: Sequence[Record], closed: bool = False) -> list[Finding]:
+    """Whether the log asks for a nonlinear model, output by output.
+
+    Args:
+        records: experiments with the same channels.
+        closed: whether an input answers to an output.
+    """
     try:
-        tests = nonlinearity_tests(records, feedback=in_feedback(records))
+        tests = nonlinearity_tests(records, feedback=closed)
     except DataError:
         return [_too_short("nonlinearity")]
     found = []

@@ -66,6 +66,9 @@ ANSWER = 4
 """Number of samples within which a command answers."""
 
 LEVEL = 1e-4
+RANK = 1e-10
+"""Squared length below which a combination of columns of length 1 is round-off."""
+
 SHARE = 0.05
 """A reaction that explains less than this of the command's changes is none that matters."""
 
@@ -116,12 +119,22 @@ def feedback_tests(records: Sequence[Record]) -> tuple[FeedbackTest, ...]:
     return tuple(tests)
 
 
-def in_feedback(records: Sequence[Record]) -> bool:
-    """Whether an input answers to an output; False where the records are too short to tell."""
+def tests_if_long_enough(records: Sequence[Record]) -> tuple[FeedbackTest, ...] | None:
+    """What ``feedback_tests`` finds, None where the records are too short to tell."""
     try:
-        return any(t.seen for t in feedback_tests(records))
+        return feedback_tests(records)
     except DataError:
-        return False
+        return None
+
+
+def seen_in(tests: Sequence[FeedbackTest] | None) -> bool:
+    """Whether an input answers to an output; False where the records are too short to tell."""
+    return any(t.seen for t in tests or ())
+
+
+def in_feedback(records: Sequence[Record]) -> bool:
+    """As ``seen_in``, of records."""
+    return seen_in(tests_if_long_enough(records))
 
 
 def future_tests(
@@ -243,10 +256,15 @@ def _at_most(records: Sequence[Record]) -> list[Record]:
 
 def _explained(X: Array, y: Array) -> tuple[float, float]:
     """(p-value, share) of the last ANSWER columns beside the others, jumps of y clipped."""
-    own, whole = _basis(X[:, :-ANSWER]), _basis(X)
+    own, heard = _basis(X[:, :-ANSWER]), _unit(X[:, -ANSWER:])
+    more = heard - own @ (own.T @ heard)
+    values, vectors = np.linalg.eigh(more.T @ more)
+    known = values > RANK
+    new = more @ (vectors[:, known] / np.sqrt(values[known]))
     size = float(y @ y)
     y = _clipped(y - _robust(own, y))
-    before, after = y - own @ (own.T @ y), y - whole @ (whole.T @ y)
+    before = y - own @ (own.T @ y)
+    after = before - new @ (new.T @ before)
     a, b = float(before @ before), float(after @ after)
     free = len(y) - X.shape[1]
     if a <= 1e-20 * size or b <= 0.0 or free < X.shape[1] // 2:
@@ -322,10 +340,15 @@ def _late(x: Array, k: int) -> Array:
 
 def _basis(X: Array) -> Array:
     """Orthonormal basis of the columns' span."""
-    kept = X / np.maximum(np.sqrt(np.sum(X**2, axis=0)), 1e-300)
+    kept = _unit(X)
     values, vectors = np.linalg.eigh(kept.T @ kept)
-    known = values > 1e-10 * values[-1]
+    known = values > RANK * values[-1]
     return np.asarray(kept @ (vectors[:, known] / np.sqrt(values[known])))
+
+
+def _unit(X: Array) -> Array:
+    """The columns at length 1."""
+    return np.asarray(X / np.maximum(np.sqrt(np.sum(X**2, axis=0)), 1e-300))
 
 
 def _robust(basis: Array, y: Array) -> Array:

@@ -89,13 +89,13 @@ def long_regression(
         raise DataError(f"{records[0].name}: {count} samples are too few for {width} coefficients")
     scale = np.sqrt(np.mean(X**2, axis=0))
     scale[scale == 0] = 1.0
-    gram = (X / scale).T @ (X / scale)
-    values, vectors = np.linalg.eigh(gram)
+    X /= scale
+    values, vectors = np.linalg.eigh(X.T @ X)
     # 1e-11 of the largest eigenvalue is where round-off of the products (1e-16 × width) drowns it.
     known = values > 1e-11 * values[-1]
     inverse = (vectors[:, known] / values[known]) @ vectors[:, known].T
-    theta = inverse @ ((X / scale).T @ Y)
-    residual = Y - (X / scale) @ theta
+    theta = inverse @ (X.T @ Y)
+    residual = Y - X @ theta
     variance = np.sum(residual**2, axis=0) / free
     blind = np.sum(vectors[:, ~known] ** 2, axis=1) > 1e-6
     inputs = slice(records[0].ny * order, None)
@@ -132,10 +132,11 @@ def regressors(
         stop = len(part) - ahead
         if stop <= back + 1:
             continue
-        past = [part.y[back - k : stop - k, [j]] for j in range(part.ny) for k in _from_1(order)]
-        around = [part.u[back - k : stop - k, [i]] for i in range(part.nu) for k in lags]
-        columns, target = np.hstack([*past, *around]), part.y[back:stop]
-        blocks.append(columns - columns.mean(axis=0))
+        past = [part.y[back - k : stop - k, j] for j in range(part.ny) for k in _from_1(order)]
+        around = [part.u[back - k : stop - k, i] for i in range(part.nu) for k in lags]
+        columns, target = np.array([*past, *around]), part.y[back:stop]
+        columns -= columns.mean(axis=1, keepdims=True)
+        blocks.append(columns.T)
         targets.append(target - target.mean(axis=0))
     if not blocks:
         width = records[0].ny * order + records[0].nu * len(lags)

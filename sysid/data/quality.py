@@ -12,6 +12,7 @@ from sysid.data.dynamics_checks import (
     check_sampling,
     excitation_order,
 )
+from sysid.data.feedback import seen_in, tests_if_long_enough
 from sysid.data.finding import Finding, Severity, worst
 from sysid.data.level_checks import check_levels
 from sysid.data.outliers import mended
@@ -51,12 +52,6 @@ SIGNAL_CHECKS: tuple[Callable[[Sequence[Record]], list[Finding]], ...] = (
 INPUT_CHECKS: tuple[Callable[[Sequence[Record]], list[Finding]], ...] = (
     check_robot,
     check_levels,
-)
-DYNAMIC_CHECKS: tuple[Callable[[Sequence[Record]], list[Finding]], ...] = (
-    check_sampling,
-    check_delay,
-    check_feedback,
-    check_nonlinearity,
 )
 
 
@@ -102,9 +97,12 @@ def inspect_records(
         for check in INPUT_CHECKS:
             found += check(records)
         found += check_excitation(records, order)
-        for check in DYNAMIC_CHECKS:
-            if nonlinearity or check is not check_nonlinearity:
-                found += check(records)
+        found += check_sampling(records)
+        tests = tests_if_long_enough(records)
+        closed = seen_in(tests)
+        found += [*check_delay(records, closed), *check_feedback(tests)]
+        if nonlinearity:
+            found += check_nonlinearity(records, closed)
     return (*reading, *found)
 
 

@@ -125,15 +125,18 @@ def run_contest(
     nu, ny = records[0].nu, records[0].ny
     given = _by_structure(names, grid)
     whole = len(given) == len(names)
-    offsets, found = _offsets_and_delay(clean.records, small, detrend, search=not whole)
+    searched = not whole or any(len(g) > 1 for g in given.values())
+    closed = (searched or len(names) > 1) and in_feedback(small)
+    offsets, found = _offsets_and_delay(clean.records, small, detrend, closed, search=not whole)
     nk, said = found.nk, found.notes
-    if clean.words and (not whole or any(len(g) > 1 for g in given.values())):
+    if clean.words and searched:
         said = (
             *said,
             f"{clean.words} stood out; delay, orders and levels were chosen with the line between "
             "their neighbours in their place.",
         )
-    cut = replace(hold_out(small, longest_of(nk)), one_step=_judged_one_step(names, small, options))
+    ahead = closed and _may_be_judged_one_step(names, options)
+    cut = replace(hold_out(small, longest_of(nk)), one_step=ahead)
     tasks, data = [], {}
     for name in names:
         chosen = list(given[name]) if name in given else _grid(name, nu, ny, cut.samples, nk)
@@ -189,20 +192,20 @@ def _by_structure(
     return dict.fromkeys(names, grid)
 
 
-def _judged_one_step(names: Sequence[str], records: Sequence[Record], options: FitOptions) -> bool:
-    """Whether held-out samples are judged one step ahead, because a controller was running.
+def _may_be_judged_one_step(names: Sequence[str], options: FitOptions) -> bool:
+    """Whether held-out samples are judged one step ahead where a controller was running.
 
     Only among linear structures: of nonlinear ones those without noise model would never lead, and
     what they are asked for is a simulator. So they are where simulation is the focus asked for.
     """
-    linear = all(name in LINEAR for name in names)
-    return linear and options.focus is Focus.PREDICTION and in_feedback(records)
+    return all(name in LINEAR for name in names) and options.focus is Focus.PREDICTION
 
 
 def _offsets_and_delay(
     records: Sequence[Record],
     small: Sequence[Record],
     detrend: Detrend | Offsets | str,
+    closed: bool,
     *,
     search: bool,
 ) -> tuple[Offsets, ChosenDelay]:
@@ -212,7 +215,7 @@ def _offsets_and_delay(
     found = ChosenDelay(1)
     if search and small[0].nu:
         data = hold_out([first.detrend.remove(r) for r in small])
-        found = chosen_delay(data, any(first.estimated))
+        found = chosen_delay(data, any(first.estimated), closed)
     return choose_offsets(records, known, found.nk) if isinstance(known, str) else known, found
 
 

@@ -60,10 +60,10 @@ class ChosenDelay:
 
 def choose_delay(data: HoldOut, level: bool = False) -> int | list[list[int]]:
     """What :func:`chosen_delay` finds, without its sentences."""
-    return chosen_delay(data, level).nk
+    return chosen_delay(data, level, in_feedback(data.whole)).nk
 
 
-def chosen_delay(data: HoldOut, level: bool = False) -> ChosenDelay:
+def chosen_delay(data: HoldOut, level: bool, closed: bool) -> ChosenDelay:
     """The delay of every pair: a number where all agree, else a matrix (outputs × inputs).
 
     The long regression that estimates delays misleads where the sampling is much faster than the
@@ -77,11 +77,11 @@ def chosen_delay(data: HoldOut, level: bool = False) -> ChosenDelay:
     Args:
         data: what to fit and what to choose on, offsets removed.
         level: whether each of these models estimates a level of its own.
+        closed: whether an input answers to an output.
     """
     first = data.whole[0]
     try:
         longest = min(LONGEST_DELAY, max(min(len(r) for r in data.whole) // 20, 2))
-        closed = in_feedback(data.whole)
         found = estimate_delays(data.whole, longest, shortest=int(closed))
     except DataError:
         return ChosenDelay(PLAIN)
