@@ -37,7 +37,7 @@ def main(target: Path) -> int:
     from stamps import stamped
     from sysid_datasets import path
 
-    from sysid.criteria.information import CRITERIA
+    from sysid.criteria.table import BUILT_IN
     from sysid.report.markdown import table
 
     rows, failed = [], 0
@@ -45,7 +45,7 @@ def main(target: Path) -> int:
         with tempfile.TemporaryDirectory() as folder:
             place = ["--workspace", folder]
             fit = _run("fit", path(log), "--val", path(f"{log}_val"), *place, "--json")
-            for criterion in CRITERIA:
+            for criterion in BUILT_IN:
                 ranking = _run("compare", "--criteria", criterion, *place, "--json")
                 best = ranking["best"]
                 (line,) = [x for x in ranking["ranking"] if x["model"] == best]

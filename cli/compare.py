@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sysid.criteria.table import BUILT_IN
 from sysid.errors import UsageError
 
 from . import reading, render, targets
@@ -31,7 +32,10 @@ def compare(
     criteria: Annotated[
         str,
         typer.Option(
-            "--criteria", metavar="NAME", help="fit, rmse, aic, aicc, naic, bic, mdl, fpe or loss."
+            "--criteria",
+            metavar="NAME",
+            help=f"What ranks: {', '.join(BUILT_IN)}, or one of another package; a name that "
+            "nobody knows lists all.",
         ),
     ] = "fit",
     val: Annotated[
@@ -71,13 +75,13 @@ def compare(
     json: reading.Json = False,
 ) -> None:
     """Rank the models of the workspace by one criterion, on equal terms."""
+    from sysid.criteria.table import known_name
     from sysid.data.finding import notes, warned
     from sysid.estimation.assessment import Policy
     from sysid.estimation.comparison import compare as rank
     from sysid.estimation.figures import Start
-    from sysid.estimation.orders import check_criterion
 
-    check_criterion(criteria)
+    criteria = known_name(criteria)
     targets.check_picture(plot)
     place = Workspace(workspace)
     stored = [place.load(i) for i in dict.fromkeys(models)] if models else place.all()
@@ -154,22 +158,23 @@ def _document(ranking: "Ranking", folds: "Mapping[str, CrossValidation]") -> Non
 
 
 def _show(ranking: "Ranking", folds: "Mapping[str, CrossValidation]", plot: Path | None) -> None:
-    from sysid.criteria.information import CRITERIA
+    from sysid.criteria.table import criterion
 
     first = ranking.best
     names = list(first.figures["fit_percent"])
     ks = [f["horizon"] for f in first.figures.get("k_step", [])]
-    shown = "" if ranking.criterion in ("fit", "rmse") else ranking.criterion.upper()
+    about = criterion(ranking.criterion)
+    shown = "" if about.of_free_run else ranking.criterion
     heads = ["free run %", *(f"{k} step %" for k in ks), "one step %"]
     heads += [f"{next(iter(folds.values())).folds} folds %"] if folds else []
     render.table(
-        ["model", "orders", "n", *heads, *([shown] if shown else ["RMSE"]), "residuals"],
+        ["model", "orders", "n", *heads, *([shown.upper()] if shown else ["RMSE"]), "residuals"],
         [_row(line, names, folds, shown) for line in ranking.lines],
         title=f"Ranked by {ranking.criterion}, judged on {ranking.data}",
         caption=f"fits of {', '.join(names)}; n: estimated parameters, with initial states; "
         f"initial state: {first.figures['initial_state']}",
     )
-    render.say(CRITERIA[ranking.criterion].sentence)
+    render.say(about.sentence)
     for sentence in (*ranking.notes, *ranking.excluded.values()):
         render.warn(f"! {sentence}")
     if plot is not None:
@@ -186,7 +191,7 @@ def _row(
     parts = [p["fit_percent"] for p in (figures, *figures.get("k_step", []), figures["one_step"])]
     if folds:
         parts.append(folds[id].fit_percent if id in folds else {})
-    value = [line.criteria[shown.lower()]] if shown else [figures["rmse"][n] for n in names]
+    value = [line.criteria[shown]] if shown else [figures["rmse"][n] for n in names]
     return [
         id,
         orders_text(line.contender.model.structure.order_values()),

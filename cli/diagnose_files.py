@@ -79,7 +79,6 @@ def _keep(place: Workspace, model: "Model", found: "Diagnosis", origin: Mapping[
 
 def _report(model: "Model", found: "Diagnosis") -> dict[str, Any]:
     """The figures that a fit would report, so that the model is listed and compared like one."""
-    from dataclasses import asdict
 
     from sysid.estimation.assessment import DataFigures
     from sysid.report.diagnosis_words import free_run_figures
@@ -94,7 +93,7 @@ def _report(model: "Model", found: "Diagnosis") -> dict[str, Any]:
     return {
         "estimation": figures("estimation") or figures("held-out"),
         "validation": figures("held-out"),
-        "criteria": asdict(model.criteria),
+        "criteria": dict(model.criteria),
         "seconds": found.seconds,
         "warnings": list(model.warnings),
     }

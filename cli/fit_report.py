@@ -41,7 +41,7 @@ def show(
                 a.model.n_estimated,
                 ", ".join(render.number(a.judged.free_run.fit_percent[n], 4) for n in names),
                 ", ".join(render.number(a.judged.one_step.fit_percent[n], 4) for n in names),
-                render.number(a.model.criteria.aic, 6),
+                render.number(a.model.criteria["aic"], 6),
                 residual_words(a.residuals.as_dict()),
             ]
             for s, a in zip(stored, found.assessments, strict=True)

@@ -50,14 +50,14 @@ TITLE = 70
 
 def draw_ranking(path: Path, ranking: "Ranking") -> None:
     """Draw the models of a comparison as bars with their fits beside them."""
-    from sysid.criteria.information import CRITERIA
+    from sysid.criteria.table import criterion
     from sysid.report.plots import plot_ranking
     from sysid.report.ranking_drawing import RankingPicture, RankingRow
     from sysid.structures.orders import orders_text
 
     from . import render
 
-    outputs = tuple(ranking.best.figures["fit_percent"])
+    about, outputs = criterion(ranking.criterion), tuple(ranking.best.figures["fit_percent"])
     rows = []
     for line in ranking.lines:
         structure = line.contender.model.structure
@@ -80,8 +80,8 @@ def draw_ranking(path: Path, ranking: "Ranking") -> None:
             ranking.criterion,
             tuple(rows),
             outputs,
-            not CRITERIA[ranking.criterion].smaller_is_better,
-            ranking.criterion in ("aic", "aicc", "naic", "bic"),
+            not about.smaller_is_better,
+            about.only_differences,
         ),
     )
 

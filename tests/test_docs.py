@@ -17,7 +17,7 @@ from pydantic import BaseModel
 from sysid_cli.app import app
 
 import sysid
-from sysid.criteria.information import CRITERIA
+from sysid.criteria.table import BUILT_IN
 from sysid.data.excitation import DESIGNS
 from sysid.mission.result import Outcome
 from sysid.mission.spec import Mission
@@ -182,7 +182,7 @@ def mission_keys(model: type[BaseModel] = Mission, prefix: str = "") -> list[str
 @pytest.mark.parametrize(
     ("page", "words"),
     [
-        ("criteria.md", list(CRITERIA)),
+        ("criteria.md", list(BUILT_IN)),
         ("missions.md", [*mission_keys(), *(o.value for o in Outcome)]),
         ("data.md", list(DESIGNS)),
     ],

@@ -171,7 +171,7 @@ def test_a_search_ranks_as_full_fits_would() -> None:
     for orders in default_grid("oe", 1, 1, 420, 1):
         s = OE.from_orders(orders, 1, 1)
         full, coarse = fit(s, r), fit(s, r, searching(FitOptions()))
-        assert coarse.criteria.loss < 1.01 * full.criteria.loss
+        assert coarse.criteria["loss"] < 1.01 * full.criteria["loss"]
         runs = [sum(x.evaluations for x in m.starts) for m in (coarse, full)]
         assert runs[0] <= runs[1]
 

@@ -181,8 +181,10 @@ def test_units_of_the_channels_do_not_matter(name: str, s: float, t: float) -> N
     errors = np.sqrt(np.diag(plain.covariance))
     assert np.max(np.abs(scaled.theta / gain - plain.theta) / errors) < 1e-3
     assert np.sqrt(np.diag(scaled.covariance)) / gain == pytest.approx(errors, rel=1e-3)
-    assert scaled.criteria.fpe == pytest.approx(plain.criteria.fpe * s ** (2 * system.ny), rel=1e-6)
-    assert scaled.criteria.aic - plain.criteria.aic == pytest.approx(
+    assert scaled.criteria["fpe"] == pytest.approx(
+        plain.criteria["fpe"] * s ** (2 * system.ny), rel=1e-6
+    )
+    assert scaled.criteria["aic"] - plain.criteria["aic"] == pytest.approx(
         2 * system.ny * np.log(s) * predicted(plain, record), rel=1e-6
     )
     x0, x1 = plain.fitted_state(record, 30), scaled.fitted_state(record_times(record, t, s), 30)

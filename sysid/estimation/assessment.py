@@ -100,7 +100,7 @@ class Assessment:
                     None if self.validation is None else self.validation.one_step.to_json()
                 ),
             },
-            "criteria": asdict(m.criteria),
+            "criteria": dict(m.criteria),
             "residuals": self.residuals.as_dict(),
             "termination": {"code": m.termination.code, "message": m.termination.value},
             "properties": m.structure.properties(m.theta, m.dt),

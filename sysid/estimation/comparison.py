@@ -1,17 +1,18 @@
 """Ranking models on equal terms: the same data, the same samples, one initial-state policy."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from sysid.criteria.information import CRITERIA, information_criteria, on_common_samples
+from sysid.criteria import table
+from sysid.criteria.information import information_criteria, on_common_samples
 from sysid.data.record import Record
 from sysid.errors import ModelError
 from sysid.estimation.assessment import DataFigures, Policy, figures_on
 from sysid.estimation.figures import residual_tests
-from sysid.estimation.orders import CLOSE, ERROR_CRITERIA, check_criterion
+from sysid.estimation.orders import CLOSE
 from sysid.estimation.robust_judging import judged_errors
 from sysid.estimation.soundness import doubts_about, leader, relative_gap
 from sysid.structures.model import Model
@@ -47,9 +48,10 @@ class Ranked:
     residuals: Mapping[str, Any] | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """{model, structure, orders, fit_percent, aic, …, residuals}."""
+        """{model, structure, orders, fit_percent, aic, …, residuals}; no criterion hides a key."""
         m = self.contender.model
         return {
+            **self.criteria,
             "model": self.contender.id,
             "structure": m.structure.name,
             "orders": m.structure.order_values(),
@@ -57,7 +59,6 @@ class Ranked:
             "fit_percent": self.figures["fit_percent"],
             "rmse": self.figures["rmse"],
             "figures": self.figures,
-            **self.criteria,
             "residuals": self.residuals,
             "doubts": list(doubts_about(m).clauses),
         }
@@ -102,7 +103,7 @@ def compare(
         ModelError: there is nothing to compare.
         UsageError: the criterion is unknown.
     """
-    criterion = check_criterion(criterion)
+    criterion, ranks = table.known_name(criterion), table.criterion(criterion)
     policy = policy or Policy()
     if not contenders:
         raise ModelError("there is no model to compare; run `sysid fit` first")
@@ -115,7 +116,7 @@ def compare(
         except ModelError as error:
             excluded[c.id] = str(error)
     usable = [c for c in contenders if c.id in figures]
-    if criterion not in ERROR_CRITERIA or validation is None:
+    if not ranks.of_free_run or validation is None:
         usable = _same_data(usable, excluded)
     if not usable:
         raise ModelError("no model can be compared: " + "; ".join(excluded.values()))
@@ -129,18 +130,25 @@ def compare(
     criteria = _criteria(usable, notes)
     lines = []
     for c in usable:
+        if not ranks.of_free_run and criterion not in criteria[c.id]:
+            excluded[c.id] = (
+                f"{c.id} was stored without {criterion}, and its data are gone or have changed: "
+                "fit it again"
+            )
+            continue
         value = _value(criterion, criteria[c.id], figures[c.id])
         lines.append(Ranked(c, value, criteria[c.id], figures[c.id], _residuals(c)))
-    sign = 1.0 if CRITERIA[criterion].smaller_is_better else -1.0
+    if not lines:
+        raise ModelError("no model can be compared: " + "; ".join(excluded.values()))
     lines.sort(
         key=lambda x: (
             not np.isfinite(x.value),
-            sign * x.value,
+            ranks.cost(x.value),
             x.contender.model.n_estimated,
             x.contender.id,
         )
     )
-    if validation is None and criterion in ERROR_CRITERIA and not lines[0].figures["held_out"]:
+    if validation is None and ranks.of_free_run and not lines[0].figures["held_out"]:
         notes.append(
             "Judged on the data the models were fitted to, which favours large models: give "
             "--val LOG, or fit with `sysid fit --split`."
@@ -283,7 +291,7 @@ def _same_data(contenders: Sequence[Contender], excluded: dict[str, str]) -> lis
 
 def _criteria(contenders: Sequence[Contender], notes: list[str]) -> dict[str, dict[str, float]]:
     """Criteria on common samples where the data are at hand, else as stored with each model."""
-    stored = {c.id: dict(asdict(c.model.criteria)) for c in contenders}
+    stored = {c.id: dict(c.model.criteria) for c in contenders}
     first = contenders[0]
     same = all(_identity(c) == _identity(first) for c in contenders)
     if not same:
@@ -298,13 +306,13 @@ def _criteria(contenders: Sequence[Contender], notes: list[str]) -> dict[str, di
     errors = [judged_errors(c.model, first.records) for c in contenders]
     common = on_common_samples(errors)
     return {
-        c.id: dict(asdict(information_criteria(e, c.model.n_estimated)))
+        c.id: information_criteria(e, c.model.n_estimated)
         for c, e in zip(contenders, common, strict=True)
     }
 
 
 def _value(criterion: str, criteria: Mapping[str, float], figures: Mapping[str, Any]) -> float:
-    if criterion not in ERROR_CRITERIA:
+    if criterion in criteria:
         return criteria[criterion]
     values = [
         v

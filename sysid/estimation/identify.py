@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.criteria.table import known_name
 from sysid.data.finding import Finding
 from sysid.data.quality import FEWEST
 from sysid.data.record import Record
@@ -16,7 +17,6 @@ from sysid.estimation.data_notes import notes_for
 from sysid.estimation.figures import require_left
 from sysid.estimation.grid import parse_grids
 from sysid.estimation.offset_choice import start_of
-from sysid.estimation.orders import check_criterion
 from sysid.estimation.search import FitOptions
 from sysid.estimation.standings import Entry
 from sysid.structures.model import SAME_CLOCK
@@ -94,7 +94,7 @@ def identify(
     start_of(inside, request.detrend)  # refuses a policy that does not exist
     names = structures_for(request.structures, records[0].input_names)
     grids = None if request.orders is None else parse_grids(request.orders, names)
-    check_criterion(request.criterion)
+    request = replace(request, criterion=known_name(request.criterion))
     options = replace(
         request.options,
         structure_options=options_in_generic_names(

@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.criteria.information import CRITERIA, from_loss, information_criteria
+from sysid.criteria import table
+from sysid.criteria.information import loss_of
+from sysid.criteria.table import Loss
 from sysid.data.record import Array, Record
-from sysid.errors import DataError, ModelError, UsageError
+from sysid.errors import DataError, ModelError
 from sysid.estimation.arx_at_once import promising, solved_at_once
 from sysid.estimation.holdout import HoldOut
 from sysid.estimation.pem import fit_prepared, head_window
@@ -25,9 +27,6 @@ from sysid.structures.polynomial import PolynomialStructure
 from sysid.structures.registry import structure_class
 
 Progress = Callable[[int, int, str], None]
-
-ERROR_CRITERIA = ("fit", "rmse")
-"""Criteria of the free run; the others are of one-step errors."""
 
 CLOSE = 0.01
 """Held-out errors that differ by less than this fraction are the same for all purposes."""
@@ -88,17 +87,6 @@ class OrderSearch:
     def best(self) -> Candidate:
         """The chosen orders."""
         return self.candidates[0]
-
-
-def check_criterion(criterion: str) -> str:
-    """The criterion's name in lower case.
-
-    Raises:
-        UsageError: there is none of that name.
-    """
-    if criterion.lower() not in CRITERIA:
-        raise UsageError(f"no criterion {criterion!r}; choose one of {', '.join(CRITERIA)}")
-    return criterion.lower()
 
 
 def search_orders(
@@ -168,7 +156,7 @@ def tie_margin(held: Sequence[Record]) -> float:
 def ranked(found: Sequence[Candidate], criterion: str, margin: float) -> tuple[Candidate, ...]:
     """Best first; on held-out error the smallest model within ``margin`` of the best leads."""
     ordered = sorted(found, key=lambda c: (not c.stable, c.score, c.n, orders_text(c.orders)))
-    if criterion in ERROR_CRITERIA:
+    if table.criterion(criterion).of_free_run:
         limit = (1.0 + margin) * ordered[0].score
         close = [c for c in ordered if c.score <= limit and c.stable == ordered[0].stable]
         lead = min(close, key=lambda c: (not c.settled, c.n, c.score, orders_text(c.orders)))
@@ -201,7 +189,7 @@ def _one_after_another(
     """Fit each candidate, warm-started from the best smaller neighbours already fitted."""
     found: list[Candidate] = []
     train, longest = data.train, max(len(r) for r in data.whole)
-    options = searching(options)
+    options, ranks = searching(options), table.criterion(criterion)
     fitted: dict[int, tuple[float, dict[str, float]]] = {}
     for k, s in enumerate(structures):
         names = [p.name for p in s.parameters(train[0].inputs, train[0].outputs)]
@@ -220,12 +208,10 @@ def _one_after_another(
             error = free_run_error(
                 s, model.theta, data.whole, data.counted, options.robust, one_step=data.one_step
             )
-            if criterion in ERROR_CRITERIA:
-                score = error
-            else:
-                score = _information(
-                    s, model.theta, model.n_estimated, train, common, criterion, options.robust
-                )
+            score = error
+            if not ranks.of_free_run:
+                loss = _loss(s, model.theta, model.n_estimated, train, common, options.robust)
+                score = ranks.cost_of(loss)
             if np.isfinite(score):
                 stable = bounded_run(s, model.theta)
                 calm = not motion_doubts(s, model.theta, longest, train[0].dt)
@@ -236,15 +222,10 @@ def _one_after_another(
     return found
 
 
-def _information(
-    s: Structure,
-    theta: Array,
-    n: int,
-    records: Sequence[Record],
-    start: int,
-    criterion: str,
-    robust: bool,
-) -> float:
+def _loss(
+    s: Structure, theta: Array, n: int, records: Sequence[Record], start: int, robust: bool
+) -> Loss:
+    """The loss of one-step errors from the sample ``start`` on."""
     window = head_window(s, theta)
     if robust:
         found = [outliers_of(s, theta, r, window) for r in records]
@@ -254,7 +235,7 @@ def _information(
         ]
     else:
         errors = [s.errors(theta, r.u, r.y, window)[start:] for r in records]
-    return float(getattr(information_criteria(errors, n), criterion))
+    return loss_of(errors, n)
 
 
 def free_run_error(
@@ -308,16 +289,16 @@ def _arx_at_once(structures: Sequence[Structure], data: HoldOut, criterion: str)
     """Every ARX candidate from two Gram matrices, free runs of the promising ones only."""
     solved = solved_at_once([s for s in structures if isinstance(s, ARX)], data)
     longest = max(len(r) for r in data.whole)
-    found = []
-    for a in promising(solved) if criterion in ERROR_CRITERIA else solved:
+    ranks, found = table.criterion(criterion), []
+    for a in promising(solved) if ranks.of_free_run else solved:
         s, n = a.structure, len(a.theta)
-        if criterion in ERROR_CRITERIA:
+        if ranks.of_free_run:
             score = error = free_run_error(
                 s, a.theta, data.whole, data.counted, one_step=data.one_step
             )
         else:
-            loss = from_loss(float(np.exp(a.log_det)), a.samples, n, s.ny)
-            score, error = float(getattr(loss, criterion)), float("nan")
+            loss = Loss(a.log_det, a.samples, n, s.ny)
+            score, error = ranks.cost_of(loss), float("nan")
         if np.isfinite(score):
             stable = bounded_run(s, a.theta)
             calm = not motion_doubts(s, a.theta, longest, data.whole[0].dt)

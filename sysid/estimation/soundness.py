@@ -16,6 +16,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from sysid.criteria.table import criterion
 from sysid.data.record import Array
 from sysid.errors import Termination
 from sysid.structures.base import Structure
@@ -93,30 +94,17 @@ def _slowest_radius(s: Structure, theta: Array) -> float:
     return float(max((p["abs"] for p in poles), default=float("inf")))
 
 
-def relative_gap(criterion: str, value: float, best: float, samples: int, ny: int) -> float:
+def relative_gap(name: str, value: float, best: float, samples: int, ny: int) -> float:
     """By which fraction RMS errors exceed the best ones, as a criterion sees them.
 
-    The information criteria are N ln V plus a penalty, ln V plus one, or V times one, with V the
-    determinant of ny outputs' errors: V^(1/2ny) is their (geometric mean) RMS.
-
     Args:
-        criterion: its name.
+        name: of the criterion.
         value, best: of the model and of the best one.
         samples: N behind them.
         ny: number of outputs.
     """
-    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        if criterion == "fit":
-            ratio = np.float64(100.0 - value) / max(100.0 - best, 1e-12)
-        elif criterion == "rmse":
-            ratio = np.float64(value) / max(best, 1e-300)
-        elif criterion in ("aic", "aicc", "bic"):
-            ratio = np.exp(np.float64(value - best) / max(samples, 1) / (2.0 * ny))
-        elif criterion == "naic":
-            ratio = np.exp(np.float64(value - best) / (2.0 * ny))
-        else:  # mdl, fpe, loss
-            ratio = (np.float64(value) / max(best, 1e-300)) ** (1.0 / (2.0 * ny))
-    return float(ratio) - 1.0 if np.isfinite(ratio) else float("inf")
+    ratio = criterion(name).ratio(value, best, samples, ny)
+    return ratio - 1.0 if np.isfinite(ratio) else float("inf")
 
 
 Entry = TypeVar("Entry")

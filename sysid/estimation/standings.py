@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.criteria.information import information_criteria, on_common_samples
+from sysid.criteria import table
+from sysid.criteria.information import loss_of, on_common_samples
 from sysid.data.record import Record
 from sysid.estimation.orders import (
-    ERROR_CRITERIA,
     OrderSearch,
     bounded_run,
     free_run_error,
@@ -110,23 +110,25 @@ def in_order(
     ]
     sound = sound or [e for e in entries if follows[id(e)] <= limit] or list(entries)
     searched = all(e.error is not None for e in entries)
-    rule = criterion if criterion not in ERROR_CRITERIA else "bic" if searched else "aic"
-    values = _information(entries, records, rule)
+    of_free_run = table.criterion(criterion).of_free_run
+    rule = criterion if not of_free_run else "bic" if searched else "aic"
+    value = table.criterion(rule).cost  # its own inverse
+    values = _costs(entries, records, rule)
     score = {id(e): (v, _size(e)) for e, v in zip(entries, values, strict=True)}
     calm = {id(e): doubts_about(e.model).settled for e in entries}
-    by_error = searched and criterion in ERROR_CRITERIA
+    by_error = searched and of_free_run
     if by_error:
         errors = {id(e): (float(e.error or 0.0), _size(e)) for e in entries}
         close = (1.0 + margin) * min(errors[id(e)][0] for e in sound)
         tied = [e for e in sound if errors[id(e)][0] <= close]
     else:
         errors, samples = score, sum(len(r) for r in records)
-        best = min(sound, key=lambda e: score[id(e)])
+        least = value(min(score[id(e)] for e in sound)[0])
+        ny = records[0].ny
         tied = [
             e
             for e in sound
-            if relative_gap(rule, score[id(e)][0], score[id(best)][0], samples, records[0].ny)
-            <= margin
+            if relative_gap(rule, value(score[id(e)][0]), least, samples, ny) <= margin
         ]
 
     def worth(e: Entry) -> tuple[float, ...]:
@@ -148,12 +150,12 @@ def _seen(entry: Entry, records: Sequence[Record]) -> list[Record]:
     return [entry.model.detrend.remove(r) for r in records]
 
 
-def _information(entries: Sequence[Entry], records: Sequence[Record], name: str) -> list[float]:
-    """A criterion of every entry from one-step errors on the samples that all of them predict."""
+def _costs(entries: Sequence[Entry], records: Sequence[Record], name: str) -> list[float]:
+    """What a criterion says of each entry, from one-step errors on the samples all predict."""
     errors = [judged_errors(e.model, records) for e in entries]
     found = []
     for e, common in zip(entries, on_common_samples(errors), strict=True):
-        value = float(getattr(information_criteria(common, e.model.n_estimated), name))
+        value = table.criterion(name).cost_of(loss_of(common, e.model.n_estimated))
         found.append(value if np.isfinite(value) else np.inf)
     return found
 
@@ -199,10 +201,10 @@ def _ahead(order: Standings, criterion: str, words: str, *, given: bool) -> str:
         if len(order.entries) == 1:
             return f"{text}: {_origin(first.model, given)}."
         return f"{text} leads: its {order.rule.upper()} on the estimation data is the lowest."
-    if criterion not in ERROR_CRITERIA:
+    if not table.criterion(criterion).of_free_run:
         return (
             f"{text} leads: its {criterion.upper()}, from one-step errors on the estimation data, "
-            "is the lowest."
+            f"is the {table.criterion(criterion).best_is}."
         )
     share = 100.0 * (1.0 - first.error)
     ahead_by_one = order.one_step or not first.model.inputs

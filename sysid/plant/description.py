@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from sysid import __version__
-from sysid.criteria.information import InformationCriteria
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel
 from sysid.errors import ModelError, Termination
@@ -147,7 +146,7 @@ def to_plant(raw: Mapping[str, Any], where: str) -> Plant:
 def to_model(raw: Mapping[str, Any], where: str) -> Model:
     """The model of a package: what it runs like; how well it is known stayed behind.
 
-    Covariance and noise are zero and its criteria are no numbers.
+    Covariance and noise are zero and it has no criteria.
 
     Raises:
         ModelError: the description is damaged, or its structure is not known here.
@@ -165,7 +164,7 @@ def to_model(raw: Mapping[str, Any], where: str) -> Model:
         detrend=p.detrend,
         noise_covariance=np.zeros((ny, ny)),
         n_estimated=0,
-        criteria=InformationCriteria(*(float("nan"),) * 7),
+        criteria={},
         termination=Termination.CLOSED_FORM,
         ranges=np.zeros((0, 2)),
         provenance=Provenance(options={"package": where}),

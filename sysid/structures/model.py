@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from sysid.criteria.information import InformationCriteria
 from sysid.data.files import write_atomic
 from sysid.data.level import Level, shifted
 from sysid.data.preprocess import Detrend
@@ -106,7 +105,8 @@ class Model:
         detrend: offsets and trends removed before the fit, applied again by every method here.
         noise_covariance: covariance of the one-step errors, (ny, ny).
         n_estimated: number of estimated numbers, initial states included.
-        criteria: information criteria on the estimation data.
+        criteria: criteria of the one-step errors on the estimation data, by name; an older model
+            may lack those that came later.
         termination: how the fit ended.
         initial_states: free-run state at the start of each experiment.
         ranges: lowest and highest value of each input and output seen, (nu + ny, 2).
@@ -128,7 +128,7 @@ class Model:
     detrend: Detrend
     noise_covariance: Array
     n_estimated: int
-    criteria: InformationCriteria
+    criteria: Mapping[str, float]
     termination: Termination
     initial_states: tuple[Array, ...] = ()
     ranges: Array = field(default_factory=lambda: np.zeros((0, 2)))
@@ -267,7 +267,7 @@ class Model:
             "level": self.level.to_json(),
             "noise_covariance": [[_number(c) for c in row] for row in self.noise_covariance],
             "n_estimated": self.n_estimated,
-            "criteria": {k: _number(v) for k, v in asdict(self.criteria).items()},
+            "criteria": {k: _number(v) for k, v in self.criteria.items()},
             "termination": self.termination.code,
             "initial_states": [x.tolist() for x in self.initial_states],
             "ranges": self.ranges.tolist(),
@@ -325,9 +325,7 @@ class Model:
                 detrend=detrend,
                 noise_covariance=_array(raw["noise_covariance"], len(outputs), np.nan),
                 n_estimated=int(raw["n_estimated"]),
-                criteria=InformationCriteria(
-                    **{k: np.nan if v is None else float(v) for k, v in raw["criteria"].items()}
-                ),
+                criteria={k: np.nan if v is None else float(v) for k, v in raw["criteria"].items()},
                 termination=_termination(raw["termination"]),
                 initial_states=tuple(np.array(x, dtype=np.float64) for x in raw["initial_states"]),
                 ranges=np.array(raw["ranges"], dtype=np.float64).reshape(-1, 2),
