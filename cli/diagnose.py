@@ -11,6 +11,7 @@ from sysid.errors import DataError, ModelError, UsageError
 from . import packages, reading, render, targets
 from .diagnose_files import keep_models, write_results
 from .diagnose_report import show
+from .stored_data import judged_on
 from .workspace import StoredModel, Workspace
 
 if TYPE_CHECKING:
@@ -120,7 +121,13 @@ def diagnose(
     read_as = (*said, *more)
     found = replace(found, reading=notes(read_as), warnings=(*warned(read_as), *found.warnings))
     origin = {"files": [str(p.resolve()) for p in logs], "read": read.to_json()}
-    before, after = keep_models(place, found, base, origin | {"prepare": steps.to_json()})
+    before, after = keep_models(
+        place,
+        found,
+        base,
+        origin | {"prepare": steps.to_json()},
+        judged_on(held or (), val or ()),
+    )
     document = write_results(folder, found, before, after)
     if json:
         render.document(document)

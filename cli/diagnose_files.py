@@ -14,7 +14,11 @@ if TYPE_CHECKING:
 
 
 def keep_models(
-    place: Workspace, found: "Diagnosis", base: StoredModel | None, origin: Mapping[str, Any]
+    place: Workspace,
+    found: "Diagnosis",
+    base: StoredModel | None,
+    origin: Mapping[str, Any],
+    judged: Mapping[str, Any] | None = None,
 ) -> tuple[str, str]:
     """Keep the models before and after; return their ids.
 
@@ -23,13 +27,14 @@ def keep_models(
         found: the diagnosis.
         base: the stored model that was doubted, whose id is then that of the model before.
         origin: how the data were read, so that they can be read again.
+        judged: the logs that judged, as ``judged_on`` of a report holds them.
     """
     if base is not None and (found.before is base.model or _same(found.before, base.model)):
         before = base.id
     else:
-        before = _keep(place, found.before, found, origin)
+        before = _keep(place, found.before, found, origin, judged)
     same = found.after is found.before or _same(found.after, found.before)
-    return before, before if same else _keep(place, found.after, found, origin)
+    return before, before if same else _keep(place, found.after, found, origin, judged)
 
 
 def write_results(folder: Path, found: "Diagnosis", before: str, after: str) -> dict[str, Any]:
@@ -70,8 +75,14 @@ def _named(experiments: "tuple[Experiment, ...]") -> "tuple[Experiment, ...]":
     return tuple(found)
 
 
-def _keep(place: Workspace, model: "Model", found: "Diagnosis", origin: Mapping[str, Any]) -> str:
-    report = _report(model, found)
+def _keep(
+    place: Workspace,
+    model: "Model",
+    found: "Diagnosis",
+    origin: Mapping[str, Any],
+    judged: Mapping[str, Any] | None,
+) -> str:
+    report = _report(model, found) | {"judged_on": judged}
     options = {"made_by": "diagnose", **origin, **model.provenance.options}
     model = replace(model, provenance=replace(model.provenance, options=options))
     return place.save(model, report).id

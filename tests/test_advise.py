@@ -70,5 +70,5 @@ def test_a_tie_gets_the_schedule_on_which_the_models_differ_most() -> None:
     tied = {"supply-sag": replace(node, q=q1), "concave-gain": replace(node, q=q2)}
     found = experiment_between(base.search, tied, np.array([SIGMA, SIGMA]), SCALES, base.delay)
     assert found.effects == ("supply-sag", "concave-gain")
-    assert "one track at a constant command while the other steps" in found.purpose
+    assert "one side at a constant command while the other steps" in found.purpose
     assert "which is clear" in found.purpose

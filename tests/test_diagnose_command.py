@@ -15,6 +15,8 @@ import pytest
 import quick_diagnosis
 from command_line import Run, contents, robot_log, run, write_log
 from quick_diagnosis import dead_zone_log
+from sysid_cli.stored_data import StoredData
+from sysid_cli.workspace import Workspace
 
 from sysid.discrepancy.diagnosis import Diagnosis
 
@@ -200,6 +202,25 @@ def test_a_mission_is_told_and_drawn(
     page = (here / ".sysid" / "diagnosis" / "index.html").read_text(encoding="utf-8")
     assert "log.csv: the measured path" in page
     assert "cannot be driven by the model after" in page
+
+
+def test_sizes_on_the_page_have_their_unit(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(capsys, "diagnose", "log.csv").code == 0
+    page = Path(".sysid/diagnosis/index.html").read_text()
+    assert "<span>0.01 of full drive</span>" in page
+
+
+def test_diagnosed_models_say_what_they_were_judged_on(
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    no_page(monkeypatch)
+    document = diagnosed(capsys, "--val", "other.csv")
+    for id in (document["model_before"], document["model_after"]):
+        stored = Workspace(Path(".sysid")).load(id)
+        assert [Path(f).name for f in stored.report["judged_on"]["files"]] == ["other.csv"]
+        records = StoredData().validation(stored)
+        assert records is not None
+        assert records[0].name == "other.csv"
 
 
 def test_the_engine_takes_what_the_command_gives() -> None:

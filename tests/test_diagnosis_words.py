@@ -16,6 +16,7 @@ from sysid.discrepancy.localise import localise, regimes
 from sysid.discrepancy.model_error import Left
 from sysid.discrepancy.study import _story
 from sysid.discrepancy.verify import ChannelGap, Gap
+from sysid.effects.catalogue import catalogue
 from sysid.report.diagnosis_words import headline
 
 ROBOTS_OWN = ("track", "robot", "speed", "stands", "runs")
@@ -54,13 +55,29 @@ def test_an_oven_is_not_spoken_of_as_a_track() -> None:
     assert "backlash" not in words  # a heater cannot reverse
 
 
+def test_shares_are_of_what_is_known_to_be_full_drive() -> None:
+    u, y = heated()
+    volts = Record(u, y, 1.0, (Channel("u_heater", "V"),), (Channel("y_temp", "°C"),))
+    names = [n for n in regimes(volts, 0, np.array([100.0])) if "command is" in n]
+    assert names
+    assert all("of its largest" in n or "zero" in n for n in names)
+    pwm = Record(u, y, 1.0, (Channel("pwm_l", "µs"),), (Channel("omega_l", "rad/s"),))
+    assert any("of full drive" in n for n in regimes(pwm, 0, np.array([20000.0])))
+
+
+def test_no_sentence_of_the_catalogue_knows_whether_wheels_or_tracks_carry_the_robot() -> None:
+    for e in catalogue().values():
+        said = f"{e.sentence} {e.opposite} {e.looks_like} {e.experiment}".lower()
+        assert "track" not in said.replace("wheels or tracks", ""), e.id
+
+
 def test_a_robot_is_still_spoken_of_as_one() -> None:
     u = 8000.0 * np.sign(np.sin(np.arange(400)[:, None] / np.array([9.0, 13.0])))
     outputs = (Channel("omega_l", "rad/s"), Channel("omega_r", "rad/s"))
     record = Record(u, u / 1000.0, 0.1, (Channel("pwm_l"), Channel("pwm_r")), outputs)
     assert "the robot turns" in regimes(record, 0, np.full(2, 20000.0))
     (told, *_) = next_experiments(record, np.full(2, 20000.0), ["cross-coupling"])
-    assert "hold one track" in told.purpose
+    assert "hold one side" in told.purpose
 
 
 def test_a_model_that_does_not_follow_is_called_none() -> None:
@@ -123,5 +140,5 @@ def test_a_log_that_no_input_moves_is_never_nothing_missing(
     write_log(here / "slow.csv", ["u_valve", "y_level"], [u, slow])
     told = run(capsys, "diagnose", "slow.csv")
     assert told.out.startswith("The model does not follow the log (y_level"), told.out[:300]
-    for words in ("Nothing is missing", "No effect is missing", "hold one track"):
+    for words in ("Nothing is missing", "No effect is missing", "hold one side"):
         assert words not in told.out

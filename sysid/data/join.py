@@ -101,7 +101,7 @@ def joined(
     where = f"{other.name} joined to {table.where}"
     if np.count_nonzero(rows) < FEWEST:
         raise DataError(
-            f"{where}: both cover {np.count_nonzero(rows)} rows of the log, which runs from "
+            f"{where}: both cover {_rows(np.count_nonzero(rows))} of the log, which runs from "
             f"{mine.t[0]:.6g} to {mine.t[-1]:.6g} s and the other, on its clock, from {at[0]:.6g} "
             f"to {at[-1]:.6g} s; give the shift of the clocks with --join-offset SECONDS"
         )
@@ -111,7 +111,7 @@ def joined(
         on_log = np.interp(mine.t[rows], at[order], series[order])
         columns[name] = low + np.mod(on_log - low, period) if period else on_log
     lost = int(np.count_nonzero(~rows))
-    share = f"; {lost} rows of the log that it does not cover were left out" if lost else ""
+    share = f"; {_rows(lost)} of the log that it does not cover left out" if lost else ""
     columns = {n: columns[n] for n in known}
     brought = "was" if len(columns) == 1 else "were"
     text = f"{where}: {', '.join(columns)} {brought} brought onto the rows of the log{share}"
@@ -124,6 +124,10 @@ def joined(
     more = {called[n]: brackets[n] for n in names if called[n] in columns}
     wider = table.with_columns(columns, more, rows)
     return wider, (*theirs.findings, *said, note), data
+
+
+def _rows(count: int) -> str:
+    return f"{count} row{'' if count == 1 else 's'}"
 
 
 def _series(table: Table, time: str | None, ts: float | None, units: Mapping[str, str]) -> Series:

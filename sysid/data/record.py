@@ -170,6 +170,11 @@ class Record:
         return all(c.unit == "µs" for c in self.inputs)
 
     @property
+    def full_drive_is_known(self) -> bool:
+        """Whether commands are shares of a known full drive; else of the largest that was seen."""
+        return self.is_robot_log and self.is_in_pulse_widths
+
+    @property
     def left_out(self) -> NDArray[np.bool_]:
         """Samples and outputs whose errors do not count, shape (N, ny)."""
         if self.weights is None:

@@ -117,7 +117,8 @@ def plan_grid(t: Array, policy: ResamplePolicy, place: Place, where: str) -> Gri
         if b - a >= SHORTEST or len(bounds) == 2:
             segments.append(Segment(a, b, even=not (uneven or gaps[a : b - 1].any())))
         else:
-            text = f"{where}: a piece of {b - a} samples between gaps was left out."
+            many = "1 sample" if b - a == 1 else f"{b - a} samples"
+            text = f"{where}: a piece of {many} between gaps was left out."
             findings.append(Finding("gaps", Severity.NOTE, text, record=where))
     if not segments:
         raise DataError(f"{where}: no piece between its gaps has {SHORTEST} samples; record again")

@@ -179,9 +179,9 @@ _SAMPLES = {
 }
 
 _WORDS = {
-    "staircase": "climb a slow staircase through zero in both directions, both tracks in turn.",
+    "staircase": "climb a slow staircase through zero in both directions, both sides in turn.",
     "levels": "step to many levels in both directions, with rests between.",
-    "one_and_other": "hold one track at a constant command while the other steps, then swap.",
+    "one_and_other": "hold one side at a constant command while the other steps, then swap.",
     "repeat": "run the same short sequence at the beginning and at the end of a long run.",
     "hot": "drive hard for 40 s between two equal test sequences, then rest and test again.",
     "reversals": "reverse often, at several speeds and at irregular instants.",

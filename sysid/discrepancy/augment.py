@@ -102,8 +102,7 @@ def values_of(
 def _in_file(base: Base, value: Value, track: int) -> Value | None:
     """A share of the log's largest command as a command of the file; None where it is none."""
     first = base.parts.estimation[0]
-    declared = first.is_robot_log and first.is_in_pulse_widths
-    if "drive" not in value.unit or track < 0 or declared:
+    if "drive" not in value.unit or track < 0 or first.full_drive_is_known:
         return None
     channel = first.inputs[track]
     full = float(full_drive(base.parts.estimation)[track]) / channel.scale

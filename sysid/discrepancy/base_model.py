@@ -214,7 +214,7 @@ def _start(model: Model, record: Record) -> Start:
 def full_drive(records: Sequence[Record]) -> Array:
     """Full drive of each input: 20000 µs of a robot, else the largest command of the log."""
     first = records[0]
-    if first.is_robot_log and first.is_in_pulse_widths:
+    if first.full_drive_is_known:
         return np.full(first.nu, FULL_DRIVE)
     everything = np.concatenate([r.u for r in records])
     return np.asarray(np.maximum(np.max(np.abs(everything), axis=0), 1e-12))

@@ -131,10 +131,11 @@ def regimes(record: Record, i: int, scales: Array) -> dict[str, Mask]:
         "its command is zero while it runs": ~driven & ~stands,
         "it turns steadily": (np.abs(slope) <= steep) & ~stands,
     }
+    whole = "full drive" if record.full_drive_is_known else "its largest"
     for low, high in ((0.0, 0.25), (0.25, 0.5), (0.5, 0.75), (0.75, 10.0)):
         upper = f" to {100 * high:.0f} %" if high < 1.0 else " %"
-        name = f"the command is {100 * low:.0f}{upper} of full drive"
-        found[name if high < 1.0 else "the command is above 75 % of full drive"] = (
+        name = f"the command is {100 * low:.0f}{upper} of {whole}"
+        found[name if high < 1.0 else f"the command is above 75 % of {whole}"] = (
             np.abs(own) > low
         ) & (np.abs(own) <= high)
     for low, high in ((0.03, 0.35), (0.35, 0.7), (0.7, 10.0)):
@@ -145,8 +146,8 @@ def regimes(record: Record, i: int, scales: Array) -> dict[str, Mask]:
         ) & (np.abs(w) <= high * fast)
     if d.shape[1] > 1:
         other = d[:, 1 - min(i, 1)]
-        found["the other track is driven hard"] = np.abs(other) > 0.6
-        found["the other track rests"] = np.abs(other) < 0.05
+        found["the other side is driven hard"] = np.abs(other) > 0.6
+        found["the other side rests"] = np.abs(other) < 0.05
         if track_channels(record) is not None:
             found["the robot turns"] = np.sign(own) * np.sign(other) < 0
             found["the robot runs straight"] = np.abs(own - other) < 0.1
@@ -170,8 +171,8 @@ _PLAIN = {
     "speed is between 3 and 35 % of the largest": "it is between 3 and 35 % of its largest value",
     "speed is between 35 and 70 % of the largest": "it is between 35 and 70 % of its largest value",
     "speed is above 70 % of the largest": "it is above 70 % of its largest value",
-    "the other track is driven hard": "the other input is above 60 % of full drive",
-    "the other track rests": "the other input is near zero",
+    "the other side is driven hard": "the other input is above 60 % of its largest",
+    "the other side rests": "the other input is near zero",
 }
 """Regimes of a log that is no robot's: an oven neither stands nor runs."""
 

@@ -106,7 +106,7 @@ def prove_on_mission(
     if channels is None:
         raise ModelError(
             "the path cannot be compared: no log has the columns x, y, psi and the speeds of a "
-            "left and a right track"
+            "left and a right side"
         )
     traces = tuple(_replayed(r, before, after, channels, mission) for r in posed)
     driven, warnings = {}, []

@@ -356,16 +356,16 @@ def _named(step: _Step, final: Fitted) -> NamedEffect:
 def _sentence(id: str, value: float, error: float, side: int) -> str:
     if id == "track-slip":
         return (
-            f"The tracks slip where the robot turns: turning on the spot they lose "
+            f"Wheels or tracks slip where the robot turns: on the spot they lose "
             f"{100 * value:.3g} ± {100 * error:.2g} % of their way."
         )
     if id == "track-width":
         return (
-            f"Every turn is {value:.4g} ± {error:.2g} times what the track distance B says: the "
-            f"tracks act at {1.0 / value:.4g} B."
+            f"Every turn is {value:.4g} ± {error:.2g} times what the distance B says: left "
+            f"and right act at {1.0 / value:.4g} B."
         )
     return (
-        f"The {('left', 'right')[side]} track rolls {value:.4g} ± {error:.2g} times as far a turn "
+        f"The {('left', 'right')[side]} side rolls {value:.4g} ± {error:.2g} times as far a turn "
         "as its radius says, so that equal wheel speeds drive a circle."
     )
 
@@ -415,7 +415,7 @@ def _warnings(search: PoseSearch, final: Fitted, steps: Sequence[_Step]) -> tupl
     if BOTH_RADII in keys:
         r = geometry_of(final.q, search.estimation.geometry).r
         said.append(
-            f"Both tracks roll as if their radius were {r:.5g} m, not "
+            f"Both sides roll as if their radius were {r:.5g} m, not "
             f"{search.estimation.geometry.r:g} m: set vehicle.r in the mission."
         )
     if SPEED_OFFSET in keys:
@@ -425,16 +425,14 @@ def _warnings(search: PoseSearch, final: Fitted, steps: Sequence[_Step]) -> tupl
             "the readings."
         )
     if {"radius-mismatch left", "radius-mismatch right"} <= keys:
-        said.append("Neither track has the radius given: check vehicle.r.")
+        said.append("Neither side has the radius given: check vehicle.r.")
     for s in steps:
         unnamed = [t.key for t in s.ties if not t.id]
         if s.candidate.id and unnamed:
             said.append(
                 f"{s.candidate.id} cannot be told from "
                 + " or ".join(
-                    "another radius of both tracks"
-                    if k == BOTH_RADII
-                    else "an offset of the speeds"
+                    "another radius on both sides" if k == BOTH_RADII else "an offset of the speeds"
                     for k in unnamed
                 )
                 + " on these logs."

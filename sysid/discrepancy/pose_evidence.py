@@ -180,7 +180,7 @@ class PoseLeft:
         if self.structured:
             return (
                 f"{seen}, and way, turn and heading foretell {100 * self.share:.0f} % of it: "
-                "between tracks and ground something is missing that the catalogue does not hold."
+                "between robot and ground something is missing that the catalogue does not hold."
             )
         return (
             f"{seen}, but way, turn and heading do not foretell it: a disturbance of pose or "

@@ -91,7 +91,7 @@ class GeometryEstimate:
         told = (
             f"The pose contradicts the geometry that is assumed unless one is given "
             f"(r = {self.assumed.r:g} m, B = {self.assumed.B:g} m); from the log {found}, "
-            "B as the tracks act, skidding included."
+            "B as the robot turns, skidding included."
         )
         if not SMALLEST < self.geometry.r < LARGEST:
             told += (

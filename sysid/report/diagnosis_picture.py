@@ -60,7 +60,7 @@ class Window:
 
 def full_drive(record: Record) -> Array:
     """Full drive of each command, (nu,)."""
-    if record.is_robot_log and record.is_in_pulse_widths:
+    if record.full_drive_is_known:
         return np.full(record.nu, PWM_FULL_SCALE)
     largest: Array = np.maximum(np.max(np.abs(record.u), axis=0), 1e-12)
     return largest

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.discrepancy.base_model import full_drive
 from sysid.discrepancy.diagnosis import (
     OF_THE_LOG,
     Diagnosis,
@@ -17,6 +18,7 @@ from sysid.discrepancy.diagnosis import (
     Value,
 )
 from sysid.discrepancy.localise import Region
+from sysid.effects.catalogue import effect
 from sysid.estimation.figures import Figures
 
 CLEAR = 0.01
@@ -116,6 +118,28 @@ def _fit(traces: Sequence[Trace], i: int, *, after: bool) -> float:
     y, run = (part[:, i] for part in counted(traces, after=after))
     spread = float(np.linalg.norm(y - y.mean())) if len(y) else 0.0
     return 100.0 * (1.0 - float(np.linalg.norm(y - run)) / spread) if spread > 0 else math.nan
+
+
+_SIZES = {"quantisation": "speed", "dropouts": "of the readings"}
+"""Units of what is no effect of the catalogue's chain."""
+
+
+def detectable(found: Diagnosis) -> tuple[tuple[str, str], ...]:
+    """(effect, the smallest size that the log would have shown, in the file's units) by name."""
+    if not found.traces:
+        return ()
+    records = [t.record for t in found.traces]
+    full = float(np.mean(full_drive(records) / [c.scale for c in records[0].inputs]))
+    u, y = records[0].inputs[0], records[0].outputs[0]
+    lines = []
+    for id, size in sorted(found.detectable.items()):
+        unit = _SIZES.get(id) or effect(id).parameters[0].unit
+        if size is not None and "drive" in unit and not records[0].full_drive_is_known:
+            size = size / full if unit.startswith("1/") else size * full
+            unit = unit.replace("drive", u.file_words or u.unit or u.name)
+        unit = unit.replace("speed", y.unit or y.name).replace("drive", "of full drive")
+        lines.append((id, "–" if size is None else f"{size:.3g} {unit}".strip()))
+    return tuple(lines)
 
 
 def moved(found: Diagnosis) -> tuple[Moved, ...]:

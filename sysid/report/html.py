@@ -51,7 +51,7 @@ def diagnosis_page(found: Diagnosis, before: str, after: str) -> str:
         picture=_pictures(found),
         experiments=_experiments(found),
         path_rows=words.path_table(found.path),
-        detectable=sorted(found.detectable.items()),
+        detectable=words.detectable(found),
         equations=_equations(found),
     )
     text = re.sub(r"(?<=\d) %(?!\w)", "\N{NO-BREAK SPACE}%", text)
