@@ -101,7 +101,7 @@ def joined(
     where = f"{other.name} joined to {table.where}"
     if np.count_nonzero(rows) < FEWEST:
         raise DataError(
-            f"{where}: both cover {_rows(np.count_nonzero(rows))} of the log, which runs from "
+            f"{where}: both cover {_rows(int(np.count_nonzero(rows)))} of the log, which runs from "
             f"{mine.t[0]:.6g} to {mine.t[-1]:.6g} s and the other, on its clock, from {at[0]:.6g} "
             f"to {at[-1]:.6g} s; give the shift of the clocks with --join-offset SECONDS"
         )
