@@ -26,7 +26,7 @@ def draw_mission(path: Path, name: str, mission: "Mission", result: "MissionResu
         goal=mission.goal,
         tolerance=mission.tolerance,
         obstacles=tuple(Obstacle(o.x, o.y, o.radius) for o in mission.obstacles),
-        influence=mission.guidance.rho0,
+        influence=mission.guidance.reach,
         speed_reference=log["v_ref"],
         heading_reference=log["psi_ref"],
         min_clearance=result.min_clearance_m,

@@ -77,7 +77,8 @@ def _drive(path: Path, plant: "Plant", log: Path, plot: Path | None) -> dict[str
     import numpy as np
 
     from sysid.mission.mapping import as_robot
-    from sysid.mission.simulator import simulate, write_log
+    from sysid.mission.result import write_log
+    from sysid.mission.simulator import simulate
     from sysid.mission.spec import load_mission
     from sysid.plant.replay import outside_domain
 

@@ -19,6 +19,7 @@ from sysid_cli.app import app
 import sysid
 from sysid.criteria.table import BUILT_IN
 from sysid.data.excitation import DESIGNS
+from sysid.mission.registry import ROLES, kinds, law_class
 from sysid.mission.result import Outcome
 from sysid.mission.spec import Mission
 from sysid.structures.base import Structure
@@ -171,7 +172,7 @@ def mission_keys(model: type[BaseModel] = Mission, prefix: str = "") -> list[str
     """Keys of a mission file, those of a section as section.key."""
     found = []
     for name, field in model.model_fields.items():
-        kind = field.annotation
+        kind = law_class(name, kinds(name)[0]) if name in ROLES else field.annotation
         if isinstance(kind, type) and issubclass(kind, BaseModel):
             found += mission_keys(kind, f"{name}.")
         else:

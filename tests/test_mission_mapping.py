@@ -1,16 +1,19 @@
 """Making a robot of any plant: wiring, scales, and the sentences that say what was assumed."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
 
 from sysid.data.record import Array, Channel
+from sysid.effects.ground import Ground
 from sysid.errors import ModelError
-from sysid.mission.mapping import RobotPlant, as_robot
+from sysid.mission.mapping import as_robot
+from sysid.mission.result import Outcome
+from sysid.mission.robot_plant import RobotPlant
 from sysid.mission.settling import settle
-from sysid.mission.simulator import Outcome, simulate
+from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission
 
 MISSION = Mission(goal=(1.0, 0.0))
@@ -27,16 +30,20 @@ class Lag:
     outputs: tuple[Channel, ...]
     pole: float = 0.6
     dt: float = 0.1
-    u_offset: tuple[float, ...] | None = None
+    u_zero: tuple[float, ...] | None = None
     y_offset: float = 0.0
     input_range: tuple[tuple[float, float], ...] = ()
+    ground: Ground = field(default_factory=Ground)
+
+    @property
+    def u_offset(self) -> Array:
+        return np.array(self.u_zero or np.zeros(len(self.inputs)))
 
     def initial_state(self) -> Array:
         return np.zeros(len(self.outputs))
 
     def step(self, state: Array, u: Array) -> tuple[Array, Array]:
-        change = u - np.array(self.u_offset or np.zeros(len(self.inputs)))
-        drive = (1 - self.pole) * np.array(self.gain) @ change
+        drive = (1 - self.pole) * np.array(self.gain) @ (u - self.u_offset)
         return self.pole * state + drive, state + self.y_offset
 
 
@@ -108,7 +115,7 @@ def test_without_a_range_full_drive_is_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "u_offset", "centre", "span"),
+    ("low", "high", "u_zero", "centre", "span"),
     [
         (-2.0, 1.0, (0.3,), 0.0, 2.0),  # zero was seen: it is the zero of the drive
         (3.4, 6.4, (5.0,), 5.0, 1.6),  # never seen: the operating point is
@@ -116,11 +123,11 @@ def test_without_a_range_full_drive_is_one() -> None:
     ],
 )
 def test_zero_drive_rests_and_full_drive_stays_near_the_data(
-    low: float, high: float, u_offset: tuple[float] | None, centre: float, span: float
+    low: float, high: float, u_zero: tuple[float] | None, centre: float, span: float
 ) -> None:
     plant = Lag(
         ((0.7,),), names("u"), names("y"),
-        u_offset=u_offset, y_offset=4.8, input_range=((low, high),),
+        u_zero=u_zero, y_offset=4.8, input_range=((low, high),),
     )  # fmt: skip
     robot, _ = as_robot(plant, MISSION)
     assert (robot.centre[0], robot.span[0]) == (pytest.approx(centre), pytest.approx(span))
@@ -134,7 +141,7 @@ def test_zero_drive_rests_and_full_drive_stays_near_the_data(
 def test_more_inputs_and_outputs_use_the_first_two() -> None:
     plant = Lag(
         ((1.0, 0.1, 5.0), (0.2, 2.0, 5.0), (1.0, 1.0, 1.0)),
-        names("a", "b", "c"), names("p", "q", "s"), u_offset=(0.0, 0.0, 7.0),
+        names("a", "b", "c"), names("p", "q", "s"), u_zero=(0.0, 0.0, 7.0),
     )  # fmt: skip
     robot, warnings = as_robot(plant, MISSION)
     assert not robot.twins
@@ -210,7 +217,7 @@ def test_a_robot_never_seen_driving_straight_is_said_to_be_so() -> None:
 def test_the_missions_scales_are_taken_as_given() -> None:
     vehicle = {"command_scale": 12.0, "speed_scale": 0.1}
     mission = Mission.model_validate({"goal": (1, 0), "vehicle": vehicle})
-    plant = Lag(((15.0,),), names("u"), names("y"), u_offset=(3.0,), y_offset=45.0)
+    plant = Lag(((15.0,),), names("u"), names("y"), u_zero=(3.0,), y_offset=45.0)
     robot, warnings = as_robot(plant, mission)
     np.testing.assert_allclose(at_full(robot), 18.0, rtol=1e-3)  # 0.1 · 15 · 12
     assert len(warnings) == 1

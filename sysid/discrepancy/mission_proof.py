@@ -165,7 +165,7 @@ def not_this_mission(record: Record, mission: Mission, channels: tuple[int, int]
         found.append(f"begins {off:.2g} m from its start")
     if to_goal > ASTRAY * apart + mission.tolerance:
         found.append(f"comes no nearer than {to_goal:.2g} m to its goal")
-    if strayed > apart + mission.guidance.rho0:
+    if strayed > apart + mission.guidance.reach:
         found.append(f"strays up to {strayed:.2g} m from both")
     if not found:
         return ""

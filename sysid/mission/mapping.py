@@ -13,28 +13,43 @@ import numpy as np
 
 from sysid.data.record import PWM_FULL_SCALE, Array, Channel
 from sysid.errors import ModelError
+from sysid.mission.contracts import SteppablePlant
 from sysid.mission.robot_plant import RobotPlant
-from sysid.mission.settling import Settled, settle
-from sysid.mission.simulator import SteppablePlant
+from sysid.mission.settling import Ending, Settling, settle
 from sysid.mission.spec import Mission, VehicleSpec
 
 TOP_SPEED = 0.43
 """Forward speed of the thesis's robot at full drive [m/s]."""
 
-_TURNS = (0.2, 5.0)
-"""Turning at opposite full drives, in parts of that of two independent tracks, that counts as
-steering: below it the outputs hardly differ, above it the yaw loop would be far too strong."""
 
-_DRIFTS = 1.0
-"""Speed along the way at opposite full drives, in parts of full speed; independent tracks have
-none. Channels without names beyond this are no pair of tracks: their answers nearly cancel in
-straight driving and are magnified by its scale in everything else."""
+@dataclass(frozen=True)
+class WiringRule:
+    """When two channels of a plant count as the tracks of a vehicle, and what is worth a warning.
 
-_HARDLY = 0.1
-"""Share of the top speed below which a robot's track does not answer to driving straight."""
+    Attributes:
+        turns: turning at opposite full drives, in parts of that of two independent tracks, that
+            counts as steering: below it the outputs hardly differ, above it the yaw loop would be
+            far too strong.
+        drifts: speed along the way at opposite full drives, in parts of full speed; independent
+            tracks have none. Channels without names beyond this are no pair of tracks: their
+            answers nearly cancel in straight driving and are magnified by its scale in everything
+            else.
+        hardly: share of the top speed below which a robot's track does not answer to driving
+            straight: what a track that only ever turned on the spot is left with.
+        swings: an output that swings beyond this many times its final value is worth a warning:
+            a second-order step overshoots to less than twice its final value.
+        answers: an output whose final value moves by less than this part of itself under full
+            drive does not answer: rounding does as much.
+    """
 
-_SWINGS = 3.0
-"""An output that swings beyond this many times its final value is worth a warning."""
+    turns: tuple[float, float] = (0.2, 5.0)
+    drifts: float = 1.0
+    hardly: float = 0.1
+    swings: float = 3.0
+    answers: float = 1e-9
+
+
+RULE = WiringRule()
 
 
 @dataclass(frozen=True)
@@ -59,6 +74,13 @@ class _Drive:
     centre: Array
     span: Array
     notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Refused:
+    """A wiring that cannot drive, with the reason."""
+
+    reason: str
 
 
 def as_robot(
@@ -91,23 +113,24 @@ def as_robot(
     """
     complaint = ""
     for wiring in _wirings(plant):
-        try:
-            robot, notes = _wired(plant, wiring, mission.vehicle, top_speed)
-        except ModelError as error:
-            complaint = complaint or str(error)
+        wired = _wired(plant, wiring, mission.vehicle, top_speed)
+        if isinstance(wired, _Refused):
+            complaint = complaint or wired.reason
             continue
+        robot, notes = wired
         if wiring.twins:
             return robot, (_twins_note(plant, wiring, complaint), *notes)
         turning, drift = _opposite(robot, top_speed / mission.vehicle.r)
         if wiring.named:
-            weak = () if turning >= _TURNS[0] else (_WEAK_STEERING,)
+            weak = () if turning >= RULE.turns[0] else (_WEAK_STEERING,)
             return robot, (*_held_note(plant, wiring), *notes, *weak)
-        if _TURNS[0] <= abs(turning) <= _TURNS[1] and abs(drift) <= _DRIFTS:
+        if RULE.turns[0] <= abs(turning) <= RULE.turns[1] and abs(drift) <= RULE.drifts:
             if turning < 0:  # the first output answers more to the second input
                 wiring = _Wiring(False, wiring.driven, wiring.read[::-1])
-                robot, notes = _wired(plant, wiring, mission.vehicle, top_speed)
-            taken = (_order_note(plant, wiring), *_held_note(plant, wiring))
-            return robot, (*taken, *notes)
+                wired = _wired(plant, wiring, mission.vehicle, top_speed)
+            if not isinstance(wired, _Refused):
+                taken = (_order_note(plant, wiring), *_held_note(plant, wiring))
+                return wired[0], (*taken, *wired[1])
         complaint = "its first two inputs and outputs do not steer as two tracks do"
     raise ModelError(f"the plant cannot drive a robot: {complaint}")
 
@@ -168,18 +191,23 @@ def _unsettled(
 
 def _wired(
     plant: SteppablePlant, wiring: _Wiring, vehicle: VehicleSpec, top_speed: float
-) -> tuple[RobotPlant, tuple[str, ...]]:
+) -> tuple[RobotPlant, tuple[str, ...]] | _Refused:
     """Scale one wiring; the sentences name what was assumed."""
     u, y = plant.inputs, plant.outputs
     at = list(wiring.read)
     direct = all(_is_pwm(u[i]) for i in wiring.driven) and all(_is_speed(y[j]) for j in at)
     drive = _drive(plant, wiring, vehicle, direct)
-    try:
-        rest, answer = _static_answer(plant, wiring, drive)
-    except ModelError as error:
-        if not direct or "keeps moving" not in str(error):
-            raise
+    rest, answer = _static_answer(plant, drive, wiring)
+    if answer.ending is Ending.KEEPS_MOVING and direct:
         return _unsettled(plant, wiring, drive, vehicle)
+    if answer.ending is not Ending.RESTS:
+        return _Refused(answer.ending.value)
+    for i, j in zip(wiring.driven, wiring.read, strict=True):
+        if abs(answer.y[j] - rest.y[j]) <= RULE.answers * max(abs(answer.y[j]), abs(rest.y[j])):
+            return _Refused(
+                f"output {y[j].name} does not answer a constant input {u[i].name}; fit it with "
+                "other inputs or outputs"
+            )
     rise = answer.y[at] - rest.y[at]
     notes = list(drive.notes)
 
@@ -196,9 +224,9 @@ def _wired(
     falls = scale * rise < 0
     for k in wiring.tracks:
         swing = answer.swing[at[k]] / abs(rise[k])
-        if swing > _SWINGS:
+        if swing > RULE.swings:
             notes.append(f"{_quantity(y[at[k]])} swings to {swing:.1f} times its final value.")
-        if direct and abs(rise[k]) * vehicle.r < _HARDLY * top_speed:
+        if direct and abs(rise[k]) * vehicle.r < RULE.hardly * top_speed:
             falls[k] = False
             notes.append(
                 f"{_quantity(y[at[k]])} hardly moves when both tracks are driven forward: straight "
@@ -226,8 +254,7 @@ def _wired(
 
 def _drive(plant: SteppablePlant, wiring: _Wiring, vehicle: VehicleSpec, direct: bool) -> _Drive:
     """Choose what zero and full drive are in the plant's units."""
-    offsets = getattr(plant, "u_offset", None)
-    centre = np.zeros(len(plant.inputs)) if offsets is None else np.array(offsets, dtype=float)
+    centre = np.array(plant.u_offset, dtype=float)
     span = np.empty(2)
     notes = []
     for track, i in enumerate(wiring.driven):
@@ -250,38 +277,29 @@ def _drive(plant: SteppablePlant, wiring: _Wiring, vehicle: VehicleSpec, direct:
 
 
 def _static_answer(
-    plant: SteppablePlant, wiring: _Wiring, drive: _Drive
-) -> tuple[Settled, Settled]:
-    """The plant at rest at zero drive and at full drive.
-
-    Raises:
-        ModelError: it does not come to rest, or an output that is read does not answer.
-    """
+    plant: SteppablePlant, drive: _Drive, wiring: _Wiring
+) -> tuple[Settling, Settling]:
+    """The plant after zero and after full drive; where it does not rest at zero, that twice."""
     rest = settle(plant, plant.initial_state(), drive.centre)
+    if rest.ending is not Ending.RESTS:
+        return rest, rest
     raised = drive.centre.copy()
     raised[list(wiring.driven)] += drive.span
-    answer = settle(plant, rest.state, raised)
-    for i, j in zip(wiring.driven, wiring.read, strict=True):
-        if abs(answer.y[j] - rest.y[j]) <= 1e-9 * max(abs(answer.y[j]), abs(rest.y[j])):
-            raise ModelError(
-                f"output {plant.outputs[j].name} does not answer a constant input "
-                f"{plant.inputs[i].name}; fit it with other inputs or outputs"
-            )
-    return rest, answer
+    return rest, settle(plant, rest.state, raised)
 
 
 def _opposite(robot: RobotPlant, full: float) -> tuple[float, float]:
     """(ω_R − ω_L)/2 and (ω_R + ω_L)/2 at opposite full drives, in parts of ω at full drive."""
-    try:
-        y = settle(robot, robot.initial_state(), np.array((-PWM_FULL_SCALE, PWM_FULL_SCALE))).y
-    except ModelError:  # a nonlinear plant may rest forwards and not in reverse
+    settled = settle(robot, robot.initial_state(), np.array((-PWM_FULL_SCALE, PWM_FULL_SCALE)))
+    if settled.ending is not Ending.RESTS:  # a nonlinear plant may rest forwards only
         return 0.0, 0.0
+    y = settled.y
     return float(y[1] - y[0]) / (2.0 * full), float(y[1] + y[0]) / (2.0 * full)
 
 
 def _input_range(plant: SteppablePlant, i: int) -> tuple[float, float]:
     """Lowest and highest value of an input in the data; ±1 when unknown or constant."""
-    ranges = getattr(plant, "input_range", ())
+    ranges = plant.input_range
     low, high = ranges[i] if i < len(ranges) else (-1.0, 1.0)
     return (float(low), float(high)) if high > low else (-1.0, 1.0)
 

@@ -11,18 +11,7 @@ from typing import Any
 
 from sysid.data.record import Array
 from sysid.errors import DataError
-from sysid.mission.guidance import Pose
-
-COLUMNS = (
-    "t", "pwm_l", "pwm_r", "omega_l", "omega_r", "x", "y", "psi",
-    "v", "yaw_rate", "v_ref", "psi_ref", "v_cmd", "psi_cmd", "rho_goal",
-)  # fmt: skip
-"""Columns of a mission log: the robot log's first, then what the loop was thinking."""
-
-STUCK_PROGRESS = 0.05
-"""Less progress than this [m] …"""
-STUCK_TIME = 10.0
-"""… in this time [s] ends a mission as stuck."""
+from sysid.mission.contracts import Pose
 
 
 class Outcome(StrEnum):
@@ -32,21 +21,6 @@ class Outcome(StrEnum):
     TIMEOUT = "timeout"
     COLLISION = "collision"
     STUCK = "stuck"
-
-    @property
-    def sentence(self) -> str:
-        """The outcome in words, with the next step."""
-        return _SENTENCES[self]
-
-
-_SENTENCES = {
-    Outcome.ARRIVED: "The robot reached the goal within the tolerance.",
-    Outcome.TIMEOUT: "Time ran out before the goal was reached: raise timeout or v_max.",
-    Outcome.COLLISION: "The robot touched an obstacle: raise eta or rho0, or lower v_max.",
-    Outcome.STUCK: (
-        f"The robot came less than {STUCK_PROGRESS} m closer in {STUCK_TIME:g} s: look at its path."
-    ),
-}
 
 
 @dataclass(frozen=True)
@@ -61,8 +35,9 @@ class MissionResult:
         min_clearance_m: smallest distance from the robot's centre to an obstacle's surface [m];
             None without obstacles.
         max_deviation_m: largest distance from the line through start and goal [m].
-        log: columns of equal length by name (:data:`COLUMNS`), one row a plant sample; read-only.
-        why: the outcome in words with the next step; the outcome's own sentence unless given.
+        log: columns of equal length by name (:data:`sysid.mission.loop.COLUMNS`), one row a plant
+            sample; read-only.
+        sentence: how it ended, with the next step.
     """
 
     outcome: Outcome
@@ -72,12 +47,7 @@ class MissionResult:
     min_clearance_m: float | None
     max_deviation_m: float
     log: Mapping[str, Array]
-    why: str = ""
-
-    @property
-    def sentence(self) -> str:
-        """How it ended, with the next step."""
-        return self.why or self.outcome.sentence
+    sentence: str
 
     def summary(self) -> dict[str, Any]:
         """Return everything but the log as plain values for a JSON document."""
@@ -85,7 +55,7 @@ class MissionResult:
             "outcome": self.outcome.value,
             "sentence": self.sentence,
             "time_s": self.time_s,
-            "final": dict(zip(("x", "y", "psi"), self.final, strict=True)),
+            "final": self.final._asdict(),
             "path_length_m": self.path_length_m,
             "min_clearance_m": self.min_clearance_m,
             "max_deviation_m": self.max_deviation_m,

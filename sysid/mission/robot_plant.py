@@ -1,12 +1,13 @@
 """RobotPlant: any plant wired and scaled so that it takes PWM [µs] and answers rad/s per track."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from sysid.data.record import PWM_FULL_SCALE, Array, Channel
 from sysid.effects.ground import Ground
-from sysid.mission.simulator import ROBOT_INPUTS, ROBOT_OUTPUTS, SteppablePlant
+from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS, SteppablePlant
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +53,21 @@ class RobotPlant:
         """``omega_l, omega_r`` [rad/s]."""
         return ROBOT_OUTPUTS
 
-    @property
+    @cached_property
     def ground(self) -> Ground:
-        """What stands between the tracks and the ground; nothing unless the plant says so."""
-        ground: Ground = getattr(self.plant, "ground", Ground())
+        """What stands between the tracks and the ground; copies of one plant have no such thing."""
+        ground = self.plant.ground
         return ground.ordered(self.read) if ground and not self.twins else Ground()
+
+    @property
+    def input_range(self) -> tuple[tuple[float, float], ...]:
+        """The PWM [µs] of full drive either way."""
+        return ((-PWM_FULL_SCALE, PWM_FULL_SCALE),) * 2
+
+    @property
+    def u_offset(self) -> Array:
+        """Zero drive."""
+        return np.zeros(2)
 
     def initial_state(self) -> Array:
         """Return the state at rest at zero drive."""

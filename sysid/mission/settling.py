@@ -1,36 +1,72 @@
 """Where the outputs of a plant come to rest when its inputs are held, found by simulation."""
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.errors import ModelError
-from sysid.mission.simulator import SteppablePlant
+from sysid.mission.contracts import SteppablePlant
 
-_FIRST_BLOCK = 256
-_MOST_STEPS = 2**16
-_STILL = 1e-4  # ripple over the second half of a block, as a part of the change so far
-_AGREE = 1e-2  # two successive means of a plant that still rings
-_RUNAWAY = 1e12
+
+@dataclass(frozen=True)
+class SettlingRule:
+    """When a plant counts as settled.
+
+    Attributes:
+        first_block: samples of the first block; each following one is twice as long. Shorter than
+            the lag of most robots, so that a quick plant costs little.
+        most_steps: samples after which a plant that still moves is given up: a time constant of
+            a tenth of that has passed its settling by far.
+        still: ripple over the second half of a block, as a part of the change so far, of a plant at
+            rest: a tenth of the last digit of the figures that are printed.
+        agree: difference of two successive means, as a part of the change so far, of a plant that
+            rings about its rest: what it does to a scale is below what a model's gain is known to.
+        runaway: outputs beyond this are no physical quantity any more.
+    """
+
+    first_block: int = 256
+    most_steps: int = 2**16
+    still: float = 1e-4
+    agree: float = 1e-2
+    runaway: float = 1e12
+
+
+RULE = SettlingRule()
+
+
+class Ending(StrEnum):
+    """How holding the inputs ended; each is a sentence for a plant that needs to rest."""
+
+    RESTS = "the plant's output rests"
+    RUNS_AWAY = (
+        "the plant's output runs away: the model is unstable; fit it with stability "
+        "enforced or with lower orders"
+    )
+    KEEPS_MOVING = (
+        "the plant's output keeps moving under a constant input, like a position under a "
+        "constant speed: identify a plant whose output settles"
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
-    """A plant at rest.
+class Settling:
+    """What became of a plant whose inputs were held.
 
     Attributes:
-        state: its state.
-        y: its outputs, shape (ny,).
+        ending: whether it rests.
+        state: its last state.
+        y: the outputs it rests at, shape (ny,); the last ones where it does not rest.
         swing: the largest excursion of each output from its first value, shape (ny,).
     """
 
+    ending: Ending
     state: Array
     y: Array
     swing: Array
 
 
-def settle(plant: SteppablePlant, state: Array, u: Array) -> Settled:
+def settle(plant: SteppablePlant, state: Array, u: Array) -> Settling:
     """Hold the inputs until the outputs rest.
 
     The plant is stepped in blocks of growing length. It rests once no output moved by more than
@@ -41,38 +77,30 @@ def settle(plant: SteppablePlant, state: Array, u: Array) -> Settled:
         plant: the plant; simulation serves nonlinear ones as well as linear ones.
         state: where to start.
         u: the inputs to hold, shape (nu,).
-
-    Raises:
-        ModelError: the outputs run away or keep moving (the message begins "the plant's output").
     """
     first: Array | None = None
     swing = np.zeros(len(plant.outputs))
     previous: Array | None = None
-    steps, block = 0, _FIRST_BLOCK
+    steps, block = 0, RULE.first_block
     while True:
         values = np.empty((block, len(plant.outputs)))
         with np.errstate(over="ignore", invalid="ignore"):
             for k in range(block):
                 state, values[k] = plant.step(state, u)
-        if not np.all(np.abs(values) < _RUNAWAY):
-            raise ModelError(
-                "the plant's output runs away: the model is unstable; fit it with stability "
-                "enforced or with lower orders"
-            )
+        last = values[-1].copy()
+        if not np.all(np.abs(values) < RULE.runaway):
+            return Settling(Ending.RUNS_AWAY, state, last, swing)
         first = values[0] if first is None else first
         swing = np.maximum(swing, np.max(np.abs(values - first), axis=0))
         half = values[block // 2 :]
         mean = half.mean(axis=0)
         floor = 1e-12 * np.max(np.abs(values), axis=0)
-        if np.all(np.ptp(half, axis=0) <= _STILL * swing + floor):
-            return Settled(state, values[-1].copy(), swing)
+        if np.all(np.ptp(half, axis=0) <= RULE.still * swing + floor):
+            return Settling(Ending.RESTS, state, last, swing)
         steps += block
-        if steps + 2 * block > _MOST_STEPS and previous is not None:
-            if np.all(np.abs(mean - previous) <= _AGREE * np.abs(mean - first) + floor):
-                return Settled(state, mean, swing)
-            raise ModelError(
-                "the plant's output keeps moving under a constant input, like a position under a "
-                "constant speed: identify a plant whose output settles"
-            )
+        if steps + 2 * block > RULE.most_steps and previous is not None:
+            if np.all(np.abs(mean - previous) <= RULE.agree * np.abs(mean - first) + floor):
+                return Settling(Ending.RESTS, state, mean, swing)
+            return Settling(Ending.KEEPS_MOVING, state, last, swing)
         previous = mean
         block *= 2

@@ -5,13 +5,13 @@ none, the value chosen for this workbench. See :func:`load_mission` for the file
 """
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import (
-    BaseModel,
-    ConfigDict,
     Field,
+    PlainValidator,
     ValidationError,
     ValidationInfo,
     field_validator,
@@ -19,27 +19,19 @@ from pydantic import (
 )
 
 from sysid.errors import DataError
-from sysid.mission.spec_problems import first_problem, shown
-from sysid.mission.yaml_source import read_yaml
-from sysid.vehicle.kinematics import Geometry
-
-# Bounds far outside any use, which keep every later formula inside the range of floats.
-Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
-Positive = Annotated[float, Field(ge=1e-6, le=1e6)]
-Gain = Annotated[float, Field(ge=0, le=1e6)]
-
-
-class _Spec(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _mapping(cls, value: Any) -> Any:
-        """Read a key with nothing after it, as in ``guidance:``, as an empty section."""
-        return {} if value is None else value
+from sysid.mission.contracts import Controller, Disc, Guidance, Motion, Navigation, Pose, Scene
+from sysid.mission.control.pi_p import SpeedPIYawP
+from sysid.mission.guidance.field import PotentialField
+from sysid.mission.motion.kinematic import Kinematic
+from sysid.mission.navigation.odometry import Odometry
+from sysid.mission.registry import law
+from sysid.mission.settings import Coordinate, Positive, Settings
+from sysid.mission.spec_problems import first_problem
+from sysid.mission.yaml_source import read_yaml, shown
+from sysid.vehicle.kinematics import Geometry, wrap_angle
 
 
-class Obstacle(_Spec):
+class Obstacle(Settings):
     """A round obstacle: the field acts from its point, collision from its surface.
 
     Attributes:
@@ -75,51 +67,7 @@ class Obstacle(_Spec):
         return {"x": x, "y": y} | {k: v for k, v in value.items() if k != "at"}
 
 
-class GuidanceSpec(_Spec):
-    """Gains of the potential field and of the references (thesis 4.19–4.31, 6.2.5).
-
-    Attributes:
-        K: attraction.
-        d: distance to the goal where the parabolic attraction becomes conic [m].
-        rho0: distance to an obstacle's point within which it repels [m].
-        eta: repulsion.
-        v_max: largest speed reference [m/s].
-        theta, h: shape of the speed reference V_max θʰ/(θʰ + Δʰ).
-        Kg, Ki: weight of the goal and of each obstacle in range in Δ [m].
-    """
-
-    K: Positive = 0.15
-    d: Positive = 2.0
-    rho0: Positive = 0.7
-    eta: Gain = 0.05
-    v_max: Positive = 0.3
-    theta: Positive = 2.0
-    h: Annotated[float, Field(gt=0, le=10)] = 1.0
-    Kg: Gain = 0.4
-    Ki: Gain = 1.0
-
-
-class ControlSpec(_Spec):
-    """Gains, limits and period of the controller (thesis 6.1–6.3).
-
-    Attributes:
-        kp_speed, ki_speed: PI on the forward speed [drive per m/s, drive per m].
-        kp_yaw: P on the yaw [drive per rad].
-        v_cmd_min, v_cmd_max: limits of the speed command [drive, 1 is full].
-        psi_cmd_max: limit of the yaw command either way [drive].
-        period: time between two commands [s].
-    """
-
-    kp_speed: Gain = 2.0
-    ki_speed: Gain = 1.85
-    kp_yaw: Gain = 0.4
-    v_cmd_min: Annotated[float, Field(ge=-1, le=0)] = 0.0
-    v_cmd_max: Annotated[float, Field(gt=0, le=1)] = 1.0
-    psi_cmd_max: Annotated[float, Field(gt=0, le=1)] = 0.3
-    period: Annotated[float, Field(ge=1e-4, le=60)] = 0.1
-
-
-class VehicleSpec(_Spec):
+class VehicleSpec(Settings):
     """Geometry of the vehicle, and the scales of a plant that does not speak µs and rad/s.
 
     Attributes:
@@ -155,7 +103,7 @@ class VehicleSpec(_Spec):
         return self.geometry if {"r", "B"} & self.model_fields_set else None
 
 
-class Mission(_Spec):
+class Mission(Settings):
     """One mission: from where to where, around what, and how.
 
     Attributes:
@@ -164,7 +112,9 @@ class Mission(_Spec):
         obstacles: what to keep clear of.
         tolerance: the goal counts as reached within this distance [m].
         timeout: the mission is given up after this time [s].
-        guidance, control, vehicle: gains, limits and lengths.
+        guidance, control, navigation, motion: the laws of the loop; in a file each is a section
+            whose ``kind`` names the law and whose other keys are that law's own.
+        vehicle: lengths and scales.
     """
 
     goal: tuple[Coordinate, Coordinate]
@@ -172,8 +122,10 @@ class Mission(_Spec):
     obstacles: Annotated[tuple[Obstacle, ...], Field(strict=False)] = ()
     tolerance: Positive = 0.10
     timeout: Annotated[float, Field(gt=0, le=86_400)] = 120.0
-    guidance: GuidanceSpec = GuidanceSpec()
-    control: ControlSpec = ControlSpec()
+    guidance: Annotated[Guidance, PlainValidator(partial(law, "guidance"))] = PotentialField()
+    control: Annotated[Controller, PlainValidator(partial(law, "control"))] = SpeedPIYawP()
+    navigation: Annotated[Navigation, PlainValidator(partial(law, "navigation"))] = Odometry()
+    motion: Annotated[Motion, PlainValidator(partial(law, "motion"))] = Kinematic()
     vehicle: VehicleSpec = VehicleSpec()
 
     @field_validator("goal", mode="before")
@@ -217,6 +169,17 @@ class Mission(_Spec):
                         f"of radius {o.radius:g} m: move one of them"
                     )
         return self
+
+    def scene(self) -> Scene:
+        """What a run of this mission is about, as the laws take it."""
+        x, y, psi = self.start
+        return Scene(
+            start=Pose(x, y, wrap_angle(psi)),
+            goal=self.goal,
+            tolerance=self.tolerance,
+            obstacles=tuple(Disc(o.x, o.y, o.radius) for o in self.obstacles),
+            geometry=self.vehicle.geometry,
+        )
 
     def with_geometry(self, geometry: Geometry) -> "Mission":
         """The mission driven by a vehicle of other lengths."""

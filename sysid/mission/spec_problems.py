@@ -1,12 +1,14 @@
 """What is wrong with a mission file, in words: one sentence with its line from all findings."""
 
 import difflib
+from collections.abc import Mapping
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from sysid.mission.yaml_source import Place, YamlSource
+from sysid.mission.registry import ROLES, kinds, law_class
+from sysid.mission.yaml_source import Place, YamlSource, shown
 
 
 def first_problem(error: ValidationError, source: YamlSource, model: type[BaseModel]) -> str:
@@ -28,7 +30,7 @@ def first_problem(error: ValidationError, source: YamlSource, model: type[BaseMo
     problems = sorted(error.errors(), key=lambda p: (line(p), p["type"] == "missing"))
     first, *others = dict.fromkeys(line(p) for p in problems)
     more = f" (more to correct in line {', '.join(map(str, others))})" if others else ""
-    return f"{source.name}:{first}: {_sentence(problems[0], model)}{more}"
+    return f"{source.name}:{first}: {_sentence(problems[0], model, source.values)}{more}"
 
 
 _LIMITS = {
@@ -38,11 +40,11 @@ _LIMITS = {
 }
 
 
-def _sentence(details: ErrorDetails, model: type[BaseModel]) -> str:
+def _sentence(details: ErrorDetails, model: type[BaseModel], values: Mapping[str, Any]) -> str:
     kind, place, value = details["type"], details["loc"], details["input"]
     name = _name(place)
     if kind == "extra_forbidden":
-        return _unknown(place, model)
+        return _unknown(place, model, values)
     if kind == "missing":
         example = "goal: [1, 0]" if name == "goal" else f"{name}: a number"
         return f"the key {name!r} is missing: add {example}"
@@ -61,10 +63,10 @@ def _sentence(details: ErrorDetails, model: type[BaseModel]) -> str:
     return str(details["msg"]).removeprefix("Value error, ")
 
 
-def _unknown(place: Place, model: type[BaseModel]) -> str:
+def _unknown(place: Place, model: type[BaseModel], values: Mapping[str, Any]) -> str:
     """Name an unknown key, the keys there are, and the one that was probably meant."""
     key = str(place[-1])
-    known = _known_keys(place[:-1], model)
+    known = _known_keys(place[:-1], model, values)
     close = difflib.get_close_matches(key, known, n=1, cutoff=0.6) or [
         k for k in known if k.lower() == key.lower()
     ]
@@ -73,9 +75,13 @@ def _unknown(place: Place, model: type[BaseModel]) -> str:
     return f"unknown key {key!r}{section}: {advice}"
 
 
-def _known_keys(place: Place, model: type[BaseModel]) -> list[str]:
-    if place and place[0] == "obstacles":
+def _known_keys(place: Place, model: type[BaseModel], values: Mapping[str, Any]) -> list[str]:
+    section = str(place[0]) if place else ""
+    if section == "obstacles":
         return ["at", "radius"]
+    if section in ROLES:
+        kind = values[section].get("kind", kinds(section)[0])
+        return ["kind", *law_class(section, kind).model_fields]
     for key in place:
         inner = model.model_fields[str(key)].annotation
         model = inner if isinstance(inner, type) and issubclass(inner, BaseModel) else model
@@ -86,16 +92,3 @@ def _name(place: Place) -> str:
     """Return ``obstacles[2].radius`` for the place (obstacles, 1, radius), counted from 1."""
     text = "".join(f"[{p + 1}]" if isinstance(p, int) else f".{p}" for p in place)
     return text.lstrip(".") or "the mission"
-
-
-def shown(value: Any) -> str:
-    """Return a value as a reader of the file would call it."""
-    if value is None:
-        return "empty"
-    if isinstance(value, bool):
-        return f"{value} (a yes or no)"
-    if isinstance(value, float):
-        return f"{value:g}"
-    text = value if isinstance(value, str) else repr(value)
-    text = text if len(text) <= 40 else text[:37] + "..."
-    return f"the text '{text}'" if isinstance(value, str) else text

@@ -95,6 +95,19 @@ def read_yaml(path: str | Path) -> YamlSource:
     return YamlSource(name, values, lines)
 
 
+def shown(value: Any) -> str:
+    """Return a value as a reader of the file would call it."""
+    if value is None:
+        return "empty"
+    if isinstance(value, bool):
+        return f"{value} (a yes or no)"
+    if isinstance(value, float):
+        return f"{value:g}"
+    text = value if isinstance(value, str) else repr(value)
+    text = text if len(text) <= 40 else text[:37] + "..."
+    return f"the text '{text}'" if isinstance(value, str) else text
+
+
 def _text(path: Path, name: str) -> str:
     try:
         if path.is_dir():

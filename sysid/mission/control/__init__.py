@@ -1,0 +1,1 @@
+"""Controllers: from references and estimate to commands, one law a file."""

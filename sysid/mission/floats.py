@@ -1,0 +1,74 @@
+"""The array namespace of a single run: NumPy's names on plain numbers.
+
+Laws are written over a namespace ``xp`` so that a batch can run the same text on ``jax.numpy``. A
+single run has one number where a batch has an array, and NumPy needs ten times longer for one
+number than ``math`` does. The functions that laws use most are therefore those of ``math`` here
+(the same on every processor, to the last bit); everything else, and every array, is NumPy's.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+float64 = float
+array = np.array
+inf = math.inf
+
+
+def __getattr__(name: str) -> Any:
+    return getattr(np, name)
+
+
+def sin(x: Any) -> Any:
+    """sin x."""
+    return math.sin(x) if type(x) is float else np.sin(x)
+
+
+def cos(x: Any) -> Any:
+    """cos x."""
+    return math.cos(x) if type(x) is float else np.cos(x)
+
+
+def hypot(x: Any, y: Any) -> Any:
+    """√(x² + y²)."""
+    return math.hypot(x, y) if type(x) is float and type(y) is float else np.hypot(x, y)
+
+
+def arctan2(y: Any, x: Any) -> Any:
+    """The angle of the point (x, y)."""
+    return math.atan2(y, x) if type(x) is float and type(y) is float else np.arctan2(y, x)
+
+
+def minimum(a: Any, b: Any) -> Any:
+    """The smaller of both; NaN where one is NaN."""
+    if type(a) is float and type(b) is float:
+        return a if a <= b or a != a else b
+    return np.minimum(a, b)
+
+
+def maximum(a: Any, b: Any) -> Any:
+    """The larger of both; NaN where one is NaN."""
+    if type(a) is float and type(b) is float:
+        return a if a >= b or a != a else b
+    return np.maximum(a, b)
+
+
+def clip(x: Any, low: Any, high: Any) -> Any:
+    """``x`` cut to [low, high]."""
+    return minimum(maximum(x, low), high)
+
+
+def where(condition: Any, one: Any, other: Any) -> Any:
+    """``one`` where the condition holds, else ``other``.
+
+    Raises:
+        TypeError: the condition is a number, as ``~`` makes of a Python truth value.
+    """
+    if condition is True:
+        return one
+    if condition is False:
+        return other
+    if np.asarray(condition).dtype != bool:
+        raise TypeError("the condition of where is no truth value: use xp.logical_not, not ~")
+    return np.where(condition, one, other) if np.ndim(condition) else one if condition else other

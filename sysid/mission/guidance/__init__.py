@@ -1,0 +1,1 @@
+"""Guidance laws: from the estimated pose to references of speed and yaw, one law a file."""

@@ -1,0 +1,273 @@
+"""One sample of the closed loop guidance → control → plant → motion → navigation, as a function.
+
+It knows protocols only, and over ``xp`` it is pure: the next state and a row of the log from the
+last state. :mod:`sysid.mission.simulator` runs it sample after sample until the mission ends.
+"""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+from sysid.data.record import PWM_FULL_SCALE
+from sysid.mission.contracts import (
+    Body,
+    Command,
+    ControlInputs,
+    Controller,
+    Guidance,
+    GuidanceInputs,
+    Motion,
+    MotionInputs,
+    Navigation,
+    NavigationInputs,
+    Pose,
+    References,
+    Scene,
+    State,
+    SteppablePlant,
+)
+from sysid.vehicle.kinematics import Real
+
+COLUMNS = (
+    "t", "pwm_l", "pwm_r", "omega_l", "omega_r", "x", "y", "psi",
+    "v", "yaw_rate", "v_ref", "psi_ref", "v_cmd", "psi_cmd", "rho_goal",
+)  # fmt: skip
+"""Columns of a mission log: the robot log's first, then what the loop was thinking."""
+
+
+@dataclass(frozen=True)
+class StuckRule:
+    """When a robot counts as stuck.
+
+    Attributes:
+        progress: less than this [m] closer … Half a tolerance: a robot that creeps to its goal
+            comes closer faster.
+        time: … in this time [s]. The slowest turn on the spot and the slowest lag of a plant that
+            has driven a mission are over by then.
+    """
+
+    progress: float = 0.05
+    time: float = 10.0
+
+
+STUCK = StuckRule()
+
+
+class Verdict(IntEnum):
+    """Whether a run goes on, as a number that arrays can hold."""
+
+    GOES_ON = 0
+    COLLISION = 1
+    ARRIVED = 2
+    STUCK = 3
+    TIMEOUT = 4
+
+
+class Tick(NamedTuple):
+    """One sample of the plant on the time line of both clocks.
+
+    Attributes:
+        t: instant [s].
+        dt: time since the sample before [s]; 0 at the first.
+        before: control instants since the sample before, this one excluded [s].
+        now: control instants that fall together with this sample [s].
+    """
+
+    t: float
+    dt: float
+    before: tuple[float, ...]
+    now: tuple[float, ...]
+
+
+def ticks(dt: float, period: float) -> Iterator[Tick]:
+    """Every sample of the plant, k·dt, with the control instants j·period; without end."""
+    calls = 0
+
+    def until(limit: float) -> tuple[float, ...]:
+        nonlocal calls
+        first = calls
+        while calls * period < limit:
+            calls += 1
+        return tuple(j * period for j in range(first, calls))
+
+    for k in itertools.count():
+        t = round(k * dt, 12)  # 5.3, not 5.300000000000001
+        slack = 1e-9 * (period + t)  # k·dt and j·period of one instant differ by rounding
+        yield Tick(t, dt if k else 0.0, until(t - slack), until(t + slack))
+
+
+class Progress(NamedTuple):
+    """What decides how a run ends, and its figures so far.
+
+    Attributes:
+        path_length: way driven [m].
+        clearance: smallest distance from the robot's centre to an obstacle's surface [m].
+        best, best_time: the smallest distance to go that counted as progress [m], and when [s].
+    """
+
+    path_length: Real
+    clearance: Real
+    best: Real
+    best_time: Real
+
+
+class LoopState(NamedTuple):
+    """Everything a run remembers from one sample to the next."""
+
+    plant: State
+    guidance: State
+    control: State
+    navigation: State
+    motion: State
+    estimate: Body
+    references: References
+    rho_goal: Real
+    command: Command
+    pwm: tuple[Real, Real]
+    body: Body
+    progress: Progress
+    verdict: Real
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The parts of one closed loop.
+
+    Attributes:
+        guidance, control, navigation, motion: the laws.
+        plant: two PWM inputs [µs], two wheel speeds [rad/s].
+        scene: what the run is about.
+        timeout: it is given up after this time [s].
+        xp: array namespace of all laws.
+    """
+
+    guidance: Guidance
+    control: Controller
+    navigation: Navigation
+    motion: Motion
+    plant: SteppablePlant
+    scene: Scene
+    timeout: float
+    xp: Any
+
+    def start(self) -> LoopState:
+        """The state before the first sample: at rest in the start pose, without a command."""
+        scene, xp = self.scene, self.xp
+        at_rest = Body(scene.start, 0.0, 0.0)
+        return LoopState(
+            plant=self.plant.initial_state(),
+            guidance=self.guidance.start(scene, xp),
+            control=self.control.start(scene, xp),
+            navigation=self.navigation.start(scene, xp),
+            motion=self.motion.start(scene, xp),
+            estimate=at_rest,
+            references=References(0.0, scene.start.psi, False),
+            rho_goal=scene.to_goal(scene.start, xp),
+            command=Command(0.0, 0.0),
+            pwm=(0.0, 0.0),
+            body=at_rest,
+            progress=Progress(0.0, xp.inf, xp.inf, 0.0),
+            verdict=int(Verdict.GOES_ON),
+        )
+
+    def sample(self, state: LoopState, tick: Tick) -> tuple[LoopState, tuple[Real, ...]]:
+        """Advance to the next sample of the plant.
+
+        At a control instant guidance and control use the latest reading, the one of the same
+        instant included. A reading at this sample is y(k) under the command held so far.
+
+        Returns:
+            The state after it, and its row of the log (:data:`COLUMNS`).
+        """
+        scene, xp = self.scene, self.xp
+        left, right = self._wheels(state)[1]  # what is decided before this sample reaches it now
+        for t in tick.before:
+            state = self._decided(state, t)
+        seen = NavigationInputs(tick.t, {"omega_l": left, "omega_r": right}, scene)
+        remembered, estimate = self.navigation.step(state.navigation, seen, tick.dt, xp)
+        state = state._replace(navigation=remembered, estimate=estimate)
+        for t in tick.now:
+            state = self._decided(state, t)
+        plant, omega = self._wheels(state)
+        ground = self.plant.ground
+        on_ground = ground(*omega) if ground else omega
+        rolled = MotionInputs(tick.t, on_ground[0], on_ground[1], scene)
+        remembered, body = self.motion.step(state.motion, rolled, tick.dt, xp)
+        progress, verdict = self._judged(state, body, tick)
+        state = state._replace(
+            plant=plant, motion=remembered, body=body, progress=progress, verdict=verdict
+        )
+        r, c = state.references, state.command
+        row = (tick.t, *state.pwm, *omega, *body.pose, body.speed, body.yaw_rate)
+        return state, (*row, r.speed, r.psi, c.v_cmd, c.psi_cmd, state.rho_goal)
+
+    def _wheels(self, state: LoopState) -> tuple[State, tuple[Real, Real]]:
+        after, y = self.plant.step(state.plant, self.xp.array(state.pwm))
+        return after, (self.xp.float64(y[0]), self.xp.float64(y[1]))
+
+    def _decided(self, state: LoopState, t: float) -> LoopState:
+        """Guidance and control at one instant; who has arrived stands still from then on."""
+        scene, xp, dt = self.scene, self.xp, self.control.period
+        asked = GuidanceInputs(t, state.estimate, scene)
+        guidance, references = self.guidance.step(state.guidance, asked, dt, xp)
+        given = ControlInputs(t, references, state.estimate, scene)
+        control, command = self.control.step(state.control, given, dt, xp)
+        command = Command(*(xp.where(references.arrived, 0.0, c) for c in command))
+        return state._replace(
+            guidance=guidance,
+            control=control,
+            references=references,
+            rho_goal=scene.to_goal(state.estimate.pose, xp),
+            command=command,
+            pwm=command_module(command, xp),
+        )
+
+    def _judged(self, state: LoopState, body: Body, tick: Tick) -> tuple[Progress, Real]:
+        """The figures after a sample, and whether the run is over."""
+        xp, scene, last = self.xp, self.scene, state.progress
+        clearance = last.clearance
+        for o in scene.obstacles:
+            rho = distance_to_segment(o.x, o.y, state.body.pose, body.pose, xp)
+            clearance = xp.minimum(clearance, rho - o.radius)
+        to_go = self.guidance.to_go(state.guidance, body.pose, scene, xp)
+        closer = to_go < last.best - STUCK.progress
+        late = tick.t + self.plant.dt > self.timeout * (1 + 1e-9)
+        standing = (to_go >= last.best - STUCK.progress) & (tick.t - last.best_time >= STUCK.time)
+        verdict = xp.where(late, Verdict.TIMEOUT, Verdict.GOES_ON)
+        for condition, name in (
+            (standing, Verdict.STUCK),
+            (state.references.arrived, Verdict.ARRIVED),
+            (clearance <= 0, Verdict.COLLISION),
+        ):
+            verdict = xp.where(condition, name, verdict)
+        progress = Progress(
+            path_length=last.path_length + abs(0.5 * (state.body.speed + body.speed)) * tick.dt,
+            clearance=clearance,
+            best=xp.where(closer, to_go, last.best),
+            best_time=xp.where(closer, tick.t, last.best_time),
+        )
+        return progress, verdict
+
+
+def command_module(command: Command, xp: Any) -> tuple[Real, Real]:
+    """Return PWM_l = (V_cmd − ψ_cmd)·20000, PWM_r = (V_cmd + ψ_cmd)·20000 (thesis 6.3).
+
+    Each pulse width is clipped to ±20000 µs, the full scale of the drive.
+    """
+    v, psi = command
+    return (
+        PWM_FULL_SCALE * xp.clip(v - psi, -1.0, 1.0),
+        PWM_FULL_SCALE * xp.clip(v + psi, -1.0, 1.0),
+    )
+
+
+def distance_to_segment(x: Real, y: Real, a: Pose, b: Pose, xp: Any) -> Real:
+    """Distance from a point to the way between two poses [m], so that none is jumped over."""
+    ax, ay, dx, dy = x - a.x, y - a.y, b.x - a.x, b.y - a.y
+    length2 = dx * dx + dy * dy
+    still = length2 == 0
+    # A way without length has 0/1 instead of 0/0.
+    along = xp.clip((ax * dx + ay * dy) / (length2 + still), 0.0, 1.0)
+    return xp.hypot(ax - along * dx, ay - along * dy)

@@ -1,0 +1,1 @@
+"""Motion: from the track speeds on the ground to the pose of the vehicle, one model a file."""

@@ -1,0 +1,38 @@
+"""Motion by the kinematics alone: tracks that roll, no inertia, no forces."""
+
+from typing import Any
+
+from sysid.mission.contracts import Body, MotionInputs, Pose, Scene
+from sysid.mission.settings import Settings
+from sysid.vehicle.kinematics import Geometry, Real, body_velocity, step_pose
+
+
+def moved(body: Body, omega_l: Real, omega_r: Real, geometry: Geometry, dt: Real, xp: Any) -> Body:
+    """Move a body on to the next sample, where the tracks turn at ``omega_l``, ``omega_r``.
+
+    Between two samples the speeds are taken as constant at the mean of both (trapezoidal rule), and
+    the pose moves along the exact arc of these speeds (thesis 2.13, 2.14).
+
+    Args:
+        body: at the sample before.
+        omega_l, omega_r: track speeds at the new sample [rad/s].
+        geometry: lengths of the vehicle.
+        dt: time between the samples [s].
+        xp: array namespace.
+    """
+    speed, yaw_rate = body_velocity(omega_l, omega_r, geometry)
+    forward, turning = 0.5 * (body.speed + speed), 0.5 * (body.yaw_rate + yaw_rate)
+    return Body(Pose(*step_pose(*body.pose, forward, turning, dt, xp=xp)), speed, yaw_rate)
+
+
+class Kinematic(Settings):
+    """The vehicle moves as its tracks roll (thesis 2.14); its state is where it was."""
+
+    def start(self, scene: Scene, xp: Any) -> Body:
+        """At rest in the start pose."""
+        return Body(scene.start, 0.0, 0.0)
+
+    def step(self, state: Body, inputs: MotionInputs, dt: Real, xp: Any) -> tuple[Body, Body]:
+        """Where the vehicle is ``dt`` seconds later."""
+        body = moved(state, inputs.omega_l, inputs.omega_r, inputs.scene.geometry, dt, xp)
+        return body, body

@@ -1,0 +1,111 @@
+"""The laws a mission can name by ``kind:``: the built-in ones and those of other packages."""
+
+from collections.abc import Mapping
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from pydantic import BaseModel
+from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError
+
+from sysid.mission.contracts import Controller, Guidance, Motion, Navigation
+from sysid.mission.yaml_source import shown
+
+GROUP = "sysid.mission"
+"""Other packages name their laws in this entry-point group, as ``guidance.my-kind``."""
+
+ROLES: Mapping[str, type] = {
+    "guidance": Guidance,
+    "control": Controller,
+    "navigation": Navigation,
+    "motion": Motion,
+}
+"""Sections of a mission file that choose a law, and what a law must be able to do there."""
+
+BUILT_IN = {
+    "guidance.field": "guidance.field:PotentialField",
+    "control.pi-p": "control.pi_p:SpeedPIYawP",
+    "navigation.odometry": "navigation.odometry:Odometry",
+    "motion.kinematic": "motion.kinematic:Kinematic",
+}
+"""Module and class of every law that comes with the package; the first of a role is its default."""
+
+
+def kinds(role: str) -> tuple[str, ...]:
+    """The kinds of a role, the default first."""
+    names = [*BUILT_IN, *(p.name for p in entry_points(group=GROUP))]
+    of_role = [n.removeprefix(f"{role}.") for n in names if n.startswith(f"{role}.")]
+    return tuple(dict.fromkeys(of_role))
+
+
+def law_class(role: str, kind: str) -> type[BaseModel]:
+    """The class of a law.
+
+    Raises:
+        ValueError: no law is called so, or what is called so is none; one sentence.
+    """
+    place = BUILT_IN.get(f"{role}.{kind}")
+    if place is not None:
+        module, name = place.split(":")
+        built_in: type[BaseModel] = getattr(import_module(f"sysid.mission.{module}"), name)
+        return built_in
+    for point in entry_points(group=GROUP, name=f"{role}.{kind}"):
+        return _loaded(role, point)
+    raise ValueError(f"unknown kind {kind!r} of {role}: the kinds are {', '.join(kinds(role))}")
+
+
+def _loaded(role: str, point: EntryPoint) -> type[BaseModel]:
+    package = point.dist.name if point.dist is not None else point.module
+    try:
+        found = point.load()
+    except (ImportError, AttributeError) as error:
+        raise ValueError(
+            f"{point.name} of the package {package} cannot be loaded ({error}): install it again"
+        ) from None
+    wanted = [n for n in dir(ROLES[role]) if not n.startswith("_")]
+    is_settings = isinstance(found, type) and issubclass(found, BaseModel)
+    missing = [n for n in wanted if not hasattr(found, n) and n not in _fields(found)]
+    if not is_settings or missing:
+        what = f"has no {', '.join(missing)}" if missing else "is no pydantic model"
+        raise ValueError(f"{point.name} of the package {package} is no law of {role}: it {what}")
+    return found  # type: ignore[no-any-return]
+
+
+def _fields(found: Any) -> Mapping[str, Any]:
+    return found.model_fields if hasattr(found, "model_fields") else {}
+
+
+def law(role: str, section: Any) -> Any:
+    """The law that a section of a mission file describes.
+
+    Args:
+        role: of :data:`ROLES`.
+        section: a law, which is returned as it is; a mapping of its keys with its ``kind``, the
+            default where it names none; None for the default with its default keys.
+
+    Raises:
+        ValueError: it describes none (pydantic's ``ValidationError`` where one key is to blame).
+    """
+    if isinstance(section, ROLES[role]):
+        return section
+    if section is None:
+        section = {}
+    if not isinstance(section, Mapping):
+        raise PydanticCustomError("model_type", "a section of keys is needed")
+    kind = section.get("kind", kinds(role)[0])
+    if not isinstance(kind, str):
+        raise _at_kind(
+            f"the kind of {role} is {shown(kind)}: the kinds are {', '.join(kinds(role))}"
+        )
+    try:
+        cls = law_class(role, kind)
+    except ValueError as error:
+        raise _at_kind(str(error)) from None
+    return cls.model_validate({k: v for k, v in section.items() if k != "kind"})
+
+
+def _at_kind(sentence: str) -> ValidationError:
+    """The sentence as an error of the key ``kind``."""
+    error = PydanticCustomError("kind", "{sentence}", {"sentence": sentence})
+    details: InitErrorDetails = {"type": error, "loc": ("kind",), "input": None}
+    return ValidationError.from_exception_data("law", [details])

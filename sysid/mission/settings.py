@@ -1,0 +1,61 @@
+"""What every section of a mission file is: keys with types and bounds, checked, never changed.
+
+A law is such a section itself: its fields are the keys a mission may give it, its methods the law.
+"""
+
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from sysid.mission.contracts import ControlAdvice, GuidanceAdvice, Pose, Scene, State
+from sysid.vehicle.kinematics import Real
+
+# Bounds far outside any use, which keep every later formula inside the range of floats.
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
+Positive = Annotated[float, Field(ge=1e-6, le=1e6)]
+Gain = Annotated[float, Field(ge=0, le=1e6)]
+
+
+class Settings(BaseModel):
+    """A section of the mission file; unknown keys, wrong types and infinities are refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _mapping(cls, value: Any) -> Any:
+        """Read a key with nothing after it, as in ``guidance:``, as an empty section."""
+        return {} if value is None else value
+
+
+class GuidanceSettings(Settings):
+    """Base of guidance laws: obstacles do not act, and the way to go is that to the goal."""
+
+    @property
+    def reach(self) -> float:
+        """Distance from an obstacle's point within which it changes the way [m]."""
+        return 0.0
+
+    @property
+    def advice(self) -> GuidanceAdvice:
+        """What to change when a mission fails."""
+        return GuidanceAdvice()
+
+    def to_go(self, state: State, pose: Pose, scene: Scene, xp: Any) -> Real:
+        """The way still to go from a pose [m]."""
+        return scene.to_goal(pose, xp)
+
+
+class ControlSettings(Settings):
+    """Base of controllers.
+
+    Attributes:
+        period: time between two commands [s].
+    """
+
+    period: Annotated[float, Field(ge=1e-4, le=60)] = 0.1
+
+    @property
+    def advice(self) -> ControlAdvice:
+        """What to change when a mission fails."""
+        return ControlAdvice()

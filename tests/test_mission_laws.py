@@ -1,0 +1,289 @@
+"""Every law of the closed loop: pure, over any array namespace, chosen by kind, blamed by name."""
+
+import itertools
+import math
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from test_mission import AROUND, Robot, goal
+
+from sysid.data.record import Array, Channel
+from sysid.effects.ground import Ground
+from sysid.errors import DataError, ModelError
+from sysid.mission import floats
+from sysid.mission.contracts import (
+    ROBOT_INPUTS,
+    ROBOT_OUTPUTS,
+    Body,
+    Command,
+    ControlInputs,
+    GuidanceInputs,
+    MotionInputs,
+    NavigationInputs,
+    Pose,
+    References,
+    Scene,
+)
+from sysid.mission.control.pi_p import SpeedPIYawP
+from sysid.mission.guidance.field import PotentialField
+from sysid.mission.loop import Loop, Tick, ticks
+from sysid.mission.mapping import as_robot
+from sysid.mission.navigation.odometry import Odometry
+from sysid.mission.registry import ROLES, kinds, law_class
+from sysid.mission.settings import ControlSettings
+from sysid.mission.settling import Ending, settle
+from sysid.mission.simulator import simulate
+from sysid.mission.spec import Mission, load_mission
+
+SCENE = AROUND.scene()
+LAWS = [(role, kind) for role in ROLES for kind in kinds(role)]
+
+
+def _body(a: Array) -> Body:
+    return Body(Pose(*a[:3].tolist()), float(a[3]), float(a[4]))
+
+
+EXAMPLE: dict[str, Any] = {
+    "guidance": lambda a: GuidanceInputs(0.3, _body(a), SCENE),
+    "control": lambda a: ControlInputs(0.3, References(0.1, float(a[0]), False), _body(a), SCENE),
+    "navigation": lambda a: NavigationInputs(
+        0.3, {"omega_l": float(4 * a[0]), "omega_r": float(4 * a[1])}, SCENE
+    ),
+    "motion": lambda a: MotionInputs(0.3, float(4 * a[0]), float(4 * a[1]), SCENE),
+}
+"""What a law of a role is given somewhere on the way, from five numbers."""
+
+
+def leaves(tree: Any) -> list[float]:
+    return [float(leaf) for leaf in jax.tree.leaves(tree)]
+
+
+@pytest.mark.parametrize(("role", "kind"), LAWS)
+def test_a_law_is_pure_and_the_same_on_every_namespace(role: str, kind: str) -> None:
+    """Plain floats, NumPy and traced JAX numbers run one text; states keep their shape."""
+    jax.config.update("jax_enable_x64", True)
+    law: Any = law_class(role, kind)()
+
+    @jax.jit
+    def compiled(state: Any, numbers: dict[str, Any]) -> Any:
+        return law.step(state, EXAMPLE[role](np.zeros(5))._replace(**numbers), 0.1, jnp)
+
+    rng = np.random.default_rng(5)
+    state = law.start(SCENE, floats)
+    for _ in range(8):
+        given = EXAMPLE[role](rng.uniform(-3, 3, 5))
+        once, again = law.step(state, given, 0.1, floats), law.step(state, given, 0.1, floats)
+        assert once == again
+        numbers = {k: v for k, v in given._asdict().items() if k != "scene"}
+        traced = compiled(state, numbers)
+        with np.errstate(divide="ignore"):
+            on_arrays = law.step(state, given, 0.1, np)
+        for other in (on_arrays, traced):
+            # A few operations on numbers up to 10, each rounded to an ulp by another library.
+            np.testing.assert_allclose(leaves(other), leaves(once), rtol=0, atol=1e-12)
+        assert jax.tree.structure(traced[0]) == jax.tree.structure(state)
+        state = once[0]
+
+
+def test_the_loop_runs_compiled_and_many_at_once() -> None:
+    """Sixteen runs from other starts, vectorised, agree with one after the other."""
+    jax.config.update("jax_enable_x64", True)
+    robot, mission, samples = Robot(), goal(2, 1, obstacles=[(1.0, 0.9)]), 100
+    scene, dt = mission.scene(), robot.dt
+    clock = list(islice(ticks(dt, mission.control.period), samples))
+    assert all(tick.now == (pytest.approx(tick.t),) and not tick.before for tick in clock)
+
+    def loop(y: Any, xp: Any) -> Loop:
+        start = scene._replace(start=Pose(0.0, y, 0.0))
+        laws = (mission.guidance, mission.control, mission.navigation, mission.motion)
+        return Loop(*laws, plant=robot, scene=start, timeout=mission.timeout, xp=xp)
+
+    @jax.jit
+    @jax.vmap
+    def batch(y: Any) -> Any:
+        def sample(state: Any, instant: Any) -> Any:
+            t, dt = instant
+            after, row = loop(y, jnp).sample(state, Tick(t, dt, (), (t,)))
+            return jax.tree.map(lambda a, b: jnp.asarray(a, b.dtype), after, state), row
+
+        start = jax.tree.map(jnp.asarray, loop(y, jnp).start())
+        instants = np.array([tick.t for tick in clock]), np.array([tick.dt for tick in clock])
+        return jax.lax.scan(sample, start, instants)
+
+    starts = np.linspace(-0.5, 0.5, 16)
+    last, columns = batch(starts)
+    together = np.array(columns)
+    for k, y in enumerate(starts.tolist()):
+        alone, state = loop(y, floats), loop(y, floats).start()
+        for j, tick in enumerate(clock):
+            state, row = alone.sample(state, tick)
+            # A hundred steps of a stable loop, rounded differently.
+            np.testing.assert_allclose(together[:, k, j], row, rtol=0, atol=1e-9)
+        assert int(last.verdict[k]) == state.verdict
+
+
+@pytest.mark.parametrize(
+    ("name", "arity"),
+    [("sin", 1), ("cos", 1), ("hypot", 2), ("arctan2", 2), ("minimum", 2), ("maximum", 2)],
+)
+def test_plain_floats_have_numpys_functions(name: str, arity: int) -> None:
+    values = [0.0, -0.0, 1.5, -2.5, 1e-300, math.inf, math.nan]
+    plain, general = getattr(floats, name), getattr(np, name)
+    for arguments in itertools.product(values, repeat=arity):
+        if name in ("sin", "cos") and math.isinf(arguments[0]):
+            continue  # a domain error of plain floats; the simulator words it
+        with np.errstate(invalid="ignore"):
+            wanted = general(*arguments)
+        assert plain(*arguments) == pytest.approx(wanted, rel=1e-15, nan_ok=True)
+    many = np.array(values[:5])
+    np.testing.assert_array_equal(plain(*[many] * arity), general(*[many] * arity))
+
+
+def test_plain_floats_choose_and_cut() -> None:
+    assert floats.where(np.bool_(True), 1.0, 2.0) == 1.0
+    np.testing.assert_array_equal(floats.where(np.array([True, False]), 1.0, 2.0), (1.0, 2.0))
+    assert [floats.clip(x, -1.0, 1.0) for x in (-3.0, 0.5, 3.0)] == [-1.0, 0.5, 1.0]
+    with pytest.raises(TypeError, match="logical_not"):
+        floats.where(~True, 1.0, 2.0)
+    assert floats.sqrt(4.0) == 2.0
+
+
+# Laws by kind -------------------------------------------------------------------------------------
+
+
+def test_a_law_is_chosen_by_kind_and_todays_keys_stay_valid(tmp_path: Path) -> None:
+    path = tmp_path / "m.yaml"
+    path.write_text(
+        "goal: [1, 0]\n"
+        "guidance: {kind: field, theta: 1}\n"
+        "control: {kp_yaw: 0.3}\n"
+        "navigation: {kind: odometry, r: 0.03}\n"
+        "motion:\n"
+    )
+    mission = load_mission(path)
+    assert mission.guidance == PotentialField(theta=1.0)
+    assert mission.control == SpeedPIYawP(kp_yaw=0.3)
+    assert mission.navigation == Odometry(r=0.03)
+    assert mission == Mission(
+        goal=(1.0, 0.0),
+        guidance=PotentialField(theta=1.0),
+        control=SpeedPIYawP(kp_yaw=0.3),
+        navigation=Odometry(r=0.03),
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "words"),
+    [
+        ("guidance:\n  K: 1\n  kind: x\n", 4, "unknown kind 'x' of guidance: the kinds are field"),
+        ("control: {kind: 3}\n", 2, "the kind of control is 3: the kinds are pi-p"),
+        ("navigation: {kind: }\n", 2, "the kind of navigation is empty: the kinds are odometry"),
+        ("motion: {mass: 3}\n", 2, "unknown key 'mass' in motion: the keys are kind"),
+        ("motion: 3\n", 2, "motion is 3: write a section"),
+        ("navigation: {R: 0.03}\n", 2, "unknown key 'R' in navigation: did you mean 'r'"),
+        ("navigation: {r: wide}\n", 2, "navigation.r is the text 'wide': give a number"),
+    ],
+)  # fmt: skip
+def test_a_law_that_is_not_there_lists_those_that_are(
+    text: str, line: int, words: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "m.yaml"
+    path.write_text("goal: [1, 0]\n" + text)
+    with pytest.raises(DataError) as caught:
+        load_mission(path)
+    assert str(caught.value).startswith(f"m.yaml:{line}: ")
+    assert words in str(caught.value)
+
+
+class Wild(ControlSettings):
+    """A controller that fails in one of three ways after half a second."""
+
+    how: str
+
+    def start(self, scene: Scene, xp: Any) -> float:
+        return 0.0
+
+    def step(
+        self, state: float, inputs: ControlInputs, dt: float, xp: Any
+    ) -> tuple[float, Command]:
+        if inputs.t < 0.5:
+            return state, Command(0.1, 0.0)
+        given = {"nan": math.nan, "huge": 1e300}.get(self.how) or 1.0 / state
+        return state, Command(given, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ("nan", "the law of control gives nan, 0 at t = 0.5 s"),
+        ("zero", "a law of the mission fails at t = 0.5 s .float division by zero"),
+    ],
+)
+def test_a_law_without_numbers_is_named_and_not_the_plant(how: str, words: str) -> None:
+    with pytest.raises(ModelError, match=words):
+        simulate(goal(1, 0, control=Wild(how=how)), Robot())
+
+
+def test_a_command_beyond_full_drive_is_cut_by_the_drive() -> None:
+    log = simulate(goal(1, 0, timeout=2, control=Wild(how="huge")), Robot()).log
+    assert log["pwm_l"].max() == log["pwm_r"].max() == 20000.0
+
+
+def test_advice_of_another_law_names_no_gain_that_it_has_not() -> None:
+    class Still(ControlSettings):
+        def start(self, scene: Scene, xp: Any) -> tuple[()]:
+            return ()
+
+        def step(
+            self, state: tuple[()], inputs: ControlInputs, dt: float, xp: Any
+        ) -> tuple[tuple[()], Command]:
+            return (), Command(0.0, 0.0)
+
+    said = simulate(goal(1, 0, control=Still()), Robot()).sentence
+    assert "stands still" in said
+    assert "kp_" not in said
+
+
+# Plants asked by contract -------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """A robot's own plant; ``leak`` 1 makes its speeds integrate, a word in an error does not."""
+
+    leak: float = 1.0
+    error: str = ""
+    dt: float = 0.1
+    inputs: tuple[Channel, ...] = ROBOT_INPUTS
+    outputs: tuple[Channel, ...] = ROBOT_OUTPUTS
+    input_range: tuple[tuple[float, float], ...] = ()
+    u_offset: Array = field(default_factory=lambda: np.zeros(2))
+    ground: Ground = field(default_factory=Ground)
+
+    def initial_state(self) -> Array:
+        return np.zeros(2)
+
+    def step(self, state: Array, u: Array) -> tuple[Array, Array]:
+        if self.error:
+            raise ModelError(self.error)
+        return self.leak * state + 1e-5 * u, state
+
+
+def test_a_robots_plant_that_never_rests_is_driven_with_a_warning() -> None:
+    plant = Tracks()
+    assert settle(plant, np.zeros(2), np.full(2, 1.0)).ending is Ending.KEEPS_MOVING
+    _, warnings = as_robot(plant, Mission(goal=(1.0, 0.0)))
+    assert "too slow to settle" in warnings[0]
+
+
+def test_the_words_of_an_error_decide_nothing() -> None:
+    """What a plant raises is its own affair, whatever words are in it."""
+    plant = Tracks(error="the belt keeps moving although the drive is off")
+    with pytest.raises(ModelError, match="the belt keeps moving"):
+        as_robot(plant, Mission(goal=(1.0, 0.0)))
