@@ -9,17 +9,17 @@ import typer
 
 from sysid.criteria.table import BUILT_IN
 from sysid.errors import UsageError
+from sysid.workspace.logs import StoredData, as_fitted
+from sysid.workspace.store import StoredModel, Workspace
 
 from . import reading, render, targets
 from .fit_report import residual_words
-from .stored_data import StoredData
-from .workspace import StoredModel, Workspace
 
 if TYPE_CHECKING:
     from sysid.data.finding import Finding
     from sysid.data.read_options import ReadOptions
     from sysid.data.record import Record
-    from sysid.estimation.comparison import Contender, Ranked, Ranking
+    from sysid.estimation.comparison import Ranked, Ranking
     from sysid.estimation.cross_validation import CrossValidation
 
 
@@ -89,7 +89,7 @@ def compare(
     policy = Policy(start, skip, tuple(sorted(set(horizon or []))))
     with render.progress("Comparing"):
         data = StoredData()
-        contenders = [_contender(s, data) for s in stored]
+        contenders = [data.contender(s) for s in stored]
         held, findings = _validation(stored, val, read)
         ranking = rank(contenders, criteria, held, policy)
     ranking = replace(ranking, notes=(*ranking.notes, *warned(findings)))
@@ -104,13 +104,6 @@ def compare(
         return
     render.reading(notes(findings))
     _show(ranking, crossed, plot)
-
-
-def _contender(stored: StoredModel, data: StoredData) -> "Contender":
-    from sysid.estimation.comparison import Contender
-
-    records, held = data.estimation(stored), data.validation(stored)
-    return Contender(stored.id, stored.model, records, stored.report, held)
 
 
 def _validation(
@@ -129,10 +122,7 @@ def _validation(
     from sysid.data.io import read_files
     from sysid.data.preparation import Preparation
 
-    options = stored[-1].model.provenance.options if stored else {}
-    steps = Preparation.from_json(options.get("prepare", {}))
-    if read == ReadOptions():
-        read = ReadOptions.from_json(options.get("read", {}))
+    read, steps = as_fitted(stored[-1] if stored else None, read, Preparation())
     files = read_files(val, read)
     records = tuple(steps.apply(r) for file in files for r in file.records)
     named = ", ".join(dict.fromkeys(r.name for r in records))

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sysid.errors import DataError, ModelError, UsageError
+from sysid.workspace.logs import as_fitted, judged_on
+from sysid.workspace.store import StoredModel, Workspace
 
 from . import packages, reading, render, targets
 from .diagnose_files import keep_models, write_results
 from .diagnose_report import show
-from .stored_data import judged_on
-from .workspace import StoredModel, Workspace
 
 if TYPE_CHECKING:
     from sysid.data.finding import Finding
@@ -103,7 +103,7 @@ def diagnose(
         raise UsageError("--model and --plant both name the model to doubt; give one of them")
     lengths = _lengths(geometry, mission)
     given = place.load(model) if model is not None else None
-    read, steps = _as_fitted(given, read, steps)
+    read, steps = as_fitted(given, read, steps)
     if read.resample == "auto":  # an empty reading is one of the things to be found: a dropout
         read = replace(read, resample="hold")
     package = packages.read(plant, accept_changes) if plant is not None else None
@@ -193,23 +193,6 @@ def _lengths(text: str | None, mission: Path | None) -> "Geometry | None":
                 "else; leave --geometry away or mend the mission"
             )
     return lengths
-
-
-def _as_fitted(
-    given: StoredModel | None, read: "ReadOptions", steps: "Preparation"
-) -> "tuple[ReadOptions, Preparation]":
-    """Read and prepared as the data of the model to doubt were, unless the line says how."""
-    from sysid.data.preparation import Preparation
-    from sysid.data.read_options import ReadOptions
-
-    if given is None:
-        return read, steps
-    options = given.model.provenance.options
-    if read == ReadOptions():
-        read = ReadOptions.from_json(options.get("read", {}))
-    if steps == Preparation():
-        steps = Preparation.from_json(options.get("prepare", {}))
-    return read, steps
 
 
 def _records(

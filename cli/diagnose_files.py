@@ -5,8 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from . import documents
-from .workspace import StoredModel, Workspace
+from sysid.data import documents
+from sysid.workspace.store import StoredModel, Workspace
 
 if TYPE_CHECKING:
     from sysid.discrepancy.diagnosis import Diagnosis, Experiment

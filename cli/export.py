@@ -5,8 +5,9 @@ from typing import Annotated
 
 import typer
 
+from sysid.workspace.store import Workspace
+
 from . import reading, render, targets
-from .workspace import Workspace
 
 
 def export(

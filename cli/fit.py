@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from sysid.workspace.logs import judged_on
+from sysid.workspace.store import StoredModel, Workspace
+
 from . import fit_options, reading, render, targets
 from .fit_report import show
-from .stored_data import judged_on
-from .workspace import StoredModel, Workspace
 
 if TYPE_CHECKING:
     from sysid.data.preparation import Preparation

@@ -11,8 +11,7 @@ if TYPE_CHECKING:
     from sysid.data.record import Channel
     from sysid.estimation.assessment import Assessment
     from sysid.estimation.identify import Identification
-
-    from .workspace import StoredModel
+    from sysid.workspace.store import StoredModel
 
 MANY = 24
 """Parameters from which only the file lists them all."""

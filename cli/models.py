@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sysid.errors import UsageError
+from sysid.workspace.store import Workspace
 
 from . import reading, render
-from .workspace import Workspace
 
 if TYPE_CHECKING:
-    from .workspace import StoredModel
+    from sysid.workspace.store import StoredModel
 
 
 class Action(StrEnum):

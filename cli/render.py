@@ -12,7 +12,7 @@ from threading import Event, Thread
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Literal
 
-from . import documents
+from sysid.data import documents
 
 if TYPE_CHECKING:
     from rich.console import Console

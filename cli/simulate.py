@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sysid.errors import DataError, ModelError, UsageError
+from sysid.workspace.store import Workspace
 
 from . import packages, reading, render, targets
-from .workspace import Workspace
 
 if TYPE_CHECKING:
     from sysid.data.read_options import ReadOptions

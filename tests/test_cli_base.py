@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plant_models import bench_model, robot_model, robot_record
-from sysid_cli import app, documents
-from sysid_cli.workspace import Workspace
+from sysid_cli import app
+
+from sysid.data import documents
+from sysid.workspace.store import Workspace
 
 NUMERIC = ("numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pydantic", "joblib", "yaml")
 COMMANDS = (

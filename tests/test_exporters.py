@@ -8,13 +8,13 @@ from typing import Any, ClassVar
 import pytest
 from command_line import run
 from plant_models import robot_model
-from sysid_cli.workspace import Workspace
 
 from sysid.errors import ModelError, UsageError
 from sysid.export import registry
 from sysid.export.base import Exporter, Source
 from sysid.export.package import package_files, write_package
 from sysid.plant.package import CARD, load_plant, read_package
+from sysid.workspace.store import Workspace
 
 
 class Table(Exporter):

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 from command_line import run
-from sysid_cli.workspace import Workspace
 
 from sysid.data.io import read_log
 from sysid.plant.package import read_package
 from sysid.plant.selftest import selftest
 from sysid.structures.model import Model
+from sysid.workspace.store import Workspace
 
 OLDER = Path(__file__).parent / "data" / "0.1"
 EXPECTED: dict[str, dict[str, Any]] = json.loads((OLDER / "expected.json").read_text())

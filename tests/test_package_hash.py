@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 from command_line import robot_log, run
 from plant_models import bench_model, robot_model
-from sysid_cli.workspace import Workspace
 
 from sysid.errors import ModelError
 from sysid.export.package import write_package
 from sysid.plant.content_hash import KEY
 from sysid.plant.package import load_model, load_plant, read_package
 from sysid.structures.model import Model
+from sysid.workspace.store import Workspace
 
 
 def describe(change: Callable[[dict[str, Any]], Any]) -> Callable[[Path], None]:

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plant_models import bench_model, robot_model
-from sysid_cli.workspace import Workspace
 
 from sysid.errors import DataError, ModelError, UsageError
 from sysid.structures.model import Model
+from sysid.workspace.store import Workspace
 
 
 @pytest.fixture
@@ -182,7 +182,7 @@ import sys, json
 from dataclasses import replace
 from pathlib import Path
 from sysid.structures.model import Model
-from sysid_cli.workspace import Workspace
+from sysid.workspace.store import Workspace
 place = Workspace(Path(sys.argv[1]))
 model = Model.load(Path(sys.argv[2]))
 for k in range(15):

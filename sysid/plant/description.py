@@ -1,7 +1,6 @@
 """plant.json: everything a runtime needs to know about a plant, and how it is read back."""
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -9,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from sysid import __version__
+from sysid.data import documents
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel
 from sysid.errors import ModelError, Termination
@@ -74,7 +74,7 @@ def describe(model: Model, report: Mapping[str, Any], name: str) -> dict[str, An
         "options": {k: v for k, v in model.provenance.options.items() if k != "files"},
         "version": model.provenance.version or __version__,
     }
-    finite: dict[str, Any] = _finite(described)
+    finite: dict[str, Any] = documents.plain(described)
     return finite
 
 
@@ -223,14 +223,3 @@ def _positive(value: Any) -> float:
     if number <= 0:
         raise ValueError(f"the sample time {number:g} s is not positive")
     return number
-
-
-def _finite(value: Any) -> Any:
-    """``value`` with None for every number that is not finite, because JSON has none."""
-    if isinstance(value, Mapping):
-        return {str(k): _finite(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
-    return value

@@ -23,9 +23,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sysid.data import documents
 from sysid.errors import DataError, ModelError, UsageError
-
-from . import documents
 
 if TYPE_CHECKING:
     from sysid.data.record import Record
@@ -294,7 +293,7 @@ class Workspace:
 
     def _check_root(self) -> None:
         if self.root.exists() and not self.root.is_dir():
-            raise UsageError(f"the workspace {self.root} is a file; name a folder with --workspace")
+            raise UsageError(f"the workspace {self.root} is a file; name a folder")
 
     @contextmanager
     def _locked(self) -> Iterator[None]:
@@ -306,8 +305,7 @@ class Workspace:
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
             raise DataError(
-                f"the workspace {self.root} cannot be written ({reason}); choose another folder "
-                "with --workspace"
+                f"the workspace {self.root} cannot be written ({reason}); choose another folder"
             ) from None
         with lock:  # closing it lets go of the lock
             with suppress(OSError):  # some network disks know no locks: still whole files

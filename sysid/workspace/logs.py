@@ -4,10 +4,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .workspace import StoredModel
+from sysid.workspace.store import StoredModel
 
 if TYPE_CHECKING:
+    from sysid.data.preparation import Preparation
+    from sysid.data.read_options import ReadOptions
     from sysid.data.record import Record
+    from sysid.estimation.comparison import Contender
 
 SAME_INSTANT = 1e-3
 """Share of a sample within which two instants are the same: times are stored as they were read."""
@@ -23,11 +26,33 @@ def judged_on(records: "Sequence[Record]", logs: Sequence[Path]) -> dict[str, An
     }
 
 
+def as_fitted(
+    stored: StoredModel | None, read: "ReadOptions", steps: "Preparation"
+) -> "tuple[ReadOptions, Preparation]":
+    """How to read and prepare a log: as the model's own data were, where nothing else is said."""
+    from sysid.data.preparation import Preparation
+    from sysid.data.read_options import ReadOptions
+
+    options = {} if stored is None else stored.model.provenance.options
+    if read == ReadOptions():
+        read = ReadOptions.from_json(options.get("read", {}))
+    if steps == Preparation():
+        steps = Preparation.from_json(options.get("prepare", {}))
+    return read, steps
+
+
 class StoredData:
     """Reads the logs of many models, each log once."""
 
     def __init__(self) -> None:
         self._read: dict[str, tuple[Record, ...]] = {}
+
+    def contender(self, stored: StoredModel) -> "Contender":
+        """The model with its data, as far as they are at hand, to be compared with others."""
+        from sysid.estimation.comparison import Contender
+
+        records, held = self.estimation(stored), self.validation(stored)
+        return Contender(stored.id, stored.model, records, stored.report, held)
 
     def estimation(self, stored: StoredModel) -> "tuple[Record, ...] | None":
         """What the model was fitted to, or None when it is gone or has changed."""

@@ -1,0 +1,1 @@
+"""What holds models, comparisons and plants between commands."""
