@@ -240,6 +240,11 @@ CASES: Mapping[str, Case] = {
         wiener, heights(4, 1.2), 0.03,
         {"input": "identity", "output": "saturation"},
     ),
+    "wiener-hammerstein": Case(
+        "wiener-hammerstein", {"nb1": 1, "nf1": 1, "nb": 1, "nf": 1, "nk": 1},
+        {"first.f1": -0.5, "f1": -0.8}, wiener_hammerstein, heights(4, 1.2), 0.02,
+        {"static": "dead-zone"},
+    ),
     "narmax": Case(
         "narmax", {"na": 2, "nb": 1, "nk": 1},
         {"y(t-1)": 0.8, "y(t-2)": -0.2, "u(t-1)": 0.5, "y(t-2)^2*u(t-1)": -0.2},
@@ -255,11 +260,6 @@ CASES: Mapping[str, Case] = {
     ),
     "tanks": Case(
         "tanks", {}, TANKS, grey(_tanks(), TANKS), heights(25, 2.5, 2.5), 0.02, samples=600, dt=4.0,
-    ),
-    "wiener-hammerstein": Case(
-        "wiener-hammerstein", {"nb1": 1, "nf1": 1, "nb": 1, "nf": 1, "nk": 1},
-        {"first.f1": -0.5, "f1": -0.8}, wiener_hammerstein, heights(4, 1.2), 0.02,
-        {"static": "dead-zone"},
     ),
 }  # fmt: skip
 """Every structure, driven so that its parameters are seen."""

@@ -24,13 +24,12 @@ def applies(
     structure: Structure,
     focus: Focus,
     parameters: Sequence[Parameter],
-    robust: bool,
     stable: bool,
 ) -> bool:
-    """Whether the fit is one unconstrained linear least-squares problem."""
+    """Whether a fit without weights is one unconstrained linear least-squares problem."""
     free = all(p.fixed is None and not np.isfinite([p.lower, p.upper]).any() for p in parameters)
     linear = isinstance(structure, ARX) and focus is Focus.PREDICTION
-    return linear and free and not robust and not stable
+    return linear and free and not stable
 
 
 def solve(

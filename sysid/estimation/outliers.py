@@ -97,6 +97,12 @@ class Outliers:
         """Readings and disturbances that stand out, (N, ny)."""
         return np.asarray(self.readings | self.disturbances)
 
+    def none(self) -> "Outliers":
+        """The same with nothing left out."""
+        nothing = np.zeros_like(self.readings)
+        change, weights = np.zeros(nothing.shape), np.ones(nothing.shape)
+        return Outliers(nothing, nothing, change, weights, self.limits, self.doubtful)
+
     def marked(self, record: Record) -> Record:
         """The record with bad readings replaced and weights; itself where nothing stands out.
 

@@ -8,8 +8,9 @@ import numpy as np
 from sysid.data.record import Array, Record
 from sysid.estimation.head import head_window
 from sysid.estimation.outliers import Outliers, find_outliers
+from sysid.estimation.robust import huber_pays
 from sysid.estimation.search import FitOptions
-from sysid.estimation.strategies import Outcome, Strategy, Warm, again, strategy
+from sysid.estimation.strategies import Outcome, Strategy, Warm, again, has_losses, strategy
 from sysid.structures.base import Parameter, Structure
 
 ROUNDS = 4
@@ -48,7 +49,9 @@ def without_outliers(
 
     Huber's loss bounds what a large error does, but not what a bad reading does among the past
     outputs from which others are predicted; so bad readings are found, replaced by what the model
-    predicts there, and searched for again with the better model until nothing changes.
+    predicts there, and searched for again with the better model until nothing changes. Where what
+    is left has no heavy tail, least squares fits it better: data without outliers are fitted as
+    without this search.
 
     Args:
         structure: what to fit.
@@ -62,8 +65,9 @@ def without_outliers(
     """
     road = strategy(structure)
     used = tuple(records)
-    known: tuple[Outliers, ...] | None = None
-    rounds = ROUNDS if options.patience is None else RANKING_ROUNDS
+    known: tuple[Outliers, ...] = ()
+    ranked = options.patience is not None
+    rounds = RANKING_ROUNDS if ranked else ROUNDS
     for k in range(rounds):
         if k < WHOLE_ROUNDS:
             outcome = road(structure, used, options, parameters, warm)
@@ -71,15 +75,22 @@ def without_outliers(
             outcome = again(road, outcome, used, options, parameters)
         s, theta = outcome.structure, outcome.theta
         found = tuple(outliers_of(s, theta, r, head_window(s, theta)) for r in records)
-        if known is None and not any(f.found.any() for f in found):
-            known = found
+        marked = tuple(f.marked(r) for f, r in zip(found, records, strict=True))
+        known = known or tuple(f.none() for f in found)
+        bounded = options.robust and (ranked or not has_losses(s) or _heavy_tailed(outcome, marked))
+        if k == rounds - 1 or (_settled(found, known) and bounded == options.robust):
             break
-        if known is not None and (k == rounds - 1 or _settled(found, known)):
-            break
-        known, used = found, tuple(f.marked(r) for f, r in zip(found, records, strict=True))
-    assert known is not None
+        known, used, options = found, marked, replace(options, robust=bounded)
     said = (*outcome.warnings, *_words(known, records))
     return replace(outcome, warnings=said, outliers=known)
+
+
+def _heavy_tailed(outcome: Outcome, records: Sequence[Record]) -> bool:
+    """Whether Huber's loss pays on what is left of the data."""
+    s, theta = outcome.structure, outcome.theta
+    errors = [s.errors(theta, r.u, r.y, head_window(s, theta)) for r in records]
+    kept = [np.where(r.fitted, e, np.nan) for e, r in zip(errors, records, strict=True)]
+    return huber_pays(np.concatenate(kept))
 
 
 def _settled(found: Sequence[Outliers], known: Sequence[Outliers]) -> bool:

@@ -80,6 +80,15 @@ _AGAIN: dict[str, str] = {
 """Structure → how it is fitted to nearly the same data from where a fit ended."""
 
 
+_LEAST_SQUARES_ONLY = frozenset({"narx-wavelet"})
+"""Structures whose fits know no other loss: linear algebra over thousands of units."""
+
+
+def has_losses(structure: Structure) -> bool:
+    """Whether Huber's loss and the quadratic one lead to different fits of this structure."""
+    return structure.name not in _LEAST_SQUARES_ONLY
+
+
 def again(
     strategy: Strategy,
     before: Outcome,
@@ -90,7 +99,8 @@ def again(
     """Fit what a fit found to nearly the same data: nothing is chosen anew where that is costly."""
     own = _AGAIN.get(before.structure.name)
     if own is None:
-        return strategy(before.structure, records, options, parameters, ())
+        start = [("the fit before", before.theta)]
+        return strategy(before.structure, records, options, parameters, start)
     module, _, name = own.partition(":")
     found: Outcome = getattr(import_module(module), name)(before, records, options, parameters)
     return found
@@ -112,7 +122,8 @@ def by_search(
     warm: Warm,
 ) -> Outcome:
     """Linear algebra where the problem is linear, else a search from every known start."""
-    if closed_form.applies(structure, options.focus, parameters, options.robust, options.stable):
+    plain = not options.robust and all(r.weights is None for r in records)
+    if plain and closed_form.applies(structure, options.focus, parameters, options.stable):
         theta, covariance, null, warnings = closed_form.solve(structure, records)
         return Outcome(
             structure,
