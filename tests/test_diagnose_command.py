@@ -15,10 +15,10 @@ import pytest
 import quick_diagnosis
 from command_line import Run, contents, robot_log, run, write_log
 from quick_diagnosis import dead_zone_log
-from sysid_cli.stored_data import StoredData
-from sysid_cli.workspace import Workspace
 
 from sysid.discrepancy.diagnosis import Diagnosis
+from sysid.workspace.logs import StoredData
+from sysid.workspace.store import Workspace
 
 KEYS = {
     "verdict", "effects", "minor", "candidates", "where", "gap", "detectable",
