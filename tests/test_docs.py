@@ -32,6 +32,7 @@ PAGES = sorted(
         *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
         *DOCS.rglob("*.md"),
         *(ROOT / "reports").glob("*.md"),
+        *(ROOT / "examples").rglob("*.md"),
         ROOT / "datasets" / "README.md",
     ]
 )

@@ -2,7 +2,7 @@
 
 import math
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from mission_cases import AROUND, Robot, goal
 
 from sysid.data.record import Array, Channel
-from sysid.effects.ground import Ground
 from sysid.errors import DataError, ModelError
 from sysid.mission import floats
 from sysid.mission.contracts import (
     ROBOT_INPUTS,
-    ROBOT_OUTPUTS,
     Body,
     Command,
     ControlInputs,
@@ -47,45 +46,6 @@ from sysid.vehicle.kinematics import Geometry, wrap_angle
 law = settings(max_examples=100, deadline=None, derandomize=True)
 GAINS = PotentialField()
 LIMITS = SpeedPIYawP()
-
-
-@dataclass(frozen=True)
-class Robot:
-    """First-order tracks, ω⁺ = aω + bu: 0.43 m/s at full drive on average, 20 % apart."""
-
-    dt: float = 0.1
-    lag: float = 0.2
-    difference: float = 0.2
-    top_speed: float = 0.43
-    direct: float = 0.0
-    inputs: tuple[Channel, ...] = ROBOT_INPUTS
-    outputs: tuple[Channel, ...] = ROBOT_OUTPUTS
-    input_range: tuple[tuple[float, float], ...] = ()
-    u_offset: Array = field(default_factory=lambda: np.zeros(2))
-    ground: Ground = field(default_factory=Ground)
-
-    @property
-    def a(self) -> float:
-        return math.exp(-self.dt / self.lag)
-
-    @property
-    def b(self) -> Array:
-        half = 0.5 * self.difference
-        per_pulse = self.top_speed / Geometry().r / 20000.0
-        return (1.0 - self.a) * per_pulse * np.array((1.0 - half, 1.0 + half))
-
-    def initial_state(self) -> Array:
-        return np.zeros(2)
-
-    def step(self, state: Array, u: Array) -> tuple[Array, Array]:
-        return self.a * state + self.b * u, state + self.direct * u
-
-
-def goal(x: float, y: float, **more: object) -> Mission:
-    return Mission.model_validate({"goal": (x, y), **more})
-
-
-AROUND = goal(6, 3, obstacles=[(2, 3.5), (3, 1), (4, 2.5), (5, 3)])
 
 
 def straight(theta: float) -> Mission:

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from test_mission import AROUND, Robot, goal
+from mission_cases import Robot, check_law, goal
 
 from sysid.data.record import Array, Channel
 from sysid.effects.ground import Ground
@@ -20,14 +20,9 @@ from sysid.mission import floats
 from sysid.mission.contracts import (
     ROBOT_INPUTS,
     ROBOT_OUTPUTS,
-    Body,
     Command,
     ControlInputs,
-    GuidanceInputs,
-    MotionInputs,
-    NavigationInputs,
     Pose,
-    References,
     Scene,
 )
 from sysid.mission.control.pi_p import SpeedPIYawP
@@ -41,54 +36,12 @@ from sysid.mission.settling import Ending, settle
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission, load_mission
 
-SCENE = AROUND.scene()
 LAWS = [(role, kind) for role in ROLES for kind in kinds(role)]
-
-
-def _body(a: Array) -> Body:
-    return Body(Pose(*a[:3].tolist()), float(a[3]), float(a[4]))
-
-
-EXAMPLE: dict[str, Any] = {
-    "guidance": lambda a: GuidanceInputs(0.3, _body(a), SCENE),
-    "control": lambda a: ControlInputs(0.3, References(0.1, float(a[0]), False), _body(a), SCENE),
-    "navigation": lambda a: NavigationInputs(
-        0.3, {"omega_l": float(4 * a[0]), "omega_r": float(4 * a[1])}, SCENE
-    ),
-    "motion": lambda a: MotionInputs(0.3, float(4 * a[0]), float(4 * a[1]), SCENE),
-}
-"""What a law of a role is given somewhere on the way, from five numbers."""
-
-
-def leaves(tree: Any) -> list[float]:
-    return [float(leaf) for leaf in jax.tree.leaves(tree)]
 
 
 @pytest.mark.parametrize(("role", "kind"), LAWS)
 def test_a_law_is_pure_and_the_same_on_every_namespace(role: str, kind: str) -> None:
-    """Plain floats, NumPy and traced JAX numbers run one text; states keep their shape."""
-    jax.config.update("jax_enable_x64", True)
-    law: Any = law_class(role, kind)()
-
-    @jax.jit
-    def compiled(state: Any, numbers: dict[str, Any]) -> Any:
-        return law.step(state, EXAMPLE[role](np.zeros(5))._replace(**numbers), 0.1, jnp)
-
-    rng = np.random.default_rng(5)
-    state = law.start(SCENE, floats)
-    for _ in range(8):
-        given = EXAMPLE[role](rng.uniform(-3, 3, 5))
-        once, again = law.step(state, given, 0.1, floats), law.step(state, given, 0.1, floats)
-        assert once == again
-        numbers = {k: v for k, v in given._asdict().items() if k != "scene"}
-        traced = compiled(state, numbers)
-        with np.errstate(divide="ignore"):
-            on_arrays = law.step(state, given, 0.1, np)
-        for other in (on_arrays, traced):
-            # A few operations on numbers up to 10, each rounded to an ulp by another library.
-            np.testing.assert_allclose(leaves(other), leaves(once), rtol=0, atol=1e-12)
-        assert jax.tree.structure(traced[0]) == jax.tree.structure(state)
-        state = once[0]
+    check_law(role, law_class(role, kind)())
 
 
 def test_the_loop_runs_compiled_and_many_at_once() -> None:

@@ -1,0 +1,1 @@
+"""Extensions of sysid, one a file; pyproject.toml names them."""
