@@ -15,11 +15,11 @@ from peers import PEERS, quiet
 from references import ONE, Array, Row, accumulate_arx, bare_search
 
 from sysid.data.record import Record
-from sysid.estimation.initial import starts
 from sysid.estimation.pem import fit
-from sysid.estimation.solvers import levenberg_marquardt
-from sysid.structures.base import Focus, Initial
-from sysid.structures.polynomial import PolynomialStructure
+from sysid.fitting.problem import Focus, Initial
+from sysid.fitting.solvers import levenberg_marquardt
+from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.linear.starts import starts
 from sysid.structures.registry import structure_class
 
 ROUNDS = 3

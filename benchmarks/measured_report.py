@@ -5,7 +5,7 @@ from pathlib import Path
 
 from measured_records import PROTOCOLS, Protocol, available
 
-from sysid.estimation.assessment import Assessment, Policy
+from sysid.estimation.assessment.findings import Assessment, Policy
 from sysid.estimation.identify import Identification, Request, identify
 from sysid.report.markdown import table
 from sysid.structures.orders import orders_text

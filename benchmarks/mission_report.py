@@ -9,8 +9,8 @@ import sysid_datasets
 
 from sysid.data.io import read_logs
 from sysid.errors import ModelError
-from sysid.estimation.comparison import Contender, compare
 from sysid.estimation.identify import Identification, Request, identify
+from sysid.estimation.selection.comparison import Contender, compare
 from sysid.mission.mapping import as_robot
 from sysid.mission.result import MissionResult
 from sysid.mission.simulator import simulate

@@ -11,23 +11,23 @@ from records import TRIALS, Trial
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
 from sysid.errors import SysidError
-from sysid.estimation.contest import LINEAR, run_contest
-from sysid.estimation.figures import Start, outputs
-from sysid.estimation.holdout import hold_out
-from sysid.estimation.orders import free_run_error
+from sysid.estimation.assessment.figures import Start, outputs
 from sysid.estimation.pem import fit
-from sysid.estimation.search import FitOptions
-from sysid.estimation.standings import Entry
+from sysid.estimation.selection.contest import LINEAR, run_contest
+from sysid.estimation.selection.standings import Entry
+from sysid.fitting.holdout import hold_out
+from sysid.fitting.options import FitOptions
 from sysid.structures.base import Structure
-from sysid.structures.block_structure import BlockStructure
-from sysid.structures.grey_box import GreyBox
-from sysid.structures.hammerstein_wiener import HammersteinWiener
+from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
+from sysid.structures.blocks.structure import BlockStructure
+from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
+from sysid.structures.grey_box.structure import GreyBox
+from sysid.structures.held_out_error import free_run_error
 from sysid.structures.model import Model
-from sysid.structures.narmax import NARMAX
-from sysid.structures.narx_wavelet import NarxWavelet
+from sysid.structures.narmax.structure import NARMAX
+from sysid.structures.narx.structure import NarxWavelet
 from sysid.structures.orders import orders_text
 from sysid.structures.registry import BUILT_IN, structure_class
-from sysid.structures.wiener_hammerstein import WienerHammerstein
 
 BEST_LINEAR = "linear"
 """The four linear structures together; the one that ``sysid fit`` puts first is shown."""

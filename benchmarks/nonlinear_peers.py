@@ -48,10 +48,10 @@ def ours(
 ) -> Fit:
     """A structure of this package with given orders and options."""
     from sysid.data.record import Channel, Record
-    from sysid.estimation.figures import Start, outputs
+    from sysid.estimation.assessment.figures import Start, outputs
     from sysid.estimation.pem import fit
-    from sysid.estimation.search import FitOptions
-    from sysid.structures.base import Focus
+    from sysid.fitting.options import FitOptions
+    from sysid.fitting.problem import Focus
     from sysid.structures.registry import structure_class
 
     pwm = (Channel("pwm_l", "µs"), Channel("pwm_r", "µs"))

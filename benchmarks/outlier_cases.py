@@ -14,10 +14,10 @@ from scipy.signal import lfilter
 
 from sysid.data.record import Channel, Record
 from sysid.structures.base import Structure
-from sysid.structures.dc_motor import DCMotor
-from sysid.structures.grey_box import GreyBox
+from sysid.structures.grey_box.dc_motor.structure import DCMotor
+from sysid.structures.grey_box.structure import GreyBox
+from sysid.structures.grey_box.tanks import Tanks
 from sysid.structures.registry import structure_class
-from sysid.structures.tanks import Tanks
 
 Array = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ from sysid.criteria.information import loss_from
 from sysid.criteria.table import weighed
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
-from sysid.estimation.figures import Start, figures
+from sysid.estimation.assessment.figures import Start, figures
 from sysid.estimation.pem import fit
 from sysid.report.markdown import table
-from sysid.structures.arx import ARX
+from sysid.structures.linear.arx import ARX
 from sysid.structures.model import Model
 
 HEAD = """# Published figures beside ours

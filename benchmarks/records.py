@@ -16,7 +16,7 @@ from sysid_datasets import path as bundled
 from sysid.criteria.fit import fit_percent, rmse, rrse
 from sysid.data.io import read_log
 from sysid.data.preprocess import Detrend
-from sysid.data.read_options import ReadOptions
+from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Array, Record
 
 ROOT = Path(__file__).resolve().parent.parent

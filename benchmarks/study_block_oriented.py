@@ -21,19 +21,19 @@ from sysid.criteria.fit import fit_percent
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
 from sysid.errors import SysidError
-from sysid.estimation.figures import Start, outputs
-from sysid.estimation.holdout import hold_out
-from sysid.estimation.orders import free_run_error
+from sysid.estimation.assessment.figures import Start, outputs
 from sysid.estimation.pem import fit
-from sysid.estimation.search import FitOptions
+from sysid.fitting.holdout import hold_out
+from sysid.fitting.options import FitOptions
 from sysid.report.markdown import table
 from sysid.structures.base import Structure
-from sysid.structures.block_structure import BlockStructure
-from sysid.structures.hammerstein_wiener import HammersteinWiener
+from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
+from sysid.structures.blocks.structure import BlockStructure
+from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
+from sysid.structures.held_out_error import free_run_error
 from sysid.structures.model import Model
 from sysid.structures.orders import orders_text, parse_orders
 from sysid.structures.registry import structure_class
-from sysid.structures.wiener_hammerstein import WienerHammerstein
 
 HW, WH = "hammerstein-wiener", "wiener-hammerstein"
 

@@ -21,7 +21,7 @@ from scipy.signal import lfilter
 from sysid.data.record import Record
 from sysid.estimation.pem import fit
 from sysid.report.markdown import table
-from sysid.structures.polynomial import PolynomialStructure
+from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.registry import structure_class
 
 Array = NDArray[np.float64]

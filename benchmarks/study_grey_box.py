@@ -19,9 +19,9 @@ from records import TRIALS, Trial
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
 from sysid.errors import SysidError
-from sysid.estimation.figures import Start, outputs
+from sysid.estimation.assessment.figures import Start, outputs
 from sysid.estimation.pem import fit
-from sysid.estimation.search import FitOptions
+from sysid.fitting.options import FitOptions
 from sysid.report.markdown import table
 from sysid.structures.model import Model
 from sysid.structures.orders import parse_orders

@@ -17,9 +17,9 @@ import numpy as np
 from records import TRIALS, Trial
 
 from sysid.data.record import Record
-from sysid.estimation.contest import run_contest
-from sysid.estimation.figures import Start, outputs
-from sysid.estimation.search import FitOptions
+from sysid.estimation.assessment.figures import Start, outputs
+from sysid.estimation.selection.contest import run_contest
+from sysid.fitting.options import FitOptions
 from sysid.report.markdown import table
 from sysid.structures.model import Model
 from sysid.structures.orders import orders_text, parse_orders

@@ -18,9 +18,9 @@ from sysid_datasets.generate import OMEGA_SIGMA, truth_of
 from sysid_datasets.twin import Twin
 
 from sysid.criteria.fit import Array
+from sysid.data.checks.nonlinearity import NonlinearityTest, nonlinearity_tests
 from sysid.data.io import read_log
-from sysid.data.nonlinearity import NonlinearityTest, nonlinearity_tests
-from sysid.data.read_options import ReadOptions
+from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Record
 
 RUN_IN = 300

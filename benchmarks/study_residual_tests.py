@@ -27,7 +27,7 @@ from sysid.criteria.residuals import (
     independence_test,
     whiteness_test,
 )
-from sysid.data.feedback import feedback_tests
+from sysid.data.checks.feedback import feedback_tests
 from sysid.data.record import Record
 
 Array = NDArray[np.float64]

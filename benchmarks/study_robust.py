@@ -21,9 +21,9 @@ from outlier_cases import CASES, KINDS, Case, Drawn
 from stamps import stamped
 
 from sysid.data.record import Record
-from sysid.estimation.outliers import find_outliers
 from sysid.estimation.pem import fit
-from sysid.estimation.search import FitOptions
+from sysid.fitting.options import FitOptions
+from sysid.fitting.outliers import find_outliers
 from sysid.report.markdown import table
 from sysid.structures.model import Model
 

@@ -14,8 +14,8 @@ from sysid_cli.pictures import draw_fit, draw_ranking
 from sysid_cli.run_pictures import draw_mission
 
 from sysid.data.io import read_logs
-from sysid.estimation.comparison import Contender, compare
 from sysid.estimation.identify import Identification, Request, identify
+from sysid.estimation.selection.comparison import Contender, compare
 from sysid.mission.mapping import as_robot
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import load_mission

@@ -17,10 +17,10 @@ from .fit_report import residual_words
 
 if TYPE_CHECKING:
     from sysid.data.finding import Finding
-    from sysid.data.read_options import ReadOptions
+    from sysid.data.reading.read_options import ReadOptions
     from sysid.data.record import Record
-    from sysid.estimation.comparison import Ranked, Ranking
-    from sysid.estimation.cross_validation import CrossValidation
+    from sysid.estimation.selection.comparison import Ranked, Ranking
+    from sysid.estimation.selection.cross_validation import CrossValidation
 
 
 @reading.composed(read=reading.read_options)
@@ -77,9 +77,9 @@ def compare(
     """Rank the models of the workspace by one criterion, on equal terms."""
     from sysid.criteria.table import known_name
     from sysid.data.finding import notes, warned
-    from sysid.estimation.assessment import Policy
-    from sysid.estimation.comparison import compare as rank
-    from sysid.estimation.figures import Start
+    from sysid.estimation.assessment.figures import Start
+    from sysid.estimation.assessment.findings import Policy
+    from sysid.estimation.selection.comparison import compare as rank
 
     criteria = known_name(criteria)
     targets.check_picture(plot)
@@ -113,7 +113,7 @@ def _validation(
 
     They are read as the newest model's data were unless the line says how.
     """
-    from sysid.data.read_options import ReadOptions
+    from sysid.data.reading.read_options import ReadOptions
 
     if not val:
         if read != ReadOptions():
@@ -196,7 +196,7 @@ def _cross_validated(ranking: "Ranking", folds: int | None) -> "dict[str, CrossV
     """Cross-validation of every ranked model whose estimation data are at hand."""
     if folds is None:
         return {}
-    from sysid.estimation.cross_validation import cross_validate
+    from sysid.estimation.selection.cross_validation import cross_validate
 
     found = {}
     with render.progress("Cross-validating", total=len(ranking.lines)) as tick:

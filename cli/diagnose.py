@@ -17,7 +17,7 @@ from .diagnose_report import show
 if TYPE_CHECKING:
     from sysid.data.finding import Finding
     from sysid.data.preparation import Preparation
-    from sysid.data.read_options import ReadOptions
+    from sysid.data.reading.read_options import ReadOptions
     from sysid.data.record import Record
     from sysid.discrepancy.diagnosis import Diagnosis
     from sysid.plant.package import Package
@@ -199,8 +199,8 @@ def _records(
     logs: list[Path], read: "ReadOptions", steps: "Preparation"
 ) -> "tuple[list[Record], list[Finding]]":
     """The records of logs, and what there is to say about the reading."""
+    from sysid.data.checks.quality import require_usable
     from sysid.data.io import read_files
-    from sysid.data.quality import require_usable
 
     files = read_files(logs, read)
     records = [steps.apply(r) for file in files for r in file.records]

@@ -91,7 +91,7 @@ def _keep(
 def _report(model: "Model", found: "Diagnosis") -> dict[str, Any]:
     """The figures that a fit would report, so that the model is listed and compared like one."""
 
-    from sysid.estimation.assessment import DataFigures
+    from sysid.estimation.assessment.findings import DataFigures
     from sysid.report.diagnosis_words import free_run_figures
 
     def figures(role: str) -> dict[str, Any] | None:

@@ -14,7 +14,7 @@ from .fit_report import show
 
 if TYPE_CHECKING:
     from sysid.data.preparation import Preparation
-    from sysid.data.read_options import ReadOptions
+    from sysid.data.reading.read_options import ReadOptions
     from sysid.data.record import Record
     from sysid.estimation.identify import Identification, Request
 
@@ -246,9 +246,9 @@ def _identify(
 
     A note of reading is for the eyes: what needs an action is a warning, which the models keep.
     """
+    from sysid.data.checks.quality import inspect_records, require_usable
     from sysid.data.finding import notes
     from sysid.data.io import read_files
-    from sysid.data.quality import inspect_records, require_usable
     from sysid.estimation.identify import identify
 
     files = read_files(logs, read)

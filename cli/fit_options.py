@@ -9,8 +9,8 @@ from sysid.errors import UsageError
 from . import reading
 
 if TYPE_CHECKING:
-    from sysid.estimation.assessment import Policy
-    from sysid.estimation.search import FitOptions
+    from sysid.estimation.assessment.findings import Policy
+    from sysid.fitting.options import FitOptions
 
 
 def structures(text: str | None) -> tuple[str, ...]:
@@ -43,8 +43,8 @@ def estimation(
         UsageError: an option cannot be read.
     """
     from sysid.errors import UsageError
-    from sysid.estimation.search import FitOptions
-    from sysid.structures.base import Focus, Initial
+    from sysid.fitting.options import FitOptions
+    from sysid.fitting.problem import Focus, Initial
 
     if tolerance is not None and not 0.0 < tolerance < 1.0:
         raise UsageError(f"--tolerance is a relative change between 0 and 1, got {tolerance:g}")
@@ -66,8 +66,8 @@ def judging(initial_state: str, skip: int, horizons: Sequence[int]) -> "Policy":
     Raises:
         UsageError: there is no such initial state.
     """
-    from sysid.estimation.assessment import Policy
-    from sysid.estimation.figures import Start
+    from sysid.estimation.assessment.figures import Start
+    from sysid.estimation.assessment.findings import Policy
 
     start = reading.choice(initial_state, [s.value for s in Start], "--initial-state")
     return Policy(Start(start), skip, tuple(sorted(set(horizons))))

@@ -9,7 +9,7 @@ from . import render
 
 if TYPE_CHECKING:
     from sysid.data.record import Channel
-    from sysid.estimation.assessment import Assessment
+    from sysid.estimation.assessment.findings import Assessment
     from sysid.estimation.identify import Identification
     from sysid.workspace.store import StoredModel
 
@@ -24,7 +24,7 @@ def show(
     reading: Sequence[str] = (),
 ) -> None:
     """Print how the logs were read, the ranking, the winner, and what to do next."""
-    from sysid.estimation.own_motion import own_modes
+    from sysid.estimation.assessment.own_motion import own_modes
     from sysid.report.step_words import mode_sentences, step_sentences
     from sysid.structures.orders import orders_text
 

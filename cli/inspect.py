@@ -9,7 +9,7 @@ from . import reading, render
 if TYPE_CHECKING:
     from sysid.data.finding import Finding
     from sysid.data.preparation import Preparation
-    from sysid.data.read_options import ReadOptions
+    from sysid.data.reading.read_options import ReadOptions
     from sysid.data.record import Record
 
 
@@ -25,8 +25,8 @@ def inspect(
     json: reading.Json = False,
 ) -> None:
     """Say what is in a log, what is wrong with it and what to do about it."""
+    from sysid.data.checks.quality import Severity, inspect_records, worst
     from sysid.data.io import read_files
-    from sysid.data.quality import Severity, inspect_records, worst
 
     files = read_files(logs, read)
     records = [steps.apply(r) for file in files for r in file.records]

@@ -143,8 +143,8 @@ def _show(stored: "StoredModel") -> None:
 
 def _steps(stored: "StoredModel") -> "tuple[str, ...]":
     """What the model does to a step; of a model of an older version worked out anew."""
-    from sysid.estimation.own_motion import own_modes
-    from sysid.estimation.step_response import StepResponse, step_responses
+    from sysid.estimation.assessment.own_motion import own_modes
+    from sysid.estimation.assessment.step_response import StepResponse, step_responses
     from sysid.report.step_words import mode_sentences, step_sentences
 
     if not stored.model.inputs:

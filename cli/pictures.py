@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from sysid.criteria.verdicts import ResidualTest
     from sysid.data.record import Record
-    from sysid.estimation.assessment import Assessment
-    from sysid.estimation.comparison import Ranking
+    from sysid.estimation.assessment.findings import Assessment
     from sysid.estimation.identify import Identification
+    from sysid.estimation.selection.comparison import Ranking
     from sysid.report.correlation_panels import LagTest
     from sysid.report.fit_picture import FitSegment
 
@@ -110,7 +110,7 @@ def _drawn(tests: "Sequence[ResidualTest]", right: str, wrong: str) -> "tuple[La
 
 
 def _segments(best: "Assessment", found: "Identification") -> "tuple[FitSegment, ...]":
-    from sysid.estimation.figures import Start, outputs
+    from sysid.estimation.assessment.figures import Start, outputs
     from sysid.report.fit_picture import FitSegment
 
     def segment(record: "Record", part: str) -> FitSegment:

@@ -11,7 +11,7 @@ from sysid.errors import UsageError
 
 if TYPE_CHECKING:
     from sysid.data.preparation import Preparation
-    from sysid.data.read_options import ReadOptions
+    from sysid.data.reading.read_options import ReadOptions
 
 _PANEL = "Reading the log"
 
@@ -202,9 +202,9 @@ def read_options(
     Raises:
         UsageError: an option cannot be.
     """
-    from sysid.data.counters import parse_periods
-    from sysid.data.read_options import ReadOptions
-    from sysid.data.timing import check_policy
+    from sysid.data.reading.counters import parse_periods
+    from sysid.data.reading.read_options import ReadOptions
+    from sysid.data.reading.timing import check_policy
 
     return ReadOptions(
         inputs=_names(inputs),

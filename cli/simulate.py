@@ -11,7 +11,7 @@ from sysid.workspace.store import Workspace
 from . import packages, reading, render, targets
 
 if TYPE_CHECKING:
-    from sysid.data.read_options import ReadOptions
+    from sysid.data.reading.read_options import ReadOptions
     from sysid.plant.package import Package
     from sysid.structures.plant import Plant
 
@@ -42,7 +42,7 @@ def simulate(
 ) -> None:
     """Drive the exported plant through a mission, or replay a log's inputs through it."""
 
-    from sysid.data.read_options import ReadOptions
+    from sysid.data.reading.read_options import ReadOptions
 
     targets.check_picture(plot)
     place = Workspace(workspace)

@@ -88,7 +88,7 @@ def _facts(cls: "type[Structure]") -> dict[str, Any]:
 def _constants(cls: "type[Structure]") -> list[dict[str, Any]]:
     """The physical constants of a grey box, in their largest number; nothing of others."""
     from sysid.errors import UsageError
-    from sysid.structures.grey_box import GreyBox
+    from sysid.structures.grey_box.structure import GreyBox
 
     if not issubclass(cls, GreyBox):
         return []

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from sysid.data.record import Array, Record
-from sysid.structures.polynomial import PolynomialStructure
+from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.registry import structure_class
 
 

@@ -19,10 +19,10 @@ from sysid.discrepancy.diagnosis import (
     Trace,
     Value,
 )
-from sysid.discrepancy.localise import localise
-from sysid.discrepancy.verify import measure_gap
+from sysid.discrepancy.proof.localise import localise
+from sysid.discrepancy.proof.verify import measure_gap
 from sysid.errors import Termination
-from sysid.structures.augmented import Augmented
+from sysid.structures.augmented.structure import Augmented
 from sysid.structures.model import Model, Provenance, Source
 
 CREEP = ((0.0, 0.0, 0.0), (1.0, 2000.0, 2000.0), (2.0, 0.0, 0.0))

@@ -12,12 +12,12 @@ from command_line import run
 from quick_diagnosis import dead_zone_log
 
 from sysid.data.io import read_logs
-from sysid.data.read_options import ReadOptions
+from sysid.data.reading.read_options import ReadOptions
 from sysid.effects.catalogue import chain_effects
 from sysid.errors import ModelError
-from sysid.estimation import cross_validation
 from sysid.estimation.pem import FitOptions, fit
-from sysid.structures.augmented import Augmented
+from sysid.estimation.selection import cross_validation
+from sysid.structures.augmented.structure import Augmented
 from sysid.structures.base import Structure
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class

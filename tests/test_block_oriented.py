@@ -12,18 +12,18 @@ from scipy.signal import lfilter
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import DataError, UsageError
-from sysid.estimation.block_gains import normalised
 from sysid.estimation.pem import fit
-from sysid.estimation.search import FitOptions
-from sysid.estimation.static_starts import shaped
-from sysid.structures.block_errors import ChainErrors
-from sysid.structures.block_structure import BlockStructure
-from sysid.structures.hammerstein_wiener import HammersteinWiener
+from sysid.fitting.options import FitOptions
+from sysid.structures.blocks.errors import ChainErrors
+from sysid.structures.blocks.gains import normalised
+from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
+from sysid.structures.blocks.static.functions import parse_static
+from sysid.structures.blocks.static.kinds import KINDS
+from sysid.structures.blocks.static.starts import shaped
+from sysid.structures.blocks.structure import BlockStructure
+from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class, structure_from_json
-from sysid.structures.static import parse_static
-from sysid.structures.static_kinds import KINDS
-from sysid.structures.wiener_hammerstein import WienerHammerstein
 
 INS, OUTS = (Channel("a", "V"), Channel("b", "V")), (Channel("y"), Channel("z"))
 

@@ -9,15 +9,15 @@ from scipy.signal import lfilter
 
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import ModelError
-from sysid.estimation.block_fit import ChainData, descend
-from sysid.estimation.operating_range import beyond_range
+from sysid.estimation.assessment.operating_range import beyond_range
 from sysid.estimation.pem import fit
-from sysid.estimation.search import FitOptions
-from sysid.structures.block_structure import BlockStructure
-from sysid.structures.hammerstein_wiener import HammersteinWiener
+from sysid.fitting.options import FitOptions
+from sysid.structures.blocks.fit import ChainData, descend
+from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
+from sysid.structures.blocks.structure import BlockStructure
+from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
-from sysid.structures.wiener_hammerstein import WienerHammerstein
 
 FIRST = {"nb": 1, "nf": 1, "nk": 1}
 

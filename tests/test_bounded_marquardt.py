@@ -6,7 +6,7 @@ from scipy.optimize import least_squares
 
 from sysid.data.record import Array
 from sysid.errors import Termination
-from sysid.estimation.bounded_marquardt import bounded_marquardt
+from sysid.fitting.bounded_marquardt import bounded_marquardt
 
 T = np.linspace(0.0, 3.0, 60)
 Y = 2.0 * np.exp(-1.3 * T) + 0.1 * np.sin(7.0 * T)

@@ -18,21 +18,21 @@ from sysid.export.c.trace import TRACE, Program
 from sysid.export.package import package_files
 from sysid.plant.package import CARD
 from sysid.plant.selftest import make_selftest
-from sysid.structures.augmented import Augmented
-from sysid.structures.constants import Constant
-from sysid.structures.dc_motor import DCMotor
-from sysid.structures.expressions import FUNCTIONS
-from sysid.structures.given_base import GivenBase
-from sysid.structures.grey_box import GreyBox
-from sysid.structures.hammerstein_wiener import HammersteinWiener
+from sysid.structures.augmented.given_base import GivenBase
+from sysid.structures.augmented.structure import Augmented
+from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
+from sysid.structures.blocks.static.kinds import KINDS
+from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
+from sysid.structures.grey_box.constants import Constant
+from sysid.structures.grey_box.dc_motor.structure import DCMotor
+from sysid.structures.grey_box.structure import GreyBox
+from sysid.structures.grey_box.tanks import Tanks
 from sysid.structures.model import Model
-from sysid.structures.narmax import NARMAX
-from sysid.structures.narx_wavelet import NarxWavelet
-from sysid.structures.static_kinds import KINDS
-from sysid.structures.tanks import Tanks
-from sysid.structures.wavelet_network import KINDS as ESTIMATORS
-from sysid.structures.wavelet_network import RowDesign
-from sysid.structures.wiener_hammerstein import WienerHammerstein
+from sysid.structures.narmax.structure import NARMAX
+from sysid.structures.narx.structure import NarxWavelet
+from sysid.structures.narx.wavelet_network import KINDS as ESTIMATORS
+from sysid.structures.narx.wavelet_network import RowDesign
+from sysid.structures.recursive.expressions import FUNCTIONS
 
 EXACT = 1e-10
 """Relative to the output's range: other orders of addition and another libm cost some 1e-16 a

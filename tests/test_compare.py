@@ -10,9 +10,14 @@ from command_line import robot_log, run
 from sysid.criteria.table import BUILT_IN
 from sysid.data.record import Record
 from sysid.errors import Termination
-from sysid.estimation.comparison import Contender, compare
 from sysid.estimation.pem import FitOptions, fit
-from sysid.estimation.soundness import Doubts, doubts_about, leader, relative_gap
+from sysid.estimation.selection.comparison import Contender, compare
+from sysid.estimation.selection.soundness import (
+    Doubts,
+    doubts_about,
+    leader,
+    relative_gap,
+)
 from sysid.structures.registry import structure_class
 
 Capture = pytest.CaptureFixture[str]

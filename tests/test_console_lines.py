@@ -7,9 +7,9 @@ import pytest
 from command_line import run
 from written_logs import motor
 
-from sysid.data.columns import choose_columns
 from sysid.data.io import LogFile, read_file
-from sysid.data.line_keys import interval_of
+from sysid.data.reading.columns import choose_columns
+from sysid.data.reading.line_keys import interval_of
 from sysid.errors import DataError
 
 BOOT = "rst:0x1 (POWERON_RESET),boot:0x13\nI (312) cpu_start: Pro cpu up.\n"

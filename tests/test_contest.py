@@ -9,12 +9,12 @@ from scipy.signal import lfilter
 
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Channel, Record
-from sysid.estimation import contest
-from sysid.estimation.contest import run_contest
-from sysid.estimation.holdout import hold_out
-from sysid.estimation.orders import Candidate, OrderSearch, search_orders
 from sysid.estimation.pem import fit
-from sysid.estimation.search import FitOptions
+from sysid.estimation.selection import contest
+from sysid.estimation.selection.contest import run_contest
+from sysid.estimation.selection.orders import Candidate, OrderSearch, search_orders
+from sysid.fitting.holdout import hold_out
+from sysid.fitting.options import FitOptions
 from sysid.structures.base import Structure
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class, structure_classes

@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 from command_line import run, write_log
 
-from sysid.data.counters import counted, parse_periods, suspected, unwrapped
 from sysid.data.io import read_file
-from sysid.data.read_options import ReadOptions
+from sysid.data.reading.counters import (
+    counted,
+    parse_periods,
+    suspected,
+    unwrapped,
+)
+from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Array
 from sysid.errors import DataError, UsageError
 

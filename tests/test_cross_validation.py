@@ -6,8 +6,8 @@ from scipy.signal import lfilter
 
 from sysid.data.record import Record
 from sysid.errors import DataError, UsageError
-from sysid.estimation.cross_validation import cross_validate
 from sysid.estimation.pem import fit
+from sysid.estimation.selection.cross_validation import cross_validate
 from sysid.structures.registry import structure_class
 
 NOISE = 0.1

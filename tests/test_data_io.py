@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sysid.data.columns import choose_columns
 from sysid.data.files import write_atomic
 from sysid.data.finding import Severity
 from sysid.data.io import ReadOptions, read_file, read_files, read_log, read_logs
+from sysid.data.reading.columns import choose_columns
 from sysid.data.record import PWM_FULL_SCALE
 from sysid.errors import DataError, SysidError, UsageError
 

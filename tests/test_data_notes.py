@@ -5,11 +5,11 @@ import pytest
 from command_line import run, write_log
 from scipy.signal import lfilter
 
-from sysid.data.dynamics_checks import check_delay
+from sysid.data.checks.dynamics_checks import check_delay
+from sysid.data.checks.level_checks import check_levels, visited_levels
 from sysid.data.finding import Finding, Severity
-from sysid.data.level_checks import check_levels, visited_levels
 from sysid.data.record import Record
-from sysid.estimation.data_notes import notes_for
+from sysid.estimation.assessment.data_notes import notes_for
 from sysid.structures.registry import structure_class
 
 

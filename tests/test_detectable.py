@@ -5,8 +5,8 @@ from test_model_error import CHANNELS, DT, FULL, noise, simulate
 
 from sysid.data.record import Array, Record
 from sysid.discrepancy.base_model import plain_base
-from sysid.discrepancy.detectable import detectable
-from sysid.discrepancy.slopes import slopes
+from sysid.discrepancy.search.detectable import detectable
+from sysid.discrepancy.search.slopes import slopes
 from sysid.effects.catalogue import chain_effects, effect
 
 IDS = ("dead-zone", "input-saturation", "cross-coupling", "direction-asymmetry", "rate-limit")

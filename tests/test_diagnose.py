@@ -9,22 +9,22 @@ from sysid_datasets.hidden_logs import Request, hide
 
 from sysid.data.io import read_log
 from sysid.data.record import Channel, Record
-from sysid.discrepancy.admission import beyond_a_sample
 from sysid.discrepancy.augment import values_of
 from sysid.discrepancy.base_model import Base, divided, plain_base
-from sysid.discrepancy.batched_search import information, search
 from sysid.discrepancy.diagnose import diagnose
 from sysid.discrepancy.diagnosis import Diagnosis
 from sysid.discrepancy.integrating import integrates, rates
-from sysid.discrepancy.named_sets import Interval
-from sysid.discrepancy.naming import NamingSearch
-from sysid.discrepancy.starts import clip_level, repeats_at_top
-from sysid.discrepancy.supermodel import SuperModel, prepare
+from sysid.discrepancy.search.admission import beyond_a_sample
+from sysid.discrepancy.search.batched_search import information, search
+from sysid.discrepancy.search.named_sets import Interval
+from sysid.discrepancy.search.naming import NamingSearch
+from sysid.discrepancy.search.starts import clip_level, repeats_at_top
+from sysid.discrepancy.search.supermodel import SuperModel, prepare
 from sysid.effects.catalogue import chain_effects
 from sysid.errors import DataError
 from sysid.estimation.identify import Request as FitRequest
 from sysid.estimation.identify import identify
-from sysid.structures.augmented import Augmented
+from sysid.structures.augmented.structure import Augmented
 from sysid.structures.model import Model
 
 DURATION = 60.0

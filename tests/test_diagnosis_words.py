@@ -12,10 +12,10 @@ from command_line import run, write_log
 from sysid.data.record import Array, Channel, Record
 from sysid.discrepancy.advise import next_experiments
 from sysid.discrepancy.following import not_followed
-from sysid.discrepancy.localise import localise, regimes
-from sysid.discrepancy.model_error import Left
+from sysid.discrepancy.proof.localise import localise, regimes
+from sysid.discrepancy.proof.model_error import Left
+from sysid.discrepancy.proof.verify import ChannelGap, Gap
 from sysid.discrepancy.study import _story
-from sysid.discrepancy.verify import ChannelGap, Gap
 from sysid.effects.catalogue import catalogue
 from sysid.report.diagnosis_words import headline
 

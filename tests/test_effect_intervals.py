@@ -11,10 +11,10 @@ from sysid.discrepancy import findings
 from sysid.discrepancy.augment import model_of, values_of
 from sysid.discrepancy.base_model import Base, plain_base
 from sysid.discrepancy.diagnosis import Value
-from sysid.discrepancy.intervals import intervals_of
-from sysid.discrepancy.named_sets import Interval, Naming, Node
+from sysid.discrepancy.search.intervals import intervals_of
+from sysid.discrepancy.search.named_sets import Interval, Naming, Node
 from sysid.effects.catalogue import chain_effects, effect
-from sysid.structures.augmented import Augmented
+from sysid.structures.augmented.structure import Augmented
 
 DT, GAIN, TAU, NOISE = 0.05, 20.0, 0.25, 0.2
 INPUTS = (Channel("pwm_l", "µs"), Channel("pwm_r", "µs"))

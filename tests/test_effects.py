@@ -10,8 +10,8 @@ from sysid.data.record import Array
 from sysid.effects.base import Context, Effect, Place
 from sysid.effects.catalogue import catalogue, chain_effects, effect
 from sysid.errors import UsageError
-from sysid.structures.augmented import Augmented
-from sysid.structures.chain import Core, chain_step, rest_state
+from sysid.structures.augmented.chain import Core, chain_step, rest_state
+from sysid.structures.augmented.structure import Augmented
 
 DT, TAU, GAIN = 0.05, 0.25, 20.0
 POLE = float(np.exp(-DT / TAU))

@@ -19,10 +19,10 @@ from sysid.criteria.fit import fit_percent, rmse
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.errors import DataError, ModelError, Termination, UsageError
-from sysid.estimation import normal_equations as ne
-from sysid.estimation.output_error import pole_grid, reflected
 from sysid.estimation.pem import FitOptions, fit, head_window
-from sysid.structures.base import Focus, Initial
+from sysid.fitting import normal_equations as ne
+from sysid.fitting.problem import Focus, Initial
+from sysid.structures.linear.output_error import pole_grid, reflected
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sysid.data.dynamics_checks import excitation_order
+from sysid.data.checks.dynamics_checks import excitation_order
 from sysid.data.excitation import (
     DESIGNS,
     Schedule,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_model_error import FULL, SCALES, SIGMA, logged, simulate
 
-from sysid.discrepancy.explain import described, explain
+from sysid.discrepancy.proof.explain import described, explain
 
 FLOOR = np.array([SIGMA, SIGMA])
 

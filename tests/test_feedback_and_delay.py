@@ -8,13 +8,13 @@ import pytest
 from command_line import run, write_log
 from scipy.signal import lfilter
 
-from sysid.data.delay import estimate_delays
-from sysid.data.feedback import feedback_tests
-from sysid.data.quality import inspect_records
+from sysid.data.checks.delay import estimate_delays
+from sysid.data.checks.feedback import feedback_tests
+from sysid.data.checks.quality import inspect_records
 from sysid.data.record import Record
-from sysid.estimation.delays import choose_delay
-from sysid.estimation.holdout import hold_out
 from sysid.estimation.identify import Request, identify
+from sysid.estimation.selection.delays import choose_delay
+from sysid.fitting.holdout import hold_out
 
 DT = 0.1
 RUN_IN = 200

@@ -14,14 +14,14 @@ from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import SysidError, Termination, UsageError
 from sysid.estimation.pem import fit
-from sysid.estimation.search import FitOptions
-from sysid.estimation.solvers import many_starts
-from sysid.structures import grey_box_runs
-from sysid.structures.dc_motor import DCMotor
-from sysid.structures.grey_box import GreyBox
+from sysid.fitting.options import FitOptions
+from sysid.fitting.solvers import many_starts
+from sysid.structures.grey_box.dc_motor.structure import DCMotor
+from sysid.structures.grey_box.structure import GreyBox
+from sysid.structures.grey_box.structure import runs as grey_box_runs
+from sysid.structures.grey_box.tanks import Tanks
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
-from sysid.structures.tanks import Tanks
 
 VOLTS = Channel("u", "V")
 SPEED = Channel("w", "rad/s")

@@ -16,9 +16,9 @@ from scipy.signal import lfilter
 
 from sysid.criteria.residuals import independence_test, whiteness_test
 from sysid.data.record import Record
-from sysid.estimation.figures import residual_tests
+from sysid.estimation.assessment.figures import residual_tests
 from sysid.estimation.pem import fit
-from sysid.estimation.search import FitOptions
+from sysid.fitting.options import FitOptions
 from sysid.structures.base import Structure
 from sysid.structures.registry import structure_class
 

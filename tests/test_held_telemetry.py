@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from command_line import run, write_log
 
-from sysid.data.held import refreshed, without_repeats
 from sysid.data.io import read_file
-from sysid.data.read_options import ReadOptions
+from sysid.data.reading.held import refreshed, without_repeats
+from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Array, Channel, Record
-from sysid.discrepancy.evidence import noise_floor
 from sysid.discrepancy.samples import inspect_samples
+from sysid.discrepancy.search.evidence import noise_floor
 from sysid.errors import UsageError
 
 MEASURED = Path(

@@ -11,9 +11,9 @@ import quick_diagnosis
 from command_line import run
 from scipy.signal import lfilter
 
-from sysid.data.clock_offset import clock_shift, travelled, way_and_turn
 from sysid.data.io import read_file
-from sysid.data.read_options import ReadOptions
+from sysid.data.joining.clock_offset import clock_shift, travelled, way_and_turn
+from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Array
 from sysid.errors import DataError, UsageError
 

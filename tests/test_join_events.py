@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sysid.data.between_rows import Lookup, is_event_log
 from sysid.data.io import LogFile, read_file
-from sysid.data.read_options import ReadOptions
+from sysid.data.joining.between_rows import Lookup, is_event_log
+from sysid.data.reading.read_options import ReadOptions
 
 STEP, ROWS = 0.2, 900
 

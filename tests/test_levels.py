@@ -12,10 +12,10 @@ from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel, Record
 from sysid.data.rest import rest_head
 from sysid.errors import ModelError
-from sysid.estimation.contest import run_contest
-from sysid.estimation.offset_choice import choose_offsets
+from sysid.estimation.levels.choice import choose_offsets
 from sysid.estimation.pem import fit
-from sysid.estimation.search import FitOptions
+from sysid.estimation.selection.contest import run_contest
+from sysid.fitting.options import FitOptions
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
 

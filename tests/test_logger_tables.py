@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sysid.data.checks.quality import inspect_records
 from sysid.data.finding import Severity
 from sysid.data.io import ReadOptions, read_file
-from sysid.data.quality import inspect_records
 from sysid.errors import DataError, SysidError
 
 N = 200

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.optimize import leastsq
 
 from sysid.errors import Termination
-from sysid.estimation.marquardt import marquardt
+from sysid.fitting.marquardt import marquardt
 
 Array = NDArray[np.float64]
 Function = Callable[[Array], Array]

@@ -5,9 +5,9 @@ import pytest
 from scipy.signal import lfilter
 from sysid_datasets.driving import STYLES, speed_loop
 
-from sysid.data.feedback import in_closed_loop
+from sysid.data.checks.feedback import in_closed_loop
 from sysid.data.record import Array, Channel, Record
-from sysid.discrepancy.model_error import structure_left
+from sysid.discrepancy.proof.model_error import structure_left
 from sysid.errors import DataError
 
 DT, FULL, SIGMA = 0.05, 20000.0, 0.2

@@ -8,8 +8,8 @@ from command_line import run, write_log
 
 from sysid.data.integrating import is_position
 from sysid.data.record import Array, Channel, Record
-from sysid.estimation.head import LONGEST_HEAD, head_window
-from sysid.structures.dc_motor import DCMotor
+from sysid.structures.grey_box.dc_motor.structure import DCMotor
+from sysid.structures.head import LONGEST_HEAD, head_window
 
 GAIN, TAU, DRY, LOAD = 0.17, 0.45, 0.5, -0.09
 DT, N = 0.02, 1500

@@ -26,8 +26,8 @@ READS_LOGS = ("inspect", "fit", "compare", "simulate", "diagnose")
 SHOWN_BY = {
     "sysid/data/preparation.py": ("inspect", "fit", "diagnose"),
     "sysid/data/": READS_LOGS,
-    "sysid/estimation/comparison.py": ("compare",),
-    "sysid/estimation/figures.py": ("fit", "compare"),
+    "sysid/estimation/selection/comparison.py": ("compare",),
+    "sysid/estimation/assessment/figures.py": ("fit", "compare"),
     "sysid/estimation/": ("fit",),
     "sysid/structures/model.py": ("compare", "diagnose"),
     "sysid/structures/": ("fit",),

@@ -9,17 +9,17 @@ from sysid_datasets.hidden_logs import Request, hide
 
 from sysid.data.io import read_log
 from sysid.data.record import Array, Channel, Record
-from sysid.discrepancy.batched_search import refined
 from sysid.discrepancy.diagnose import diagnose
 from sysid.discrepancy.diagnosis import Diagnosis
-from sysid.discrepancy.evidence import noise_floor
-from sysid.discrepancy.starts import clip_level, free_slots
-from sysid.discrepancy.supermodel import SuperModel, prepare
-from sysid.discrepancy.verify import measure_gap
+from sysid.discrepancy.proof.verify import measure_gap
+from sysid.discrepancy.search.batched_search import refined
+from sysid.discrepancy.search.evidence import noise_floor
+from sysid.discrepancy.search.starts import clip_level, free_slots
+from sysid.discrepancy.search.supermodel import SuperModel, prepare
 from sysid.effects.catalogue import about, chain_effects
-from sysid.structures.augmented import Augmented
-from sysid.structures.chain import drive_before
-from sysid.structures.given_base import begins_at_rest
+from sysid.structures.augmented.chain import drive_before
+from sysid.structures.augmented.given_base import begins_at_rest
+from sysid.structures.augmented.structure import Augmented
 
 DT = 0.05
 FULL = np.full(2, 20000.0)

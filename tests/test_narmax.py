@@ -12,19 +12,32 @@ from hypothesis import strategies as st
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Channel, Record
 from sysid.errors import DataError, ModelError, Termination, UsageError
-from sysid.estimation.candidate_runs import CandidateRuns
-from sysid.estimation.chunk_fits import ChunkFit, fit_together
-from sysid.estimation.figures import Start, outputs
-from sysid.estimation.frols import best_sizes, bic_size, forward, term_gram
+from sysid.estimation.assessment.figures import Start, outputs
 from sysid.estimation.pem import fit
-from sysid.estimation.search import FitOptions
-from sysid.estimation.solvers import levenberg_marquardt
-from sysid.structures.base import Focus, Initial, Problem
+from sysid.fitting.options import FitOptions
+from sysid.fitting.problem import Focus, Initial, Problem
+from sysid.fitting.solvers import levenberg_marquardt
 from sysid.structures.model import Model
-from sysid.structures.monomials import Factor, columns, is_noise, parsed, pool, term, typed_name
-from sysid.structures.narmax import NARMAX
-from sysid.structures.narmax_problems import ChunkedRuns, OneStep
-from sysid.structures.polynomial_runs import FreeRun
+from sysid.structures.narmax.candidate_runs import CandidateRuns
+from sysid.structures.narmax.chunk_fits import ChunkFit, fit_together
+from sysid.structures.narmax.problems import ChunkedRuns, OneStep
+from sysid.structures.narmax.runs import FreeRun
+from sysid.structures.narmax.structure import NARMAX
+from sysid.structures.recursive.frols import (
+    best_sizes,
+    bic_size,
+    forward,
+    term_gram,
+)
+from sysid.structures.recursive.monomials import (
+    Factor,
+    columns,
+    is_noise,
+    parsed,
+    pool,
+    term,
+    typed_name,
+)
 from sysid.structures.registry import structure_class, structure_from_json
 
 TERMS = "y(t-1), y(t-2), u(t-1), u(t-1)*y(t-2)^2, u(t-2)^3"

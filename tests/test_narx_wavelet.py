@@ -9,18 +9,23 @@ import pytest
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.errors import DataError, Termination, UsageError
-from sysid.estimation.narx import everything, with_ranges
-from sysid.estimation.narx_search import largest
 from sysid.estimation.pem import fit
-from sysid.estimation.search import FitOptions
-from sysid.estimation.simulation_error import RowRuns
-from sysid.structures.base import Focus
-from sysid.structures.expressions import parse, written
+from sysid.fitting.options import FitOptions
+from sysid.fitting.problem import Focus
 from sysid.structures.model import Model
-from sysid.structures.narx_problems import FreeRuns
-from sysid.structures.narx_wavelet import NarxWavelet
+from sysid.structures.narx.fit import everything, with_ranges
+from sysid.structures.narx.problems import FreeRuns
+from sysid.structures.narx.search import largest
+from sysid.structures.narx.simulation_error import RowRuns
+from sysid.structures.narx.structure import NarxWavelet
+from sysid.structures.narx.wavelet_network import (
+    KINDS,
+    RowDesign,
+    gradients,
+    value,
+)
+from sysid.structures.recursive.expressions import parse, written
 from sysid.structures.registry import structure_class, structure_from_json
-from sysid.structures.wavelet_network import KINDS, RowDesign, gradients, value
 
 ORDERS = {"na": 1, "nb": 1, "nk": 1}
 SMALL = {"degree": "1", "units": "4", "network": "each"}

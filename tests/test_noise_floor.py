@@ -5,8 +5,8 @@ import pytest
 from scipy.signal import lfilter
 
 from sysid.data.record import Record
-from sysid.discrepancy.evidence import noise_floor
-from sysid.discrepancy.verify import floor_of_errors, measure_gap
+from sysid.discrepancy.proof.verify import floor_of_errors, measure_gap
+from sysid.discrepancy.search.evidence import noise_floor
 
 
 def quick_plant(noise: float, quantum: float = 0.0, seed: int = 0) -> tuple[Record, np.ndarray]:

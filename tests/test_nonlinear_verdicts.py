@@ -13,11 +13,11 @@ from sysid.criteria.nonlinear import FURTHER, NAMES, further_tests, nonlinear_te
 from sysid.criteria.residuals import independence_test, whiteness_test
 from sysid.data.record import Record
 from sysid.errors import DataError
-from sysid.estimation.assessment import Policy, assess
-from sysid.estimation.figures import residual_tests
+from sysid.estimation.assessment.figures import residual_tests
+from sysid.estimation.assessment.findings import Policy, assess
 from sysid.estimation.pem import fit
-from sysid.estimation.search import FitOptions
-from sysid.structures.narmax import NARMAX
+from sysid.fitting.options import FitOptions
+from sysid.structures.narmax.structure import NARMAX
 from sysid.structures.registry import structure_class
 
 study = studies.load("benchmarks/study_nonlinear_tests.py")

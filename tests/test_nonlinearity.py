@@ -10,10 +10,10 @@ import pytest
 from scipy.signal import lfilter
 from sysid_datasets import path
 
-from sysid.data.dynamics_checks import check_nonlinearity
+from sysid.data.checks.dynamics_checks import check_nonlinearity
+from sysid.data.checks.nonlinearity import nonlinearity_tests
 from sysid.data.finding import Severity
 from sysid.data.io import read_log
-from sysid.data.nonlinearity import nonlinearity_tests
 from sysid.data.record import Array, Record
 from sysid.errors import DataError
 

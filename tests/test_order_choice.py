@@ -4,25 +4,24 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sysid.data.delay import estimate_delays
+from sysid.data.checks.delay import estimate_delays
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
-from sysid.estimation.contest import run_contest
-from sysid.estimation.delays import choose_delay
-from sysid.estimation.grid import default_grid
-from sysid.estimation.holdout import hold_out, shortened
-from sysid.estimation.orders import (
+from sysid.estimation.pem import fit
+from sysid.estimation.selection.contest import run_contest
+from sysid.estimation.selection.delays import choose_delay
+from sysid.estimation.selection.grid import default_grid
+from sysid.estimation.selection.orders import (
     Candidate,
     bounded_run,
-    free_run_error,
     ranked,
     searching,
-    tie_margin,
 )
-from sysid.estimation.pem import fit
-from sysid.estimation.search import FitOptions
-from sysid.structures.arx import ARX
-from sysid.structures.oe import OE
+from sysid.fitting.holdout import hold_out, shortened, tie_margin
+from sysid.fitting.options import FitOptions
+from sysid.structures.held_out_error import free_run_error
+from sysid.structures.linear.arx import ARX
+from sysid.structures.linear.oe import OE
 
 
 def steps(n: int, hold: int, seed: int) -> NDArray[np.float64]:

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from command_line import run, write_log
 
-from sysid.data.delay import estimate_delays
+from sysid.data.checks.delay import estimate_delays
 from sysid.data.outliers import mended, outlier_flags
 from sysid.data.record import Record
-from sysid.estimation.contest import run_contest
-from sysid.estimation.delays import chosen_delay
-from sysid.estimation.holdout import hold_out
-from sysid.estimation.search import FitOptions
+from sysid.estimation.selection.contest import run_contest
+from sysid.estimation.selection.delays import chosen_delay
+from sysid.fitting.holdout import hold_out
+from sysid.fitting.options import FitOptions
 from sysid.structures.orders import MAX_ORDER
 
 Capture = pytest.CaptureFixture[str]

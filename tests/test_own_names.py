@@ -9,11 +9,11 @@ from command_line import run, write_log
 
 from sysid.data.record import Channel
 from sysid.errors import UsageError
-from sysid.estimation.grid import parse_grids
-from sysid.structures.expressions import parse
-from sysid.structures.monomials import parsed, printed, typed_name
+from sysid.estimation.selection.grid import parse_grids
 from sysid.structures.own_names import in_generic_names
-from sysid.structures.regressors import named
+from sysid.structures.recursive.expressions import parse
+from sysid.structures.recursive.monomials import parsed, printed, typed_name
+from sysid.structures.recursive.regressors import named
 
 NAMES = [
     ("u", "y"),

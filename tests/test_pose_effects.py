@@ -10,8 +10,8 @@ import pytest
 from pose_cases import DT, driven, ground, hidden_mission, logs, two_tracks, wandering
 
 from sysid.data.record import Record
-from sysid.discrepancy.ground_model import with_ground, without_readings
-from sysid.discrepancy.pose import PoseDiagnosis, diagnose_pose
+from sysid.discrepancy.pose.diagnosis import PoseDiagnosis, diagnose_pose
+from sysid.discrepancy.pose.ground_model import with_ground, without_readings
 from sysid.effects.ground import Ground
 from sysid.errors import ModelError, UsageError
 from sysid.export.package import write_package
@@ -20,7 +20,7 @@ from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission
 from sysid.plant.package import load_plant, read_description
 from sysid.plant.selftest import selftest
-from sysid.structures.augmented import Augmented
+from sysid.structures.augmented.structure import Augmented
 from sysid.structures.model import Model
 from sysid.vehicle.kinematics import Geometry
 

@@ -11,12 +11,19 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from sysid.data.record import HARDLY, Array, Record
-from sysid.estimation.outliers import find_outliers, resolutions
 from sysid.estimation.pem import fit
-from sysid.estimation.robust import HUBER_WIDTH, huber_pays, huber_widths, robust_scale, weighted
-from sysid.estimation.search import FitOptions
-from sysid.estimation.strategies import Outcome, again, strategy
-from sysid.structures.base import Focus, Initial
+from sysid.estimation.robust_fit import again
+from sysid.fitting.options import FitOptions
+from sysid.fitting.outliers import find_outliers, resolutions
+from sysid.fitting.problem import Focus, Initial
+from sysid.fitting.robust import (
+    HUBER_WIDTH,
+    huber_pays,
+    huber_widths,
+    robust_scale,
+    weighted,
+)
+from sysid.structures.outcome import FitOutcome
 from sysid.structures.registry import structure_class
 
 Capture = pytest.CaptureFixture[str]
@@ -84,10 +91,10 @@ def test_a_fit_to_cleaner_data_starts_where_the_last_one_ended() -> None:
     """Structures that are fitted from given values only have no other start."""
     case = CASES["arx"]
     s, record = case.made(), case.record(0, "clean")
-    first = strategy(s)(s, [record], FitOptions(), s.parameters(record.inputs, record.outputs), ())
+    first = s.fitter()(s, [record], FitOptions(), s.parameters(record.inputs, record.outputs), ())
     given: list[Array] = []
 
-    def fitted(*told: object) -> Outcome:
+    def fitted(*told: object) -> FitOutcome:
         given.extend(theta for _, theta in told[-1])  # type: ignore[attr-defined]
         return first
 

@@ -18,7 +18,7 @@ import pytest
 from scipy.signal import lfilter
 from sysid_cli.app import main
 
-from sysid.data import feedback
+from sysid.data.checks import feedback
 from sysid.data.record import Record
 from sysid.estimation.pem import fit
 from sysid.structures.registry import structure_class

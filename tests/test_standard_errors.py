@@ -8,9 +8,9 @@ from sysid_datasets import path
 
 from sysid.criteria.coloured import coloured_gram
 from sysid.data.io import read_logs
-from sysid.data.read_options import ReadOptions
+from sysid.data.reading.read_options import ReadOptions
 from sysid.estimation.pem import fit
-from sysid.estimation.uncertainty import AR_ORDER, half_of, uncertainty
+from sysid.fitting.uncertainty import AR_ORDER, half_of, uncertainty
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
 

@@ -9,11 +9,11 @@ from scipy.signal import lfilter
 from sysid_datasets import path
 
 from sysid.data.io import read_logs
-from sysid.data.read_options import ReadOptions
+from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Record
 from sysid.errors import Termination
 from sysid.estimation.pem import FitOptions, fit
-from sysid.structures.base import Initial
+from sysid.fitting.problem import Initial
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
 

@@ -8,9 +8,9 @@ from command_line import run, write_log
 from scipy.signal import cont2discrete, lfilter
 
 from sysid.data.record import Channel, Record
+from sysid.estimation.assessment.step_response import StepResponse, step_responses
 from sysid.estimation.pem import fit
-from sysid.estimation.search import FitOptions
-from sysid.estimation.step_response import StepResponse, step_responses
+from sysid.fitting.options import FitOptions
 from sysid.report.step_words import step_sentences, with_error
 from sysid.structures.registry import structure_class
 

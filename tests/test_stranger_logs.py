@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from written_logs import LOGGERS, RPM, STEP, lines, motor, point, robot_drive, whole
 
-from sysid.data.clock import unrolled
-from sysid.data.columns import choose_columns
-from sysid.data.dates import seconds_of
+from sysid.data.checks.quality import inspect_records
 from sysid.data.finding import Severity
 from sysid.data.io import ReadOptions, read_file
-from sysid.data.quality import inspect_records
+from sysid.data.reading.clock import unrolled
+from sysid.data.reading.columns import choose_columns
+from sysid.data.reading.dates import seconds_of
 from sysid.data.record import Channel, Record
 from sysid.data.units import conversion, from_name
 from sysid.errors import DataError, SysidError, UsageError

@@ -13,11 +13,11 @@ from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import ModelError, UsageError
 from sysid.estimation.pem import FitOptions, fit
-from sysid.structures.base import Focus, Initial, Problem
+from sysid.fitting.problem import Focus, Initial, Problem
+from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.linear.predictor import HUGE
 from sysid.structures.model import Model
 from sysid.structures.orders import MAX_ORDER, parse_orders, spread
-from sysid.structures.polynomial import PolynomialStructure
-from sysid.structures.predictor import HUGE
 from sysid.structures.registry import structure_class, structure_classes, structure_from_json
 
 every_system = pytest.mark.parametrize("name", list(SYSTEMS))
@@ -434,7 +434,7 @@ def test_a_search_admits_only_stable_predictors() -> None:
 @settings(max_examples=150, deadline=None, derandomize=True)
 @given(st.lists(st.floats(-0.98, 0.98), min_size=0, max_size=6))
 def test_admissible_noise_filters_are_those_with_roots_inside(roots: list[float]) -> None:
-    from sysid.structures.predictor import roots_inside
+    from sysid.structures.linear.predictor import roots_inside
 
     tail = np.poly(roots)[1:] if roots else np.zeros(0)
     assert roots_inside(np.asarray(tail))

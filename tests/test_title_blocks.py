@@ -7,7 +7,7 @@ import pytest
 from written_logs import motor
 
 from sysid.data.io import read_file
-from sysid.data.read_options import ReadOptions
+from sysid.data.reading.read_options import ReadOptions
 from sysid.errors import DataError
 
 LABVIEW = (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from command_line import run, write_log
 
-from sysid.estimation.advice import WORSE
+from sysid.estimation.assessment.advice import WORSE
 
 
 def oven(path: Path, sign: float, seed: int) -> Path:

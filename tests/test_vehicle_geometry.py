@@ -11,9 +11,9 @@ from pose_cases import DT, driven, ground, wandering
 from scipy.signal import lfilter
 
 from sysid.data.record import Record
-from sysid.discrepancy.pose import PoseDiagnosis, diagnose_pose
-from sysid.discrepancy.pose_geometry import contradicted
-from sysid.discrepancy.pose_windows import path_of, track_channels, tracks_of
+from sysid.discrepancy.pose.diagnosis import PoseDiagnosis, diagnose_pose
+from sysid.discrepancy.pose.geometry import contradicted
+from sysid.discrepancy.pose.windows import path_of, track_channels, tracks_of
 from sysid.effects.ground import Ground
 from sysid.vehicle.kinematics import Geometry
 

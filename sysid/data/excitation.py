@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.data.columns import ROBOT_INPUTS
+from sysid.data.reading.columns import ROBOT_INPUTS
 from sysid.data.record import Array
 from sysid.data.schedule import Schedule, crest_factor, sample_count, with_rests, write_schedule
 from sysid.errors import UsageError

@@ -8,26 +8,26 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.clock import doubled_rows
 from sysid.data.column_words import meaning
-from sysid.data.columns import Choice, choose_columns
-from sysid.data.counters import as_speeds, continued
 from sysid.data.files import read_bytes
 from sysid.data.finding import Finding, Severity
-from sysid.data.held import at_sensor_rate, slow_sensors
-from sysid.data.join import companion, joined
-from sysid.data.pose_reading import pose_in_si, usable_pose
-from sysid.data.read_options import ReadOptions
-from sysid.data.record import Array, Channel, Record
-from sysid.data.row_times import column_reader, numbered_clock, row_times
-from sysid.data.table import Table, read_table
-from sysid.data.timing import (
+from sysid.data.joining.files import companion, joined
+from sysid.data.reading.clock import doubled_rows
+from sysid.data.reading.columns import Choice, choose_columns
+from sysid.data.reading.counters import as_speeds, continued
+from sysid.data.reading.held import at_sensor_rate, slow_sensors
+from sysid.data.reading.pose_reading import pose_in_si, usable_pose
+from sysid.data.reading.read_options import ReadOptions
+from sysid.data.reading.row_times import column_reader, numbered_clock, row_times
+from sysid.data.reading.table import Table, read_table
+from sysid.data.reading.timing import (
     Grid,
     ResamplePolicy,
     Segment,
     onto_grid,
     plan_grid,
 )
+from sysid.data.record import Array, Channel, Record
 from sysid.data.units import conversions, without_false_pulses
 from sysid.errors import DataError, UsageError
 

@@ -12,11 +12,11 @@ import numpy as np
 
 from sysid.data.record import Array, Record
 from sysid.discrepancy.diagnosis import Experiment
-from sysid.discrepancy.named_sets import Node
-from sysid.discrepancy.naming import NamingSearch
-from sysid.discrepancy.pose_windows import track_channels
+from sysid.discrepancy.pose.windows import track_channels
 from sysid.discrepancy.schedules import Row, programme, programmes_of
-from sysid.discrepancy.supermodel import prepare
+from sysid.discrepancy.search.named_sets import Node
+from sysid.discrepancy.search.naming import NamingSearch
+from sysid.discrepancy.search.supermodel import prepare
 from sysid.effects.catalogue import catalogue
 
 CLEAR = 1.0

@@ -11,13 +11,13 @@ from sysid.criteria.information import information_criteria
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.discrepancy.base_model import Base, full_drive
-from sysid.discrepancy.batched_search import information
 from sysid.discrepancy.diagnosis import Value
-from sysid.discrepancy.evidence import effective_samples
-from sysid.discrepancy.named_sets import Interval, Node
+from sysid.discrepancy.search.batched_search import information
+from sysid.discrepancy.search.evidence import effective_samples
+from sysid.discrepancy.search.named_sets import Interval, Node
 from sysid.effects.catalogue import CHANGED, effect
 from sysid.errors import Termination
-from sysid.structures.augmented import Augmented
+from sysid.structures.augmented.structure import Augmented
 from sysid.structures.model import Model, Provenance, Source
 
 DRY = ("coulomb-friction", "stiction")

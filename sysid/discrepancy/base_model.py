@@ -5,26 +5,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid.data.feedback import in_closed_loop
-from sysid.data.held import own_rate, without_repeats
+from sysid.data.checks.feedback import in_closed_loop
 from sysid.data.preprocess import Detrend
+from sysid.data.reading.held import own_rate, without_repeats
 from sysid.data.record import Array, Record
-from sysid.discrepancy.evidence import PROVEN, PROVEN_IN_LOOP
 from sysid.discrepancy.integrating import integrates, rates, step_of
-from sysid.discrepancy.named_sets import Node
-from sysid.discrepancy.naming import NamingSearch
 from sysid.discrepancy.samples import inspect_samples
-from sysid.discrepancy.supermodel import SuperModel
+from sysid.discrepancy.search.evidence import PROVEN, PROVEN_IN_LOOP
+from sysid.discrepancy.search.named_sets import Node
+from sysid.discrepancy.search.naming import NamingSearch
+from sysid.discrepancy.search.supermodel import SuperModel
 from sysid.effects.base import Effect
 from sysid.errors import DataError, ModelError
-from sysid.estimation.contest import run_contest
-from sysid.estimation.delays import choose_delay
-from sysid.estimation.figures import Start, outputs
-from sysid.estimation.holdout import hold_out
-from sysid.estimation.search import FitOptions
-from sysid.structures.given_base import GivenBase, begins_at_rest
+from sysid.estimation.assessment.figures import Start, outputs
+from sysid.estimation.selection.contest import run_contest
+from sysid.estimation.selection.delays import choose_delay
+from sysid.fitting.holdout import hold_out
+from sysid.fitting.options import FitOptions
+from sysid.structures.augmented.given_base import GivenBase, begins_at_rest
+from sysid.structures.linear.oe import OE
 from sysid.structures.model import Model
-from sysid.structures.oe import OE
 
 LARGEST_ORDER = 3
 FULL_DRIVE = 20000.0

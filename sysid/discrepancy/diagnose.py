@@ -11,11 +11,11 @@ import numpy as np
 from sysid.data.record import Record
 from sysid.discrepancy.base_model import Base, full_drive, given_base, plain_base
 from sysid.discrepancy.diagnosis import Diagnosis
-from sysid.discrepancy.evidence import PROVEN, noise_floor
-from sysid.discrepancy.mission_proof import prove_on_mission
-from sysid.discrepancy.model_error import Left
-from sysid.discrepancy.naming import Progress
-from sysid.discrepancy.pose import PoseDiagnosis, diagnose_pose
+from sysid.discrepancy.pose.diagnosis import PoseDiagnosis, diagnose_pose
+from sysid.discrepancy.proof.mission import prove_on_mission
+from sysid.discrepancy.proof.model_error import Left
+from sysid.discrepancy.search.evidence import PROVEN, noise_floor
+from sysid.discrepancy.search.naming import Progress
 from sysid.discrepancy.study import Outcome, Study
 from sysid.effects.catalogue import CHANGED, chain_effects
 from sysid.errors import DataError, SysidError

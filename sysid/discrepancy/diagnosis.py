@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from sysid.data.record import Array, Record
-from sysid.discrepancy.localise import Region
-from sysid.discrepancy.pose_geometry import GeometryEstimate
-from sysid.discrepancy.verify import Gap
+from sysid.discrepancy.pose.geometry import GeometryEstimate
+from sysid.discrepancy.proof.localise import Region
+from sysid.discrepancy.proof.verify import Gap
 from sysid.structures.model import Model
 
 OF_THE_LOG = {

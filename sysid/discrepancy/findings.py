@@ -4,13 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.data.held import without_repeats
+from sysid.data.reading.held import without_repeats
 from sysid.data.record import Array, Record
 from sysid.discrepancy.augment import covariance_of, values_of
 from sysid.discrepancy.base_model import Base, full_drive
 from sysid.discrepancy.diagnosis import NamedEffect, Trace, Value
-from sysid.discrepancy.named_sets import Named, Naming
 from sysid.discrepancy.samples import SampleEffects
+from sysid.discrepancy.search.named_sets import Named, Naming
 from sysid.effects.base import Effect
 from sysid.effects.catalogue import about
 

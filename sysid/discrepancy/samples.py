@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.held import refreshes
+from sysid.data.reading.held import refreshes
 from sysid.data.record import Array, Record
 
 Mask = NDArray[np.bool_]

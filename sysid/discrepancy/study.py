@@ -6,28 +6,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.quality import inspect_records
+from sysid.data.checks.quality import inspect_records
 from sysid.data.record import Array
 from sysid.discrepancy import findings
 from sysid.discrepancy.advise import experiment_between, next_experiments
 from sysid.discrepancy.augment import model_of
 from sysid.discrepancy.base_model import Base, may_lack_sign
-from sysid.discrepancy.detectable import detectable
 from sysid.discrepancy.diagnosis import OF_THE_LOG, Diagnosis, Experiment, Trace
-from sysid.discrepancy.evidence import PROVEN, PROVEN_IN_LOOP
-from sysid.discrepancy.explain import described, explain
 from sysid.discrepancy.following import ASTRAY, not_followed
-from sysid.discrepancy.ground_model import with_ground
-from sysid.discrepancy.intervals import intervals_of
-from sysid.discrepancy.localise import Region, localise
-from sysid.discrepancy.model_error import FEWEST, Left, structure_left
-from sysid.discrepancy.named_sets import Naming, Node
-from sysid.discrepancy.naming import Progress
-from sysid.discrepancy.pose import PoseDiagnosis
-from sysid.discrepancy.pose_windows import track_channels
+from sysid.discrepancy.pose.diagnosis import PoseDiagnosis
+from sysid.discrepancy.pose.ground_model import with_ground
+from sysid.discrepancy.pose.windows import track_channels
+from sysid.discrepancy.proof.explain import described, explain
+from sysid.discrepancy.proof.localise import Region, localise
+from sysid.discrepancy.proof.model_error import FEWEST, Left, structure_left
+from sysid.discrepancy.proof.verify import Gap, measure_gap
 from sysid.discrepancy.samples import inspect_samples
-from sysid.discrepancy.slopes import slopes
-from sysid.discrepancy.verify import Gap, measure_gap
+from sysid.discrepancy.search.detectable import detectable
+from sysid.discrepancy.search.evidence import PROVEN, PROVEN_IN_LOOP
+from sysid.discrepancy.search.intervals import intervals_of
+from sysid.discrepancy.search.named_sets import Naming, Node
+from sysid.discrepancy.search.naming import Progress
+from sysid.discrepancy.search.slopes import slopes
 from sysid.effects.base import Effect
 from sysid.effects.catalogue import CHANGED, chain_effects
 from sysid.errors import DataError, SysidError

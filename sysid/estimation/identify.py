@@ -7,18 +7,18 @@ from typing import Any
 import numpy as np
 
 from sysid.criteria.table import known_name
+from sysid.data.checks.quality import FEWEST
 from sysid.data.finding import Finding
-from sysid.data.quality import FEWEST
 from sysid.data.record import Record
 from sysid.errors import DataError, UsageError
-from sysid.estimation.assessment import Assessment, Policy, assess
-from sysid.estimation.contest import run_contest, structures_for
-from sysid.estimation.data_notes import notes_for
-from sysid.estimation.figures import require_left
-from sysid.estimation.grid import parse_grids
-from sysid.estimation.offset_choice import start_of
-from sysid.estimation.search import FitOptions
-from sysid.estimation.standings import Entry
+from sysid.estimation.assessment.data_notes import notes_for
+from sysid.estimation.assessment.figures import require_left
+from sysid.estimation.assessment.findings import Assessment, Policy, assess
+from sysid.estimation.levels.choice import start_of
+from sysid.estimation.selection.contest import run_contest, structures_for
+from sysid.estimation.selection.grid import parse_grids
+from sysid.estimation.selection.standings import Entry
+from sysid.fitting.options import FitOptions
 from sysid.structures.model import SAME_CLOCK
 from sysid.structures.orders import orders_text
 from sysid.structures.own_names import options_in_generic_names

@@ -12,15 +12,16 @@ from sysid.data.outliers import mended
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.errors import DataError, UsageError
-from sysid.estimation.head import head_window as head_window
-from sysid.estimation.levelled import fit_with_level
-from sysid.estimation.offsets import Offsets
+from sysid.estimation.levels.estimated_level import fit_with_level
+from sysid.estimation.levels.offsets import Offsets
 from sysid.estimation.robust_fit import bounded_errors, fitter
-from sysid.estimation.search import FitOptions
-from sysid.estimation.strategies import Outcome
-from sysid.structures.base import Initial, Parameter, Structure
+from sysid.fitting.options import FitOptions
+from sysid.fitting.problem import Initial, Parameter
+from sysid.structures.base import Structure
+from sysid.structures.head import head_window as head_window
+from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.model import Model, Provenance, Source
-from sysid.structures.polynomial import PolynomialStructure
+from sysid.structures.outcome import FitOutcome
 
 
 def fit(
@@ -94,7 +95,7 @@ def _offsets(
         return Offsets.none(structure.nu, structure.ny)
     else:
         # it tries models on held-out data, which are fitted here
-        from sysid.estimation.offset_choice import choose_offsets
+        from sysid.estimation.levels.choice import choose_offsets
 
         offsets = choose_offsets(mended(records).records, detrend)
     return offsets.for_structure(structure, records)
@@ -198,7 +199,7 @@ def _check_length(
 
 
 def _model(
-    outcome: Outcome,
+    outcome: FitOutcome,
     records: Sequence[Record],
     plain: Sequence[Record],
     options: FitOptions,

@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.data.record import Array, Record
-from sysid.estimation.head import head_window
-from sysid.estimation.outliers import Outliers, find_outliers
-from sysid.estimation.robust import huber_pays
-from sysid.estimation.search import FitOptions
-from sysid.estimation.strategies import Outcome, Strategy, Warm, again, has_losses, strategy
-from sysid.structures.base import Parameter, Structure
+from sysid.fitting.options import FitOptions
+from sysid.fitting.outliers import Outliers, find_outliers
+from sysid.fitting.problem import Parameter
+from sysid.fitting.robust import huber_pays
+from sysid.structures.base import Structure
+from sysid.structures.head import head_window
+from sysid.structures.outcome import FitOutcome, Fitter, Warm
 
 ROUNDS = 4
 """Fits at most. Outliers are told apart ever better as the model becomes free of them; from one
@@ -33,9 +34,9 @@ RANKING_ROUNDS = 2
 """Fits of a candidate that is only ranked."""
 
 
-def fitter(structure: Structure, options: FitOptions) -> Strategy:
+def fitter(structure: Structure, options: FitOptions) -> Fitter:
     """The way to fit this structure: its own, or around it the search for outliers."""
-    return without_outliers if options.robust else strategy(structure)
+    return without_outliers if options.robust else structure.fitter()
 
 
 def without_outliers(
@@ -44,7 +45,7 @@ def without_outliers(
     options: FitOptions,
     parameters: tuple[Parameter, ...],
     warm: Warm,
-) -> Outcome:
+) -> FitOutcome:
     """Fit with Huber's loss, leave out what stands out of the model's errors, and fit again.
 
     Huber's loss bounds what a large error does, but not what a bad reading does among the past
@@ -63,7 +64,7 @@ def without_outliers(
     Returns:
         The fit, with what was left out of each record.
     """
-    road = strategy(structure)
+    road = structure.fitter()
     used = tuple(records)
     known: tuple[Outliers, ...] = ()
     ranked = options.patience is not None
@@ -77,7 +78,7 @@ def without_outliers(
         found = tuple(outliers_of(s, theta, r, head_window(s, theta)) for r in records)
         marked = tuple(f.marked(r) for f, r in zip(found, records, strict=True))
         known = known or tuple(f.none() for f in found)
-        bounded = options.robust and (ranked or not has_losses(s) or _heavy_tailed(outcome, marked))
+        bounded = options.robust and (ranked or not s.has_losses or _heavy_tailed(outcome, marked))
         if k == rounds - 1 or (_settled(found, known) and bounded == options.robust):
             break
         known, used, options = found, marked, replace(options, robust=bounded)
@@ -85,12 +86,27 @@ def without_outliers(
     return replace(outcome, warnings=said, outliers=known)
 
 
-def _heavy_tailed(outcome: Outcome, records: Sequence[Record]) -> bool:
+def _heavy_tailed(outcome: FitOutcome, records: Sequence[Record]) -> bool:
     """Whether Huber's loss pays on what is left of the data."""
     s, theta = outcome.structure, outcome.theta
     errors = [s.errors(theta, r.u, r.y, head_window(s, theta)) for r in records]
     kept = [np.where(r.fitted, e, np.nan) for e, r in zip(errors, records, strict=True)]
     return huber_pays(np.concatenate(kept))
+
+
+def again(
+    fitted: Fitter,
+    before: FitOutcome,
+    records: Sequence[Record],
+    options: FitOptions,
+    parameters: tuple[Parameter, ...],
+) -> FitOutcome:
+    """Fit what a fit found to nearly the same data: nothing is chosen anew where that is costly."""
+    own = before.structure.refitter()
+    if own is None:
+        start = [("the fit before", before.theta)]
+        return fitted(before.structure, records, options, parameters, start)
+    return own(before, records, options, parameters)
 
 
 def _settled(found: Sequence[Outliers], known: Sequence[Outliers]) -> bool:

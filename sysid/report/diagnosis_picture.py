@@ -7,7 +7,7 @@ import numpy as np
 
 from sysid.data.record import PWM_FULL_SCALE, Array, Record
 from sysid.discrepancy.diagnosis import Diagnosis, Trace
-from sysid.discrepancy.localise import regimes
+from sysid.discrepancy.proof.localise import regimes
 from sysid.report.diagnosis_words import held_out
 
 BINS = 26

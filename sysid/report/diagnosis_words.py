@@ -17,9 +17,9 @@ from sysid.discrepancy.diagnosis import (
     Trace,
     Value,
 )
-from sysid.discrepancy.localise import Region
+from sysid.discrepancy.proof.localise import Region
 from sysid.effects.catalogue import effect
-from sysid.estimation.figures import Figures
+from sysid.estimation.assessment.figures import Figures
 
 CLEAR = 0.01
 """Residual tests are called failed below this p-value."""

@@ -3,8 +3,8 @@
 import math
 from collections.abc import Sequence
 
-from sysid.estimation.own_motion import OwnMode
-from sysid.estimation.step_response import Estimate, StepResponse
+from sysid.estimation.assessment.own_motion import OwnMode
+from sysid.estimation.assessment.step_response import Estimate, StepResponse
 
 CLEAR = 2.0
 """Standard errors from zero that make a gain one to speak of."""

@@ -1,93 +1,20 @@
-"""The abstractions of fitting: Parameter, Problem and Structure."""
+"""Structure: what can be fitted, and what every part of the workbench may ask of it."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.data.record import Array, Channel, Index, Record
 from sysid.effects.ground import Ground
 from sysid.errors import UsageError
+from sysid.fitting.problem import Focus, Initial, Parameter, Problem
 
-
-class Focus(Enum):
-    """What a fit minimises: one-step prediction errors or free-run simulation errors."""
-
-    PREDICTION = "prediction"
-    SIMULATION = "simulation"
-
-
-class Initial(Enum):
-    """Where a fit starts each experiment from."""
-
-    AUTO = "auto"
-    ZERO = "zero"
-    ESTIMATED = "estimated"
-    BACKCAST = "backcast"
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One number of a structure: its name, unit and admissible range.
-
-    Attributes:
-        name: as users see and type it, e.g. ``a1`` or ``b1[omega_l,pwm_r]``.
-        unit: unit, empty for a pure number.
-        lower, upper: bounds, infinite when free.
-        fixed: the value it is held at, or None when it is estimated.
-    """
-
-    name: str
-    unit: str = ""
-    lower: float = -np.inf
-    upper: float = np.inf
-    fixed: float | None = None
-
-
-class Problem(ABC):
-    """A least-squares problem min ½‖r(p)‖² that determines some entries of θ.
-
-    p stacks θ[index] and then the initial states, experiment after experiment.
-
-    Attributes:
-        index: which entries of the structure's θ this problem determines.
-        n_initial: how many initial states follow them in p.
-        lengths: how many residuals each stretch of time contributes, in order; noise is not
-            correlated across stretches.
-        channels: output of each of these stretches.
-        counts: which residuals count at all, (M,); None when all do. Those that do not are zero.
-    """
-
-    index: Index
-    n_initial: int
-    lengths: tuple[int, ...]
-    channels: tuple[int, ...]
-    counts: NDArray[np.bool_] | None = None
-
-    @abstractmethod
-    def residual(self, p: Array) -> Array:
-        """Errors ε, shape (M,); huge but finite where p is inadmissible."""
-
-    @abstractmethod
-    def jacobian(self, p: Array) -> Array:
-        """∂ε/∂p, shape (M, len(p))."""
-
-    def initial_columns(self, p: Array) -> Array:
-        """∂ε/∂(initial states), shape (M, n_initial): the last columns of the Jacobian."""
-        return self.jacobian(p)[:, len(self.index) :]
-
-    def given(self, theta: Array) -> "Problem":
-        """This problem when the entries of θ outside ``index`` are those of ``theta``."""
-        return self
-
-    def initial_guess(self, theta: Array) -> Array:
-        """p with θ's entries and zero initial states."""
-        return np.concatenate([theta[self.index], np.zeros(self.n_initial)])
+if TYPE_CHECKING:
+    from sysid.structures.outcome import Fitter, Refitter, Warm
 
 
 @dataclass(frozen=True)
@@ -109,6 +36,8 @@ class Structure(ABC):
     physical: ClassVar[bool] = False
     """Whether θ counts from the channels' own zeros, so that nothing may be removed from data."""
     linear: ClassVar[bool] = False
+    has_losses: ClassVar[bool] = True
+    """Whether its fit knows Huber's loss, not the quadratic one alone."""
     takes_inputs: ClassVar[bool] = True
     """Whether it is driven by inputs; one that is not models a signal from its own past."""
 
@@ -185,6 +114,32 @@ class Structure(ABC):
     def forgets_after(self, theta: Array) -> float:
         """Samples after which the free run has forgotten its initial state, 0 when unknown."""
         return 0.0
+
+    def fitter(self) -> "Fitter":
+        """How it is fitted: by search from its starts, unless a structure says otherwise."""
+        from sysid.structures.search import by_search
+
+        return by_search
+
+    def refitter(self) -> "Refitter | None":
+        """How a fit is repeated on nearly the same data; None where that is a fit like any."""
+        return None
+
+    def starts(self, records: Sequence[Record], focus: Focus) -> "Warm":
+        """Named starting values of θ for a search."""
+        return ()
+
+    def stabilised(self, theta: Array) -> Array:
+        """The nearest known θ whose free run is bounded; θ itself where none is known."""
+        return theta
+
+    def level_entries(self) -> Index:
+        """Entries of θ that are levels: coefficients of a constant input."""
+        return np.zeros(0, dtype=np.intp)
+
+    def open_directions(self, records: Sequence[Record]) -> Array:
+        """Directions of θ that such inputs leave open although slopes do not show it, (n, k)."""
+        return np.zeros((0, 0))
 
     @abstractmethod
     def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:

@@ -13,7 +13,9 @@ from sysid.data.level import Level, shifted
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import ModelError, Termination
-from sysid.structures.base import Parameter, Structure
+from sysid.fitting.problem import Parameter
+from sysid.structures.base import Structure
+from sysid.structures.outcome import StartReport
 from sysid.structures.plant import Plant
 from sysid.structures.registry import structure_from_json
 
@@ -49,21 +51,6 @@ def unvisited(direction: Mapping[str, float]) -> str:
     name = max(direction, key=lambda n: abs(direction[n]))
     size = sum(w * w for w in direction.values()) ** 0.5
     return name if abs(direction[name]) > ALONE * size else ""
-
-
-@dataclass(frozen=True)
-class StartReport:
-    """One starting value of the search and what became of it.
-
-    ``cost_at_start`` is None where the cost is not finite or nothing was searched, ``cost`` where
-    the search was not run from this start.
-    """
-
-    output: str
-    start: str
-    cost_at_start: float | None
-    cost: float | None
-    evaluations: int
 
 
 @dataclass(frozen=True)

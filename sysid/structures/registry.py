@@ -9,23 +9,23 @@ from sysid.errors import ModelError, UsageError
 from sysid.structures.base import Structure
 
 BUILT_IN = {
-    "arx": "arx:ARX",
-    "armax": "armax:ARMAX",
-    "oe": "oe:OE",
-    "bj": "bj:BJ",
-    "ar": "time_series:AR",
-    "ma": "time_series:MA",
-    "arma": "time_series:ARMA",
-    "narx-wavelet": "narx_wavelet:NarxWavelet",
-    "narmax": "narmax:NARMAX",
-    "hammerstein-wiener": "hammerstein_wiener:HammersteinWiener",
-    "wiener-hammerstein": "wiener_hammerstein:WienerHammerstein",
-    "dc-motor": "dc_motor:DCMotor",
-    "tanks": "tanks:Tanks",
+    "arx": "linear.arx:ARX",
+    "armax": "linear.armax:ARMAX",
+    "oe": "linear.oe:OE",
+    "bj": "linear.bj:BJ",
+    "ar": "linear.time_series:AR",
+    "ma": "linear.time_series:MA",
+    "arma": "linear.time_series:ARMA",
+    "narx-wavelet": "narx.structure:NarxWavelet",
+    "narmax": "narmax.structure:NARMAX",
+    "hammerstein-wiener": "blocks.hammerstein_wiener:HammersteinWiener",
+    "wiener-hammerstein": "blocks.wiener_hammerstein:WienerHammerstein",
+    "dc-motor": "grey_box.dc_motor.structure:DCMotor",
+    "tanks": "grey_box.tanks:Tanks",
 }
 """Module and class of the structures that come with the package, imported when asked for."""
 
-MADE = {"augmented": "augmented:Augmented"}
+MADE = {"augmented": "augmented.structure:Augmented"}
 """Structures that a workflow makes and a file may hold, but that nobody fits by name."""
 
 

@@ -8,9 +8,9 @@ from sysid.workspace.store import StoredModel
 
 if TYPE_CHECKING:
     from sysid.data.preparation import Preparation
-    from sysid.data.read_options import ReadOptions
+    from sysid.data.reading.read_options import ReadOptions
     from sysid.data.record import Record
-    from sysid.estimation.comparison import Contender
+    from sysid.estimation.selection.comparison import Contender
 
 SAME_INSTANT = 1e-3
 """Share of a sample within which two instants are the same: times are stored as they were read."""
@@ -31,7 +31,7 @@ def as_fitted(
 ) -> "tuple[ReadOptions, Preparation]":
     """How to read and prepare a log: as the model's own data were, where nothing else is said."""
     from sysid.data.preparation import Preparation
-    from sysid.data.read_options import ReadOptions
+    from sysid.data.reading.read_options import ReadOptions
 
     options = {} if stored is None else stored.model.provenance.options
     if read == ReadOptions():
@@ -49,7 +49,7 @@ class StoredData:
 
     def contender(self, stored: StoredModel) -> "Contender":
         """The model with its data, as far as they are at hand, to be compared with others."""
-        from sysid.estimation.comparison import Contender
+        from sysid.estimation.selection.comparison import Contender
 
         records, held = self.estimation(stored), self.validation(stored)
         return Contender(stored.id, stored.model, records, stored.report, held)
@@ -89,7 +89,7 @@ class StoredData:
 
         from sysid.data.io import read_logs
         from sysid.data.preparation import Preparation
-        from sysid.data.read_options import ReadOptions
+        from sysid.data.reading.read_options import ReadOptions
 
         how = {"read": options.get("read", {}), "prepare": options.get("prepare", {})}
         key = dumps([files, how], sort_keys=True, default=str)

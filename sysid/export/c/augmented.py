@@ -9,9 +9,9 @@ from sysid.errors import ModelError
 from sysid.export.c.grey_box import refused, row
 from sysid.export.c.trace import TRACE, Program, Traced, assigned
 from sysid.export.c.writing import CBody, factor, minus, number
-from sysid.structures.augmented import Augmented
-from sysid.structures.chain import Sample, step_with, with_constants
-from sysid.structures.given_base import GivenBase
+from sysid.structures.augmented.chain import Sample, step_with, with_constants
+from sysid.structures.augmented.given_base import GivenBase
+from sysid.structures.augmented.structure import Augmented
 from sysid.structures.model import Model
 
 

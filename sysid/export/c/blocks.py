@@ -1,7 +1,7 @@
 """Block-oriented models as C: transfer functions, and a function for each static.
 
 Linear blocks run the difference equations of ``c_linear``; a static before a linear block passes
-through the origin, see ``sysid.structures.block_chain``.
+through the origin, see ``sysid.structures.blocks.chain``.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -11,10 +11,10 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.export.c.writing import CBody, factor, number, table
-from sysid.structures.block_layers import StaticLayer
-from sysid.structures.block_structure import BlockStructure
+from sysid.structures.blocks.layers import StaticLayer
+from sysid.structures.blocks.static.kinds import Stage, spline_knots
+from sysid.structures.blocks.structure import BlockStructure
 from sysid.structures.model import Model
-from sysid.structures.static_kinds import Stage, spline_knots
 
 
 def blocks(model: Model) -> CBody:

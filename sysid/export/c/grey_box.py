@@ -10,7 +10,7 @@ import numpy as np
 from sysid.errors import ModelError
 from sysid.export.c.trace import TRACE, Cell, Program, Traced, assigned
 from sysid.export.c.writing import CBody
-from sysid.structures.grey_box import GreyBox
+from sysid.structures.grey_box.structure import GreyBox
 from sysid.structures.model import Model
 
 

@@ -10,9 +10,9 @@ the transposed direct form II, which is what Python's filters run.
 from collections.abc import Iterator
 
 from sysid.export.c.writing import CBody, number
+from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.linear.transfer import Group
 from sysid.structures.model import Model
-from sysid.structures.polynomial import PolynomialStructure
-from sysid.structures.transfer import Group
 
 
 def linear(model: Model) -> CBody:

@@ -5,7 +5,8 @@ and v their principal components,
 
     ŷ = y₀ + (r − r̄) L + Σ p_k Π z + Σ a_k f(v, s_k, c_k)
 
-(see ``sysid.structures.wavelet_network``). The states are past outputs and inputs, as in Python.
+(see ``sysid.structures.narx.wavelet_network``). The states are past outputs and inputs, as in
+Python.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,11 +15,11 @@ import numpy as np
 
 from sysid.export.c.polynomial import Places, limit_words, limited
 from sysid.export.c.writing import CBody, factor, integers, number, table
-from sysid.structures.expressions import Expression, Number, Signal
 from sysid.structures.model import Model
-from sysid.structures.narx_wavelet import NarxWavelet
-from sysid.structures.regressors import Row, lag_of
-from sysid.structures.wavelet_network import RowDesign, Weights
+from sysid.structures.narx.structure import NarxWavelet
+from sysid.structures.narx.wavelet_network import RowDesign, Weights
+from sysid.structures.recursive.expressions import Expression, Number, Signal
+from sysid.structures.recursive.regressors import Row, lag_of
 
 _UNITS: Mapping[str, tuple[str, ...]] = {
     "wavelet": (

@@ -9,9 +9,9 @@ from collections.abc import Iterator, Sequence
 from sysid.data.record import Array
 from sysid.export.c.writing import CBody, factor, number, shifted
 from sysid.structures.model import Model
-from sysid.structures.monomials import Term, is_noise
-from sysid.structures.narmax import NARMAX
-from sysid.structures.narx_run import Limits
+from sysid.structures.narmax.structure import NARMAX
+from sysid.structures.narx.run import Limits
+from sysid.structures.recursive.monomials import Term, is_noise
 
 
 def polynomial(model: Model) -> CBody:

@@ -18,14 +18,14 @@ from sysid.export.c.narx import narx
 from sysid.export.c.polynomial import polynomial
 from sysid.export.c.writing import CBody, comment, listed, minus, number
 from sysid.plant.selftest import TOLERANCE, SelfTest
-from sysid.structures.augmented import Augmented
+from sysid.structures.augmented.structure import Augmented
 from sysid.structures.base import Structure
-from sysid.structures.block_structure import BlockStructure
-from sysid.structures.grey_box import GreyBox
+from sysid.structures.blocks.structure import BlockStructure
+from sysid.structures.grey_box.structure import GreyBox
+from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.model import Model
-from sysid.structures.narmax import NARMAX
-from sysid.structures.narx_wavelet import NarxWavelet
-from sysid.structures.polynomial import PolynomialStructure
+from sysid.structures.narmax.structure import NARMAX
+from sysid.structures.narx.structure import NarxWavelet
 
 
 def _diagnosed(model: Model) -> CBody:

@@ -1,0 +1,1 @@
+"""What a log can tell before any fit."""

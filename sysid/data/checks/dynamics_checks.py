@@ -1,0 +1,295 @@
+"""Checks of what the data can teach: excitation, feedback, delay, sampling rate, nonlinearity."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.data.checks.delay import estimate_delays
+from sysid.data.checks.feedback import FeedbackTest
+from sysid.data.checks.nonlinearity import nonlinearity_tests
+from sysid.data.finding import Finding, Severity
+from sysid.data.record import Array, Record
+from sysid.data.speed import estimate_speed
+from sysid.errors import DataError
+
+NONLINEAR = 0.01
+"""Level of the test for nonlinearity, over all outputs."""
+
+TRACE = 0.005
+"""Share of the linear predictor's error below which a nonlinearity is but a trace."""
+
+EXCITED = 1e-8
+"""Directions of the lagged input below this part of the strongest one's power are not excited."""
+
+
+def excitation_order(records: Sequence[Record], limit: int) -> tuple[int, ...]:
+    """To which order each input persistently excites, at most ``limit``.
+
+    An input excites to order n if the covariance of (u(t), …, u(t−n+1)), means removed, is
+    positive definite (Ljung 1999, definition 13.1); positive means above EXCITED of the largest
+    eigenvalue.
+    """
+    orders = []
+    for i in range(records[0].nu):
+        single = [r.select([r.input_names[i]], r.output_names) for r in records]
+        covariance = _lagged_covariance(single, limit)
+        n = 0
+        while n < len(covariance) and _smallest(covariance[: n + 1, : n + 1]) > EXCITED:
+            n += 1
+        orders.append(n)
+    return tuple(orders)
+
+
+def check_excitation(records: Sequence[Record], order: int) -> list[Finding]:
+    """Persistence of excitation against ``order``, and inputs that move together."""
+    found = []
+    names = records[0].input_names
+    for name, reached in zip(names, excitation_order(records, order), strict=True):
+        if 0 < reached < order:
+            found.append(
+                Finding(
+                    "excitation",
+                    Severity.WARNING,
+                    f"The input {name} excites the plant to order {reached} only; {order} was "
+                    "asked for.",
+                    "Lower the orders, or record with a richer input: sysid excite prbs.",
+                    name,
+                )
+            )
+    found += _together(records)
+    text = f"Each input excites the plant to order {order} or more, independently of the others."
+    return found or [Finding("excitation", Severity.OK, text)]
+
+
+def _together(records: Sequence[Record]) -> list[Finding]:
+    """Inputs that are (nearly) a combination of the others."""
+    if records[0].nu < 2:
+        return []
+    u = np.concatenate([r.u - r.u.mean(axis=0) for r in records])
+    norm = np.linalg.norm(u, axis=0)
+    unit = u / np.where(norm > 0, norm, 1.0)
+    correlation = unit.T @ unit
+    found, named = [], set()
+    for i, name in enumerate(records[0].input_names):
+        others = [k for k in range(len(norm)) if k != i and norm[k] > 0]
+        if norm[i] == 0 or not others or i in named:
+            continue
+        fit = np.linalg.lstsq(unit[:, others], unit[:, i], rcond=None)[0]
+        own = float(np.sum((unit[:, i] - unit[:, others] @ fit) ** 2))
+        if own > 0.02:
+            continue
+        parts = [k for k, c in zip(others, fit, strict=True) if abs(c) > 0.1]
+        named.update(parts)
+        partner = " and ".join(records[0].input_names[k] for k in parts)
+        c = correlation[i, parts[0]]
+        how = f"correlation {c:.3f}" if len(parts) == 1 else "as a weighted sum"
+        found.append(
+            Finding(
+                "collinear",
+                Severity.WARNING if own < 1e-3 else Severity.NOTE,
+                f"The inputs {name} and {partner} {'always' if own < 1e-3 else 'nearly always'} "
+                f"move together ({how}): their effects cannot be told apart.",
+                _APART[records[0].is_robot_log],
+                name,
+            )
+        )
+    return found
+
+
+def check_feedback(tests: Sequence[FeedbackTest] | None) -> list[Finding]:
+    """Whether the input answers to the output: data recorded in closed loop.
+
+    Args:
+        tests: one an output; None where the records are too short for them.
+    """
+    if tests is None:
+        return [_too_short("feedback")]
+    found = [
+        Finding(
+            "feedback",
+            Severity.WARNING,
+            f"The input {test.input} answers to surprises in {test.output} "
+            f"({100 * test.share:.2g} % of its own, {_chance(test.p_value)}): the data were "
+            "recorded in closed loop.",
+            "Prefer structures with a noise model (ARX, ARMAX, BJ) and one-step focus; OE is "
+            "biased here unless its residuals are white.",
+            test.output,
+        )
+        for test in tests
+        if test.seen
+    ]
+    return found or [Finding("feedback", Severity.OK, "No feedback from output to input is seen.")]
+
+
+def check_delay(records: Sequence[Record], closed: bool = False) -> list[Finding]:
+    """The delay of every pair with its interval, output by output.
+
+    An answer within the sample is either feedthrough or a controller that reads y(t) before it
+    writes u(t). Where a controller is seen it is the controller's; where none is, one record cannot
+    tell these apart for certain, so it is noted.
+
+    Args:
+        records: experiments with the same channels.
+        closed: whether an input answers to an output.
+    """
+    try:
+        delays = estimate_delays(records, shortest=int(closed))
+    except DataError:
+        return [_too_short("delay")]
+    found = []
+    for output in records[0].output_names:
+        parts = []
+        for d in (d for d in delays if d.output == output):
+            if d.delay is None:
+                parts.append(f"no effect of {d.input} is visible")
+            elif d.certain:
+                parts.append(f"{d.delay} from {d.input}")
+            else:
+                parts.append(f"{d.delay} ({d.low} to {d.high}) from {d.input}")
+        text = f"Delay to {output} in samples: {', '.join(parts)}."
+        mine = [d for d in delays if d.output == output]
+        if all(d.delay is None for d in mine):
+            found.append(_no_effect(output, [d.input for d in mine]))
+            continue
+        severity, advice = (
+            Severity.OK,
+            "" if all(d.certain for d in mine) else "Let the fit search the delay (give no nk).",
+        )
+        if any(d.delay == 0 and d.certain for d in mine):
+            severity = Severity.NOTE
+            advice = (
+                "Use nk = 0, unless a controller answers within the sample: then the delay is the "
+                "controller's, and nk = 1."
+            )
+        found.append(Finding("delay", severity, text, advice, output))
+    return found
+
+
+def _no_effect(output: str, inputs: Sequence[str]) -> Finding:
+    who = f"The input {inputs[0]} explains"
+    if len(inputs) > 1:
+        who = f"The inputs {', '.join(inputs)} explain"
+    return Finding(
+        "no-effect",
+        Severity.WARNING,
+        f"{who} nothing of {output} that chance would not.",
+        "Check the columns, and whether the actuator was on: no model of these data is of use.",
+        output,
+    )
+
+
+def check_sampling(records: Sequence[Record]) -> list[Finding]:
+    """Sample time against the time the outputs take to answer."""
+    dt = records[0].dt
+    found = []
+    for speed in estimate_speed(records):
+        if speed.time_constant is None:
+            text = f"The time constant of {speed.output} cannot be told from these data."
+            found.append(Finding("sampling", Severity.NOTE, text, "", speed.output))
+            continue
+        samples = speed.time_constant / dt
+        if speed.time_constant == 0:
+            text = f"{speed.output} is near its final value within the first sample"
+        else:
+            text = (
+                f"{speed.output} takes {speed.time_constant:.3g} s to 63 % of its final value, "
+                f"{samples:.2g} samples"
+            )
+        severity, tail, advice = Severity.OK, ".", ""
+        if samples < 0.75:
+            severity = Severity.NOTE if speed.output in _immediate(records) else Severity.WARNING
+            tail = ": the sampling is too slow to see how it gets there."
+            advice = "Sample several times faster."
+        elif samples > 60:
+            severity = Severity.WARNING if samples > 500 else Severity.NOTE
+            tail = ": the sampling is much faster than the plant."
+            advice = (
+                f"Decimate by about {max(2, round(samples / 15))}: otherwise poles crowd at 1 and "
+                "noise rules the fit."
+            )
+        found.append(Finding("sampling", severity, text + tail, advice, speed.output))
+    return found
+
+
+def check_nonlinearity(records: Sequence[Record], closed: bool = False) -> list[Finding]:
+    """Whether the log asks for a nonlinear model, output by output.
+
+    Args:
+        records: experiments with the same channels.
+        closed: whether an input answers to an output.
+    """
+    try:
+        tests = nonlinearity_tests(records, feedback=closed)
+    except DataError:
+        return [_too_short("nonlinearity")]
+    found = []
+    for t in tests:
+        if t.p_value >= NONLINEAR / len(tests):
+            continue
+        p = _chance(t.p_value)
+        much = f"{100.0 * t.share:.2g} %" if t.share >= TRACE else "a trace"
+        found.append(
+            Finding(
+                "nonlinearity",
+                Severity.NOTE,
+                f"{t.output} answers nonlinearly ({p}): products of past inputs and outputs, "
+                f"mostly {t.shape}, predict {much} of what the best linear predictor leaves.",
+                _TRY.get(t.shape, _TRY["of both input and output"]),
+                t.output,
+            )
+        )
+    least = min(t.p_value for t in tests)
+    text = f"No nonlinearity is seen (p = {least:.2g}): linear structures may suffice."
+    return found or [Finding("nonlinearity", Severity.OK, text)]
+
+
+_TRY = {
+    "even in the input": "Compare hammerstein-wiener and narmax with the linear structures.",
+    "odd in the input": "Compare hammerstein-wiener (dead zone, saturation) and narx-wavelet with "
+    "the linear structures.",
+    "even in the output": "Compare narmax and narx-wavelet with the linear structures.",
+    "odd in the output": "Compare narmax and narx-wavelet (springs, friction) with the linear "
+    "structures; for a motor dc-motor.",
+    "of both input and output": "Compare narmax and narx-wavelet with the linear structures.",
+}
+
+
+def _chance(p_value: float) -> str:
+    return f"p = {p_value:.1g}" if p_value >= 1e-12 else "p < 1e-12"
+
+
+_APART = {
+    True: "Add a run in which they differ, such as turns on the spot, or one of sysid excite.",
+    False: "Add a run in which they differ: move one of them while the others stand still.",
+}
+"""How to tell inputs apart, by whether they are a robot's."""
+
+
+def _immediate(records: Sequence[Record]) -> set[str]:
+    """Outputs that some input reaches within the sample: seeming slowness means feedthrough."""
+    try:
+        return {d.output for d in estimate_delays(records) if d.delay == 0}
+    except DataError:
+        return set()
+
+
+def _too_short(code: str) -> Finding:
+    text = f"There are too few samples to look for {'a delay' if code == 'delay' else code}."
+    return Finding(code, Severity.NOTE, text, "Record longer.")
+
+
+def _lagged_covariance(records: Sequence[Record], order: int) -> Array:
+    total = np.zeros((order, order))
+    mean = np.concatenate([r.u for r in records]).mean(axis=0)
+    for r in records:
+        if len(r) >= 2 * order:
+            u = (r.u - mean)[:, 0]
+            lagged = np.lib.stride_tricks.sliding_window_view(u, order)
+            total += lagged.T @ lagged
+    return total
+
+
+def _smallest(matrix: Array) -> float:
+    """Smallest eigenvalue over the largest."""
+    values = np.linalg.eigvalsh(matrix)
+    return float(values[0] / values[-1]) if values[-1] > 0 else 0.0

@@ -1,0 +1,364 @@
+"""Was the log recorded under feedback? Two tests of whether the inputs answer to the outputs.
+
+*Future inputs* (Sims 1972): y(t) is regressed on its past and on the inputs before, at and after
+t. In open loop the coefficients of the future inputs are zero whatever the input is, deterministic
+or not, as long as the past inputs are all there: MEMORY lags of them, for a smooth input tells at
+any time what it was long ago, and lags around a long delay. Futures that the past foretells to
+within FORETOLD of their power say nothing about answers and are left out.
+
+*Reactions*: a controller that answers within the sample takes y(t) into u(t), which the regression
+above mistakes for the plant. So the surprises of y are taken from a regression without u(t), and
+u(t) is asked whether it follows from those of the samples before, beside its own past:
+
+    u(t) = Σ_k φ_k u(t−k) + Σ_{k≥1} γ_k w(t−k) + rest.
+
+A reference that steps makes jumps in u that would drown the answer; residuals are clipped at three
+robust standard deviations, so that jumps count no more than others.
+
+A plant with feedthrough in open loop passes both. What no test on one record can tell from that is
+a controller whose answer within the sample is all there is: white reference, white sensor noise,
+proportional control.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import fdtrc
+
+from sysid.data.checks.far_delay import NEAR, far_lags, first_seen
+from sysid.data.checks.impulse import (
+    MAX_SAMPLES,
+    LongRegression,
+    chance,
+    chosen_order,
+    long_regression,
+    regressors,
+    wald,
+)
+from sysid.data.record import Array, Record
+from sysid.errors import DataError
+
+AHEAD = 5
+"""Future inputs in the first test."""
+
+MEMORY = 40
+"""Past inputs in both tests, as far as there are samples for them: with fewer, smooth inputs
+(multisines, chirps) in open loop look like feedback."""
+
+ROWS_A_LAG = 5
+"""Samples for each lag of each channel."""
+
+FORETOLD = 1e-4
+"""A future input whose past leaves less than this share of its power open: 1 % of its size."""
+
+ALARM = 0.01
+"""Level over both tests and all inputs of an output."""
+
+TRACE = 0.015
+"""Share below which an answer does no harm: round-off and small nonlinearities of long records."""
+
+PAST = 8
+"""Past samples that predict a command or a reading."""
+
+ANSWER = 4
+"""Number of samples within which a command answers."""
+
+LEVEL = 1e-4
+RANK = 1e-10
+"""Squared length below which a combination of columns of length 1 is round-off."""
+
+SHARE = 0.05
+"""A reaction that explains less than this of the command's changes is none that matters."""
+
+
+@dataclass(frozen=True)
+class FeedbackTest:
+    """Whether the inputs answer to one output.
+
+    Attributes:
+        output, input: the pair with the clearest answer.
+        p_value: of "no input answers to this output", over both tests.
+        share: part of the output's surprises that future inputs tell, or part of the input's
+            unforeseen changes that the output's surprises tell, 0 … 1, of the clearer test.
+    """
+
+    output: str
+    input: str
+    p_value: float
+    share: float
+
+    @property
+    def seen(self) -> bool:
+        """Whether this is feedback that matters: beyond chance, and not a trace."""
+        return self.p_value < ALARM and self.share > TRACE
+
+
+def feedback_tests(records: Sequence[Record]) -> tuple[FeedbackTest, ...]:
+    """One verdict an output: the clearer of both tests, its p-value doubled (Bonferroni).
+
+    Raises:
+        DataError: there are too few samples for the regressions.
+    """
+    if not records[0].nu:
+        return ()
+    windows = [w for row in first_seen(records) for w in row]
+    far = far_lags(windows, NEAR)
+    order = chosen_order(records, far=far)
+    if not order and len(far):
+        order, far = chosen_order(records), far[:0]
+    if not order:
+        raise DataError(f"{records[0].name}: too few samples to look for feedback; record longer")
+    ahead = future_tests(records, order, far)
+    tests = []
+    for t, found in zip(ahead, _reactions(records, order, far), strict=True):
+        clear = min(t, found, key=lambda f: f.p_value)
+        p_value = min(1.0, 2.0 * clear.p_value)
+        tests.append(FeedbackTest(clear.output, clear.input, p_value, clear.share))
+    return tuple(tests)
+
+
+def tests_if_long_enough(records: Sequence[Record]) -> tuple[FeedbackTest, ...] | None:
+    """What ``feedback_tests`` finds, None where the records are too short to tell."""
+    try:
+        return feedback_tests(records)
+    except DataError:
+        return None
+
+
+def seen_in(tests: Sequence[FeedbackTest] | None) -> bool:
+    """Whether an input answers to an output; False where the records are too short to tell."""
+    return any(t.seen for t in tests or ())
+
+
+def in_feedback(records: Sequence[Record]) -> bool:
+    """As ``seen_in``, of records."""
+    return seen_in(tests_if_long_enough(records))
+
+
+def future_tests(
+    records: Sequence[Record], order: int, far: NDArray[np.int64]
+) -> tuple[FeedbackTest, ...]:
+    """Sims' test, one an output: F = (SSR₀ − SSR₁)/q / (SSR₁/(N − p)).
+
+    Args:
+        records: experiments with the same channels.
+        order: lags of the outputs.
+        far: further lags of the inputs, around a long delay.
+    """
+    first = records[0]
+    last = _memory(records, order)
+    try:
+        fit = long_regression(records, order, -AHEAD, last, far)
+    except DataError:
+        last = order
+        fit = long_regression(records, order, -AHEAD, last, far)
+    index = _open(fit, records)
+    kept = np.unique(fit.lags[index % len(fit.lags)])
+    if len(index) and len(kept) < AHEAD:  # what the past foretells is no regressor either
+        fit = long_regression(records, order, 0, last, np.union1d(far, kept))
+        index = _open(fit, records)
+    tests = []
+    width = len(fit.lags)
+    free = fit.samples - fit.a[0].size - fit.b[0].size
+    for j, output in enumerate(first.output_names):
+        if not len(index):
+            tests.append(FeedbackTest(output, first.input_names[0], 1.0, 0.0))
+            continue
+        gain, _ = wald(fit, j, index)
+        each = [wald(fit, j, index[index // width == i])[0] for i in range(first.nu)]
+        name = first.input_names[int(np.argmax(each))]
+        tests.append(FeedbackTest(output, name, chance(fit, j, index), gain / (gain + free)))
+    return tuple(tests)
+
+
+def _memory(records: Sequence[Record], order: int) -> int:
+    """Lags of past inputs that the records can bear."""
+    samples = sum(len(r) for r in records)
+    return max(order, min(MEMORY, samples // (ROWS_A_LAG * (records[0].nu + records[0].ny))))
+
+
+def _open(fit: LongRegression, records: Sequence[Record]) -> NDArray[np.int64]:
+    """Entries of the future inputs that the past leaves open."""
+    width = len(fit.lags)
+    nu = fit.b.shape[1]
+    index: NDArray[np.int64] = np.concatenate(
+        [i * width + np.flatnonzero(fit.lags < 0) for i in range(nu)]
+    )
+    index = index[np.isfinite(fit.b_error[0].ravel()[index])]
+    if not len(index):
+        return index
+    # the inverse of their block of (XᵀX)⁻¹ is the Gram matrix of what the past does not foretell
+    rest = np.diag(np.linalg.pinv(fit.covariance[np.ix_(index, index)], rcond=1e-12))
+    power = np.mean(np.concatenate([(r.u - r.u.mean(axis=0)) ** 2 for r in records]), axis=0)
+    return np.compress(rest > FORETOLD * fit.samples * power[index // width], index)
+
+
+def _reactions(records: Sequence[Record], order: int, far: NDArray[np.int64]) -> list[FeedbackTest]:
+    """The clearest reaction of an input to each output, p-values times the number of inputs."""
+    first = records[0]
+    last = _memory(records, order)
+    lags = np.union1d(np.arange(1, last + 1), far)
+    back = max(order, int(lags[-1]))
+    usable = [r for r in records if len(r) > back + ANSWER + 10]
+    none = [FeedbackTest(n, first.input_names[0], 1.0, 0.0) for n in first.output_names]
+    moving = [j for j in range(first.nu) if _moves(records, j)]
+    if not usable or not moving:
+        return none
+    usable = _at_most(usable)
+    X, Y, _ = regressors(usable, order, lags)
+    surprise = Y - X @ np.linalg.lstsq(X, Y, rcond=1e-10)[0]
+    edges = np.cumsum([len(r) - back for r in usable])[:-1]
+    own = np.union1d(np.arange(1, min(last + ANSWER, back + ANSWER) + 1), far)
+    found = []
+    for i, blank in enumerate(none):
+        heard = np.split(_clipped(surprise[:, i]), edges)
+        pairs = [(*_reaction(usable, j, heard, back, own), j) for j in moving]
+        p, share, j = min(pairs)
+        name = first.input_names[j]
+        found.append(FeedbackTest(blank.output, name, min(1.0, p * len(moving)), share))
+    return found
+
+
+def _reaction(
+    records: Sequence[Record],
+    j: int,
+    surprise: Sequence[Array],
+    back: int,
+    own: NDArray[np.int64],
+) -> tuple[float, float]:
+    """(p-value, share) of input ``j`` that follows from the surprises of the samples before.
+
+    Surprises begin at sample ``back`` of each record. On robot logs a reading is taken before its
+    command takes effect, so that the present surprise counts as well.
+    """
+    rows, targets = [], []
+    start = back + ANSWER
+    for r, w in zip(records, surprise, strict=True):
+        past = [r.u[start - k : len(r) - k, q] for q in range(r.nu) for k in own]
+        begin = 0 if r.is_robot_log else 1
+        heard = [w[ANSWER - k : len(w) - k] for k in range(begin, begin + ANSWER)]
+        rows.append(np.column_stack([np.ones(len(r) - start), *past, *heard]))
+        targets.append(r.u[start:, j])
+    return _explained(np.concatenate(rows), np.concatenate(targets))
+
+
+def _at_most(records: Sequence[Record]) -> list[Record]:
+    """As many samples as the regressions look at."""
+    found, budget = [], MAX_SAMPLES
+    for r in records:
+        if budget > 0:
+            found.append(r.rows(0, budget))
+            budget -= len(found[-1])
+    return found
+
+
+def _explained(X: Array, y: Array) -> tuple[float, float]:
+    """(p-value, share) of the last ANSWER columns beside the others, jumps of y clipped."""
+    own, heard = _basis(X[:, :-ANSWER]), _unit(X[:, -ANSWER:])
+    more = heard - own @ (own.T @ heard)
+    values, vectors = np.linalg.eigh(more.T @ more)
+    known = values > RANK
+    new = more @ (vectors[:, known] / np.sqrt(values[known]))
+    size = float(y @ y)
+    y = _clipped(y - _robust(own, y))
+    before = y - own @ (own.T @ y)
+    after = before - new @ (new.T @ before)
+    a, b = float(before @ before), float(after @ after)
+    free = len(y) - X.shape[1]
+    if a <= 1e-20 * size or b <= 0.0 or free < X.shape[1] // 2:
+        return 1.0, 0.0
+    return float(fdtrc(ANSWER, free, max(a - b, 0.0) / ANSWER / (b / free))), 1.0 - b / a
+
+
+def in_closed_loop(records: Sequence[Record]) -> bool:
+    """Whether a command answers to surprises of an output.
+
+    False where the records are too short to tell, and where commands hold still in more than half
+    of the samples: an answer to noisy readings never does.
+    """
+    tests: tuple[FeedbackTest, ...] = ()
+    order = chosen_order(records)
+    if order:
+        try:
+            tests = future_tests(records, order, np.zeros(0, dtype=np.int64))
+        except DataError:
+            tests = ()
+    moving = {n for j, n in enumerate(records[0].input_names) if _moves(records, j)}
+    if not moving:
+        return False
+    if any(t.p_value < LEVEL and t.share > SHARE and t.input in moving for t in tests):
+        return True
+    heard = [surprises(records, i) for i in range(records[0].ny)]
+    pairs = [
+        reaction(records, j, w)
+        for j, n in enumerate(records[0].input_names)
+        for w in heard
+        if n in moving
+    ]
+    return any(p < LEVEL / len(pairs) and share > SHARE for p, share in pairs)
+
+
+def reaction(records: Sequence[Record], j: int, surprise: Sequence[Array]) -> tuple[float, float]:
+    """(p-value, share) of the changes of input ``j`` that follow from an output's surprises."""
+    rows, targets = [], []
+    for r, w in zip(records, surprise, strict=True):
+        first = PAST + ANSWER + 1
+        if len(r) <= first + 10:
+            continue
+        past = [r.u[first - k : len(r) - k, j] for k in range(1, PAST + 1)]
+        begin = 0 if r.is_robot_log else 1
+        heard = [w[first - k : len(r) - k] for k in range(begin, begin + ANSWER)]
+        rows.append(np.column_stack([np.ones(len(r) - first), *past, *heard]))
+        targets.append(r.u[first:, j] - r.u[first - 1 : -1, j])
+    if not rows or sum(map(len, rows)) < 10 * (PAST + ANSWER):
+        return 1.0, 0.0
+    return _explained(np.concatenate(rows), np.concatenate(targets))
+
+
+def _moves(records: Sequence[Record], j: int) -> bool:
+    change = np.concatenate([np.diff(r.u[:, j]) for r in records])
+    return bool(len(change)) and float(np.median(np.abs(change))) > 0.0
+
+
+def surprises(records: Sequence[Record], i: int) -> list[Array]:
+    """What the past of all channels does not predict of output ``i``, clipped; (N,) a record."""
+    blocks = []
+    for r in records:
+        lagged = [_late(x, k) for x in (*r.y.T, *r.u.T) for k in range(1, PAST + 1)]
+        lagged += [] if r.is_robot_log else list(r.u.T)
+        blocks.append(np.column_stack([np.ones(len(r)), *lagged]))
+    X, y = np.concatenate(blocks), np.concatenate([r.y[:, i] for r in records])
+    w = _clipped(y - _robust(_basis(X), y))
+    return np.split(w, np.cumsum([len(r) for r in records])[:-1])
+
+
+def _late(x: Array, k: int) -> Array:
+    return np.concatenate([np.repeat(x[:1], k), x[:-k]])
+
+
+def _basis(X: Array) -> Array:
+    """Orthonormal basis of the columns' span."""
+    kept = _unit(X)
+    values, vectors = np.linalg.eigh(kept.T @ kept)
+    known = values > RANK * values[-1]
+    return np.asarray(kept @ (vectors[:, known] / np.sqrt(values[known])))
+
+
+def _unit(X: Array) -> Array:
+    """The columns at length 1."""
+    return np.asarray(X / np.maximum(np.sqrt(np.sum(X**2, axis=0)), 1e-300))
+
+
+def _robust(basis: Array, y: Array) -> Array:
+    """Prediction by least squares with clipped residuals (Huber), five rounds."""
+    fit = basis @ (basis.T @ y)
+    for _ in range(5):
+        fit = basis @ (basis.T @ (fit + _clipped(y - fit)))
+    return np.asarray(fit)
+
+
+def _clipped(e: Array) -> Array:
+    spread = 3.0 * 1.4826 * float(np.median(np.abs(e - np.median(e))))
+    return np.clip(e, -spread, spread) if spread > 0.0 else e

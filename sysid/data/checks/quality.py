@@ -1,0 +1,132 @@
+"""Is this log good enough for a fit? All checks that need no model, in a fixed order."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from sysid.data.checks.dynamics_checks import (
+    check_delay,
+    check_excitation,
+    check_feedback,
+    check_nonlinearity,
+    check_sampling,
+    excitation_order,
+)
+from sysid.data.checks.feedback import seen_in, tests_if_long_enough
+from sysid.data.checks.level_checks import check_levels
+from sysid.data.checks.robot_checks import check_robot
+from sysid.data.checks.signal_checks import (
+    check_constant,
+    check_finite,
+    check_outliers,
+    check_resolution,
+    check_saturation,
+    check_stuck,
+)
+from sysid.data.finding import Finding, Severity, worst
+from sysid.data.outliers import mended
+from sysid.data.record import Record
+from sysid.errors import DataError
+
+__all__ = [
+    "Finding",
+    "Severity",
+    "excitation_order",
+    "inspect_records",
+    "require_usable",
+    "worst",
+]
+
+FEWEST = 20
+"""Records with fewer samples in all are too short for any of the fits."""
+
+INCOMPLETE = frozenset(("missing", "gaps"))
+"""Codes of findings of reading after which nobody may say that no sample is missing."""
+
+SIGNAL_CHECKS: tuple[Callable[[Sequence[Record]], list[Finding]], ...] = (
+    check_stuck,
+    check_saturation,
+    check_resolution,
+    check_outliers,
+)
+INPUT_CHECKS: tuple[Callable[[Sequence[Record]], list[Finding]], ...] = (
+    check_robot,
+    check_levels,
+)
+
+
+def inspect_records(
+    records: Sequence[Record],
+    order: int = 8,
+    nonlinearity: bool = True,
+    reading: Sequence[Finding] = (),
+) -> tuple[Finding, ...]:
+    """What reading found, then every check in a fixed order, each with a verdict in words.
+
+    A record stands on its uniform grid when it is checked, whatever was missing in the file; only
+    the findings of reading know what was filled in, and no check may say the opposite.
+
+    Length, missing samples and constant channels come first; where one of them is fatal the other
+    checks have nothing to stand on and are left out. Then stuck values, clipping, resolution and
+    outliers, the robot's signs and units, excitation, sampling rate, delay, feedback and
+    nonlinearity; these need an input, and see the line between their neighbours in place of
+    outliers.
+
+    Args:
+        records: experiments with the same channels.
+        order: order the inputs should excite; the number of lags of the largest model wanted.
+        nonlinearity: whether to run the one check that takes longer than a quick fit.
+        reading: findings of the files that the records come from.
+
+    Raises:
+        DataError: there is no record.
+    """
+    if not records:
+        raise DataError("there is no record to inspect; name at least one log")
+    found = [*_check_length(records), *check_finite(records)]
+    if any(f.code in INCOMPLETE for f in reading):
+        found = [f for f in found if (f.code, f.severity) != ("missing", Severity.OK)]
+    if worst(tuple(found)) < Severity.FATAL:
+        found += check_constant(records)
+    if worst(tuple(found)) < Severity.FATAL:
+        for check in SIGNAL_CHECKS:
+            found += check(records)
+    if worst(tuple(found)) < Severity.FATAL and records[0].nu:
+        # one reading a hundred times too large outweighs the answer to every input
+        records = mended(records).records
+        for check in INPUT_CHECKS:
+            found += check(records)
+        found += check_excitation(records, order)
+        found += check_sampling(records)
+        tests = tests_if_long_enough(records)
+        closed = seen_in(tests)
+        found += [*check_delay(records, closed), *check_feedback(tests)]
+        if nonlinearity:
+            found += check_nonlinearity(records, closed)
+    return (*reading, *found)
+
+
+def require_usable(records: Sequence[Record]) -> None:
+    """Refuse records that no fit can use: too short, not finite, or with a constant channel.
+
+    Raises:
+        DataError: with the first fatal finding as its sentence.
+    """
+    if not records:
+        raise DataError("there is no record to fit; name at least one log")
+    for check in (_check_length, check_finite, check_constant):
+        for finding in check(records):
+            if finding.severity is Severity.FATAL:
+                raise DataError(finding.text)
+
+
+def _check_length(records: Sequence[Record]) -> list[Finding]:
+    n = sum(len(r) for r in records)
+    seconds = float(np.sum([len(r) * r.dt for r in records]))
+    several = "" if len(records) == 1 else f" in {len(records)} experiments"
+    text = f"{n} samples{several}, {seconds:.4g} s at {records[0].dt:.4g} s."
+    if n < FEWEST:
+        return [Finding("length", Severity.FATAL, text, f"Record at least {FEWEST} samples.")]
+    if n < 100:
+        return [Finding("length", Severity.NOTE, text, "Few: keep the orders low.")]
+    return [Finding("length", Severity.OK, text)]

@@ -1,0 +1,306 @@
+"""Two files of one experiment: the second one's columns on the rows and the clock of the log.
+
+A camera's pose at 120 Hz and wheel speeds at 50 Hz come in files of their own, each with a clock
+of its own. Where the wheels of the one and the pose of the other are known, the clocks are brought
+together by the motion that both saw; else the stamps are taken as they are. What is measured is
+read between rows by lines; a command, and a file written only when something changes, is held.
+"""
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.files import read_bytes
+from sysid.data.finding import Finding, Severity
+from sysid.data.joining.between_rows import Lookup, held_names, is_event_log
+from sysid.data.joining.clock_offset import (
+    AGREES,
+    Shift,
+    clock_shift,
+    travelled,
+    way_and_turn,
+)
+from sysid.data.reading.columns import choose_columns
+from sysid.data.reading.counters import counted
+from sysid.data.reading.held import between_readings, refreshed
+from sysid.data.reading.pose_columns import angle_unit, find_pose
+from sysid.data.reading.read_options import ReadOptions
+from sysid.data.reading.row_times import column_reader, median_step, row_times
+from sysid.data.reading.table import Table, read_table
+from sysid.data.reading.time_column import TimeColumn, find_time
+from sysid.data.record import Array
+from sysid.errors import DataError, UsageError
+
+FEWEST = 20
+"""Rows of the log that the second file must cover."""
+
+LONGEST_STEP = 5.0
+"""The second file holds nothing over intervals longer than so many of its usual steps …"""
+
+LONGEST_GAP = 0.5
+"""… if they are longer than this [s]: such rows of the log are left without its columns."""
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """One file with its instants.
+
+    Attributes:
+        table: its columns.
+        t: instants of the rows [s], (N,).
+        origin: what was subtracted from them [s], 0 for none.
+        clock: names of the columns that make the time.
+        findings: what was said about its time.
+    """
+
+    table: Table
+    t: Array
+    origin: float
+    clock: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+
+def joined(
+    table: Table, other: Path, options: ReadOptions
+) -> tuple[Table, tuple[Finding, ...], bytes]:
+    """A log with the columns of a second file, in the rows that both cover.
+
+    Args:
+        table: the log.
+        other: path of the second file.
+        options: how the log is read; ``join_offset`` is t_log − t_other [s], None to estimate it.
+
+    Returns:
+        the log with more columns, what was done, and the bytes of the second file.
+
+    Raises:
+        DataError: the second file cannot serve, or the two do not overlap or agree.
+        UsageError: there is no such file.
+    """
+    data = read_bytes(other)
+    mine = _series(table, options.time, options.ts, options.units)
+    second = read_table(data, other.name)
+    theirs = _series(second, None, None, {**_unit_of_log(mine, second), **options.units})
+    names = tuple(n for n in theirs.table.names if n not in theirs.clock)
+    called = _new_names(names, table.names, other.stem)
+    numbers = _numbers(theirs.table, names)
+    raw = {called[n]: numbers[n] for n in names if n in numbers}
+    known = {n: _filled(column) for n, column in raw.items()}
+    if not known:
+        raise DataError(f"{other.name} has no column of numbers beside its time")
+    shift, said = _shift(mine, theirs, known, options)
+    at = shift.to_log(theirs.t)
+    order = np.flatnonzero(np.diff(at, prepend=-np.inf) > 0.0)
+    by_events = is_event_log(mine.t, at[order])
+    still = tuple(n for n in known if n not in find_pose(tuple(known)).names)
+    kept = held_names({n: known[n][order] for n in still}, by_events)
+    steps = [Lookup.of(mine.t, at[order], raw[n][order]) for n in kept]
+    rows = np.ones(len(mine.t), dtype=bool) if by_events else _covered(mine.t, at[order])
+    for step in steps:
+        rows &= step.covered
+    if by_events and len(kept) < len(known):
+        rows &= _covered(mine.t, at[order])
+    where = f"{other.name} joined to {table.where}"
+    if np.count_nonzero(rows) < FEWEST:
+        raise DataError(
+            f"{where}: both cover {_rows(int(np.count_nonzero(rows)))} of the log, which runs from "
+            f"{mine.t[0]:.6g} to {mine.t[-1]:.6g} s and the other, on its clock, from {at[0]:.6g} "
+            f"to {at[-1]:.6g} s; give the shift of the clocks with --join-offset SECONDS"
+        )
+    columns = {n: step.values[rows] for n, step in zip(kept, steps, strict=True)}
+    for name in (n for n in known if n not in kept):
+        series, period, low = _continued(known[name])
+        on_log = np.interp(mine.t[rows], at[order], series[order])
+        columns[name] = low + np.mod(on_log - low, period) if period else on_log
+    lost = int(np.count_nonzero(~rows))
+    share = f"; {_rows(lost)} of the log that it does not cover left out" if lost else ""
+    columns = {n: columns[n] for n in known}
+    brought = "was" if len(columns) == 1 else "were"
+    text = f"{where}: {', '.join(columns)} {brought} brought onto the rows of the log{share}"
+    if kept:
+        why = f", as its {len(order)} rows are written at changes" if by_events else ""
+        text += f"; {', '.join(kept)} {'is' if len(kept) == 1 else 'are'} held between them{why}"
+    text += "."
+    note = Finding("join", Severity.NOTE, text, record=table.where)
+    brackets = dict(zip(theirs.table.names, theirs.table.units, strict=True))
+    more = {called[n]: brackets[n] for n in names if called[n] in columns}
+    wider = table.with_columns(columns, more, rows)
+    return wider, (*theirs.findings, *said, note), data
+
+
+def _rows(count: int) -> str:
+    return f"{count} row{'' if count == 1 else 's'}"
+
+
+def _series(table: Table, time: str | None, ts: float | None, units: Mapping[str, str]) -> Series:
+    read = column_reader(table)
+    column = find_time(table.names, read, ()) if time is None else TimeColumn(time)
+    if column is None and ts is None:
+        raise DataError(
+            f"{table.where} has no time column; files are joined by time, so name one with --time"
+        )
+    found = row_times(table, column, units, ts)
+    taken = () if column is None else (column.name, *((column.fine,) if column.fine else ()))
+    return Series(table, found.t, found.origin, taken, found.findings)
+
+
+def _unit_of_log(log: Series, other: Table) -> dict[str, str]:
+    """The unit of the log's clock for a second file's column of the same name, by name.
+
+    A file of events has rows too far apart for its steps to tell the unit.
+    """
+    name = log.clock[0] if len(log.clock) == 1 else ""
+    if name not in other.names or dict(zip(other.names, other.units, strict=True))[name]:
+        return {}
+    if log.table.dates(name) is not None or other.dates(name) is not None:
+        return {}
+    ratio = median_step(log.t) / median_step(log.table.columns((name,))[:, 0])
+    units = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+    told = [u for u, seconds in units.items() if abs(ratio / seconds - 1.0) < 1e-3]
+    return {name: told[0]} if told else {}
+
+
+def _new_names(names: Sequence[str], taken: Sequence[str], stem: str) -> dict[str, str]:
+    """Names in the joined log; the file's own name goes before one that is there already."""
+    lower = {n.lower() for n in taken}
+    return {n: n if n.lower() not in lower else f"{stem}_{n}" for n in names}
+
+
+def _numbers(table: Table, names: Sequence[str]) -> dict[str, Array]:
+    """The columns that hold numbers, with NaN in empty cells."""
+    read = column_reader(table)
+    found = {name: read(name) for name in names}
+    return {n: c for n, c in found.items() if c is not None and np.isfinite(c).any()}
+
+
+def _filled(column: Array) -> Array:
+    """A column whose empty cells are filled from their neighbours."""
+    there = np.isfinite(column)
+    rows = np.arange(len(column))
+    return np.interp(rows, rows[there], column[there])
+
+
+def _continued(values: Array) -> tuple[Array, float, float]:
+    """A column without the jumps of an angle, its period (0 for none) and where that begins."""
+    found = counted(values, (2.0 * np.pi, 360.0))
+    if not found.period:
+        return values, 0.0, 0.0
+    whole = found.period != 2.0 * np.pi and np.all(values == np.rint(values))
+    low = -found.period / 2.0 if np.min(values) < 0.0 else 0.0
+    # a register cannot be read between two counts: it stays what it is, continued
+    return found.values, 0.0 if whole and found.period != 360.0 else found.period, low
+
+
+def _covered(t: Array, at: Array) -> NDArray[np.bool_]:
+    """Rows of the log between two instants of the second file that are not far apart."""
+    step = np.diff(at)
+    longest = max(LONGEST_STEP * float(np.median(step)), LONGEST_GAP)
+    k = np.searchsorted(at, t, side="right")
+    inside = (k > 0) & (k < len(at))
+    gap = step[np.clip(k - 1, 0, len(step) - 1)]
+    rows: NDArray[np.bool_] = inside & (gap <= longest)
+    return rows
+
+
+def _shift(
+    mine: Series,
+    theirs: Series,
+    known: Mapping[str, Array],
+    options: ReadOptions,
+) -> tuple[Shift, tuple[Finding, ...]]:
+    log, other = mine.table.where, theirs.table.where
+    if options.join_offset is not None:
+        return Shift(options.join_offset), ()
+    moved = _wheels_and_pose(mine, known, options)
+    start = theirs.origin - mine.origin if theirs.origin and mine.origin else 0.0
+    if moved is None:
+        pose = bool(find_pose(tuple(known)).names)
+        why = ": no wheel speeds are known that would tell them apart" if pose else ""
+        text = f"{other}: its clock was taken for that of {log}{why}."
+        dated = bool(theirs.origin and mine.origin)
+        if dated and not pose:
+            text = f"{other}: the dates of both files say which of its rows belong to {log}."
+        advice = "If their clocks differ, give the shift with --join-offset SECONDS."
+        severity = Severity.NOTE if dated else Severity.WARNING
+        return Shift(start), (Finding("join", severity, text, advice, record=log),)
+    found = clock_shift(mine.t, moved[0], theirs.t, moved[1])
+    sentence = f"the pose of {other} follows the wheels of {log}"
+    if found.agreement < AGREES:
+        raise DataError(
+            f"{sentence} at no shift of the clocks (best agreement {100 * found.agreement:.0f} %); "
+            "check that they are of one drive, or give the shift with --join-offset SECONDS"
+        )
+    if found.rival is not None:
+        raise DataError(
+            f"{sentence} nearly as well {found.seconds:.3f} s and {found.rival:.3f} s later, as a "
+            f"repeated motion does; say which with --join-offset {found.seconds:.3f}"
+        )
+    late = "behind" if found.seconds >= 0.0 else "ahead of"
+    error = f" ± {max(found.std_error, 1e-4):.1g}" if found.std_error else ""
+    drift = f" and drifts by {1e6 * found.drift:.0f} µs a second" if found.drift else ""
+    text = (
+        f"{other}: its clock is {abs(found.seconds):.4f}{error} s {late} that of {log}{drift}, by "
+        f"the motion that both saw ({100 * found.agreement:.0f} % of it agrees)."
+    )
+    return found, (Finding("join", Severity.NOTE, text, record=log),)
+
+
+def _wheels_and_pose(
+    mine: Series, known: Mapping[str, Array], options: ReadOptions
+) -> tuple[Array, Array] | None:
+    """What the log's wheels have rolled, and way and turn of the second file's pose."""
+    pose = find_pose(tuple(known)).names
+    if not pose:
+        return None
+    read = column_reader(mine.table)
+    free = [n for n in mine.table.names if n not in mine.clock]
+    wanted = options.outputs or options.speed_of
+    outputs: dict[str, None] = {}
+    # one wheel sees half of the motion: the others count although they are not asked for
+    for asked, named in ((options.inputs, wanted), ((), ())):
+        with suppress(DataError, UsageError):
+            chosen = choose_columns((*free, *pose), asked, named, timed=True).outputs
+            outputs |= dict.fromkeys(n for n in chosen if n in free)
+    rolled = []
+    for name in outputs:
+        column = read(name)
+        if column is None or not np.isfinite(column).all():
+            return None
+        if name in options.speed_of:
+            rolled.append(counted(column, (2.0 * np.pi, 360.0)).values[:, None])
+            continue
+        slow = refreshed([column], [np.arange(len(column), dtype=np.float64)[:, None]])
+        if slow is not None:
+            column = between_readings(mine.t, column, slow.fresh[0])
+        rolled.append(travelled(mine.t, column[:, None]))
+    if not rolled:
+        return None
+    x, y, psi = (known[n] for n in pose)
+    unit, _ = angle_unit(x, y, psi)
+    heading = np.unwrap(np.radians(psi) if unit == "deg" else psi)
+    return np.column_stack(rolled), way_and_turn(x, y, heading)
+
+
+def companion(joins: Sequence[str], log: Path) -> Path | None:
+    """The file to join to a log: ``LOG=FILE`` names it for one, a plain path for all.
+
+    Raises:
+        UsageError: a log is given two files.
+    """
+    own = [j.partition("=")[2] for j in joins if "=" in j and _same(j.partition("=")[0], log)]
+    plain = [j for j in joins if "=" not in j]
+    found = own or plain
+    if len(found) > 1:
+        raise UsageError(
+            f"--join names {', '.join(found)} for {log.name}; join one file to a log, LOG=FILE "
+            "where there are several logs"
+        )
+    return Path(found[0]) if found else None
+
+
+def _same(name: str, log: Path) -> bool:
+    return name in (log.name, log.stem, str(log))

@@ -1,0 +1,219 @@
+"""The instants of the rows [s]: the unit of a time column, its roll-overs, its doubled rows."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.finding import Finding, Severity
+from sysid.data.reading.round_period import round_period
+from sysid.data.reading.time_column import (
+    TIME_COLUMNS,
+    TimeColumn,
+    unit_in_name,
+    unit_of,
+)
+from sysid.data.record import Array
+from sysid.errors import DataError, UsageError
+
+Place = Callable[[int], str]
+
+UNIT_NAMES = {1.0: "s", 1e-3: "ms", 1e-6: "us", 1e-9: "ns", 60.0: "min", 3600.0: "h", 86400.0: "d"}
+"""Unit of time [s] -> its name as an option takes it."""
+
+UNLIKELY_STEP = 10.0
+"""A step of a clock without a unit that is at least so large is no step in seconds: motors and
+robots are logged faster, and whole seconds that far apart are far more often milliseconds."""
+
+SLOW_STEPS = frozenset((15.0, 30.0, 60.0, 120.0, 300.0, 600.0, 900.0, 1800.0, 3600.0))
+"""Steps that people choose in seconds for slow plants; all alike, they are taken for seconds."""
+
+EPOCHS = (
+    (1.0, 0.9e9, 4.2e9),
+    (1e-3, 0.9e12, 4.2e12),
+    (1e-6, 0.9e15, 4.2e15),
+    (1e-9, 0.9e18, 4.2e18),
+)
+"""Unit [s], and the range of numbers that then mean the years 1998 to 2103."""
+
+SLOWEST = 900.0
+"""Longest step [s] with which a number in an epoch's range is believed to be one."""
+
+EXCEL_DAYS = (2e4, 8e4)
+"""Range of a spreadsheet's day numbers for the years 1954 to 2119."""
+
+MODULI = (2.0**16, 2.0**32, 2.0**31, 2.0**24)
+"""Where counters of time start over: uint16, uint32, positive int32, 24 bits."""
+
+FIRST_WHOLE = 1e8
+"""Instants [s] beyond three years are no time since a start: the first one is subtracted."""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The instants of all rows.
+
+    Attributes:
+        t: instants [s], shape (N,).
+        origin: what was subtracted from the stamps [s] (of an epoch, a date); 0 for none.
+        findings: what was seen and done.
+    """
+
+    t: Array
+    origin: float
+    findings: tuple[Finding, ...]
+
+
+def told_unit(column: TimeColumn, bracket: str, asked: str | None) -> float | None:
+    """The unit [s] of a time column by option, bracket or name; None where nothing tells it.
+
+    Raises:
+        UsageError: the unit asked for is none of time.
+    """
+    if asked is not None:
+        unit = unit_of(asked)
+        if unit is None:
+            raise UsageError(
+                f"--unit {column.name}={asked} is no unit of time; {column.name} is the time "
+                f"column, so choose one of {', '.join(UNIT_NAMES.values())}"
+            )
+        return unit
+    return unit_of(bracket) or unit_in_name(column.name)
+
+
+def instants(raw: Array, column: TimeColumn, unit: float | None, where: str, place: Place) -> Clock:
+    """Instants [s] from the numbers of a time column.
+
+    Args:
+        raw: the numbers, shape (N,).
+        column: the column and how it was found.
+        unit: its unit [s] where it is told, else None: it is then guessed from its steps.
+        where: name of the file.
+        place: row → "file, line n".
+
+    Raises:
+        DataError: a number is missing.
+    """
+    missing = np.flatnonzero(np.isnan(raw))
+    if len(missing):
+        raise DataError(
+            f"{place(int(missing[0]))}, column {column.name}: the time is missing; "
+            "mend or delete that line"
+        )
+    t, findings = unrolled(raw, column.name, where, place)
+    if unit is None:
+        unit, doubt = guessed_unit(t, column, where)
+        findings = (*findings, *doubt)
+    elif column.by_name and column.name.lower() not in TIME_COLUMNS:
+        findings = (*findings, _said(t, column, unit, where))
+    seconds = t * unit
+    origin = float(seconds[0]) if abs(seconds[0]) > FIRST_WHOLE else 0.0
+    if origin:
+        # such numbers of seconds resolve no more than a quarter of a microsecond
+        seconds = np.round((t - t[0]) * unit, 6) if unit == 1.0 else (t - t[0]) * unit
+    return Clock(seconds, origin, findings)
+
+
+def unrolled(raw: Array, name: str, where: str, place: Place) -> tuple[Array, tuple[Finding, ...]]:
+    """The counts of a clock as if its counter never started over.
+
+    A step back is a roll-over where adding one modulus M makes it an ordinary step: half a step
+    to five of them or the longest pause seen. It is undone only if one M explains every step back.
+    """
+    d = np.diff(raw)
+    back = np.flatnonzero(d < 0)
+    ahead = d[d > 0]
+    if not len(back) or not len(ahead):
+        return raw, ()
+    usual, longest = float(np.median(ahead)), float(np.max(ahead))
+    for modulus in _moduli():
+        mended = d[back] + modulus
+        if np.all((mended >= 0.5 * usual) & (mended <= max(5.5 * usual, longest))):
+            turns = np.zeros(len(raw))
+            turns[back + 1] = 1.0
+            times = "once" if len(back) == 1 else f"{len(back)} times"
+            text = (
+                f"{where}: the clock {name} starts over at {modulus:.10g} {times} (first in "
+                f"{place(int(back[0]) + 1).removeprefix(where + ', ')}); this was undone."
+            )
+            note = Finding("rollover", Severity.NOTE, text, record=where)
+            return raw + modulus * np.cumsum(turns), (note,)
+    return raw, ()
+
+
+def _moduli() -> tuple[float, ...]:
+    """In counts, then of clocks already divided to milliseconds or seconds; and a day, an hour."""
+    return (*(m * s for s in (1.0, 1e-3, 1e-6) for m in MODULI), 86400.0, 3600.0)
+
+
+def guessed_unit(t: Array, column: TimeColumn, where: str) -> tuple[float, tuple[Finding, ...]]:
+    """The unit [s] of a time column that does not tell it, from its steps, and a word about it.
+
+    Numbers in the range of an epoch (since 1970) tell it by their size. Else steps below 10 are
+    seconds, larger ones the unit in which they are between 1 ms and 1 s.
+    """
+    d = np.diff(t)
+    ahead = d[d > 0]
+    step = float(np.median(ahead)) if len(ahead) else 1.0
+    for unit, low, high in EPOCHS:
+        if low <= abs(t[0]) <= high and step * unit <= SLOWEST:
+            return unit, _guess(column, unit, step, where, "since 1970") if unit != 1.0 else ()
+    if EXCEL_DAYS[0] <= t[0] <= EXCEL_DAYS[1] and step < 0.05 and np.any(t != np.rint(t)):
+        return 86400.0, _guess(column, 86400.0, step, where, "as a spreadsheet counts them")
+    even = bool(len(d)) and bool(np.all(d == step))
+    if step < UNLIKELY_STEP or (even and step in SLOW_STEPS):
+        doubt = not column.by_name or (step >= UNLIKELY_STEP)
+        return 1.0, _guess(column, 1.0, step, where, "by its steps") if doubt else ()
+    unit = 1e-3 if step < 1e3 else 1e-6 if step < 1e6 else 1e-9
+    return unit, _guess(column, unit, step, where, "by its steps")
+
+
+def _guess(
+    column: TimeColumn, unit: float, step: float, where: str, how: str
+) -> tuple[Finding, ...]:
+    name, own = column.name, UNIT_NAMES[unit]
+    other = "s" if own != "s" else "ms"
+    sure = how == "since 1970"
+    taken = "was read in" if column.by_name else "was taken for the time, in"
+    return (
+        Finding(
+            "time-unit",
+            Severity.NOTE if sure else Severity.WARNING,
+            f"{where}: column {name} rises by {step:.6g} a row and {taken} {own} ({how}): a "
+            f"sample every {step * unit:.4g} s.",
+            f"If that is wrong, say so: --unit '{name}={other}'"
+            + ("" if column.by_name else ", or --ts SECONDS if it is no time")
+            + ".",
+            record=where,
+        ),
+    )
+
+
+def _said(t: Array, column: TimeColumn, unit: float, where: str) -> Finding:
+    d = np.diff(t)
+    ahead = d[d > 0]
+    usual = float(np.median(ahead)) if len(ahead) else 0.0
+    # the mean: a median of rounded steps is one of them; 1.5 usual steps are a gap
+    step = float(np.mean(ahead[ahead <= 1.5 * usual])) * unit if len(ahead) else 0.0
+    return Finding(
+        "time-unit",
+        Severity.NOTE,
+        f"{where}: the time is column {column.name}, in {UNIT_NAMES[unit]}: a sample every "
+        f"{round_period(t * unit, step):.4g} s.",
+        record=where,
+    )
+
+
+def doubled_rows(t: Array, values: Array) -> NDArray[np.bool_]:
+    """Rows that repeat the row before them, stamp and all: lines that were written twice.
+
+    Where a third of the rows or more stand at the stamp before them the clock is too coarse, and
+    none is called doubled.
+    """
+    still = np.append(False, np.diff(t) == 0)
+    same = still.copy()
+    same[1:] &= np.all((values[1:] == values[:-1]) | np.isnan(values[1:] + values[:-1]), axis=1)
+    if np.count_nonzero(still) * 3 >= len(t):
+        return np.zeros(len(t), dtype=bool)
+    return same

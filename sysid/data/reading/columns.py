@@ -1,0 +1,355 @@
+"""Which column of a log is what: time, inputs, outputs and pose, by option or by name."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from sysid.data.column_words import (
+    SIDES,
+    Meaning,
+    family,
+    is_effect,
+    may_drive,
+    meaning,
+    words,
+)
+from sysid.data.reading.pose_columns import PoseColumns, find_pose
+from sysid.data.reading.time_column import (
+    Read,
+    TimeColumn,
+    counts_rows,
+    find_time,
+    is_counter,
+    is_time,
+    tells_time,
+    unit_in_name,
+)
+from sysid.errors import DataError, UsageError
+
+NO_INPUT = "none"
+"""Asked for as the input of a log that has none: a signal on its own."""
+
+ROBOT_INPUTS = ("pwm_l", "pwm_r")
+ROBOT_OUTPUTS = ("omega_l", "omega_r")
+_INPUT = re.compile(r"u|u\d+|u\d*_.+|in|in\d+|in\d*_.+|input.*|pwm.*|cmd.*|command.*|volt.*", re.I)
+_OUTPUT = re.compile(
+    r"y|y\d+|y\d*_.+|out|out\d+|out\d*_.+|output.*|omega.*|w|w\d+|w_.+|speed.*|vel.*|tacho.*", re.I
+)
+_NOT_MEASURED = re.compile(r"(^|_)(ref|reference|setpoint|sp|desired|des|target|hat|sim)\d*(_|$)")
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The columns of one file by what they are.
+
+    Attributes:
+        inputs, outputs: column names, in the order of the record.
+        pose: names of x, y, ψ, or empty.
+        time: name of the time column, or None.
+        unit: unit of the time column [s]; None when it only counts samples.
+        ignored: the other columns.
+        rule: how inputs and outputs were found: "option", "robot", "prefix" or "last", where the
+            only column left was taken.
+        clock: the time column with how it was found, or None.
+        alike: columns that look like parts of a pose but are none here, and why.
+    """
+
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    pose: tuple[str, ...]
+    time: str | None
+    unit: float | None
+    ignored: tuple[str, ...]
+    rule: str
+    clock: TimeColumn | None = None
+    alike: PoseColumns = field(default_factory=PoseColumns)
+
+
+def choose_columns(
+    names: Sequence[str],
+    inputs: Sequence[str] = (),
+    outputs: Sequence[str] = (),
+    time: str | None = None,
+    where: str = "log",
+    read: Read | None = None,
+    timed: bool = False,
+) -> Choice:
+    """Say which column is what.
+
+    Inputs and outputs given by name win. Otherwise left and right commands and speeds are looked
+    for (``pwm_l``, ``pwmL``, ``left_pwm``, ``cmd_right``; ``omega_l``, ``rpmL``, ``v_left``), then
+    prefixes: ``u…``, ``in…``, ``pwm…``, ``cmd…``, ``volt…`` are inputs, ``y…``, ``out…``,
+    ``omega…``, ``w_…``, ``speed…``, ``vel…`` are outputs, then words (``duty``, ``Spannung``;
+    ``rpm``, ``Drehzahl``, ``temperature``), then the only column that is left.
+    References (``…_ref``, ``…_hat``) are never taken for outputs.
+
+    Args:
+        names: the file's column names.
+        inputs, outputs: names asked for; empty to go by convention.
+        time: the time column asked for; None to go by name.
+        where: what to call the file in messages.
+        read: reads a column as numbers, to see which one rises as a time does; None to go by
+            names alone.
+        timed: whether the sample time is known from elsewhere, so that no column need tell it.
+
+    Raises:
+        UsageError: a name asked for is not there, is asked for twice, is both input and output,
+            or is the time.
+        DataError: inputs or outputs cannot be told from the names.
+    """
+    driven = tuple(inputs) != (NO_INPUT,) or NO_INPUT in names
+    asked_u = tuple(_find(n, names, "--input", where) for n in inputs) if driven else ()
+    asked_y = tuple(_find(n, names, "--output", where) for n in outputs)
+    _no_repeats(asked_u, asked_y, where)
+    clock = _clock(names, asked_u, asked_y, time, where, read, timed)
+    taken = () if clock is None else (clock.name, *((clock.fine,) if clock.fine else ()))
+    free = [n for n in names if n not in (*asked_u, *asked_y, *taken)]
+    free = [n for n in free if not counts_rows(n, read)]
+    found = find_pose(free)
+    if asked_y and (asked_u or not driven):
+        found_u, found_y, rule = asked_u, asked_y, "option"
+    else:
+        found_u, found_y, rule = _signals(free, asked_u, asked_y, found.names)
+    if not driven:
+        found_u = ()
+    elif not found_u and not inputs and set(free) <= {*found_y, *_only(free)}:
+        found_y, driven = found_y or _only(free), False  # a signal on its own: a time series
+    if (driven and not found_u) or not found_y:
+        raise DataError(_unclear(names, found_u, found_y, _signals_only(free, read), where))
+    used = {*found_u, *found_y, *taken}
+    pose = found.names
+    if any(p in used for p in pose):
+        pose, found = (), PoseColumns((), pose, "one of them is an input or output")
+    alike = tuple(n for n in found.alike if n not in used)
+    ignored = tuple(n for n in names if n not in used and n not in pose)
+    return Choice(
+        found_u,
+        found_y,
+        pose,
+        clock.name if clock else None,
+        None if clock is None or clock.counts else unit_in_name(clock.name) or 1.0,
+        ignored,
+        rule,
+        clock,
+        PoseColumns(pose, alike if len(alike) > 1 or pose else (), found.why),
+    )
+
+
+def _only(free: Sequence[str]) -> tuple[str, ...]:
+    """The one column that is left, where there is just one and it is a signal."""
+    alone = len(free) == 1 and not (is_time(free[0]) or is_counter(free[0]))
+    return tuple(free) if alone else ()
+
+
+def _clock(
+    names: Sequence[str],
+    asked_u: tuple[str, ...],
+    asked_y: tuple[str, ...],
+    time: str | None,
+    where: str,
+    read: Read | None,
+    timed: bool,
+) -> TimeColumn | None:
+    """The time column; a signal asked for that is the time is refused."""
+    asked = (*asked_u, *asked_y)
+    if time is not None:
+        name = _find(time, names, "--time", where)
+        if name in asked:
+            raise UsageError(f"column {name} of {where} is the time; it cannot be a signal too")
+        return TimeColumn(name, counts=is_counter(name))
+    own = find_time(names, read, (), not timed)
+    for name in asked:
+        told = is_time(name) or is_counter(name)
+        if (told and tells_time(read, name)) or (own is not None and own.name == name and not told):
+            side = "input" if name in asked_u else "output"
+            fits = _is_input if side == "input" else _is_output
+            others = [n for n in names if n not in asked and not (is_time(n) or is_counter(n))]
+            others = [n for n in others if fits(n)] or others
+            what = (
+                "counts rows" if is_counter(name) else "is the time" if told else "rises as a time"
+            )
+            instead = f"such as --{side} {_quoted(others[:1])}" if others else "or record one"
+            raise UsageError(
+                f"column {name} of {where} {what} and cannot be the {side}; name another column, "
+                f"{instead}"
+            )
+    return find_time(names, read, asked, not timed)
+
+
+def _signals(
+    free: Sequence[str],
+    asked_u: tuple[str, ...],
+    asked_y: tuple[str, ...],
+    pose: tuple[str, ...],
+) -> tuple[tuple[str, ...], tuple[str, ...], str]:
+    """Inputs and outputs by name, and the rule that found them."""
+    meant = {n: meaning(n) for n in free if n not in pose}
+    both_u, both_y = _sides(meant, "command"), _sides(meant, "speed")
+    if both_u and both_y and not asked_u and not asked_y:
+        return both_u, both_y, "robot"
+    found_u = asked_u or tuple(n for n in free if _is_input(n))
+    found_y = asked_y
+    if not found_y:
+        measured = [n for n in free if _is_output(n) and n not in found_u]
+        if pose and any(n not in pose for n in measured):
+            measured = [n for n in measured if n not in pose]
+        found_y = tuple(measured)
+    left = {n: m for n, m in meant.items() if n not in (*found_u, *found_y)}
+    found_u = found_u or both_u or _plainest(left, ("command",)) or _one_drive(left, found_y)
+    left = {n: m for n, m in left.items() if n not in found_u}
+    found_y = found_y or both_y or _plainest(left, ("speed", "reading")) or _sides(left, "reading")
+    rest = [n for n, m in left.items() if m.quantity == "other" and n not in found_y]
+    rest = [n for n in rest if not set(words(n)) <= set(SIDES)]  # "left" tells nothing but a side
+    if bool(found_u) != bool(found_y) and len(rest) == 1 and len(left) == 1:
+        last = (rest[0],)
+        return found_u or last, found_y or last, "last"
+    return found_u, found_y, "prefix"
+
+
+def _one_drive(left: Mapping[str, Meaning], found_y: Sequence[str]) -> tuple[str, ...]:
+    """The one torque, force, current or frequency beside readings of what it moves, or none."""
+    drives = tuple(n for n in left if may_drive(n))
+    commanded = any(m.quantity == "command" for m in left.values())
+    effects = any(is_effect(n) for n in (*left, *found_y))
+    return drives if len(drives) == 1 and effects and not commanded else ()
+
+
+def _is_input(name: str) -> bool:
+    return bool(_INPUT.fullmatch(name)) and meaning(name).quantity != "supply"
+
+
+def _is_output(name: str) -> bool:
+    """By its prefix, unless a word says that it is a set point, or commanded (``speed_cmd``)."""
+    if not _OUTPUT.fullmatch(name) or _NOT_MEASURED.search(name.lower()):
+        return False
+    told = meaning(name)
+    plain = name.lower().startswith(("y", "out"))
+    return plain or told.quantity not in ("reference", "command")
+
+
+def _sides(meant: Mapping[str, Meaning], quantity: str) -> tuple[str, ...]:
+    """The left and the right column of a quantity, of the plainest words that have both."""
+    ranks = sorted({m.rank for m in meant.values() if m.quantity == quantity})
+    for rank in ranks:
+        of = {n: m for n, m in meant.items() if m.quantity == quantity and m.rank == rank}
+        sides = [[n for n, m in of.items() if m.side == side] for side in ("left", "right")]
+        if all(len(names) == 1 for names in sides):
+            return sides[0][0], sides[1][0]
+    return ()
+
+
+def _plainest(meant: Mapping[str, Meaning], quantities: Sequence[str]) -> tuple[str, ...]:
+    """The one column of the plainest words, or those that only a number tells apart, or none."""
+    for quantity in quantities:
+        of = {n: m.rank for n, m in meant.items() if m.quantity == quantity}
+        if of:
+            best = tuple(n for n, rank in of.items() if rank == min(of.values()))
+            return best if len({family(n) for n in best}) == 1 else ()
+    return ()
+
+
+def _find(name: str, names: Sequence[str], option: str, where: str) -> str:
+    wanted = name.strip()
+    if wanted in names:
+        return wanted
+    near = [n for n in names if n.lower() == wanted.lower()]
+    if wanted and len(near) == 1:
+        return near[0]
+    shown = repr(wanted) if wanted else "an empty name"
+    raise UsageError(
+        f"{option} asks for {shown}, which is no column of {where}; "
+        f"its columns are {_listed(names)}"
+    )
+
+
+def _no_repeats(inputs: tuple[str, ...], outputs: tuple[str, ...], where: str) -> None:
+    for option, chosen in (("--input", inputs), ("--output", outputs)):
+        twice = {n for n in chosen if chosen.count(n) > 1}
+        if twice:
+            raise UsageError(f"{option} names column {min(twice)} of {where} twice; name it once")
+    both = set(inputs) & set(outputs)
+    if both:
+        raise UsageError(
+            f"column {min(both)} of {where} cannot be both input and output; take it out of one"
+        )
+
+
+def _unclear(
+    names: Sequence[str],
+    inputs: tuple[str, ...],
+    outputs: tuple[str, ...],
+    signals: Sequence[str],
+    where: str,
+) -> str:
+    missing = "input and which output"
+    if inputs or outputs:
+        missing = "the input" if outputs else "the output"
+    free = [n for n in signals if n not in (*inputs, *outputs)]
+    if not free:
+        return (
+            f"{where} has no column left for {missing}: its columns are {_listed(names)}; "
+            "a log needs at least one input and one output"
+        )
+    alone = "" if inputs else " (--input none where nothing drives it)"
+    return (
+        f"{where}: cannot tell which column is {missing} among {_listed(names)}; "
+        f"say so with --input NAME{alone} and --output NAME, or name the columns u… and y…"
+        f"{_example(free, inputs, outputs)}"
+    )
+
+
+MOST_IN_AN_EXAMPLE = 4
+"""Inputs and outputs each: a reader needs the form, not every column of a wide file."""
+
+
+def _example(free: Sequence[str], inputs: tuple[str, ...], outputs: tuple[str, ...]) -> str:
+    """The options filled in with the file's own columns, as likely as their names allow."""
+    pose = find_pose(free).names
+    meant = {n: meaning(n) for n in free if n not in pose} or {n: meaning(n) for n in free}
+    free = list(meant)
+    commands = [n for n in free if meant[n].quantity == "command"]
+    drives = [n for n in free if may_drive(n)]
+    effects = [n for n in free if is_effect(n)]
+    plain = [n for n in free if meant[n].quantity == "other" and n not in drives]
+    references = [n for n in free if meant[n].quantity == "reference"]
+    u = inputs or _with_partners(commands or drives or plain or references or effects)
+    every = dict.fromkeys((*effects, *plain, *drives, *free))
+    if not (inputs or outputs) and set(every) == set(u):
+        u = u[:1]  # all of one kind, as a scope's channels: one drives
+    y = outputs or _with_partners([n for n in every if n not in u])
+    if not u or not y:
+        return ""
+    u, y = u[:MOST_IN_AN_EXAMPLE], y[:MOST_IN_AN_EXAMPLE]
+    return f" (for example --input {_quoted(u)} --output {_quoted(y)})"
+
+
+def _with_partners(likely: Sequence[str]) -> tuple[str, ...]:
+    """The first column with those of its kind, such as the other of a pair."""
+    return tuple(n for n in likely if family(n) == family(likely[0]))
+
+
+def _is_switch(name: str, read: Read) -> bool:
+    """Whether a column without a telling name takes two values, as a light barrier does."""
+    column = read(name)
+    return meaning(name).quantity == "other" and column is not None and len(set(column)) <= 2
+
+
+def _signals_only(free: Sequence[str], read: Read | None) -> list[str]:
+    """The columns that can be a signal: no second clock, no text, no switch if others are left."""
+    kept = [n for n in free if not (is_time(n) and tells_time(read, n))]
+    if read is None:
+        return kept
+    kept = [n for n in kept if read(n) is not None]
+    moving = [n for n in kept if not _is_switch(n, read)]
+    return moving if len(moving) > 1 else kept
+
+
+def _quoted(names: Sequence[str]) -> str:
+    text = ",".join(names)
+    return f"'{text}'" if re.search(r"[^\w,.+-]", text) else text
+
+
+def _listed(names: Sequence[str], most: int = 15) -> str:
+    """The names, cut short where they would fill the screen."""
+    rest = len(names) - most
+    return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")

@@ -1,0 +1,97 @@
+"""ReadOptions: how a log is to be read, in a form that a model can store."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from sysid.data.reading.held import check_held
+from sysid.data.reading.time_column import unit_of
+from sysid.data.reading.timing import ResamplePolicy, check_policy
+from sysid.data.units import conversion, pwm_conversion
+from sysid.errors import UsageError
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """How to read a log; a model stores it, so that its data can be read again alike.
+
+    Attributes:
+        inputs, outputs: column names; empty to go by convention.
+        time: name of the time column; None to go by name.
+        ts: sample time [s], where the file has no time column or only counts its samples.
+        delimiter, decimal: None to find them.
+        units: channel name → unit of its numbers in the file (see ``units.UNITS``).
+        pwm_max: the command value of full drive, where it is not 20000; None otherwise.
+        resample: what to do about jitter, gaps and missing cells (see ``timing``).
+        unwrap: output → number after which its counter starts over, 0 to leave its jumps alone;
+            an empty name for every output; else it is seen from the readings (see ``counters``).
+        held: what to do about sensors slower than the log: ``auto`` reads the log at their rate,
+            ``keep`` leaves every row, a number is that of the rows in a sample (see ``held``).
+        join: files with more columns of the same experiment, ``LOG=FILE`` where there are several
+            logs; they are brought onto the log's rows by time (see ``join``).
+        join_offset: time of the log less time of the joined file [s]; None to estimate it.
+        speed_of: outputs that are positions and are read as the speed between their readings.
+
+    Raises:
+        UsageError: an option cannot be.
+    """
+
+    inputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+    time: str | None = None
+    ts: float | None = None
+    delimiter: str | None = None
+    decimal: str | None = None
+    units: Mapping[str, str] = field(default_factory=dict, hash=False)
+    pwm_max: float | None = None
+    resample: ResamplePolicy = "auto"
+    unwrap: Mapping[str, float] = field(default_factory=dict, hash=False)
+    speed_of: tuple[str, ...] = ()
+    held: str = "auto"
+    join: tuple[str, ...] = ()
+    join_offset: float | None = None
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        for name in ("inputs", "outputs", "speed_of", "join"):
+            given = getattr(self, name)
+            put(self, name, (given,) if isinstance(given, str) else tuple(given))
+        put(self, "units", dict(self.units))
+        put(self, "unwrap", {name: float(period) for name, period in self.unwrap.items()})
+        check_policy(self.resample)
+        check_held(self.held)
+        if self.ts is not None and not (np.isfinite(self.ts) and self.ts > 0):
+            raise UsageError(f"--ts must be a positive sample time in seconds, got {self.ts:g}")
+        if self.decimal not in (None, ".", ","):
+            raise UsageError(f"the decimal sign must be '.' or ',', got {self.decimal!r}")
+        if self.pwm_max is not None:
+            pwm_conversion(self.pwm_max)
+        for channel, unit in self.units.items():
+            if unit_of(unit) is None:  # a unit of time may be that of the time column
+                conversion(unit, channel)
+
+    def to_json(self) -> dict[str, Any]:
+        """The options as a JSON object; defaults are left out."""
+        default = ReadOptions()
+        return {
+            k: list(v) if isinstance(v, tuple) else v
+            for k, v in asdict(self).items()
+            if v != getattr(default, k)
+        }
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> "ReadOptions":
+        """The options that ``to_json`` wrote.
+
+        Raises:
+            UsageError: a key is unknown or its value is of the wrong kind.
+        """
+        unknown = set(data) - {f.name for f in fields(cls)}
+        if unknown:
+            raise UsageError(f"unknown read option {min(unknown)!r} in the stored model")
+        try:
+            return cls(**data)
+        except (TypeError, ValueError, AttributeError):
+            raise UsageError("the read options stored with the model are damaged") from None

@@ -1,0 +1,172 @@
+"""When each row of a log was written: from its time column, a counter of rows, or ``ts`` alone."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.data.finding import Finding, Severity
+from sysid.data.reading.clock import (
+    FIRST_WHOLE,
+    Clock,
+    instants,
+    told_unit,
+    unrolled,
+)
+from sysid.data.reading.table import Table
+from sysid.data.reading.time_column import Read, TimeColumn
+from sysid.data.record import Array
+from sysid.errors import DataError
+
+SAME_STEP = 0.01
+"""A sample time by option and one by the time column within this fraction of each other agree."""
+
+
+def column_reader(table: Table) -> Read:
+    """Reads a column as numbers, or as seconds where it holds dates; None for other text."""
+    kept: dict[str, Array | None] = {}
+
+    def read(name: str) -> Array | None:
+        if name not in kept:
+            try:
+                dates = table.dates(name)
+                kept[name] = dates[0] if dates else table.columns((name,))[:, 0]
+            except DataError:
+                kept[name] = None
+        return kept[name]
+
+    return read
+
+
+def numbered_clock(table: Table, column: TimeColumn | None) -> tuple[str, ...]:
+    """The columns of a clock that holds numbers; none where it holds dates or is not there."""
+    if column is None or table.dates(column.name) is not None:
+        return ()
+    return (column.name, column.fine) if column.fine else (column.name,)
+
+
+def row_times(
+    table: Table,
+    column: TimeColumn | None,
+    units: Mapping[str, str],
+    ts: float | None,
+    numbers: Array | None = None,
+) -> Clock:
+    """Instants [s] of every row.
+
+    Args:
+        table: the file.
+        column: its time column or counter, None where it has none.
+        units: column name → unit by option.
+        ts: sample time [s] by option, None to go by the column.
+        numbers: the columns of ``numbered_clock`` if they have been read, (N, 1) or (N, 2).
+
+    Raises:
+        DataError: a stamp is missing or is none.
+        UsageError: the unit asked for the time column is none of time.
+    """
+    found = _row_times(table, column, units, ts, numbers)
+    if column is None or column.over is None:
+        return found
+    text = (
+        f"{table.where}: the time is {column.name}, the sender's own stamp; {column.over}, when "
+        "the message was recorded, was left aside."
+    )
+    advice = f"To go by the recorder's clock say --time '{column.over}'."
+    note = Finding("time-unit", Severity.NOTE, text, advice, record=table.where)
+    return replace(found, findings=(*found.findings, note))
+
+
+def _row_times(
+    table: Table,
+    column: TimeColumn | None,
+    units: Mapping[str, str],
+    ts: float | None,
+    numbers: Array | None,
+) -> Clock:
+    where = table.where
+    if column is None:
+        every: Array = np.arange(len(table), dtype=np.float64) * (ts or table.interval or 1.0)
+        return Clock(every, 0.0, _untold(ts, table))
+    asked = next((u for n, u in units.items() if n.lower() == column.name.lower()), None)
+    dates = table.dates(column.name)
+    if dates is not None:
+        elapsed, notes = unrolled(dates[0], column.name, where, table.place)
+        return _checked(Clock(elapsed, dates[1], notes), column, ts, where)
+    block = table.columns(numbered_clock(table, column)) if numbers is None else numbers
+    raw = block[:, 0]
+    if column.fine:
+        whole = raw - raw[0]
+        origin = float(raw[0]) if raw[0] > FIRST_WHOLE else 0.0
+        t = whole + block[:, 1] * 1e-9 + (0.0 if origin else raw[0])
+        text = f"{where}: the time is {column.name} in s plus {column.fine} in ns."
+        note = Finding("time-unit", Severity.NOTE, text, record=where)
+        return _checked(Clock(t, origin, (note,)), column, ts, where)
+    if column.counts and asked is None:
+        place = table.place
+        counts = instants(raw, column, 1.0, where, place).t if column.by_name else raw
+        step = median_step(counts)
+        each = ts or table.interval or 1.0
+        return Clock((counts - counts[0]) / step * each, 0.0, _untold(ts, table, column))
+    bracket = dict(zip(table.names, table.units, strict=True)).get(column.name, "")
+    unit = told_unit(column, bracket, asked)
+    if unit is None and ts is not None:
+        unit = 1.0  # the option says what a step is; the column only says which rows are missing
+        found = instants(raw, column, unit, where, table.place)
+        return _scaled(found, column, ts, where, raw)
+    return _checked(instants(raw, column, unit, where, table.place), column, ts, where)
+
+
+def median_step(t: Array) -> float:
+    """The usual step between rows; 1 where there is none."""
+    step = float(np.median(np.diff(t))) if len(t) > 1 else 1.0
+    return step if step > 0 else 1.0
+
+
+def _scaled(found: Clock, column: TimeColumn, ts: float, where: str, raw: Array) -> Clock:
+    """Stamps of an untold unit under a sample time by option."""
+    step = median_step(found.t)
+    for unit in (1.0, 1e-3, 1e-6, 1e-9):
+        if abs(step * unit / ts - 1.0) <= SAME_STEP:
+            return Clock(found.t * unit, found.origin * unit, found.findings)
+    return _checked(found, column, ts, where)
+
+
+def _checked(found: Clock, column: TimeColumn, ts: float | None, where: str) -> Clock:
+    """The clock, or ``ts`` where the two contradict each other, aloud."""
+    step = median_step(found.t)
+    if ts is None or abs(step / ts - 1.0) <= SAME_STEP:
+        return found
+    text = (
+        f"{where}: column {column.name} says {step:.4g} s between samples, --ts says {ts:g} s; "
+        "--ts was used."
+    )
+    advice = "Leave --ts out if the time column is right."
+    note = Finding("sample-time", Severity.WARNING, text, advice, record=where)
+    return Clock(found.t / step * ts, found.origin, (*found.findings, note))
+
+
+def _untold(
+    ts: float | None, table: Table, column: TimeColumn | None = None
+) -> tuple[Finding, ...]:
+    """What to say where no column tells the time: nothing if the option does."""
+    where = table.where
+    if ts is not None:
+        return ()
+    if table.interval is not None:
+        text = f"{where}: the title above the header says one row every {table.interval:.6g} s."
+        advice = "If that is not so, give the sample time in seconds with --ts."
+        return (Finding("sample-time", Severity.NOTE, text, advice, record=where),)
+    counts = f" ({column.name} only counts rows)" if column is not None else ""
+    return (
+        Finding(
+            "sample-time",
+            Severity.WARNING,
+            f"{where} does not tell its sample time{counts}: it was set to 1 s, so every time "
+            "below counts samples.",
+            "Give the sample time in seconds with --ts"
+            + (f", or the unit with --unit '{column.name}=ms'" if column is not None else "")
+            + ".",
+            record=where,
+        ),
+    )

@@ -1,0 +1,387 @@
+"""A log file as named columns of numbers: plain CSV by NumPy, what is odd and Parquet by pandas."""
+
+import io
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.reading.dates import date_format, seconds_of
+from sysid.data.reading.header import MISSING, STATES
+from sysid.data.reading.text_layout import Layout, lay_out, split_line
+from sysid.data.record import Array
+from sysid.errors import DataError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_BRACKETS = re.compile(r"(?P<base>.*?\S)\s*[\[(](?P<unit>[^\[\]()]*)[\])]")
+LARGEST = 1e100
+"""No measured number is larger, and the squares of larger ones overflow."""
+QUICK_ROWS = 100_000
+"""Rows up to which NumPy reads a log sooner (0.2 s) than pandas is imported (0.3 s)."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """The columns of one file, not yet read into numbers.
+
+    Attributes:
+        where: what to call the file in messages.
+        names: column names, without a unit in brackets.
+        units: unit in brackets behind the name in the file, by column; empty when there is none.
+        notes: what a person should know about the reading.
+        source: the text's layout, or the pandas frame of a Parquet file.
+        extra: columns that another file brought, by name.
+    """
+
+    where: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    notes: tuple[str, ...]
+    source: "Layout | pd.DataFrame"
+    extra: Mapping[str, Array] = field(default_factory=dict, hash=False)
+
+    def with_columns(
+        self, columns: Mapping[str, Array], units: Mapping[str, str], rows: NDArray[np.bool_]
+    ) -> "Table":
+        """The rows kept, with more columns, which have as many.
+
+        Args:
+            columns: name → numbers, (rows kept,).
+            units: name → unit in brackets, empty where there is none.
+            rows: those to keep, (N,).
+        """
+        kept = np.flatnonzero(rows).tolist()
+        if isinstance(self.source, Layout):
+            source: Any = replace(
+                self.source,
+                rows=[self.source.rows[k] for k in kept],
+                lines=[self.source.lines[k] for k in kept],
+            )
+        else:
+            source = self.source.iloc[kept]
+        return replace(
+            self,
+            names=(*self.names, *columns),
+            units=(*self.units, *(units[n] for n in columns)),
+            source=source,
+            extra={k: v[rows] for k, v in self.extra.items()} | dict(columns),
+        )
+
+    @property
+    def interval(self) -> float | None:
+        """Time between two rows [s] that a title above the header tells, None without."""
+        return self.source.interval if isinstance(self.source, Layout) else None
+
+    def __len__(self) -> int:
+        return len(self.source.rows) if isinstance(self.source, Layout) else len(self.source)
+
+    def place(self, row: int) -> str:
+        """Where row number ``row`` (from 0) stands in the file, for a message."""
+        if isinstance(self.source, Layout):
+            return f"{self.where}, line {self.source.lines[row]}"
+        return f"{self.where}, row {row + 1}"
+
+    def columns(self, names: Sequence[str]) -> Array:
+        """The named columns as numbers, shape (N, n); a missing cell is NaN.
+
+        Raises:
+            DataError: a cell is no number, or is infinite; line, column and text are named.
+        """
+        index = [self.names.index(n) for n in names if n not in self.extra]
+        own = np.empty((len(self), 0))
+        if index:
+            own = self._text(index) if isinstance(self.source, Layout) else self._frame(index)
+        values = np.empty((len(self), len(names)))
+        values[:, [n not in self.extra for n in names]] = own
+        for k, name in enumerate(names):
+            if name in self.extra:
+                values[:, k] = self.extra[name]
+        with np.errstate(invalid="ignore"):
+            beyond = np.abs(values) > LARGEST
+        if beyond.any():
+            row, column = np.argwhere(beyond)[0]
+            value = values[row, column]
+            what = "infinity" if np.isinf(value) else f"{value:g}"
+            raise DataError(
+                f"{self.place(int(row))}, column {names[column]}: {what} is no measurement; "
+                "mend or delete that line"
+            )
+        return values
+
+    def dates(self, name: str) -> tuple[Array, float] | None:
+        """A column of dates or times of day: seconds since its first cell, and that cell's own.
+
+        None when it holds numbers.
+
+        Raises:
+            DataError: the first cell reads as a date but another one does not.
+        """
+        if name in self.extra:
+            return None
+        column = self.names.index(name)
+        if isinstance(self.source, Layout):
+            sep = self.source.delimiter
+            if date_format(split_line(self.source.rows[0], sep)[column]) is None:
+                return None
+            cells = [split_line(r, sep)[column] for r in self.source.rows]
+        else:
+            import pandas as pd
+
+            frame = self.source.iloc[:, column]
+            if pd.api.types.is_numeric_dtype(frame):
+                return None
+            stamp = pd.api.types.is_datetime64_any_dtype(frame)
+            cells = [c.isoformat() if stamp else str(c) for c in frame]
+        found = seconds_of(cells)
+        if isinstance(found, int):
+            raise DataError(
+                f"{self.place(found)}, column {name}: {cells[found]!r} is no date written as the "
+                f"first one, {cells[0]}; mend or delete that line"
+            )
+        return found
+
+    def _text(self, index: list[int]) -> Array:
+        layout = self.source
+        assert isinstance(layout, Layout)
+        quick = _plain_numbers(layout, index)
+        return self._odd_text(layout, index) if quick is None else quick
+
+    def _odd_text(self, layout: Layout, index: list[int]) -> Array:
+        """Cells that are missing, quoted or written with a comma, and very long logs."""
+        import pandas as pd
+
+        order = sorted(set(index))
+        # pandas returns the columns in file order, whatever order is asked for.
+        options: dict[str, Any] = {
+            "sep": r"\s+" if layout.delimiter == " " else layout.delimiter,
+            "decimal": layout.decimal,
+            "header": None,
+            "index_col": False,
+            "usecols": order,
+            "skipinitialspace": True,
+            "engine": "c",
+        }
+        text = "\n".join(layout.rows)
+        try:
+            frame = pd.read_csv(
+                io.StringIO(text),
+                dtype=np.float64,
+                na_values=list(MISSING),
+                **options,
+            )
+        except (ValueError, OverflowError, pd.errors.ParserError):
+            return self._with_states(index)
+        if len(frame) != len(layout.rows):  # a quote swallowed line ends
+            raise DataError(f"{self.where}: a quotation mark is never closed; delete it")
+        return np.ascontiguousarray(frame[index].to_numpy(dtype=np.float64))
+
+    def _with_states(self, index: list[int]) -> Array:
+        """The columns where one of them holds the words of a switch, such as ON and OFF.
+
+        Raises:
+            DataError: a cell is neither a number nor, in a column of such words, one of them.
+        """
+        layout = self.source
+        assert isinstance(layout, Layout)
+        cells = [split_line(row, layout.delimiter) for row in layout.rows]
+        out = np.full((len(cells), len(index)), np.nan)
+        for j, column in enumerate(index):
+            texts = [row[column].strip('"') for row in cells]
+            states = _states(texts)
+            if states is not None:
+                out[:, j] = states
+                continue
+            for i, text in enumerate(texts):
+                number = text.replace(",", ".") if layout.decimal == "," else text
+                if text.lower() not in MISSING:
+                    if not _is_number(number):
+                        raise DataError(self._not_a_number(index))
+                    out[i, j] = float(number)
+        return out
+
+    def switches(self, names: Sequence[str]) -> dict[str, str]:
+        """The columns of these that hold a switch's words -> the words, as ``OFF = 0, ON = 1``."""
+        found: dict[str, str] = {}
+        for name in (n for n in names if n not in self.extra):
+            column = self.names.index(name)
+            if isinstance(self.source, Layout):
+                first = split_line(self.source.rows[0], self.source.delimiter)[column].strip('"')
+                if _is_number(first):
+                    continue
+                rows = self.source.rows
+                texts = [split_line(r, self.source.delimiter)[column].strip('"') for r in rows]
+            elif _is_text(self.source.iloc[:, column]):
+                texts = [str(c) for c in self.source.iloc[:, column]]
+            else:
+                continue
+            if _states(texts) is not None:
+                told = {t: STATES[t.lower()] for t in texts if t.lower() in STATES}
+                words = sorted(told.items(), key=lambda pair: pair[1])
+                found[name] = ", ".join(f"{word} = {value:g}" for word, value in words)
+        return found
+
+    def _not_a_number(self, index: list[int]) -> str:
+        """Name the first cell that is no number."""
+        layout = self.source
+        assert isinstance(layout, Layout)
+        for row, line in enumerate(layout.rows):
+            cells = split_line(line, layout.delimiter)
+            for column in index:
+                text = cells[column]
+                number = text.replace(",", ".") if layout.decimal == "," else text
+                if text.lower() in MISSING or _is_number(number):
+                    continue
+                hint = "mend or delete that line"
+                if re.fullmatch(r"[+-]?\d+,\d+", text):
+                    hint = "it looks like a decimal comma: say so with the decimal option"
+                elif re.fullmatch(r"[+-]?\d{1,3}([., ']\d{3})+([.,]\d+)?", text):
+                    hint = "thousands separators are not read: write the log without them"
+                elif row == 0 and re.fullmatch(r"\[?[A-Za-zµ°%][\w/^·* .-]{0,9}\]?", text):
+                    hint = "write numbers below the header (units go into the column names: u_V)"
+                shown = text if len(text) <= 40 else text[:37] + "…"
+                name = self.names[column]
+                return f"{self.place(row)}, column {name}: {shown!r} is no number; {hint}"
+        return f"{self.where} holds a cell that is no number; write it again as plain CSV"
+
+    def _frame(self, index: list[int]) -> Array:
+        import pandas as pd
+
+        frame = self.source
+        assert isinstance(frame, pd.DataFrame)
+        parts = []
+        for i in index:
+            column = frame.iloc[:, i]
+            texts = [str(c) for c in column] if _is_text(column) else []
+            states = _states(texts) if texts else None
+            if states is not None:
+                parts.append(states)
+                continue
+            numbers = pd.to_numeric(column, errors="coerce")
+            if pd.api.types.is_datetime64_any_dtype(column) or len(numbers) != len(column):
+                numbers = pd.Series(np.full(len(column), np.nan))
+            lost = np.flatnonzero((numbers.isna() & column.notna()).to_numpy())
+            if len(lost):
+                text = str(column.iloc[lost[0]])[:40]
+                raise DataError(
+                    f"{self.place(int(lost[0]))}, column {self.names[i]}: {text!r} is no number; "
+                    "mend that row"
+                )
+            parts.append(numbers.to_numpy(dtype=np.float64, na_value=np.nan))
+        return np.column_stack(parts)
+
+
+def _plain_numbers(layout: Layout, index: list[int]) -> Array | None:
+    """The columns of a short log whose cells are nothing but numbers; None for any other log."""
+    long = len(layout.rows) > QUICK_ROWS
+    if long or layout.decimal != "." or any('"' in row for row in layout.rows):
+        return None
+    sep = None if layout.delimiter == " " else layout.delimiter
+    try:
+        return np.loadtxt(layout.rows, delimiter=sep, usecols=index, ndmin=2, comments=None)
+    except ValueError:
+        return None
+
+
+def read_table(
+    data: bytes, where: str, delimiter: str | None = None, decimal: str | None = None
+) -> Table:
+    """The table in the bytes of a CSV or Parquet file.
+
+    Args:
+        data: the whole file.
+        where: its name, for messages and to tell Parquet by ``.parquet`` or ``.pq``.
+        delimiter, decimal: None to find them.
+
+    Raises:
+        DataError: the file is no table of named columns.
+        UsageError: the delimiter or decimal sign asked for cannot be.
+    """
+    if not data:
+        raise DataError(f"{where} is empty; a log needs a header row and rows of numbers")
+    if data.startswith(b"PAR1") or where.lower().endswith((".parquet", ".pq")):
+        frame = _parquet(data, where)
+        raw: tuple[str, ...] = tuple(str(c).strip() for c in frame.columns)
+        notes: tuple[str, ...] = ()
+        source: Any = frame
+    else:
+        layout = lay_out(data, where, delimiter, decimal)
+        raw, notes, source = layout.names, layout.notes, layout
+    twice = [n for n in raw if n and raw.count(n) > 1]
+    if twice:
+        raise DataError(f"{where} has two columns named {twice[0]}; rename one")
+    if "" in raw:
+        at = raw.index("") + 1
+        if at == 1 and len(raw) > 2:  # pandas' unnamed index column
+            raw = ("(no name)", *raw[1:])
+        else:
+            raise DataError(f"{where}: column {at} has no name in the header; give it one")
+    if len(raw) < 2:
+        raise DataError(
+            f"{where} has only the column {raw[0][:40]}; a log needs an input and an output column"
+            " (if it has them, give the delimiter)"
+        )
+    names, units = _names_and_units(raw)
+    if isinstance(source, Layout) and any(source.units):
+        units = tuple(u or below for u, below in zip(units, source.units, strict=True))
+        told = ", ".join(f"{n} in {u}" for n, u in zip(names, source.units, strict=True) if u)
+        notes += (f"{where}: the units stand below the header: {told}.",)
+    if isinstance(source, Layout) and any(source.in_cells):
+        units = tuple(own or u for own, u in zip(source.in_cells, units, strict=True))
+        told = ", ".join(f"{n} in {u}" for n, u in zip(names, source.in_cells, strict=True) if u)
+        notes += (f"{where}: the units stand behind the numbers: {told}.",)
+    return Table(where, names, units, notes, source)
+
+
+def _parquet(data: bytes, where: str) -> "pd.DataFrame":
+    import pandas as pd
+
+    try:
+        frame = pd.read_parquet(io.BytesIO(data))
+    except Exception:  # pyarrow's errors share no base class
+        raise DataError(f"{where} is not a Parquet file, or is damaged; write it again") from None
+    if any(name is not None for name in frame.index.names):
+        frame = frame.reset_index()
+    if not len(frame.columns) or not len(frame):
+        raise DataError(f"{where} holds no rows of numbers; record the log again")
+    return frame
+
+
+def _names_and_units(raw: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Take ``u [V]`` or ``speed (rpm)`` apart, unless two columns would then share a name."""
+    split = [_BRACKETS.fullmatch(n) for n in raw]
+    bases = [m["base"] if m else n for m, n in zip(split, raw, strict=True)]
+    if len(set(bases)) != len(bases):
+        return raw, ("",) * len(raw)
+    return tuple(bases), tuple(m["unit"].strip() if m else "" for m in split)
+
+
+def _is_text(column: "pd.Series[Any]") -> bool:
+    import pandas as pd
+
+    return bool(pd.api.types.is_string_dtype(column) or pd.api.types.is_object_dtype(column))
+
+
+def _states(texts: Sequence[str]) -> Array | None:
+    """The numbers of a column of a switch's words (0 and 1 may stand among them), or None."""
+    lower = [t.strip().lower() for t in texts]
+    values = {t: STATES[t] for t in set(lower) if t in STATES}
+    if not values:
+        return None
+    values |= {t: float(t) for t in set(lower) if t in ("0", "1")}
+    values |= {t: float("nan") for t in set(lower) if t in MISSING}
+    if not set(lower) <= set(values):
+        return None
+    return np.array([values[t] for t in lower], dtype=np.float64)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return "_" not in text

@@ -1,0 +1,252 @@
+"""The time column: is it a uniform grid, and if not, can the samples be brought onto one."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.finding import Finding, Severity
+from sysid.data.reading.round_period import last_digit, round_period
+from sysid.data.record import Array
+from sysid.errors import DataError, UsageError
+
+ResamplePolicy = Literal["auto", "hold", "refuse", "fill", "split"]
+"""auto: even out jitter and gaps of a few samples; hold: so, and an output cell that is empty is
+the last reading again; refuse: only a uniform grid will do;
+fill: interpolate over gaps of any length; split: cut at gaps into several experiments."""
+
+POLICIES: tuple[str, ...] = get_args(ResamplePolicy)
+ROUNDING = 0.01
+"""Intervals within this fraction of the sample time count as uniform."""
+GAP = 1.5
+"""An interval longer than this many sample times is a gap."""
+SHORT_GAP = 3
+"""Up to this many missing samples in a row are interpolated without being asked."""
+SHORTEST = 10
+"""Pieces between gaps with fewer samples than this are left out."""
+
+Place = Callable[[int], str]
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Rows ``start`` ≤ i < ``stop`` of the file that make one experiment."""
+
+    start: int
+    stop: int
+    even: bool
+
+
+@dataclass(frozen=True)
+class Grid:
+    """How the rows of a file become uniform experiments.
+
+    Attributes:
+        dt: sample time, in the unit of the time given.
+        segments: the experiments; those that are not ``even`` need ``onto_grid``.
+        findings: what was seen and done.
+    """
+
+    dt: float
+    segments: tuple[Segment, ...]
+    findings: tuple[Finding, ...]
+
+
+def check_policy(policy: str) -> ResamplePolicy:
+    """The policy, if it is one.
+
+    Raises:
+        UsageError: it is not; the sentence lists them.
+    """
+    if policy not in POLICIES:
+        raise UsageError(f"unknown --resample {policy!r}; choose one of {', '.join(POLICIES)}")
+    return policy  # type: ignore[return-value]
+
+
+def plan_grid(t: Array, policy: ResamplePolicy, place: Place, where: str) -> Grid:
+    """Judge the instants ``t`` (N,) and say how to bring the samples onto a uniform grid.
+
+    With d the intervals and T their median: |d/T − 1| ≤ 1 %, or deviations no larger than the
+    digits printed, is uniform. d > 1.5 T is a gap. Anything between is jitter.
+
+    Args:
+        t: instants, any unit, finite.
+        policy: what may be done about jitter and gaps.
+        place: row → "file, line n" for messages.
+        where: name of the file.
+
+    Raises:
+        DataError: time does not increase, or the policy forbids what would be needed.
+    """
+    breaks = _increasing(t, policy, place, where)
+    bounds = [0, *(i + 1 for i in breaks), len(t)]
+    inside = np.ones(len(t) - 1, dtype=bool)
+    inside[list(breaks)] = False
+    d = np.diff(t)
+    T = float(np.median(d[inside]))
+    ratio = np.where(inside, d / T, 1.0)
+    gaps = _gaps(ratio)
+    missing = np.where(gaps, np.rint(ratio).astype(int) - 1, 0)
+    dt = float(d[inside].sum() / max((np.count_nonzero(inside) + missing[inside].sum()), 1))
+    if not 1e-9 <= dt <= 1e9:
+        raise DataError(
+            f"{where}: samples {dt:.3g} s apart are not credible; check the time column"
+        )
+    dt = float(f"{dt:.12g}")  # 0.0999999… of a mean over printed tenths is 0.1
+    dt = round_period(t, dt)
+
+    off = np.abs(d / dt - 1.0)[inside & ~gaps]
+    uneven = bool(len(off)) and off.max() > ROUNDING and not _is_rounding(t, dt, gaps | ~inside)
+    if np.mean(np.abs(ratio - 1.0) > 0.5) > 0.2 and policy in ("auto", "split"):
+        raise DataError(
+            f"{where}: the sampling is irregular, with intervals from {d[inside].min():.3g} to "
+            f"{d[inside].max():.3g} s; record at a fixed rate, or interpolate with --resample fill"
+        )
+    findings: list[Finding] = []
+    if uneven:
+        findings.append(_jitter(d[inside & ~gaps], dt, policy, where))
+    long = gaps & (missing > SHORT_GAP)
+    findings += _gap_findings(gaps, long, missing, d, policy, place, where)
+    if policy == "split":
+        bounds = sorted({*bounds, *(int(i) + 1 for i in np.flatnonzero(long))})
+    segments = []
+    for a, b in pairwise(bounds):
+        if b - a >= SHORTEST or len(bounds) == 2:
+            segments.append(Segment(a, b, even=not (uneven or gaps[a : b - 1].any())))
+        else:
+            many = "1 sample" if b - a == 1 else f"{b - a} samples"
+            text = f"{where}: a piece of {many} between gaps was left out."
+            findings.append(Finding("gaps", Severity.NOTE, text, record=where))
+    if not segments:
+        raise DataError(f"{where}: no piece between its gaps has {SHORTEST} samples; record again")
+    return Grid(dt, tuple(segments), tuple(findings))
+
+
+def onto_grid(t: Array, dt: float, u: Array, y: Array) -> tuple[Array, Array]:
+    """Samples at instants ``t`` (N,) on the uniform grid t[0] + k·dt.
+
+    y is interpolated linearly. u is held between its instants; where these do not fall on the
+    grid, the new value is the mean of the held signal over the interval,
+    ū_k = (1/dt)∫ u(τ)dτ over [t_k, t_k + dt): picking the last value instead would delay the
+    input by a whole sample wherever a stamp comes a moment late.
+
+    Returns:
+        (u, y) on the grid, shapes (M, nu) and (M, ny).
+    """
+    position = (t - t[0]) / dt
+    count = int(np.floor(position[-1] + ROUNDING)) + 1
+    nearest = np.rint(position)
+    snapped = bool(np.all(np.abs(position - nearest) <= 2 * ROUNDING))
+    at = nearest if snapped and np.all(np.diff(nearest) > 0) else position
+    k = np.arange(count, dtype=np.float64)
+    y_new = np.column_stack([np.interp(k, at, column) for column in y.T])
+    if at is nearest:
+        return u[np.searchsorted(at, k, side="right") - 1], y_new
+    edges = np.append(k, float(count))
+    knots = np.append(at, max(edges[-1], at[-1] + 1.0))
+    width = np.diff(knots)[:, None]
+    integral = np.vstack([np.zeros(u.shape[1]), np.cumsum(u * width, axis=0)])
+    u_new = np.column_stack([np.diff(np.interp(edges, knots, column)) for column in integral.T])
+    return u_new, y_new
+
+
+def _increasing(t: Array, policy: ResamplePolicy, place: Place, where: str) -> tuple[int, ...]:
+    """Intervals where the clock starts again (policy split); refuses any other non-increase."""
+    d = np.diff(t)
+    bad = np.flatnonzero(d <= 0)
+    if not len(bad):
+        return ()
+    i = int(bad[0])
+    if np.all(d < 0):
+        raise DataError(f"{where}: time runs backward all along; sort the rows by time")
+    if not np.any(d > 0) or np.count_nonzero(d == 0) > len(d) // 3:
+        raise DataError(
+            f"{place(i + 1)}: time stands still at {t[i]:.9g} (as {np.count_nonzero(d == 0)} rows "
+            "do); log it with more digits, or give the sample time with --ts"
+        )
+    if d[i] == 0:
+        raise DataError(
+            f"{place(i + 1)}: time {t[i]:.9g} is there twice; delete one of the two lines"
+        )
+    back = np.flatnonzero(d < 0)
+    restarts = np.abs(t[back + 1] - t[0]) <= 2.0 * np.median(np.abs(d))
+    if policy == "split" and not np.any(d == 0):
+        return tuple(int(j) for j in back)
+    hint = (
+        "it holds several logs: --resample split makes an experiment of each"
+        if restarts.all()
+        else "sort the rows or delete that line"
+    )
+    raise DataError(
+        f"{place(i + 1)}: time does not increase, it goes from {t[i]:.9g} to {t[i + 1]:.9g}; {hint}"
+    )
+
+
+def _gaps(ratio: Array) -> NDArray[np.bool_]:
+    """Intervals that lack samples; a late stamp followed by an early one lacks none."""
+    wide = ratio > GAP
+    after = np.append(ratio[1:], np.inf)
+    before = np.append(np.inf, ratio[:-1])
+    late = (ratio + np.minimum(after, before) < 2.25) & (ratio < 2.0)
+    return np.asarray(wide & ~late)
+
+
+def _is_rounding(t: Array, dt: float, cut: NDArray[np.bool_]) -> bool:
+    """Whether the deviations from the grid are no larger than the last digit printed."""
+    quantum = last_digit(t, dt)
+    steps = np.where(cut, np.nan, np.diff(t) - dt)
+    return quantum > 0.0 and bool(np.nanmax(np.abs(steps)) <= 1.001 * quantum)
+
+
+def _jitter(d: Array, dt: float, policy: ResamplePolicy, where: str) -> Finding:
+    rms, peak = 100 * np.std(d) / dt, 100 * np.max(np.abs(d / dt - 1.0))
+    seen = f"{where}: the sample time jitters by {rms:.2g} % rms ({peak:.2g} % at most) of {dt:.4g}"
+    if policy == "refuse":
+        raise DataError(f"{seen} s; record at a fixed rate, or allow --resample auto")
+    return Finding(
+        "jitter",
+        Severity.WARNING if rms > 3 else Severity.NOTE,
+        f"{seen} s; it was resampled onto a uniform grid.",
+        "Log at a fixed rate where you can: interpolation smooths the fastest part of the signals.",
+        record=where,
+    )
+
+
+def _gap_findings(
+    gaps: NDArray[np.bool_],
+    long: NDArray[np.bool_],
+    missing: NDArray[np.int64],
+    d: Array,
+    policy: ResamplePolicy,
+    place: Place,
+    where: str,
+) -> list[Finding]:
+    if not gaps.any():
+        return []
+    shown = long if long.any() else gaps
+    first = int(np.flatnonzero(shown)[0])
+    n = int(np.count_nonzero(shown))
+    more = "" if n == 1 else f" (the first of {n} gaps)"
+    seen = f"{place(first + 1)}: {d[first]:.4g} s without samples before this line{more}"
+    if policy == "refuse" or (policy == "auto" and long.any()):
+        raise DataError(
+            f"{seen}; --resample split makes several experiments of it, --resample fill "
+            "interpolates"
+        )
+    lost = int(missing[gaps].sum())
+    if policy == "split" and long.any():
+        did = f"; the log was cut into {n + 1} experiments there."
+    else:
+        did = f"; {lost} missing sample{'s were' if lost > 1 else ' was'} interpolated."
+    return [
+        Finding(
+            "gaps",
+            Severity.WARNING,
+            seen + did,
+            "Look for what kept the logger from writing; interpolated samples hold no information.",
+            record=where,
+        )
+    ]

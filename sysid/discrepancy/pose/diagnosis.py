@@ -1,0 +1,440 @@
+"""Naming what is missing between the tracks and the ground, from logs that hold the pose.
+
+Errors of the motors do not leak in: the *measured* wheel speeds drive the vehicle, and increments
+of its pose over two seconds are compared, so that nothing accumulates.
+
+    Δ(x, y, ψ) measured − Δ(x, y, ψ) by the wheel speeds, in the body frame at a window's start
+
+Effects come one at a time, the best first, while the rule of acceptance of ``evidence`` holds, and
+an earlier one goes again when a later one has made it needless. Two explanations compete with the
+effects without being any: another radius of both tracks, and speed sensors that do not read zero at
+rest.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sysid.data.record import Array, Record
+from sysid.discrepancy.diagnosis import NamedEffect, Value
+from sysid.discrepancy.pose.evidence import (
+    PoseLeft,
+    apart,
+    evidence_of,
+    held_pairs,
+    pose_gap,
+    pose_left,
+)
+from sysid.discrepancy.pose.fit import (
+    BOTH_RADII,
+    CANDIDATES,
+    LENGTHS,
+    SCALE,
+    SLOTS,
+    SPEED_OFFSET,
+    WIDTH,
+    Candidate,
+    Fitted,
+    PoseProblem,
+    PoseSearch,
+    geometry_of,
+    ground_of,
+)
+from sysid.discrepancy.pose.geometry import GeometryEstimate, contradicted, in_one_frame
+from sysid.discrepancy.pose.windows import (
+    CHANNELS,
+    Noise,
+    Track,
+    increments_noise,
+    track_channels,
+    tracks_of,
+)
+from sysid.discrepancy.proof.verify import Gap
+from sysid.discrepancy.search.evidence import PROVEN, Evidence
+from sysid.effects.ground import Ground
+from sysid.vehicle.kinematics import Geometry
+
+FEWEST = 6
+"""Windows that each part must hold."""
+
+TIED = 2.0
+"""Rivals whose squared errors differ by fewer standard errors are a tie."""
+
+SAME_GAIN = 0.98
+"""… or that gain this share of the likelihood: noise of the speeds, which enters the share of slip,
+sets models apart that say the same of the vehicle."""
+
+MOST_EFFECTS = 3
+"""As many at most; a pair of radii counts as two."""
+
+LATE, LATE_RATIO = 4.5, 0.80
+"""A second effect needs this t, and the held-out error below this share of before."""
+
+MOST_OF_THE_GAP = 80.0
+"""Effects that together close less of the gap [%] are withdrawn: they are not the cause."""
+
+AWAY = 3.0
+"""The number of an effect must be so many standard errors away from doing nothing."""
+
+BESIDE = 0.005
+"""Share of a length that is uncertain at least where it is fitted together with effects: noise of
+the speeds, which the fit takes for true, draws it by so much on made logs."""
+
+SHOWN = 4.0
+"""An effect of so many standard errors would have been seen."""
+
+_STAGE = "vehicle"
+
+
+@dataclass(frozen=True, eq=False)
+class PoseDiagnosis:
+    """What is missing between tracks and ground.
+
+    Attributes:
+        effects: accepted effects in order of acceptance.
+        ground: the same with their numbers, for a model.
+        std_errors: effect → parameter → standard error of the left and the right track, (2,);
+            0 where a number was not free.
+        candidates: (effect, score) of every one at the first stage, best first; the score is the
+            share of the error of the increments that it takes away.
+        gap: held-out increments x, y (forward, lateral [m]) and psi [rad] before and after, over
+            the windows that the effects move.
+        left: what the increments are still off by.
+        detectable: per effect the smallest change of its number that these logs would have shown;
+            None where they cannot.
+        windows: windows (estimation, held-out); they overlap fourfold.
+        warnings: sentences.
+        geometry: the vehicle's lengths, where they had to be estimated from the pose.
+    """
+
+    effects: tuple[NamedEffect, ...]
+    ground: Ground
+    std_errors: dict[str, dict[str, Array]]
+    candidates: tuple[tuple[str, float], ...]
+    gap: Gap
+    detectable: dict[str, float | None]
+    windows: tuple[int, int]
+    left: PoseLeft
+    warnings: tuple[str, ...] = field(default=())
+    geometry: GeometryEstimate | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """An accepted candidate with what it was compared to."""
+
+    candidate: Candidate
+    evidence: Evidence
+    ties: tuple[Candidate, ...]
+
+
+def diagnose_pose(
+    estimation: Sequence[Record], held: Sequence[Record], geometry: Geometry | None = None
+) -> PoseDiagnosis | None:
+    """Name effects of the vehicle stage.
+
+    Args:
+        estimation: records that numbers are estimated on.
+        held: records that judge; where they hold too few windows, stretches of all records
+            estimate and judge in turn.
+        geometry: lengths of the vehicle. Unless given, those of the thesis's robot, or estimated
+            together with the effects where the pose contradicts those; what only another radius or
+            track distance does is then no effect.
+
+    Returns:
+        None where the records hold no pose, no two wheel speeds in rad/s, or too few windows.
+    """
+    channels = track_channels(estimation[0])
+    if channels is None:
+        return None
+    tracks, others = tracks_of(estimation, channels), tracks_of(held, channels)
+    if _fewest(tracks, others) < FEWEST:
+        both = (*estimation, *held)
+        tracks, others = tracks_of(both, channels, 0), tracks_of(both, channels, 1)
+    if _fewest(tracks, others) < FEWEST:
+        return None
+    every, changed = in_one_frame((*tracks, *others))
+    tracks, others = every[: len(tracks)], every[len(tracks) :]
+    estimate = contradicted(every, Geometry()) if geometry is None else None
+    geometry = estimate.geometry if estimate is not None else geometry or Geometry()
+    told = _diagnosed(tracks, others, geometry, estimate)
+    if estimate is not None and told.geometry is not None and not told.geometry.contradicts:
+        # what is missing explains it: beside the effects the lengths are those assumed
+        told = _diagnosed(tracks, others, estimate.assumed, None)
+    return replace(told, warnings=(*changed, *told.warnings))
+
+
+def _diagnosed(
+    tracks: tuple[Track, ...],
+    others: tuple[Track, ...],
+    geometry: Geometry,
+    estimate: GeometryEstimate | None,
+) -> PoseDiagnosis:
+    """What is missing with these lengths, which are fitted too where they are estimates."""
+    always = LENGTHS if estimate is not None else ()
+    noise = increments_noise((*tracks, *others), geometry)
+    first = _searched(tracks, others, noise, geometry, always)
+    second = replace(noise, factor=_factor(first[2]))
+    return _told(*_searched(tracks, others, second, geometry, always), estimate)
+
+
+_Found = tuple[PoseSearch, Fitted, Fitted, list[_Step], tuple[tuple[str, float], ...]]
+
+
+def _searched(
+    tracks: tuple[Track, ...],
+    others: tuple[Track, ...],
+    noise: Noise,
+    geometry: Geometry,
+    always: tuple[Candidate, ...],
+) -> _Found:
+    """(search, before, after, steps, ranking); no steps where they leave most of the gap."""
+    first, second = (PoseProblem(part, geometry, noise) for part in (tracks, others))
+    search = PoseSearch(first, second, always)
+    base = search.fit(())
+    steps, final, ranking = _grown(search, base)
+    gap = pose_gap(held_pairs(search, [s.candidate for s in steps]), noise.floor)
+    if gap.closed_percent < MOST_OF_THE_GAP:
+        steps, final = [], base
+    return search, base, final, steps, ranking
+
+
+def _factor(final: Fitted) -> Array:
+    """By how much the errors that are left exceed the noise, increment by increment, (3,).
+
+    Speeds that change between samples, or noise with a memory, are in no reading's third
+    differences. A channel that holds more than its noise must not outweigh the others.
+    """
+    white = np.concatenate([*final.white.estimation, *final.white.held])
+    return np.asarray(np.maximum(np.mean(white**2, axis=0), 1.0))
+
+
+def _fewest(*parts: Sequence[Track]) -> int:
+    return min(sum(len(t.starts) for t in part) for part in parts)
+
+
+def _grown(
+    search: PoseSearch, base: Fitted
+) -> tuple[list[_Step], Fitted, tuple[tuple[str, float], ...]]:
+    """One candidate after the other while the rule accepts; an effect before what it ties with."""
+    chosen: list[Candidate] = []
+    steps: list[_Step] = []
+    ranking: tuple[tuple[str, float], ...] = ()
+    current = base
+    while len(chosen) < MOST_EFFECTS:
+        rivals = [c for c in CANDIDATES if _allowed(c, (*search.always, *chosen))]
+        fits = [(c, search.fit([*chosen, c])) for c in rivals]
+        fits.sort(key=lambda item: _score(item[1]))
+        if not steps:
+            ranking = _ranking(base, fits)
+        judged = [
+            (c, f, evidence_of(current, f, len(rivals)))
+            for c, f in fits
+            if not f.at_bound and _away(c, f)
+        ]
+        passed = [(c, f, e) for c, f, e in judged if e.accepted and not (steps and _late(e))]
+        if not passed:
+            break
+        first = passed[0]
+        close = [
+            (c, f, e)
+            for c, f, e in passed
+            if apart(first[1], f) < TIED or e.t**2 >= SAME_GAIN * first[2].t ** 2
+        ]
+        best, fitted, evidence = next((p for p in close if p[0].id), first)
+        ties = tuple(c for c, _, _ in close if c.id != best.id)
+        steps.append(_Step(best, evidence, ties))
+        chosen.append(best)
+        current = fitted
+    for step in steps[:-1]:
+        rest = [c for c in chosen if c is not step.candidate]
+        without = search.fit(rest)
+        if not evidence_of(without, current, len(CANDIDATES)).significant:
+            chosen, current = rest, without
+    return [s for s in steps if s.candidate in chosen], current, ranking
+
+
+def _away(c: Candidate, fitted: Fitted) -> bool:
+    """Whether a candidate's numbers, or one of several, are away from doing nothing."""
+    return any(
+        abs(fitted.q[k] - SLOTS[k].null) > AWAY * (fitted.std_error(k) or 0.0) for k in c.slots
+    )
+
+
+def _late(evidence: Evidence) -> bool:
+    """Whether a later effect gains too little: most small late gains are chance."""
+    return evidence.t < LATE or evidence.ratio >= LATE_RATIO
+
+
+def _allowed(c: Candidate, chosen: Sequence[Candidate]) -> bool:
+    """Both radii and their common scale are two numbers together, not three."""
+    radii = {"radius-mismatch left", "radius-mismatch right", BOTH_RADII}
+    taken = {x.key for x in chosen}
+    return c.key not in taken and not (c.key in radii and len(radii & taken) == 2)
+
+
+def _score(fitted: Fitted) -> float:
+    """N ln V + k ln N."""
+    n = sum(e.size for e in (*fitted.white.estimation, *fitted.white.held))
+    return n * math.log(max(fitted.cost, 1e-300)) + len(fitted.free) * math.log(n)
+
+
+def _ranking(
+    base: Fitted, fits: Sequence[tuple[Candidate, Fitted]]
+) -> tuple[tuple[str, float], ...]:
+    found: dict[str, float] = {}
+    for c, f in fits:
+        if c.id:
+            found.setdefault(c.id, 1.0 - math.sqrt(f.cost / base.cost))
+    return tuple(found.items())
+
+
+# What is told -------------------------------------------------------------------------------------
+
+
+def _told(
+    search: PoseSearch,
+    base: Fitted,
+    final: Fitted,
+    steps: Sequence[_Step],
+    ranking: tuple[tuple[str, float], ...],
+    estimate: GeometryEstimate | None,
+) -> PoseDiagnosis:
+    return PoseDiagnosis(
+        effects=tuple(_named(s, final) for s in steps if s.candidate.id),
+        ground=ground_of(final.q, search.always),
+        std_errors=_std_errors(final, search.always),
+        candidates=ranking,
+        gap=pose_gap(
+            held_pairs(search, [s.candidate for s in steps]), search.estimation.noise.floor
+        ),
+        detectable=_detectable(search, final),
+        windows=(
+            sum(len(e) for e in base.errors.estimation),
+            sum(len(e) for e in base.errors.held),
+        ),
+        left=pose_left(search, final),
+        warnings=_warnings(search, final, steps),
+        geometry=_beside(estimate, final) if estimate is not None and steps else estimate,
+    )
+
+
+def _beside(estimate: GeometryEstimate, final: Fitted) -> GeometryEstimate:
+    """The lengths as fitted together with the effects; what the pose does not tell stays."""
+    r, B = estimate.geometry.r, estimate.geometry.B
+    scale, turn = float(final.q[SCALE]), float(final.q[WIDTH])
+    r_error, b_error = estimate.std_errors
+    if r_error is not None:
+        r, r_error = r * scale, r * math.hypot(final.std_error(SCALE) or 0.0, BESIDE)
+    if b_error is not None:
+        B = B / turn
+        b_error = B * math.hypot((final.std_error(WIDTH) or 0.0) / turn, BESIDE)
+    return replace(estimate, geometry=Geometry(r, B), std_errors=(r_error, b_error))
+
+
+def _named(step: _Step, final: Fitted) -> NamedEffect:
+    c, e = step.candidate, step.evidence
+    slot = c.slots[0]
+    value, error = float(final.q[slot]), final.std_error(slot)
+    side = SLOTS[slot].side
+    parameter = SLOTS[slot].name + ("" if side < 0 else ("[left]", "[right]")[side])
+    return NamedEffect(
+        id=c.id,
+        stage=_STAGE,
+        channels=CHANNELS,
+        parameters=(Value(parameter, value, error, ""),),
+        delta_bic=e.delta_bic,
+        p_value=e.p_value,
+        heldout_gain=1.0 - e.ratio,
+        indistinguishable=tuple(dict.fromkeys(t.id for t in step.ties if t.id)),
+        sentence=_sentence(c.id, value, error or 0.0, side),
+    )
+
+
+def _sentence(id: str, value: float, error: float, side: int) -> str:
+    if id == "track-slip":
+        return (
+            f"Wheels or tracks slip where the robot turns: on the spot they lose "
+            f"{100 * value:.3g} ± {100 * error:.2g} % of their way."
+        )
+    if id == "track-width":
+        return (
+            f"Every turn is {value:.4g} ± {error:.2g} times what the distance B says: left "
+            f"and right act at {1.0 / value:.4g} B."
+        )
+    return (
+        f"The {('left', 'right')[side]} side rolls {value:.4g} ± {error:.2g} times as far a turn "
+        "as its radius says, so that equal wheel speeds drive a circle."
+    )
+
+
+def _std_errors(final: Fitted, always: Sequence[Candidate]) -> dict[str, dict[str, Array]]:
+    found: dict[str, dict[str, Array]] = {}
+    lengths = {k for c in always for k in c.slots}
+    for k in final.free:
+        slot = SLOTS[k]
+        if slot.owner in (BOTH_RADII, SPEED_OFFSET) or k in lengths:
+            continue
+        both = found.setdefault(slot.owner, {}).setdefault(slot.name, np.zeros(2))
+        sides = [0, 1] if slot.side < 0 else [slot.side]
+        both[sides] = final.std_error(k)
+    return found
+
+
+def _detectable(search: PoseSearch, final: Fitted) -> dict[str, float | None]:
+    """Per effect the larger of two sizes: SHOWN standard errors, and what lowers the error enough.
+
+    Both by linearisation at the model after; the second asks that the whitened error grows by
+    1/PROVEN where the effect is left out.
+    """
+    J = search.estimation.jacobian(final.q)
+    r = search.estimation.residual(final.q)
+    variance = float(np.mean(r**2))
+    found: dict[str, float | None] = {}
+    for c in CANDIDATES:
+        if not c.id:
+            continue
+        power = float(np.sum(J[:, c.slots[0]] ** 2))
+        size: float | None = None
+        if power > 0 and c not in search.always:  # a length that is estimated hides it
+            seen = SHOWN * math.sqrt(variance / power)
+            needed = math.sqrt((PROVEN**-2 - 1.0) * variance * len(r) / power)
+            slot = SLOTS[c.slots[0]]
+            size = max(seen, needed)
+            size = size if size < max(slot.upper - slot.null, slot.null - slot.lower) else None
+        if c.id not in found or (size or math.inf) > (found[c.id] or math.inf):
+            found[c.id] = size
+    return found
+
+
+def _warnings(search: PoseSearch, final: Fitted, steps: Sequence[_Step]) -> tuple[str, ...]:
+    keys = {s.candidate.key for s in steps}
+    said = []
+    if BOTH_RADII in keys:
+        r = geometry_of(final.q, search.estimation.geometry).r
+        said.append(
+            f"Both sides roll as if their radius were {r:.5g} m, not "
+            f"{search.estimation.geometry.r:g} m: set vehicle.r in the mission."
+        )
+    if SPEED_OFFSET in keys:
+        said.append(
+            "The pose says that the speed sensors read "
+            f"{final.q[5]:.3g} and {final.q[6]:.3g} rad/s (left, right) at rest: take that off "
+            "the readings."
+        )
+    if {"radius-mismatch left", "radius-mismatch right"} <= keys:
+        said.append("Neither side has the radius given: check vehicle.r.")
+    for s in steps:
+        unnamed = [t.key for t in s.ties if not t.id]
+        if s.candidate.id and unnamed:
+            said.append(
+                f"{s.candidate.id} cannot be told from "
+                + " or ".join(
+                    "another radius on both sides" if k == BOTH_RADII else "an offset of the speeds"
+                    for k in unnamed
+                )
+                + " on these logs."
+            )
+    return tuple(said)

@@ -1,0 +1,274 @@
+"""Maximum likelihood of vehicle effects from increments of the pose of known noise."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from sysid.criteria.coloured import coloured_gram
+from sysid.data.record import Array, Index
+from sysid.discrepancy.pose.windows import CHANNELS, Noise, Track
+from sysid.discrepancy.search.evidence import Errors
+from sysid.effects.catalogue import effect
+from sysid.effects.ground import Ground
+from sysid.fitting.problem import Problem
+from sysid.fitting.solvers import levenberg_marquardt
+from sysid.vehicle.kinematics import Geometry
+
+LEFT, RIGHT = 0, 1
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One number that a fit may free.
+
+    Attributes:
+        owner: effect, or what competes with the effects without being one.
+        name: of the parameter.
+        side: track it belongs to, −1 where both share it.
+        null, lower, upper: value at which it does nothing, and bounds.
+        start: where a search begins; the increments are all but linear in every number, so
+            that one start serves.
+    """
+
+    owner: str
+    name: str
+    side: int
+    null: float
+    lower: float
+    upper: float
+    start: float
+
+
+def _of_effect(id: str, sides: Sequence[int]) -> tuple[Slot, ...]:
+    p = effect(id).parameters[0]
+    return tuple(Slot(id, p.name, s, p.null, p.lower, p.upper, p.starts[0]) for s in sides)
+
+
+BOTH_RADII = "both-radii"
+SPEED_OFFSET = "speed-offset"
+SLOTS = (
+    *_of_effect("track-slip", (-1,)),
+    *_of_effect("radius-mismatch", (LEFT, RIGHT)),
+    *_of_effect("track-width", (-1,)),
+    Slot(BOTH_RADII, "scale", -1, 1.0, 0.5, 2.0, 0.95),
+    *(Slot(SPEED_OFFSET, "offset", s, 0.0, -5.0, 5.0, 0.0) for s in (LEFT, RIGHT)),
+)
+"""Every number; those of the last two owners compete with the effects so that a radius that the
+geometry has wrong, or a sensor that does not read zero at rest, lends its name to none."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """What may be freed together.
+
+    Attributes:
+        key: unique.
+        id: effect, empty for what competes without being one.
+        slots: its entries of ``SLOTS``.
+    """
+
+    key: str
+    id: str
+    slots: tuple[int, ...]
+
+
+CANDIDATES = (
+    Candidate("track-slip", "track-slip", (0,)),
+    Candidate("radius-mismatch left", "radius-mismatch", (1,)),
+    Candidate("radius-mismatch right", "radius-mismatch", (2,)),
+    Candidate("track-width", "track-width", (3,)),
+    Candidate(BOTH_RADII, "", (4,)),
+    Candidate(SPEED_OFFSET, "", (5, 6)),
+)
+
+
+LENGTHS = tuple(c for c in CANDIDATES if c.key in ("track-width", BOTH_RADII))
+"""What belongs to the vehicle's geometry where that is estimated."""
+
+
+def ground_of(q: Array, always: Sequence[Candidate] = ()) -> Ground:
+    """The effects whose numbers are off their null values, but for what ``always`` is free."""
+    found: dict[str, dict[str, Array]] = {}
+    lengths = {k for c in always for k in c.slots}
+    for k, (slot, value) in enumerate(zip(SLOTS, q, strict=True)):
+        if slot.owner in (BOTH_RADII, SPEED_OFFSET) or value == slot.null or k in lengths:
+            continue
+        both = found.setdefault(slot.owner, {}).setdefault(slot.name, np.full(2, slot.null))
+        if slot.side < 0:
+            both[:] = value
+        else:
+            both[slot.side] = value
+    return Ground(tuple(found), found)
+
+
+WIDTH, SCALE = 3, 4
+"""Slots of the track distance and of the common scale of both radii."""
+
+
+def geometry_of(q: Array, geometry: Geometry) -> Geometry:
+    """The geometry with the common scale of both radii."""
+    return Geometry(geometry.r * float(q[SCALE]), geometry.B)
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """Numbers found for a set of candidates.
+
+    Attributes:
+        keys: what was freed, in order of acceptance.
+        q: every number, (slots,).
+        covariance: of the free ones in the order of ``free``.
+        free: indices of the free ones.
+        errors: errors of the increments of both parts in units of their floor, (W, 3) a record.
+        white: the same as independent ones of variance one.
+        at_bound: whether a number ended on its bound.
+    """
+
+    keys: tuple[str, ...]
+    q: Array
+    covariance: Array
+    free: tuple[int, ...]
+    errors: Errors
+    white: Errors
+    at_bound: bool
+
+    @property
+    def cost(self) -> float:
+        """Mean squared white error over both parts; 1 where nothing but noise is left."""
+        return float(np.mean(np.concatenate([*self.white.estimation, *self.white.held]) ** 2))
+
+    def std_error(self, slot: int) -> float | None:
+        """Standard error of a number, None where it was not free."""
+        if slot not in self.free:
+            return None
+        k = self.free.index(slot)
+        return float(np.sqrt(max(self.covariance[k, k], 0.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class PoseProblem(Problem):
+    """White errors of the increments as a function of every number."""
+
+    tracks: tuple[Track, ...]
+    geometry: Geometry
+    noise: Noise
+    free: tuple[int, ...] = tuple(range(len(SLOTS)))
+
+    @cached_property
+    def _measured(self) -> tuple[Array, ...]:
+        return tuple(t.measured(self.geometry) for t in self.tracks)
+
+    @cached_property
+    def _white(self) -> tuple[Callable[[Array], Array], ...]:
+        return tuple(self.noise.whitener(t) for t in self.tracks)
+
+    @property
+    def index(self) -> Index:  # type: ignore[override]
+        """All of θ."""
+        return np.arange(len(SLOTS))
+
+    @property
+    def n_initial(self) -> int:  # type: ignore[override]
+        """No initial states: every window begins at its own origin."""
+        return 0
+
+    @property
+    def lengths(self) -> tuple[int, ...]:  # type: ignore[override]
+        """Residuals of each record."""
+        return tuple(3 * len(m) for m in self._measured)
+
+    @property
+    def channels(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The increments of a record count as one output."""
+        return (0,) * len(self.tracks)
+
+    def freeing(self, free: tuple[int, ...]) -> "PoseProblem":
+        """The same problem with other free numbers; what was computed once is kept."""
+        other = replace(self, free=free)
+        other.__dict__.update(_measured=self._measured, _white=self._white)
+        return other
+
+    def errors(self, q: Array) -> tuple[Array, ...]:
+        """Measured less predicted, (W, 3) of each record [m, m, rad]."""
+        ground, geometry, offset = ground_of(q), geometry_of(q, self.geometry), q[5:7]
+        return tuple(
+            m - t.predicted(ground, geometry, offset)
+            for m, t in zip(self._measured, self.tracks, strict=True)
+        )
+
+    def whitened(self, errors: Sequence[Array]) -> tuple[Array, ...]:
+        """Errors of each record as independent ones of variance one."""
+        return tuple(w(e) for w, e in zip(self._white, errors, strict=True))
+
+    def residual(self, p: Array) -> Array:
+        """All white errors in a row."""
+        return np.concatenate([e.ravel() for e in self.whitened(self.errors(p))])
+
+    def jacobian(self, p: Array) -> Array:
+        """Central differences in the free numbers; other columns are zero."""
+        J = np.zeros((sum(self.lengths), len(SLOTS)))
+        for k in self.free:
+            h = 1e-5 * max(SLOTS[k].upper - SLOTS[k].lower, 1.0)
+            up, down = p.copy(), p.copy()
+            up[k] += h
+            down[k] -= h
+            J[:, k] = (self.residual(up) - self.residual(down)) / (2.0 * h)
+        return J
+
+
+def _memory(influence: Array, lengths: Sequence[int]) -> Array:
+    """Variance of each number from what every error did to it (rows), with its memory, (n,)."""
+    whole = np.array([n // len(CHANNELS) for n in lengths if n])
+    windows, numbers = len(influence) // len(CHANNELS), influence.shape[1]
+    each = influence.reshape(windows, len(CHANNELS), numbers).sum(axis=1)
+    pieces = np.split(each, np.cumsum(whole)[:-1])
+    ones = [np.ones((len(p), 1)) for p in pieces]
+    return np.array([coloured_gram(ones, [p[:, k] for p in pieces])[0, 0] for k in range(numbers)])
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSearch:
+    """Fits on the estimation part, judged on both.
+
+    Attributes:
+        estimation, held: the problem of each part.
+        always: what every fit frees: the lengths of a vehicle whose geometry nobody has given.
+    """
+
+    estimation: PoseProblem
+    held: PoseProblem
+    always: tuple[Candidate, ...] = ()
+
+    def fit(self, candidates: Sequence[Candidate]) -> Fitted:
+        """The numbers of all candidates together, estimated anew.
+
+        The standard errors come from the Jacobian and the known noise, or the errors left where
+        these are larger; and from what each window does to a number, where that varies by more:
+        tracks slip more the faster they go, and for seconds at a time.
+        """
+        free = tuple(sorted(k for c in (*self.always, *candidates) for k in c.slots))
+        keys = tuple(c.key for c in candidates)
+        mask = np.zeros(len(SLOTS), dtype=bool)
+        mask[list(free)] = True
+        best = levenberg_marquardt(
+            self.estimation.freeing(free),
+            np.array([s.start if k in free else s.null for k, s in enumerate(SLOTS)]),
+            free=mask,
+            lower=np.array([s.lower for s in SLOTS]),
+            upper=np.array([s.upper for s in SLOTS]),
+            max_evaluations=30,
+        )
+        J = best.jacobian[:, list(free)]
+        variance = max(float(np.mean(best.residual**2)), 1.0)
+        parts = self.estimation.errors(best.p), self.held.errors(best.p)
+        floor = self.estimation.noise.floor
+        errors = Errors(*(tuple(e / floor for e in part) for part in parts))
+        white = Errors(self.estimation.whitened(parts[0]), self.held.whitened(parts[1]))
+        bound = any(k in free for k in best.at_bound)
+        inverse = np.linalg.pinv(J.T @ J, hermitian=True) if free else np.zeros((0, 0))
+        grown = _memory(best.residual[:, None] * (J @ inverse), self.estimation.lengths)
+        size = np.sqrt(np.maximum(grown / np.maximum(variance * np.diag(inverse), 1e-300), 1.0))
+        covariance = variance * inverse * np.outer(size, size)
+        return Fitted(keys, best.p, covariance, free, errors, white, bound)

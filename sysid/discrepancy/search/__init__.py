@@ -1,0 +1,1 @@
+"""Which effects would explain what a model misses: candidates, search, naming, intervals."""

@@ -1,0 +1,71 @@
+"""What may be named: numbers away from their null and their bounds; and what is a tie."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Array
+from sysid.discrepancy.search.evidence import difference
+from sysid.discrepancy.search.named_sets import Node
+from sysid.discrepancy.search.supermodel import SuperModel
+from sysid.effects.catalogue import CHANGED, about
+
+TIE = 1.02
+"""Models whose errors are within this factor cannot be told apart, whatever the sample size."""
+
+KNOWN_TIE = 1.04
+"""The same for effects that the catalogue knows to be alike."""
+
+MOST_ABSORBED = (3.0, 20.0)
+"""A base does not absorb so much that its gain were too large or too small by more than these
+factors: small commands that hardly leave a dead zone make it far too small."""
+
+
+LATE = ("input-delay", "actuator-lag", "sensor-lag")
+"""Effects that only shift or smooth in time: below one sample they are how the log was sampled and
+differenced (a difference over a sample is half of one late), no part of the machine."""
+
+
+def beyond_a_sample(model: SuperModel, id: str, q: Array) -> NDArray[np.bool_]:
+    """Tracks on which an effect is later than sampling itself makes it, (tracks,)."""
+    found = np.ones(model.tracks, dtype=bool)
+    if id in LATE:
+        for k in model.of(id):
+            if model.slots[k].track >= 0:
+                found[model.slots[k].track] = q[k] > model.dt
+    return found
+
+
+def admissible(model: SuperModel, origin: Array, node: Node) -> bool:
+    """Whether the newest effect's numbers are away from their null and from their bounds."""
+    id = node.effects[-1]
+    mine = [k for k in node.free if model.slots[k].owner == id]
+    gains = [k for k in node.free if model.slots[k].name == "gain"]
+    if id not in ("unsigned-speed", CHANGED.id) and "unsigned-speed" not in node.effects:
+        moved = np.abs(node.q[gains] / origin[gains])
+        if np.any((moved < 1.0 / MOST_ABSORBED[0]) | (moved > MOST_ABSORBED[1])):
+            return False
+    if id in ("unsigned-speed", "sensor-saturation", CHANGED.id):
+        return True  # no number is searched, or the core's own are
+    if id == "input-delay":
+        return bool(beyond_a_sample(model, id, node.q).any())
+    if not beyond_a_sample(model, id, node.q).any():
+        return False
+    first = about(id).parameters[0].name
+    inside = []
+    for k in mine:
+        slot = model.slots[k]
+        width = slot.upper - slot.lower
+        value = node.q[k]
+        on_bound = min(value - slot.lower, slot.upper - value) < 1e-3 * width
+        if slot.null in (slot.lower, slot.upper) and abs(value - slot.null) < 1e-3 * width:
+            on_bound = slot.name == first and id not in ("dead-zone", "stiction")
+        inside.append((not on_bound, abs(value - slot.null) > 0.02 * slot.scale))
+    return all(a for a, _ in inside) and any(b for _, b in inside)
+
+
+def tied(best: Node, other: Node) -> bool:
+    """Whether the data cannot tell two models apart."""
+    t, ratio = difference(best.errors, other.errors)
+    a, b = best.effects[-1], other.effects[-1]
+    known = b in about(a).ties or a in about(b).ties
+    return ratio < (KNOWN_TIE if known else TIE) or (t < 2.0 and ratio < 1.1)

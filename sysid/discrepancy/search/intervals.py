@@ -1,0 +1,249 @@
+"""Intervals of an effect's numbers by profile likelihood: slopes say nothing where a run jumps.
+
+A dead zone's edge moves no sample until it passes a command; a gap's width moves the instant of a
+shock. The error is then a staircase in the number, its slope is zero or anything, and σ²(JᵀJ)⁻¹
+with it. So the number is held at values around its estimate, all others are fitted again, and the
+interval holds the values with
+
+    Σ_i n_i ln(V_i/V_i⁰) ≤ c
+
+V_i the mean squared error of output i, n_i the samples that its coloured errors are worth. c is the
+95 % point of the likelihood ratio: χ² with one degree of freedom, or, for numbers at which the run
+itself jumps, that of a threshold (Hansen 2000, Econometrica 68, 575: 7.35).
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.discrepancy.search.batched_search import refined, search
+from sysid.discrepancy.search.candidates import COARSE, POLISH
+from sysid.discrepancy.search.evidence import effective_samples
+from sysid.discrepancy.search.named_sets import Interval, Node
+from sysid.discrepancy.search.naming import NamingSearch
+from sysid.discrepancy.search.walkers import Drifted, drifted
+from sysid.effects.catalogue import CHANGED, effect
+
+LEVEL, THRESHOLD = 3.84, 7.35
+"""95 % points of the likelihood ratio: of a number the run depends on without jumps, and with."""
+
+STEPS = 2.0 ** np.arange(-7.0, 3.0)
+"""How far from its estimate a number is held at first, outwards, in units of its typical size."""
+
+HALVINGS = 4
+"""Rounds that then halve the stretch which holds an interval's end."""
+
+FITTED = 4
+"""Steps of the other numbers at every value held."""
+
+LOWER = 0.5
+"""A value held that raises the likelihood by more than this was the better estimate all along."""
+
+REPEATS = 2
+"""So many times at most the estimate moves to a better one."""
+
+ENDLESS = 100.0
+"""A null value beyond this stands for no limit at all."""
+
+SAME_RUN = 1e-9
+"""Runs that differ by less than this share of the speed do not depend on the number."""
+
+
+def intervals_of(base: NamingSearch, node: Node) -> tuple[Node, dict[int, Interval]]:
+    """Intervals of the numbers that effects free and slopes cannot judge, by slot.
+
+    Args:
+        base: the search around the model.
+        node: the model with its effects.
+
+    Returns:
+        (the node, moved where a value held explains more than its own; intervals).
+    """
+    found: dict[int, Interval] = {}
+    walked: Drifted | None = None
+    for _ in range(REPEATS + 1):
+        slots = _profiled(base, node)
+        if not slots:
+            return node, {}
+        ragged = tuple(k for k in slots if _ragged(base, k))
+        walk = _Walk(base, node, [k for k in slots if k not in ragged])
+        if ragged and walked is None:  # once: walkers go far, wherever they begin
+            walked = drifted(base, node, ragged, walk.joined)
+            walk.remember(walked.best)
+        found = ({} if walked is None else walked.intervals) | walk.intervals()
+        better = walk.better()
+        if better is None:
+            break
+        node = better
+    return node, found
+
+
+def _ragged(base: NamingSearch, k: int) -> bool:
+    """Whether a slot belongs to an effect whose likelihood no search descends."""
+    return any(p.stepwise for p in effect(base.model.slots[k].owner).parameters)
+
+
+def _profiled(base: NamingSearch, node: Node) -> tuple[int, ...]:
+    """Free slots of numbers with which a run changes by jumps or kinks."""
+    found = []
+    for k in node.free:
+        slot = base.model.slots[k]
+        if slot.owner in node.effects and slot.owner != CHANGED.id:
+            (p,) = (p for p in effect(slot.owner).parameters if p.name == slot.name)
+            if p.kinks or p.stepwise or p.jumps:
+                found.append(k)
+    return tuple(found)
+
+
+class _Walk:
+    """Outwards from the estimate of every number, both ways at once.
+
+    A lane holds the numbers of one name on all tracks, where tracks do not feel each other.
+    """
+
+    def __init__(self, base: NamingSearch, node: Node, slots: Sequence[int]) -> None:
+        self.base, self.node, self.model = base, node, base.model
+        self.tracks = range(self.model.tracks)
+        self.samples = effective_samples(node.errors.estimation)
+        self.cost = self._cost(node.q[None])[0]
+        self.best = np.zeros(self.model.tracks)
+        self.best_row = node.q.copy()
+        self.moves = self._seen(slots)
+        joined = any(self.model.slots[k].track < 0 for k in node.free)
+        self.joined = joined or "cross-coupling" in node.effects
+        names: dict[tuple[object, ...], list[int]] = {}
+        for k in self.moves:
+            s = self.model.slots[k]
+            names.setdefault((s.owner, s.name, k if self.joined else -1), []).append(k)
+        self.unseen = [k for k in slots if k not in self.moves]
+        self.lanes = [(tuple(group), side) for group in names.values() for side in (-1.0, 1.0)]
+
+    def _cost(self, rows: Array) -> Array:
+        data = self.base.data
+        runs = self.model.run(rows, data)
+        return np.asarray(np.sum((data.weight * (data.y - runs)) ** 2, axis=1))
+
+    def _seen(self, slots: Sequence[int]) -> list[int]:
+        """Slots on which the run depends anywhere between their bounds and null values."""
+        if not slots:
+            return []
+        rows = []
+        for k in slots:
+            s = self.model.slots[k]
+            for value in (s.lower, s.upper, s.null):
+                row = self.node.q.copy()
+                row[k] = value
+                rows.append(row)
+        data = self.base.data
+        runs = self.model.run(np.array(rows), data) * (data.weight > 0.0)
+        own = self.model.run(self.node.q, data)[0] * (data.weight > 0.0)
+        size = np.max(np.abs(own)) + 1e-300
+        apart = np.max(np.abs(np.nan_to_num(runs - own)), axis=(1, 2)).reshape(len(slots), -1)
+        return [k for k, a in zip(slots, apart, strict=True) if np.max(a) > SAME_RUN * size]
+
+    def _level(self, k: int) -> float:
+        s = self.model.slots[k]
+        (p,) = (p for p in effect(s.owner).parameters if p.name == s.name)
+        return THRESHOLD if p.jumps or p.stepwise else LEVEL
+
+    def intervals(self) -> dict[int, Interval]:
+        """Every number's interval."""
+        found = {k: Interval(None, None, visited=False) for k in self.unseen}
+        if not self.lanes:
+            return found
+        inside = [self.node.q.copy() for _ in self.lanes]
+        within = [{k: float(self.node.q[k]) for k in group} for group, _ in self.lanes]
+        beyond: list[dict[int, float | None]] = [dict.fromkeys(g) for g, _ in self.lanes]
+        for step in STEPS:
+            wanted = [
+                {k: self._stepped(k, side * float(step)) for k in group if beyond[i][k] is None}
+                for i, (group, side) in enumerate(self.lanes)
+            ]
+            self._tried(wanted, inside, within, beyond)
+        for _ in range(HALVINGS):
+            wanted = [
+                {k: 0.5 * (within[i][k] + end) for k in group if (end := beyond[i][k]) is not None}
+                for i, (group, _) in enumerate(self.lanes)
+            ]
+            self._tried(wanted, inside, within, beyond)
+        ends: dict[tuple[int, float], float | None] = {}
+        for i, (group, side) in enumerate(self.lanes):
+            for k in group:
+                ends[k, side] = beyond[i][k]
+        for k in self.moves:
+            found[k] = self._closed(k, ends[k, -1.0], ends[k, 1.0])
+        return found
+
+    def _closed(self, k: int, low: float | None, high: float | None) -> Interval:
+        """Ends that nothing contradicts are the number's bounds; towards no limit they are open."""
+        s = self.model.slots[k]
+        low = low if low is not None or s.null < -ENDLESS else s.lower
+        high = high if high is not None or s.null > ENDLESS else s.upper
+        return Interval(low, high)
+
+    def _stepped(self, k: int, share: float) -> float:
+        s = self.model.slots[k]
+        size = max(abs(float(self.node.q[k])), s.scale)
+        return float(np.clip(self.node.q[k] + share * size, s.lower, s.upper))
+
+    def _tried(
+        self,
+        wanted: Sequence[dict[int, float]],
+        inside: list[Array],
+        within: list[dict[int, float]],
+        beyond: list[dict[int, float | None]],
+    ) -> None:
+        """Hold numbers at the values wanted, fit the others, and sort the values."""
+        at = [i for i, w in enumerate(wanted) if w]
+        if not at:
+            return
+        rows, free = [], []
+        for i in at:
+            row = inside[i].copy()
+            for k, value in wanted[i].items():
+                row[k] = value
+            rows.append(row)
+            free.append(tuple(k for k in self.node.free if k not in self.lanes[i][0]))
+        fitted, cost = search(self.model, np.array(rows), free, self.base.data, FITTED, COARSE)
+        ratio = self.samples * np.log((cost + 1e-300) / (self.cost + 1e-300))
+        for i, row, change in zip(at, fitted, ratio, strict=True):
+            for k, value in wanted[i].items():
+                track = self.model.slots[k].track
+                whole = self.joined or track < 0
+                rise = float(np.sum(change)) if whole else float(change[track])
+                self._remember(row, change, None if whole else track)
+                if rise > self._level(k):
+                    beyond[i][k] = value
+                else:
+                    within[i][k] = value
+                    mine = [j for j, s in enumerate(self.model.slots) if whole or s.track == track]
+                    inside[i][mine] = row[mine]
+
+    def _remember(self, row: Array, change: Array, track: int | None) -> None:
+        """Keep what explains more than the estimate."""
+        if track is None:
+            if np.sum(change) < np.sum(self.best):
+                self.best, self.best_row = change.copy(), row.copy()
+        elif change[track] < self.best[track]:
+            mine = [j for j, s in enumerate(self.model.slots) if s.track == track]
+            self.best[track] = change[track]
+            self.best_row[mine] = row[mine]
+
+    def remember(self, row: Array) -> None:
+        """Keep what explains more than the estimate, found elsewhere."""
+        cost = self._cost(row[None])[0]
+        change = self.samples * np.log((cost + 1e-300) / (self.cost + 1e-300))
+        for track in [None] if self.joined else list(self.tracks):
+            self._remember(row, change, track)
+
+    def better(self) -> Node | None:
+        """The node at a value that explains clearly more than its own, if there was one."""
+        if np.sum(self.best) > -LOWER:
+            return None
+        q, cost = refined(self.model, self.best_row[None], [self.node.free], self.base.data, POLISH)
+        if not np.sum(self.samples * np.log((cost[0] + 1e-300) / (self.cost + 1e-300))) < -LOWER:
+            return None
+        found = self.base.node(self.node.effects, q[0], self.node.free, self.node.touched)
+        return replace(found, excluded=self.node.excluded)

@@ -1,0 +1,119 @@
+"""Sets of effects in the course of a search: fitted, judged, named."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Array
+from sysid.discrepancy.search.evidence import Errors, Evidence
+
+NORMAL = 1.96
+"""Half a 95 % interval in standard errors of a normal law."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A 95 % interval of one number.
+
+    Attributes:
+        low, high: its ends; None where the log does not contradict that there is no limit.
+        visited: whether the log depends on the number at all.
+    """
+
+    low: float | None
+    high: float | None
+    visited: bool = True
+
+    def std_error(self, value: float) -> float | None:
+        """The longer side in standard errors of a normal law; None where an end is open."""
+        if self.low is None or self.high is None or not self.visited:
+            return None
+        return max(self.high - value, value - self.low) / NORMAL
+
+    def times(self, factor: float) -> "Interval":
+        """That of the number in another unit."""
+        low, high = (None if v is None else factor * v for v in (self.low, self.high))
+        return Interval(low, high, self.visited)
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """A set of effects with its fitted super-model.
+
+    Attributes:
+        effects: ids in order of acceptance.
+        q: all slots, (slots,).
+        free: estimated slots.
+        errors: free-run errors of both parts.
+        touched: outputs that the newest effect changes.
+        excluded: effects that could not be told from an accepted one, not looked for again.
+    """
+
+    effects: tuple[str, ...]
+    q: Array
+    free: tuple[int, ...]
+    errors: Errors
+    touched: NDArray[np.bool_]
+    excluded: tuple[str, ...] = ()
+
+    @property
+    def held_rmse(self) -> float:
+        """Held-out RMSE over all outputs."""
+        return float(np.sqrt(np.nanmean(np.concatenate(self.errors.held) ** 2)))
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """An accepted effect: its evidence and what cannot be told from it.
+
+    Attributes:
+        id: in the catalogue.
+        evidence: against the model without it.
+        ties: effects that cannot be told from it.
+        touched: outputs on which it shows.
+        rivals: the fitted models of it and of its ties, by id.
+    """
+
+    id: str
+    evidence: Evidence
+    ties: tuple[str, ...]
+    touched: NDArray[np.bool_]
+    rivals: Mapping[str, Node]
+
+
+@dataclass(frozen=True, eq=False)
+class Naming:
+    """Outcome of the search.
+
+    Attributes:
+        base: the model before.
+        final: the model with all accepted effects.
+        named: accepted effects in order.
+        minor: effects that help a little but not enough to be proven, with their evidence.
+        candidates: score of every effect at the first stage, best first: the likelihood ratio
+            (in units of BIC) over both parts of the data.
+        intervals: of numbers whose standard error no slope tells, by slot.
+    """
+
+    base: Node
+    final: Node
+    named: tuple[Named, ...]
+    minor: tuple[tuple[str, Evidence], ...]
+    candidates: tuple[tuple[str, float], ...]
+    intervals: Mapping[int, Interval] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """A candidate with its evidence and score."""
+
+    node: Node
+    evidence: Evidence
+    score: float
+
+    @property
+    def id(self) -> str:
+        """The newest effect."""
+        return self.node.effects[-1]

@@ -1,0 +1,271 @@
+"""Naming: which effects of the catalogue are missing, found one at a time with proof."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.discrepancy.search.admission import beyond_a_sample, tied
+from sysid.discrepancy.search.batched_search import refined
+from sysid.discrepancy.search.candidates import POLISH, CandidateSearch, common_samples
+from sysid.discrepancy.search.evidence import Evidence, alike
+from sysid.discrepancy.search.named_sets import (
+    Judged,
+    Named,
+    Naming,
+    Node,
+)
+from sysid.discrepancy.search.starts import repeats_at_top
+from sysid.effects.base import Effect
+from sysid.effects.catalogue import about
+
+MOST_EFFECTS = 4
+BEAM = 2
+
+FAR_AHEAD = 4.0
+"""A rival is not grown when the leader's set scores so many times higher."""
+
+Progress = Callable[[str, float], None]
+"""(what is being done, share of the work done)."""
+
+Left = Callable[[Node], float]
+"""What one more effect must bring the held-out error of a model below, as a share of before; 0
+where nothing is left to explain."""
+
+
+class NamingSearch(CandidateSearch):
+    """The search over sets of effects on one system, one effect at a time."""
+
+    def run(
+        self,
+        base: Node,
+        effects: Sequence[Effect],
+        progress: Progress | None = None,
+        left: Left | None = None,
+        needed: float | None = None,
+    ) -> Naming:
+        """Grow one effect at a time in a small beam while the rule accepts, then drop.
+
+        Args:
+            base: the model before.
+            effects: those to try.
+            progress: told what is being done.
+            left: how far one more effect must bring the held-out error of a model down.
+            needed: the same for the first one.
+        """
+        say = progress or (lambda text, share: None)
+        left = left or (lambda node: self.needed)
+        say("trying every effect", 0.0)
+        self.origin = base.q
+        judged = self.candidates(base, effects)
+        first = tuple((j.id, j.score) for j in judged)
+        passed = [j for j in self._passing(judged) if j.evidence.ratio < (needed or self.needed)]
+        beam = (
+            passed[:1] + [j for j in passed[1:] if j.id not in passed[0].node.excluded][: BEAM - 1]
+        )
+        if not beam:
+            return Naming(base, base, (), self._minor(judged), first)
+        minor = self._minor(judged)
+        best, grown_minor = self._grown(base, beam[0].node, effects, say, left)
+        minor = grown_minor if grown_minor is not None else minor
+        for rival in beam[1:]:
+            # the likeliest first effect may be a stand-in: try the next one where much is left
+            ours, theirs = self._totals(base, (best, rival.node))
+            if ours > FAR_AHEAD * theirs or left(best) < self.needed:
+                break
+            say(f"starting from {rival.id} instead", 0.6)
+            other, other_minor = self._grown(base, rival.node, effects, say, left)
+            if self.best_of(base, (best, other)) is other:
+                best, minor = other, other_minor if other_minor is not None else minor
+        best = self._with_seen_clip(base, self.polished(best), judged)
+        say("dropping and swapping", 0.85)
+        best = self.pruned(base, best)
+        named = self.account(base, best, effects, judged)
+        while len(named) > 1 and (unsound := self._unsound(best, named)):
+            # the effect that the others need least; what remains is fitted and judged again
+            weakest = max(unsound, key=lambda n: n.evidence.delta_bic)
+            best = self.without(best, weakest.id)
+            named = self.account(base, best, effects, judged)
+        say("done", 1.0)
+        return Naming(base, best, named, minor, first)
+
+    def _grown(
+        self,
+        base: Node,
+        node: Node,
+        effects: Sequence[Effect],
+        say: Progress,
+        left: Left,
+    ) -> tuple[Node, tuple[tuple[str, Evidence], ...] | None]:
+        """A node with effects added one at a time; and what was minor when it grew no more."""
+        minor, tidied = None, 1
+        while len(node.effects) < MOST_EFFECTS and (needed := left(node)) > 0.0:
+            if len(node.effects) > tidied:
+                tidied = len(node.effects)
+                other = self._swapped(base, node, effects)
+                if other is not node:
+                    node = other
+                    continue
+            say(f"{', '.join(node.effects)}: looking for more", 0.2 * len(node.effects))
+            judged = self.candidates(node, effects)
+            minor = self._minor(judged)
+            passed = [j for j in self._passing(judged) if j.evidence.ratio < needed]
+            if not passed or self.best_of(base, (node, passed[0].node)) is node:
+                break
+            node = passed[0].node
+            if self.stepwise & set(node.effects[:-1]):  # held while the newest effect was tried
+                node = replace(self.polished(node), excluded=node.excluded)
+        return node, minor
+
+    def _swapped(self, base: Node, node: Node, effects: Sequence[Effect]) -> Node:
+        """Earlier effects exchanged for what is like them where a later one has shown them wrong.
+
+        What could not be told from another at first may well be told beside a second effect.
+        """
+        for id in node.effects[:-1]:
+            likely = [e for e in effects if id in e.ties or e.id in about(id).ties]
+            likely = [e for e in likely if e.id not in node.effects]
+            if not likely:
+                continue
+            judged = self.candidates(self.without(node, id), likely)
+            fits = [j.node for j in judged if self.admissible(j.node)]
+            best = self.best_of(base, [node, *fits])
+            if best is not node and not alike(best.errors, node.errors):
+                order = tuple(best.effects[-1] if e == id else e for e in node.effects)
+                node = replace(best, effects=order, excluded=node.excluded)
+        return node
+
+    def _with_seen_clip(self, base: Node, best: Node, judged: Sequence[Judged]) -> Node:
+        """A clip that is seen in the readings belongs to the model unless it makes it worse.
+
+        It comes first: it needs no inference, and what else is named has to go with it.
+        """
+        data, id = self.data, "sensor-saturation"
+        clipped = [
+            repeats_at_top(data.y[data.weight[:, i] > 0.0, i]) for i in range(self.model.tracks)
+        ]
+        seen = next((j for j in judged if j.id == id and j.evidence.accepted), None)
+        if seen is None or not any(clipped):
+            return best
+        q = best.q.copy()
+        for k in self.model.of(id):
+            q[k] = seen.node.q[k]
+        rest = tuple(e for e in best.effects if e != id)
+        found, _ = refined(self.model, q[None], [best.free], data, POLISH)
+        node = self.node((id, *rest), found[0], best.free)
+        return self.best_of(base, (node, best))
+
+    def _passing(self, judged: Sequence[Judged]) -> list[Judged]:
+        """Accepted candidates, the most likely first; nearly equal ones by fewest numbers."""
+        passed = [j for j in judged if j.evidence.accepted and self.admissible(j.node)]
+        passed.sort(key=lambda j: -j.score)
+        if not passed:
+            return []
+        top = passed[0]
+        close = [
+            j
+            for j in passed
+            if alike(top.node.errors, j.node.errors)
+            or (j.id in about(top.id).ties and about(top.id).rare and tied(top.node, j.node))
+        ]
+        lead = min(
+            close,
+            key=lambda j: (len(j.node.free), about(j.id).shared, about(j.id).rare, -j.score),
+        )
+        ordered = [lead, *(j for j in passed if j is not lead)]
+        return [self._with_excluded(j, passed) for j in ordered[:BEAM]] + ordered[BEAM:]
+
+    def _with_excluded(self, mine: Judged, passed: Sequence[Judged]) -> Judged:
+        same = tuple(
+            j.id for j in passed if j.id != mine.id and alike(mine.node.errors, j.node.errors)
+        )
+        return replace(mine, node=replace(mine.node, excluded=(*mine.node.excluded, *same)))
+
+    def _minor(self, judged: Sequence[Judged]) -> tuple[tuple[str, Evidence], ...]:
+        return tuple(
+            (j.id, j.evidence)
+            for j in judged
+            if j.evidence.significant
+            and self.needed <= j.evidence.ratio < 0.98
+            and self.admissible(j.node)
+        )
+
+    def best_of(self, base: Node, nodes: Sequence[Node]) -> Node:
+        """The likeliest of several sets against the base; the first of equals."""
+        scores = self._totals(base, nodes)
+        return nodes[int(np.argmax(scores))]
+
+    def _totals(self, base: Node, nodes: Sequence[Node]) -> list[float]:
+        """Scores of whole sets against the base, with one effective sample size for all."""
+        samples = common_samples(nodes)
+        return [self.likelihood(base, n, samples) for n in nodes]
+
+    def pruned(self, base: Node, node: Node) -> Node:
+        """Drop effects that the others have made needless."""
+        while len(node.effects) > 1:
+            rests = [self.without(node, id) for id in node.effects]
+            best = self.best_of(base, rests)
+            evidence = self.evidence(best, self._beside(node, best), 1)
+            if evidence.significant and evidence.ratio < 0.97:
+                break
+            node = best
+        return node
+
+    def account(
+        self, base: Node, node: Node, effects: Sequence[Effect], first: Sequence[Judged]
+    ) -> tuple[Named, ...]:
+        """Each accepted effect against the model without it, and what ties with it there."""
+        named = []
+        for id in node.effects:
+            if len(node.effects) == 1:
+                judged: Sequence[Judged] = first
+                # one that a swap or a drop has left alone may not be among the first candidates
+                found = next((j for j in first if j.id == id), None)
+                mine = found or self._in_place(node, base, first, len(effects))
+            else:
+                likely = (id, *about(id).ties, *(j.id for j in first[:4]))
+                others = [
+                    e
+                    for e in effects
+                    if e.id == id or (e.id in likely and e.id not in node.effects)
+                ]
+                rest = self.without(node, id)
+                judged = self.candidates(rest, others, most=4)
+                mine = self._in_place(node, rest, judged, len(effects))
+            ties = tuple(
+                j.id
+                for j in judged
+                if j.id != id
+                and j.evidence.accepted
+                and self.admissible(j.node)
+                and tied(mine.node, j.node)
+            )
+            rivals = {id: mine.node} | {j.id: j.node for j in judged if j.id in (id, *ties)}
+            named.append(Named(id, mine.evidence, ties, mine.node.touched, rivals))
+        return tuple(named)
+
+    def _beside(self, node: Node, rest: Node) -> Node:
+        """The node with the effect that ``rest`` lacks as its newest, and the tracks it acts on."""
+        (id,) = set(node.effects) - set(rest.effects)
+        at = [self.model.slots[k].track for k in self.model.of(id) if node.q[k] != rest.q[k]]
+        touched = np.array([i in at or -1 in at for i in range(self.model.tracks)])
+        return replace(node, effects=(*rest.effects, id), touched=touched)
+
+    def _unsound(self, node: Node, named: Sequence[Named]) -> list[Named]:
+        """Effects that may not stand: all where a gain is chance, else delays that have shrunk."""
+        if not all(n.evidence.significant for n in named):
+            return list(named)
+        return [n for n in named if not beyond_a_sample(self.model, n.id, node.q).any()]
+
+    def _in_place(self, node: Node, rest: Node, judged: Sequence[Judged], tried: int) -> Judged:
+        """The effect that ``rest`` lacks as it stands in the node, or as found anew.
+
+        Found anew where that explains more; a search from nothing may not find it at all.
+        """
+        whole = self._beside(node, rest)
+        anew = [j for j in judged if j.id == whole.effects[-1]]
+        samples = common_samples([whole, *(j.node for j in anew)])
+        score = self.likelihood(rest, whole, samples)
+        if anew and self.likelihood(rest, anew[0].node, samples) >= score:
+            return anew[0]
+        return Judged(whole, self.evidence(rest, whole, tried, samples), score)

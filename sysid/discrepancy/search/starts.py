@@ -1,0 +1,262 @@
+"""Where the search for an effect starts: catalogue values, and values read off the data."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.discrepancy.search.supermodel import Data, SuperModel
+from sysid.effects.base import Effect
+from sysid.effects.catalogue import CHANGED
+from sysid.structures.blocks.sign_recovery import LAGS, recovered
+
+PILE_UP = 0.01
+"""Share of the samples that must lie at the largest reading before it counts as a clip level."""
+
+BELL_UP = 1.6
+"""How many times more readings lie in a bell at the top than below, for a clip behind noise."""
+
+REPEATED = 0.004
+"""Share of the samples that must be exactly the largest reading, for a clip without noise."""
+
+LINES = np.geomspace(0.3, 20.0, 240)
+"""Waves a rad of wheel angle that are looked for in the errors."""
+
+WEAKENING = ("dead-zone", "input-saturation", "coulomb-friction", "stiction", "concave-gain")
+"""Effects that a plain base has absorbed in its gain: starts with a larger one, too."""
+
+
+def starts_of(
+    model: SuperModel, e: Effect, q: Array, errors: Array, data: Data, fixed_core: bool = False
+) -> list[Array]:
+    """Starting values of all slots for the search of one effect.
+
+    Args:
+        model: simulation.
+        e: effect to be tried.
+        q: numbers of the model without it, (slots,).
+        errors: its free-run errors on the data, (M, tracks).
+        data: estimation records.
+        fixed_core: whether the core's numbers stay as they are.
+    """
+    if e.id == CHANGED.id:
+        return _other_cores(model, q)
+    found = _starts_of(model, e, q, errors, data)
+    if not fixed_core:
+        return found
+    for row in found:
+        row[list(model.of("core"))] = q[list(model.of("core"))]
+    return list(np.unique(np.array(found), axis=0)) if found else []
+
+
+def _starts_of(model: SuperModel, e: Effect, q: Array, errors: Array, data: Data) -> list[Array]:
+    if e.id == "unsigned-speed":
+        return _signless(model, e, q, data)
+    if e.id == "sensor-saturation":
+        return _from_pile_up(model, e, q, data)
+    if e.id == "speed-ripple":
+        return _from_waves(model, e, q, errors, data)
+    found = []
+    for values in model.starts(e):
+        row = q.copy()
+        for slot, value in values.items():
+            row[slot] = value
+        found.append(row)
+    if e.id in WEAKENING:
+        found += [_stronger(model, row) for row in found]
+    return found
+
+
+def _other_cores(model: SuperModel, q: Array) -> list[Array]:
+    """Larger and smaller gains, faster and slower time constants."""
+    found = []
+    for gain, power in ((0.75, 1.0), (1.3, 1.0), (1.0, 0.6), (1.0, 1.6)):
+        row = q.copy()
+        for i in range(model.tracks):
+            row[model.place["core", "gain", i]] *= gain
+            f1 = model.place["core", "f1", i]
+            row[f1] = -(abs(row[f1]) ** power)
+        found.append(row)
+    return found
+
+
+def _stronger(model: SuperModel, row: Array, factor: float = 1.3) -> Array:
+    out = row.copy()
+    for i in range(model.tracks):
+        out[model.place["core", "gain", i]] *= factor
+    return out
+
+
+def _signless(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]:
+    """A base fitted to signless readings is worth nothing: cores with the signs put back.
+
+    One start for each first guess of the signs, track by track (see ``sign_recovery``).
+    """
+    found = []
+    for lag in LAGS:
+        row = q.copy()
+        for i in range(model.tracks):
+            drives, sizes = data.split(data.drive[:, [i]]), data.split(data.y[:, i])
+            A, (B,), _ = recovered(
+                drives,
+                [np.abs(y) for y in sizes],
+                [w > 0.0 for w in data.split(data.weight[:, i])],
+                model.order,
+                [(1, model.order)],
+                lag,
+            )
+            size = float(A.sum())
+            gain = float(B.sum()) / size if abs(size) > 1e-9 else 0.0
+            if not np.isfinite(gain) or gain == 0.0:
+                continue
+            row[model.place["core", "gain", i]] = gain
+            for k in range(model.order):
+                row[model.place["core", f"f{k + 1}", i]] = float(A[k + 1])
+            for k in range(1, model.order):
+                row[model.place["core", f"b{k + 1}", i]] = float(B[k]) / gain
+            row[model.place[e.id, "on", i]] = 1.0
+        found.append(row)
+    return found + (_ringing(model, e, q, data) if model.order == 3 else [])
+
+
+def _ringing(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]:
+    """Third-order cores with a resonance, where signs that change fast cannot be put back."""
+    found = []
+    for turn in (0.3, 0.6, 1.0):
+        for radius in (0.9, 0.97):
+            for real in (0.85, 0.96):
+                row = q.copy()
+                poles = [real, radius * np.exp(1j * turn), radius * np.exp(-1j * turn)]
+                f = np.real(np.poly(poles))
+                for i in range(model.tracks):
+                    y, d = np.abs(data.y[:, i]), np.abs(data.drive[:, i])
+                    row[model.place["core", "gain", i]] = float(y.mean()) / max(d.mean(), 1e-9)
+                    for k in range(3):
+                        row[model.place["core", f"f{k + 1}", i]] = float(f[k + 1])
+                    for k in range(1, 3):
+                        row[model.place["core", f"b{k + 1}", i]] = 0.0
+                    row[model.place[e.id, "on", i]] = 1.0
+                found.append(row)
+    return found
+
+
+def _from_pile_up(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]:
+    """The clip level is where readings pile up, not what least squares would like it to be."""
+    levels = np.array(
+        [clip_level(data.y[data.weight[:, i] > 0.0, i], data.noise[i]) for i in range(model.tracks)]
+    )
+    if not np.isfinite(levels).any():
+        return []
+    row = q.copy()
+    for i, level in enumerate(levels):
+        slot = model.place[e.id, "limit", i]
+        if np.isfinite(level):
+            row[slot] = min(level, model.slots[slot].upper)
+    return [row, _stronger(model, row), _stronger(model, row, 1.8)]
+
+
+def clip_level(y: Array, noise: float = 0.0) -> float:
+    """Size of the largest readings when they pile up in a narrow band, else infinite.
+
+    A clipped sensor shows a flat top: one largest value comes again and again, or, where noise
+    enters behind the clip, many more readings lie within the noise of the top than in the bands
+    below it.
+
+    Args:
+        y: readings, (N,).
+        noise: their standard deviation beyond the clip.
+    """
+    size = np.abs(y)
+    if repeats_at_top(size):
+        return float(size.max())
+    top = float(np.quantile(size, 0.995))
+    if top <= 0.0:
+        return np.inf
+    width, ratio = 0.04 * top, 3.0
+    if noise > 0.3 * width:
+        # the pile is a bell as wide as the noise, and the top lies on its far slope
+        width = 3.0 * noise
+        bands = np.linspace(top - 2.0 * width, top, 81)
+        counts = [int(np.sum(np.abs(size - b) < 0.5 * width)) for b in bands]
+        top = float(bands[int(np.argmax(counts))]) + 0.5 * width
+        ratio = BELL_UP
+    high = float(np.mean(size > top - width))
+    below = [
+        float(np.mean((size > top - (k + 2) * width) & (size <= top - (k + 1) * width)))
+        for k in range(4)
+    ]
+    usual = max(float(np.mean(below)), 1e-9)
+    if high < PILE_UP or high < ratio * usual:
+        return np.inf
+    if (high - usual) * len(size) < 5.0 * np.sqrt(usual * len(size)):
+        return np.inf
+    return float(np.median(size[size > top - width]))
+
+
+def repeats_at_top(y: Array) -> bool:
+    """Whether one and the same largest reading comes again and again: a clip that is seen."""
+    values, counts = np.unique(np.abs(y), return_counts=True)
+    return bool(
+        len(values) > 8
+        and counts[-1] > REPEATED * len(y)
+        and counts[-1] > 4.0 * np.mean(counts[-5:-1])
+    )
+
+
+def _from_waves(model: SuperModel, e: Effect, q: Array, errors: Array, data: Data) -> list[Array]:
+    """The strongest waves of the errors over the wheel's angle, track by track.
+
+    The angle comes from the readings, or from the model where the readings drift at rest.
+    """
+    run = data.y - errors
+    simulated = (np.cumsum(run, axis=0) - 0.5 * run) * model.dt
+    found = []
+    for of_wheel, angle in ((0.0, data.counted), (1.0, simulated)):
+        waves = [
+            _waves(angle[:, i], errors[:, i] * data.weight[:, i], data.weight[:, i])
+            for i in range(model.tracks)
+        ]
+        for rank in range(2):
+            row = q.copy()
+            for i in range(model.tracks):
+                line, cosine, sine = waves[i][rank]
+                for name, value in (
+                    ("cosine", cosine),
+                    ("sine", sine),
+                    ("per_turn", line),
+                    ("of_wheel", of_wheel),
+                ):
+                    row[model.place[e.id, name, i]] = value
+            found.append(row)
+    return found
+
+
+def _waves(angle: Array, errors: Array, weight: Array) -> list[tuple[float, float, float]]:
+    """(waves a rad, cosine, sine) of the two strongest."""
+    total = max(float(np.sum(weight)), 1.0)
+
+    def power(lines: Array) -> tuple[Array, Array, Array]:
+        turned = np.exp(1j * lines[:, None] * angle) @ errors * (2.0 / total)
+        return np.abs(turned), turned.real, turned.imag
+
+    size, _, _ = power(LINES)
+    found = []
+    for _ in range(2):
+        best = LINES[int(np.argmax(size))]
+        fine = best * np.linspace(0.97, 1.03, 61)
+        at, c, s = power(fine)
+        k = int(np.argmax(at))
+        found.append((float(fine[k]), float(c[k]), float(s[k])))
+        size = np.where(np.abs(np.log(LINES / best)) < 0.1, 0.0, size)
+    return found
+
+
+def free_slots(model: SuperModel, e: Effect, tracks: Sequence[int]) -> tuple[int, ...]:
+    """Slots of an effect that a search moves, on some of the tracks."""
+    fixed = {p.name for p in e.parameters if p.choice}
+    return tuple(
+        k
+        for k in model.of(e.id)
+        if model.slots[k].name not in fixed
+        and (model.slots[k].track < 0 or model.slots[k].track in tracks)
+    )

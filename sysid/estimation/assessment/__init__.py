@@ -1,0 +1,1 @@
+"""What a fitted model is worth and what it does: figures, step answer, findings, advice."""

@@ -1,0 +1,209 @@
+"""What a user should know about a fit, unasked: sentences that need a model to be written."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.criteria.verdicts import ResidualReport, ResidualTest
+from sysid.errors import Termination
+from sysid.estimation.assessment.figures import Figures
+from sysid.estimation.selection.soundness import INTEGRATING, motion_doubts
+from sysid.structures.model import Model, unvisited
+
+GOOD_PREDICTION = 80.0
+"""One-step fit [%] from which a poor free run deserves a warning."""
+
+FALL = 25.0
+"""Percentage points between one-step and free-run fit that deserve one."""
+
+WORSE = 1.05
+"""Errors over those of the mean from which their ratio is worth a number."""
+
+CANCELLING = 0.02
+"""Distance below which a pole and a zero cancel for all practical purposes."""
+
+MAX_SENTENCES = 12
+
+
+def advice(
+    model: Model,
+    free_run: Figures,
+    one_step: Figures,
+    validation: Figures | None,
+    residuals: ResidualReport,
+) -> tuple[str, ...]:
+    """All warnings about one fit, the gravest first.
+
+    Args:
+        model: the fitted model.
+        free_run, one_step: figures on the estimation data.
+        validation: free-run figures on held-out data, if there are any.
+        residuals: residual tests on the estimation data.
+    """
+    found = [
+        *_useless(free_run, validation),
+        *_ending(model, residuals),
+        *_stability(model),
+        *_information(model),
+        *_simulation(free_run, one_step),
+        *_held_out(free_run, validation),
+        *_cancellation(model),
+        *_residuals(model, residuals),
+    ]
+    return tuple(found[:MAX_SENTENCES])
+
+
+def _useless(free_run: Figures, validation: Figures | None) -> list[str]:
+    """Outputs that a constant would foretell better than the model does."""
+    found = []
+    for name, inside in free_run.fit_percent.items():
+        outside = inside if validation is None else validation.fit_percent.get(name, inside)
+        fit, where = min((inside, "its own data"), (outside, "the validation data"))
+        if not fit < 0.0:
+            continue
+        times = 1.0 - fit / 100.0
+        worse = f"errs {times:.3g} times as much as" if times >= WORSE else "does no better than"
+        found.append(
+            f"{name}: this model is useless for running freely: on {where} it {worse} the constant "
+            f"mean of {name} (fit {fit:.5g} %). Look for wrong columns, signs, units and jumps "
+            "with `sysid inspect`, then for another structure."
+        )
+    return found
+
+
+def _ending(model: Model, residuals: ResidualReport) -> list[str]:
+    found = []
+    if model.termination is Termination.MAX_ITERATIONS:
+        found.append(model.termination.value)
+    tested = {t.output: t for t in residuals.held}
+    for name in model.at_bound:
+        held = tested.pop(name, None)
+        found.append(
+            f"Parameter {name} ended on its bound: widen the bound or doubt the structure."
+            if held is None
+            else held.sentence
+        )
+    return found + [t.sentence for t in tested.values() if not t.passed]
+
+
+def _stability(model: Model) -> list[str]:
+    if model.stable:
+        longest = max((x.samples for x in model.provenance.data), default=0)
+        slow = motion_doubts(model.structure, model.theta, longest, model.dt)
+        return [
+            f"{clause[0].upper()}{clause[1:]}: over these data it cannot be told from a level or "
+            "a drift; lower the orders or record longer."
+            for clause in slow
+        ]
+    poles = model.structure.properties(model.theta, model.dt).get("poles", [])
+    worst = max((p["abs"] for p in poles), default=float("nan"))
+    if worst < INTEGRATING:
+        return [
+            f"The model integrates (largest pole at radius {worst:.5f}): its free run drifts "
+            "with any error; differentiate the output or fit its rate."
+        ]
+    return [
+        f"The free run of this model is unstable (largest pole at radius {worst:.4f}): lower "
+        "the orders, or fit it with `sysid fit --stable` or `sysid fit --focus simulation`."
+    ]
+
+
+def _information(model: Model) -> list[str]:
+    found = []
+    alone = [name for d in model.null_directions if (name := unvisited(d))]
+    if alone:
+        shown = ", ".join(alone[:6]) + (" …" if len(alone) > 6 else "")
+        why = "the input does not excite it" if model.structure.linear else "no sample goes there"
+        found.append(
+            f"The data hold no information about {shown}: {why}. Record data that do, or leave it "
+            "out of the model."
+        )
+    together = "their inputs move together" if len(model.inputs) > 1 else "only their sum counts"
+    for direction in model.null_directions:
+        if unvisited(direction):
+            continue
+        names = sorted(direction, key=lambda n: -abs(direction[n]))
+        shown = ", ".join(names[:6]) + (" …" if len(names) > 6 else "")
+        found.append(
+            f"The data hold no information about a combination of {shown}: {together}, or too "
+            "little is excited. The smallest such values were taken; a richer input (sysid excite) "
+            "tells them apart."
+        )
+    table = [p for p in model.parameter_table() if not p.fixed]
+    vague = [p.name for p in table if np.isfinite(p.std_error) and p.std_error > abs(p.value)]
+    if len(vague) > len(table) // 2 and table:
+        shown = ", ".join(vague[:6]) + (" …" if len(vague) > 6 else "")
+        found.append(
+            f"{len(vague)} of {len(table)} parameters are smaller than their standard error "
+            f"({shown}): lower the orders or record more."
+        )
+    return found
+
+
+def _simulation(free_run: Figures, one_step: Figures) -> list[str]:
+    found = []
+    for name, predicted in one_step.fit_percent.items():
+        simulated = free_run.fit_percent[name]
+        if predicted >= GOOD_PREDICTION and not predicted - simulated <= FALL:
+            found.append(
+                f"{name}: one step ahead the fit is {predicted:.1f} % but in free run only "
+                f"{simulated:.1f} %: a good predictor, not a good simulator. Try oe, "
+                "`sysid fit --focus simulation` or a nonlinear structure."
+            )
+    return found
+
+
+def _held_out(free_run: Figures, validation: Figures | None) -> list[str]:
+    if validation is None:
+        return []
+    found = []
+    for name, inside in free_run.fit_percent.items():
+        outside = validation.fit_percent.get(name, float("nan"))
+        if np.isfinite(inside) and np.isfinite(outside) and inside - outside > FALL:
+            found.append(
+                f"{name}: the free-run fit falls from {inside:.1f} % on the estimation data to "
+                f"{outside:.1f} % on the validation data: too many parameters, or the two logs "
+                "cover different operating ranges."
+            )
+    return found
+
+
+def _cancellation(model: Model) -> list[str]:
+    facts = model.structure.properties(model.theta, model.dt)
+    if "zeros" not in facts or len(model.inputs) != 1 or len(model.outputs) != 1:
+        return []
+    poles = [complex(p["re"], p["im"]) for p in facts["poles"]]
+    zeros = [complex(z["re"], z["im"]) for z in facts["zeros"]]
+    pairs = [p for p in poles if any(abs(p - z) < CANCELLING for z in zeros)]
+    if not pairs:
+        return []
+    at = ", ".join(f"{p.real:.3f}{p.imag:+.3f}j" if p.imag else f"{p.real:.3f}" for p in pairs[:2])
+    return [f"A pole and a zero nearly cancel (at {at}): one order lower will do as well."]
+
+
+def _residuals(model: Model, report: ResidualReport) -> list[str]:
+    failed: Sequence[str] = [t.output for t in report.independence if not t.passed]
+    found = []
+    if failed:
+        found.append(
+            f"The residuals of {', '.join(failed)} still depend on the input: dynamics, delay or "
+            "a nonlinearity is missing."
+        )
+    white = [t.output for t in report.whiteness if t.judged and not t.passed]
+    if white and model.structure.has_noise_model:
+        found.append(
+            f"The residuals of {', '.join(white)} are not white: the noise model is too simple "
+            "(standard errors use the sandwich form)."
+        )
+    return found + _nonlinear(report)
+
+
+def _nonlinear(report: ResidualReport) -> list[str]:
+    """What the tests of nonlinear models found, the clearest sign of each output."""
+    alarms: dict[str, ResidualTest] = {}
+    for t in report.nonlinear:
+        if t.judged and not t.passed:
+            before = alarms.setdefault(t.output, t)
+            if t.p_value < before.p_value:
+                alarms[t.output] = t
+    return [t.sentence for t in alarms.values()]

@@ -1,0 +1,247 @@
+"""Error figures of a model on data, each with its horizon, initial-state policy and data."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from sysid.criteria.fit import fit_percent, rmse
+from sysid.criteria.nonlinear import further_tests
+from sysid.criteria.residuals import residual_report
+from sysid.criteria.verdicts import ResidualReport
+from sysid.data.record import Array, Record
+from sysid.errors import UsageError
+from sysid.estimation.assessment.robust_judging import judged
+from sysid.estimation.levels.states import (
+    estimated_columns,
+    held_tests,
+    level_column,
+    uncertain_columns,
+)
+from sysid.estimation.pem import head_window
+from sysid.structures.model import Model
+
+JACOBIAN_NUMBERS = 20_000_000
+"""Largest samples × parameters for which the tests project the model's Jacobian out; longer
+records are tested on their first part, which is said."""
+
+
+class Start(Enum):
+    """Where the free run starts on data: the initial-state policy of every figure."""
+
+    ESTIMATED = "estimated"
+    MEASURED = "measured"
+    ZERO = "zero"
+
+
+@dataclass(frozen=True)
+class Figures:
+    """How far a model is from data.
+
+    Attributes:
+        data: which data, in words.
+        horizon: prediction horizon in samples, None for the free run.
+        initial_state: the initial-state policy, in words.
+        samples: samples that count.
+        left_out: samples that do not, because a reading or a disturbance stands out of a robust
+            fit there.
+        fit_percent: 100(1 − ‖y−ŷ‖/‖y−ȳ‖) by output; NaN where y is constant.
+        rmse: root mean squared error by output, in the output's unit.
+    """
+
+    data: str
+    horizon: int | None
+    initial_state: str
+    samples: int
+    fit_percent: Mapping[str, float]
+    rmse: Mapping[str, float]
+    left_out: int = 0
+
+    @property
+    def mean_fit(self) -> float:
+        """Mean fit of the outputs that vary."""
+        values = [v for v in self.fit_percent.values() if np.isfinite(v)]
+        return float(np.mean(values)) if values else float("nan")
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON-able values; non-finite numbers as null."""
+        return {
+            "data": self.data,
+            "horizon": "free-run" if self.horizon is None else self.horizon,
+            "initial_state": self.initial_state,
+            "samples": self.samples,
+            "left_out": self.left_out,
+            "fit_percent": {k: _finite(v) for k, v in self.fit_percent.items()},
+            "rmse": {k: _finite(v) for k, v in self.rmse.items()},
+        }
+
+
+def outputs(
+    model: Model, record: Record, horizon: int | None, start: Start, skip: int = 0
+) -> Array:
+    """The model's outputs on a record under one policy, (N, ny); NaN where it predicts nothing."""
+    window = _window(model, start, skip)
+    if horizon is not None:
+        return model.predict(record, horizon, window)
+    model.check(record)
+    x0 = model.fitted_state(record, window) if window else None
+    return model.simulate(record.u, x0, record.t0)
+
+
+def figures(
+    model: Model,
+    records: Sequence[Record],
+    data: str,
+    horizon: int | None = None,
+    start: Start = Start.ESTIMATED,
+    skip: int = 0,
+) -> Figures:
+    """Fit and RMSE of a model on records, pooled over them.
+
+    What stands out of the errors of a robustly fitted model is left out and counted.
+
+    Args:
+        model: the model.
+        records: experiments, each with its own initial state.
+        data: what to call these data.
+        horizon: k-step-ahead prediction, or None for the free run; a model without inputs has
+            none and is judged one step ahead.
+        start: initial-state policy.
+        skip: samples at the head of each record left out of the figures; they may set the
+            initial state.
+
+    Raises:
+        UsageError: ``skip`` leaves nothing of any record.
+    """
+    require_left(records, skip)
+    if not model.inputs and horizon is None:
+        horizon = 1
+    records = judged(model, records)
+    left_out = [~r.counted for r in records]
+    with np.errstate(over="ignore", invalid="ignore"):
+        runs = [
+            np.where(out[:, None], np.nan, outputs(model, r, horizon, start, skip))
+            for r, out in zip(records, left_out, strict=True)
+        ]
+        ys = [r.y for r in records]
+        fits, errors = fit_percent(ys, runs, skip), rmse(ys, runs, skip)
+    counted = sum(int(np.sum(np.all(np.isfinite(run[skip:]), axis=1))) for run in runs)
+    names = records[0].output_names
+    return Figures(
+        data=data,
+        horizon=horizon,
+        initial_state=_sentence(model, start, skip, max(map(len, records))),
+        samples=counted,
+        fit_percent=dict(zip(names, fits.tolist(), strict=True)),
+        rmse=dict(zip(names, errors.tolist(), strict=True)),
+        left_out=sum(int(np.sum(out[skip:])) for out in left_out),
+    )
+
+
+def require_left(records: Sequence[Record], skip: int) -> None:
+    """Refuse to skip every sample there is.
+
+    Raises:
+        UsageError: ``skip`` leaves nothing of any record.
+    """
+    longest = max(records, key=len)
+    if skip >= len(longest):
+        raise UsageError(
+            f"--skip {skip} leaves nothing of {longest.name}, which has {len(longest)} samples "
+            "to judge on; skip fewer"
+        )
+
+
+def residual_tests(
+    model: Model, records: Sequence[Record], *, fitted: bool = True
+) -> ResidualReport:
+    """Residual tests; what the fit took from these data, and nothing else, is projected out.
+
+    Nonlinear structures have to stand Billings & Voon's further tests as well.
+
+    Args:
+        model: the model.
+        records: the data to test on.
+        fitted: whether the model was fitted to these data. On others nothing is projected out;
+            what the parameters' uncertainty puts into the residuals is allowed for instead.
+    """
+    plain = [model.detrend.remove(r) for r in judged(model, records)]
+    room = max(JACOBIAN_NUMBERS // max(len(model.theta), 1), 1000)
+    kept: list[Record] = []
+    for r in plain:
+        if room > 0:
+            kept.append(r.rows(0, min(len(r), room)))
+            room -= len(kept[-1])
+    window = head_window(model.structure, model.theta)
+    errors = [
+        # an outlier is no error of the model: it counts as none
+        np.where(r.left_out, 0.0, model.structure.errors(model.theta, r.u, r.y, window))
+        for r in kept
+    ]
+    jacobians = [
+        [model.structure.gradient_columns(model.theta, r.u, r.y, i) for r in kept]
+        for i in range(model.structure.ny)
+    ]
+    inputs, names = [r.u for r in kept], [c.name for c in model.inputs]
+    part = estimated_columns if fitted else uncertain_columns
+    parts = [
+        [
+            np.column_stack([part(model, c, i), level_column(model, r, i, fitted)])
+            for r, c in zip(kept, columns, strict=True)
+        ]
+        for i, columns in enumerate(jacobians)
+    ]
+    absorbed, uncertain = (parts, None) if fitted else (None, parts)
+    report = residual_report(
+        errors,
+        inputs,
+        absorbed,
+        noise_model=model.structure.has_noise_model,
+        output_names=[c.name for c in model.outputs],
+        input_names=names,
+        uncertain=uncertain,
+    )
+    if fitted:
+        report = replace(report, held=held_tests(model, errors, jacobians, report.level))
+    if model.structure.linear:
+        return report
+    further = [
+        further_tests(
+            [e[:, i] for e in errors],
+            inputs,
+            absorbed[i] if absorbed else None,
+            level=1.0 - (1.0 - report.level) / len(model.outputs),
+            noise_model=model.structure.has_noise_model,
+            output_name=channel.name,
+            input_names=names,
+            uncertain=uncertain[i] if uncertain else None,
+        )
+        for i, channel in enumerate(model.outputs)
+    ]
+    # one kind after the other, as the linear ones
+    return replace(report, nonlinear=tuple(t for kind in zip(*further, strict=True) for t in kind))
+
+
+def _window(model: Model, start: Start, skip: int) -> int:
+    if start is Start.ZERO:
+        return 0
+    if start is Start.MEASURED:
+        return model.structure.n_states(model.theta)
+    return head_window(model.structure, model.theta, skip)
+
+
+def _sentence(model: Model, start: Start, skip: int, longest: int) -> str:
+    window = _window(model, start, skip)
+    if window == 0:
+        return "zero" if start is Start.ZERO else "none (the model has no memory)"
+    if window == model.structure.n_states(model.theta):
+        return f"measured outputs of the first {window} samples"
+    if window >= longest:
+        return f"estimated from all {longest} samples"
+    return f"estimated from the first {window} samples"
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

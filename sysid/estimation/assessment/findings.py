@@ -1,0 +1,186 @@
+"""Everything there is to say about a fitted model, as one JSON-able document."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from sysid.criteria.verdicts import ResidualReport
+from sysid.data.record import Record
+from sysid.estimation.assessment.advice import advice
+from sysid.estimation.assessment.figures import (
+    Figures,
+    Start,
+    figures,
+    residual_tests,
+)
+from sysid.estimation.assessment.operating_range import beyond_range
+from sysid.estimation.assessment.own_motion import own_modes
+from sysid.estimation.assessment.robust_judging import judged
+from sysid.estimation.assessment.step_response import StepResponse, step_responses
+from sysid.structures.model import Model
+
+
+@dataclass(frozen=True, eq=False)
+class DataFigures:
+    """Figures of one model on one set of data under one initial-state policy.
+
+    Attributes:
+        free_run: free-run simulation.
+        one_step: one-step prediction.
+        k_step: further horizons asked for.
+    """
+
+    free_run: Figures
+    one_step: Figures
+    k_step: tuple[Figures, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Free-run figures at the top, the others beside them."""
+        return {
+            **self.free_run.to_json(),
+            "one_step": self.one_step.to_json(),
+            "k_step": [f.to_json() for f in self.k_step],
+        }
+
+
+@dataclass(frozen=True)
+class Policy:
+    """How figures are made: initial states, skipped samples, further horizons."""
+
+    start: Start = Start.ESTIMATED
+    skip: int = 0
+    horizons: tuple[int, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """{initial_state, skip, horizons}."""
+        return {
+            "initial_state": self.start.value,
+            "skip": self.skip,
+            "horizons": list(self.horizons),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """A model with its figures, residual tests, what it does to a step, and warnings."""
+
+    model: Model
+    estimation: DataFigures
+    validation: DataFigures | None
+    residuals: ResidualReport
+    warnings: tuple[str, ...]
+    seconds: float
+    chosen: Mapping[str, Any] = field(default_factory=dict)
+    policy: Policy = field(default_factory=Policy)
+    steps: tuple[StepResponse, ...] = ()
+
+    @property
+    def judged(self) -> DataFigures:
+        """Figures on validation data where there are any, else on estimation data."""
+        return self.validation or self.estimation
+
+    def to_json(self) -> dict[str, Any]:
+        """The fit report without the model's id and path; non-finite numbers may occur."""
+        m = self.model
+        return {
+            "structure": m.structure.name,
+            "orders": m.structure.order_values(),
+            "parameters": [
+                {
+                    "name": p.name,
+                    "value": p.value if p.visited else None,
+                    "std_error": p.std_error,
+                    "unit": p.unit,
+                    "fixed": p.fixed,
+                    "at_bound": p.at_bound,
+                }
+                for p in m.parameter_table()
+            ],
+            "policy": self.policy.to_json(),
+            "estimation": self.estimation.to_json(),
+            "validation": None if self.validation is None else self.validation.to_json(),
+            "one_step": {
+                "estimation": self.estimation.one_step.to_json(),
+                "validation": (
+                    None if self.validation is None else self.validation.one_step.to_json()
+                ),
+            },
+            "criteria": dict(m.criteria),
+            "residuals": self.residuals.as_dict(),
+            "termination": {"code": m.termination.code, "message": m.termination.value},
+            "properties": m.structure.properties(m.theta, m.dt),
+            "own_modes": [mode.to_json() for mode in own_modes(m)],
+            "step_response": [s.to_json() for s in self.steps],
+            "equations": list(m.equations()),
+            "sample_time": m.dt,
+            "offsets": m.detrend.to_json() | m.level.to_json() | {"text": m.level_sentence()},
+            "n_estimated": m.n_estimated,
+            "starts": [asdict(s) for s in m.starts],
+            "order_search": dict(self.chosen),
+            "seconds": self.seconds,
+            "warnings": list(self.warnings),
+        }
+
+
+def figures_on(model: Model, records: Sequence[Record], data: str, policy: Policy) -> DataFigures:
+    """Free run, one step and further horizons on one set of data, under one policy."""
+    records = judged(model, records)
+
+    def at(horizon: int | None) -> Figures:
+        return figures(model, records, data, horizon, policy.start, policy.skip)
+
+    return DataFigures(at(None), at(1), tuple(at(k) for k in policy.horizons))
+
+
+def assess(
+    model: Model,
+    estimation: tuple[Sequence[Record], str],
+    validation: tuple[Sequence[Record], str] | None,
+    policy: Policy,
+    seconds: float,
+    chosen: Mapping[str, Any] | None = None,
+    notes: Sequence[str] = (),
+) -> Assessment:
+    """Figures, residual tests and warnings of one model.
+
+    Args:
+        model: fitted model.
+        estimation: the estimation records and what to call them.
+        validation: the same for held-out data, or None.
+        policy: how figures are made.
+        seconds: what the fit took.
+        chosen: facts about the order search.
+        notes: warnings known before.
+    """
+    inside = figures_on(model, *estimation, policy)
+    outside = None if validation is None else figures_on(model, *validation, policy)
+    beyond = () if validation is None else beyond_range(model, judged(model, validation[0]))
+    struck = 0 if outside is None else outside.one_step.left_out
+    residuals = residual_tests(model, estimation[0])
+    spoken = advice(
+        model,
+        inside.free_run,
+        inside.one_step,
+        None if outside is None else outside.free_run,
+        residuals,
+    )
+    return Assessment(
+        model,
+        inside,
+        outside,
+        residuals,
+        (*notes, *model.warnings, *_left_out(struck), *beyond, *spoken),
+        seconds,
+        chosen or {},
+        policy,
+        step_responses(model),
+    )
+
+
+def _left_out(samples: int) -> tuple[str, ...]:
+    """What the figures on validation data do not count."""
+    if samples == 0:
+        return ()
+    seen = "1 sample stands" if samples == 1 else f"{samples} samples stand"
+    was = "was" if samples == 1 else "were"
+    return (f"{seen} out of the validation data and {was} left out of the figures.",)

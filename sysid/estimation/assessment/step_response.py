@@ -1,0 +1,430 @@
+"""What a model does to a step of its input: gain, time constants, dead time, settling time.
+
+These are the numbers by which a person knows their machine. Each comes with a standard error by
+the delta method.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.data.record import Array, Channel
+from sysid.data.unit_words import bracketed
+from sysid.estimation.assessment.delta_method import delta_errors
+from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.model import Model
+
+SETTLED = 0.02
+"""A step has settled when it stays within this share of its final change (the usual 2 %)."""
+
+LEVELS = (0.25, 0.5, 1.0)
+"""Steps that a nonlinear model is asked for, as shares of the largest input it has seen."""
+
+STARTING_LENGTH, LONGEST = 256, 16_384
+"""Samples of a first run, and of the longest: doubled until the run has settled."""
+
+QUIET = 1e-3
+"""A run has settled when its last quarter moves by less than this share of the whole change."""
+
+RAMP = 0.15
+"""The last quarter of a ramp is a quarter of it; a slow mode that still creeps moves by less."""
+
+VISIBLE_MODE = 0.02
+"""A mode that carries less than this share of the final value is not seen in a step."""
+
+RESOLVED = np.pi / 2.0
+"""Largest angle of a pole that swings, a quarter of the sampling rate: with fewer than four
+samples a period a pair of poles is noise or a delay, not a motion that anybody saw."""
+
+MOVES = 1e-6
+"""Share of the final change from which an answer has begun."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number and its standard error; infinite where the data say nothing about it."""
+
+    value: float
+    std_error: float
+
+
+@dataclass(frozen=True)
+class StepResponse:
+    """The answer of one output to a step of one input, the other inputs at their base.
+
+    Attributes:
+        input, output: names of the channels.
+        start, level: the input before and after the step, in its unit.
+        share: the level as a share of the largest input seen; None for a linear model, whose
+            gain and times are the same at every level.
+        gain: final change of the output per unit of input; of its rate [1/s] when it integrates.
+        unit: unit of the gain.
+        file_factor: gain in the units of the file = file_factor × gain.
+        file_unit: unit of the gain in the file's units; empty where nothing was converted.
+        time_constants: of the modes that a step shows, the slowest first [s].
+        oscillation: natural frequency [rad/s] and damping of the slowest oscillating mode.
+        dead_time: time before the output answers [s].
+        rise: time from the first answer to 63 % of the change [s].
+        settling: time after which the output stays within 2 % of its final change [s].
+        integrates: whether the output runs away at a constant rate.
+        settles: whether it comes to rest, or to a constant rate, at all.
+    """
+
+    input: str
+    output: str
+    start: float
+    level: float
+    share: float | None
+    gain: Estimate
+    unit: str
+    file_factor: float
+    file_unit: str
+    time_constants: tuple[Estimate, ...]
+    oscillation: tuple[Estimate, Estimate] | None
+    dead_time: float
+    rise: Estimate
+    settling: Estimate
+    integrates: bool
+    settles: bool
+
+    def to_json(self) -> dict[str, Any]:
+        """All of it as a JSON object; numbers that are not finite are left to the writer."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, raw: Mapping[str, Any]) -> "StepResponse":
+        """Undo ``to_json``; null is a number that is not defined."""
+
+        def estimate(pair: Mapping[str, Any]) -> Estimate:
+            return Estimate(
+                *(np.nan if pair[k] is None else pair[k] for k in ("value", "std_error"))
+            )
+
+        swing = raw["oscillation"]
+        dead = raw["dead_time"]
+        return cls(
+            **{
+                **raw,
+                **{k: estimate(raw[k]) for k in ("gain", "rise", "settling")},
+                "dead_time": np.nan if dead is None else dead,
+                "time_constants": tuple(estimate(t) for t in raw["time_constants"]),
+                "oscillation": None if swing is None else (estimate(swing[0]), estimate(swing[1])),
+            }
+        )
+
+
+def step_responses(model: Model) -> tuple[StepResponse, ...]:
+    """What every input does to every output, with standard errors.
+
+    A linear model is asked once for each pair; a nonlinear one at a small, a half and the full
+    input seen, from zero, or from the smallest input seen where zero was not.
+
+    Args:
+        model: the fitted model.
+
+    Returns:
+        Output by output, input by input, the small steps first; nothing for a model without
+        inputs, and no pair whose input cannot reach the output.
+    """
+    linear = isinstance(model.structure, PolynomialStructure)
+    found = [
+        answer
+        for j in range(len(model.inputs))
+        for share in ((None,) if linear else LEVELS)
+        for answer in _answers_to(model, j, share)
+    ]
+    names = [c.name for c in model.outputs]
+    return tuple(sorted(found, key=lambda r: names.index(r.output)))
+
+
+@dataclass(frozen=True)
+class _Run:
+    """Numbers read off one step: what the delta method differentiates."""
+
+    gain: float
+    dead: float
+    rise: float
+    settling: float
+    integrates: bool
+    settles: bool
+
+
+def _answers_to(model: Model, j: int, share: float | None) -> list[StepResponse]:
+    """What a step of input j does to every output it reaches."""
+    start, level = _levels(model, j, share)
+    if level == start:
+        return []
+    reached = [i for i in range(len(model.outputs)) if _reaches(model, i, j)]
+    poles = {i: _visible_poles(model, i, j) for i in reached}
+    slowest = max((_slowest(p) for p in poles.values()), default=0.0)
+    runs, length = _settled_runs(model, j, start, level, slowest)
+
+    def numbers(theta: Array) -> Array:
+        with np.errstate(all="ignore"):
+            y = _response(model, theta, j, start, level, length)
+            found: list[float] = []
+            for i in reached:
+                run = _read(y[:, i], model.dt, level - start)
+                found += [run.gain, run.rise, run.settling]
+                moved = _followed(model, theta, i, j, poles[i])
+                found += _mode_numbers(moved, poles[i], model.dt)
+        return np.array(found)
+
+    centre = numbers(model.theta)
+    errors = delta_errors(model, numbers, centre)
+    rest = iter(Estimate(float(v), float(s)) for v, s in zip(centre, errors, strict=True))
+    answers = []
+    for i in reached:
+        u, y, run = model.inputs[j], model.outputs[i], runs[i]
+        gain, rise, settling = next(rest), next(rest), next(rest)
+        times, oscillation = _modes(poles[i], rest)
+        unit, file_unit = _gain_units(u, y, run.integrates)
+        answers.append(
+            StepResponse(
+                input=u.name,
+                output=y.name,
+                start=start,
+                level=level,
+                share=share,
+                gain=gain,
+                unit=unit,
+                file_factor=u.scale / y.scale,
+                file_unit=file_unit,
+                time_constants=times,
+                oscillation=oscillation,
+                dead_time=_dead_time(model, i, j, run),
+                rise=rise,
+                settling=settling,
+                integrates=run.integrates,
+                settles=run.settles,
+            )
+        )
+    return answers
+
+
+def _levels(model: Model, j: int, share: float | None) -> tuple[float, float]:
+    """The input before and after the step."""
+    low, high = model.ranges[j] if len(model.ranges) else (0.0, 1.0)
+    if share is None:
+        return 0.0, 1.0
+    if low <= 0.0 <= high:
+        return 0.0, float(share * (high if high > 0.0 else low))
+    return float(low), float(low + share * (high - low))
+
+
+def _response(model: Model, theta: Array, j: int, start: float, level: float, length: int) -> Array:
+    """All outputs after a step of input j, less what they were before, (length, ny)."""
+    structure = model.structure
+    if isinstance(structure, PolynomialStructure):  # superposition: a step from rest
+        u = np.zeros((length, structure.nu))
+        u[:, j] = level - start
+        return structure.simulate(theta, u)
+    u = np.zeros((2 * length, structure.nu))
+    u[:, j] = start
+    u[length:, j] = level
+    y = structure.simulate(theta, model.detrend.remove_input(u, np.zeros(len(u))))
+    return np.asarray(y[length:] - y[length - 1])
+
+
+def _settled_runs(
+    model: Model, j: int, start: float, level: float, slowest: float
+) -> tuple[list[_Run], int]:
+    """The numbers of a run long enough for every output to settle, and its length in samples."""
+    length = STARTING_LENGTH
+    while length < min(6.0 * slowest, LONGEST):
+        length *= 2
+    while True:
+        with np.errstate(all="ignore"):
+            y = _response(model, model.theta, j, start, level, length)
+            runs = [_read(column, model.dt, level - start) for column in y.T]
+        if length >= LONGEST or all(run.settles for run in runs):
+            return runs, length
+        length *= 2
+
+
+def _read(y: Array, dt: float, step: float) -> _Run:
+    """Gain and times of one response; y[0] is the sample of the step itself."""
+    tail = y[-len(y) // 4 :]
+    whole = float(np.max(np.abs(y)))
+    if not np.isfinite(whole):
+        return _Run(np.nan, np.nan, np.nan, np.nan, False, False)
+    if whole == 0.0:
+        return _Run(0.0, np.nan, np.nan, np.nan, False, True)
+    rates = np.diff(tail) / dt
+    spread = float(np.ptp(tail))
+    if spread <= QUIET * whole:
+        change, shape, integrates = float(tail[-1]), y, False
+        gain = change / step
+    elif spread > RAMP * whole and np.ptp(rates) <= QUIET * float(np.max(np.abs(np.diff(y)))) / dt:
+        shape = np.diff(y, prepend=y[:1]) / dt  # the rate of an integrating output
+        change, integrates = float(rates[-1]), True
+        gain = change / step
+    else:
+        return _Run(float(y[-1]) / step, np.nan, np.nan, np.nan, False, False)
+    if abs(change) < MOVES * whole:  # comes back to where it was: a washout has no gain
+        return _Run(gain, np.nan, np.nan, np.nan, integrates, True)
+    share = shape / change
+    first = int(np.argmax(np.abs(share) > MOVES))
+    dead = max(first - 1, 0) * dt
+    rise = _crossing(share, first, 1.0 - np.exp(-1.0)) * dt - dead
+    outside = np.flatnonzero(np.abs(share - 1.0) > SETTLED)
+    settling = 0.0 if not len(outside) else _return(share, int(outside[-1])) * dt
+    return _Run(gain, dead, rise, settling, integrates, True)
+
+
+def _crossing(share: Array, first: int, level: float) -> float:
+    """Sample, with its fraction, at which a response first crosses a level."""
+    k = first + int(np.argmax(share[first:] >= level))
+    if k == 0 or share[k] == share[k - 1]:
+        return float(k)
+    return k - 1 + float((level - share[k - 1]) / (share[k] - share[k - 1]))
+
+
+def _return(share: Array, k: int) -> float:
+    """Sample, with its fraction, after which a response stays inside the band; k is outside."""
+    if k + 1 >= len(share):
+        return float(k)
+    outside, inside = abs(share[k] - 1.0), abs(share[k + 1] - 1.0)
+    return k + float((outside - SETTLED) / max(outside - inside, 1e-300))
+
+
+# Modes of a linear model
+
+
+def _reaches(model: Model, i: int, j: int) -> bool:
+    """Whether an input has a path to an output at all; of a nonlinear model nobody knows."""
+    structure = model.structure
+    return not isinstance(structure, PolynomialStructure) or any(
+        g.output == i and j in g.inputs and bool(np.any(g.num[g.inputs.index(j)]))
+        for g in structure.transfer(model.theta).groups
+    )
+
+
+def _entry(model: Model, theta: Array, i: int, j: int) -> tuple[Array, Array] | None:
+    """Numerator and denominator from input j to output i in powers of q⁻¹."""
+    structure = model.structure
+    if not isinstance(structure, PolynomialStructure):
+        return None
+    for g in structure.transfer(theta).groups:
+        if g.output == i and j in g.inputs:
+            return g.num[g.inputs.index(j)], g.den
+    return np.zeros(1), np.ones(1)
+
+
+def _visible_poles(model: Model, i: int, j: int) -> "np.ndarray[Any, Any] | None":
+    """Poles that a step shows, the slowest first, one of each complex pair; None if nonlinear.
+
+    The k-th mode of Σ rₖ/(1 − pₖ q⁻¹) carries rₖ/(1 − pₖ) of the final value.
+    """
+    entry = _entry(model, model.theta, i, j)
+    if entry is None:
+        return None
+    num, den = entry
+    poles = np.roots(np.trim_zeros(den, "b"))
+    poles = poles[np.abs(poles) > 0.0]
+    carried = []
+    for k, p in enumerate(poles):
+        others = np.prod(1.0 - np.delete(poles, k) / p)
+        top = np.polyval(num[::-1], 1.0 / p)
+        with np.errstate(all="ignore"):
+            carried.append(abs(top / others / (1.0 - p)) if others else np.inf)
+    total = float(np.sum(num)) / float(np.sum(den)) if float(np.sum(den)) else np.inf
+    kept = [
+        p
+        for p, share in zip(poles, carried, strict=True)
+        if p.imag >= 0.0
+        and (p.real > 0.0 if p.imag == 0.0 else np.angle(p) <= RESOLVED)
+        and not share < VISIBLE_MODE * (abs(total) if np.isfinite(total) else 0.0)
+    ]
+    return np.array(sorted(kept, key=lambda p: -abs(p)))
+
+
+def _followed(
+    model: Model, theta: Array, i: int, j: int, poles: "np.ndarray[Any, Any] | None"
+) -> "np.ndarray[Any, Any] | None":
+    """The same poles at another θ: each time the nearest."""
+    if poles is None or not len(poles):
+        return poles
+    entry = _entry(model, theta, i, j)
+    assert entry is not None
+    found = np.roots(np.trim_zeros(entry[1], "b"))
+    return np.array([found[np.argmin(np.abs(found - p))] for p in poles])
+
+
+def _mode_numbers(
+    poles: "np.ndarray[Any, Any] | None", like: "np.ndarray[Any, Any] | None", dt: float
+) -> list[float]:
+    """Of every pole its time constant, or its natural frequency and its damping.
+
+    Which of them is told by the poles at θ̂, ``like``: near a double root a real pair turns complex
+    and back with the smallest change of θ, and the numbers must stay the same ones.
+    """
+    numbers: list[float] = []
+    for p, kind in zip(() if poles is None else poles, () if like is None else like, strict=True):
+        s = np.log(complex(p)) / dt
+        if kind.imag:
+            numbers += [float(abs(s)), float(-s.real / abs(s))]
+        else:
+            numbers.append(float(-1.0 / s.real) if s.real else float("inf"))
+    return numbers
+
+
+def _modes(
+    poles: "np.ndarray[Any, Any] | None", rest: Iterator[Estimate]
+) -> tuple[tuple[Estimate, ...], tuple[Estimate, Estimate] | None]:
+    times: list[Estimate] = []
+    oscillation: tuple[Estimate, Estimate] | None = None
+    for p in () if poles is None else poles:
+        if p.imag:
+            pair = (next(rest), next(rest))
+            oscillation = oscillation or pair
+        else:
+            times.append(next(rest))
+    return tuple(times), oscillation
+
+
+def _slowest(poles: "np.ndarray[Any, Any] | None") -> float:
+    """Longest time constant of the visible poles in samples; 0 when unknown."""
+    if poles is None or not len(poles):
+        return 0.0
+    decay = -np.log(np.abs(poles))
+    slow = float(np.min(decay, initial=np.inf))
+    return 1.0 / slow if slow > 0.0 else 0.0
+
+
+def _dead_time(model: Model, i: int, j: int, run: _Run) -> float:
+    """Time before the output answers [s]: delays whose coefficients are noise count as waiting."""
+    structure = model.structure
+    if not isinstance(structure, PolynomialStructure) or structure.orders.coupled:
+        return run.dead
+    first = structure.orders.nk[i][j]
+    name = f"b{{}}[{model.outputs[i].name},{model.inputs[j].name}]"
+    if structure.nu == structure.ny == 1:
+        name = "b{}"
+    table = {p.name: p for p in model.parameter_table()}
+    for lag in range(first, first + structure.orders.nb[i][j]):
+        p = table[name.format(lag)]
+        if (p.fixed and p.value) or abs(p.value) > 2.0 * p.std_error:
+            return max(lag - 1, 0) * model.dt
+    return run.dead
+
+
+# Units
+
+
+def _gain_units(u: Channel, y: Channel, integrates: bool) -> tuple[str, str]:
+    """Unit of the gain in the model's units and, where something was converted, in the file's."""
+    own = _per(y.unit or y.name, u.unit or u.name, integrates)
+    if u.scale == y.scale == 1.0:
+        return own, ""
+    top, bottom = y.file_words or y.unit or y.name, u.file_words or u.unit or u.name
+    return own, _per(top, bottom, integrates)
+
+
+def _per(top: str, bottom: str, integrates: bool) -> str:
+    """``rpm/V``; a unit that holds a fraction itself gets brackets."""
+    if integrates:
+        top = f"{bracketed(top)}/s"
+    return f"{bracketed(top)}/{bracketed(bottom)}"

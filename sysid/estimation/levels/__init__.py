@@ -1,0 +1,1 @@
+"""What a log's offsets are: removed, known or estimated."""

@@ -1,0 +1,123 @@
+"""Which directions of θ a fit really estimated: what residual tests may, and may not, project out.
+
+A parameter that was fixed, or that a bound stopped, absorbed nothing of the residuals; projecting
+its gradient out would hide a wrong value. Directions without information need no care: their
+columns of the gradient are zero within the tolerance of the projector.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.criteria.fit import Array
+from sysid.criteria.held_parameters import Held, held_parameter_tests
+from sysid.criteria.verdicts import ResidualTest
+from sysid.data.record import Index, Record
+from sysid.structures.linear.constant_input import (
+    constant_places,
+    widened_theta,
+    with_constant,
+    with_ones,
+)
+from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.model import Model
+
+
+def held_entries(model: Model) -> Index:
+    """Entries of θ that were fixed or ended on a bound."""
+    stuck = set(model.at_bound)
+    return np.array(
+        [k for k, p in enumerate(model.parameters) if p.fixed is not None or p.name in stuck],
+        dtype=int,
+    )
+
+
+def estimated_columns(model: Model, columns: Array, output: int) -> Array:
+    """The columns of one output's gradient that belong to estimated parameters, (N, k)."""
+    index = model.structure.gradient_index(model.theta, output)
+    return columns[:, ~np.isin(index, held_entries(model))]
+
+
+def uncertain_columns(model: Model, columns: Array, output: int) -> Array:
+    """G√P: what the parameters' uncertainty puts into predictions of data not fitted to, (N, k).
+
+    Entries without information (infinite variance) count as known: they are part of the model, and
+    data that contradict them contradict the model.
+    """
+    index = model.structure.gradient_index(model.theta, output)
+    variance = np.diag(model.covariance)[index]
+    sure = ~np.isin(index, held_entries(model)) & np.isfinite(variance) & (variance > 0.0)
+    entries = index[sure]
+    spread = np.sqrt(variance[sure])
+    correlation = model.covariance[np.ix_(entries, entries)] / np.outer(spread, spread)
+    values, vectors = np.linalg.eigh(correlation)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    return np.asarray((columns[:, sure] * spread) @ root)
+
+
+def level_column(model: Model, record: Record, output: int, fitted: bool) -> Array:
+    """∂ŷ/∂c of an estimated level, (N, 1), or no column.
+
+    On data not fitted to it is scaled by the level's standard error; that the level's error goes
+    with those of other parameters is left out.
+
+    Args:
+        model: the model.
+        record: without its offsets: about them the constant is zero.
+        output: number of the output.
+        fitted: whether the model was fitted to these data.
+    """
+    s = model.structure
+    if not model.level.estimated or not isinstance(s, PolynomialStructure):
+        return np.zeros((len(record), 0))
+    wide = with_constant(s, tuple(k == output for k in range(s.ny)))
+    r, theta = with_ones(record), widened_theta(wide, model.theta)
+    columns = wide.gradient_columns(theta, r.u, r.y, output)
+    place = int(constant_places(wide)[0][0] - wide.row_index(output)[0])
+    scale = 1.0
+    if not fitted:
+        error = model.level.y_error[output] if model.level.y_error else 0.0
+        scale = float(s.polynomials(model.theta).A[output][output].sum()) * error
+    return np.asarray(columns[:, [place]] * (scale if np.isfinite(scale) else 1.0))
+
+
+def held_tests(
+    model: Model, errors: Sequence[Array], jacobians: Sequence[Sequence[Array]], level: float
+) -> tuple[ResidualTest, ...]:
+    """Whether the data agree with what the user fixed and with what a bound stopped.
+
+    What a structure holds by itself (a mechanism it left out) is a choice of structure, which the
+    other tests judge.
+
+    Args:
+        model: the fitted model.
+        errors: its residuals on the estimation data, (N, ny) each record.
+        jacobians: all its gradient columns, by output and record.
+        level: confidence level over all of them.
+    """
+    entries = held_entries(model)
+    own = model.structure.parameters(model.inputs, model.outputs)
+    asked = np.array([k for k in entries if own[k].fixed is None], dtype=int)
+    if not len(asked):
+        return ()
+    held = [
+        Held(p.name, float(model.theta[k]), p.lower, p.upper, p.fixed is None)
+        for k, p in enumerate(model.parameters)
+        if k in asked
+    ]
+    n, ny = len(model.theta), len(model.outputs)
+    whole = []
+    for r, e in enumerate(errors):
+        columns = np.zeros((len(e), ny, n))
+        for i in range(ny):
+            columns[:, i, model.structure.gradient_index(model.theta, i)] = jacobians[i][r]
+        whole.append(columns)
+    kept = np.setdiff1d(np.arange(n), entries)
+    return held_parameter_tests(
+        errors,
+        [w[:, :, kept] for w in whole],
+        [w[:, :, asked] for w in whole],
+        held,
+        noise_model=model.structure.has_noise_model,
+        level=level,
+    )

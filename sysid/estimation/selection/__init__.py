@@ -1,0 +1,1 @@
+"""Choosing orders, delays and structures, and comparing models."""

@@ -1,0 +1,324 @@
+"""Ranking models on equal terms: the same data, the same samples, one initial-state policy."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.criteria import table
+from sysid.criteria.information import information_criteria, on_common_samples
+from sysid.data.record import Record
+from sysid.errors import ModelError
+from sysid.estimation.assessment.figures import residual_tests
+from sysid.estimation.assessment.findings import DataFigures, Policy, figures_on
+from sysid.estimation.assessment.robust_judging import judged_errors
+from sysid.estimation.selection.soundness import doubts_about, leader, relative_gap
+from sysid.fitting.holdout import CLOSE
+from sysid.structures.model import Model
+
+
+@dataclass(frozen=True, eq=False)
+class Contender:
+    """A stored model and what is known about it.
+
+    Attributes:
+        id: its name in the workspace.
+        model: the model.
+        records: its estimation data read again, or None when they are gone or have changed.
+        report: what was said about it when it was fitted.
+        held: what it was judged on then, read again; None where that is gone or unknown.
+    """
+
+    id: str
+    model: Model
+    records: tuple[Record, ...] | None
+    report: Mapping[str, Any]
+    held: tuple[Record, ...] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Ranked:
+    """One line of a ranking."""
+
+    contender: Contender
+    value: float
+    criteria: Mapping[str, float]
+    figures: Mapping[str, Any]
+    residuals: Mapping[str, Any] | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """{model, structure, orders, fit_percent, aic, …, residuals}; no criterion hides a key."""
+        m = self.contender.model
+        return {
+            **self.criteria,
+            "model": self.contender.id,
+            "structure": m.structure.name,
+            "orders": m.structure.order_values(),
+            "n": m.n_estimated,
+            "fit_percent": self.figures["fit_percent"],
+            "rmse": self.figures["rmse"],
+            "figures": self.figures,
+            "residuals": self.residuals,
+            "doubts": list(doubts_about(m).clauses),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """Comparable models by one criterion, and those that cannot be compared, with the reason.
+
+    Attributes:
+        criterion: what ranked.
+        lines: the models, the first by the criterion first.
+        excluded: id → why it cannot be compared.
+        notes: what to know about the ranking.
+        data: what the models were judged on.
+        best: the one to take: the first, unless its free run drifts, it holds a mode longer than
+            its data, or its search was given up, and a settled one is as good.
+    """
+
+    criterion: str
+    lines: tuple[Ranked, ...]
+    excluded: Mapping[str, str]
+    notes: tuple[str, ...]
+    data: str
+    best: Ranked
+
+
+def compare(
+    contenders: Sequence[Contender],
+    criterion: str,
+    validation: tuple[Sequence[Record], str] | None,
+    policy: Policy | None = None,
+) -> Ranking:
+    """Rank models by a criterion.
+
+    ``fit`` and ``rmse`` rank by the free run on the validation data (or, without any, on the data
+    each model was judged on when it was fitted). Information criteria rank by one-step errors on
+    the estimation data, over the samples that all compared models predict, and only models
+    fitted to the same data: the others are excluded, and it is said why.
+
+    Raises:
+        ModelError: there is nothing to compare.
+        UsageError: the criterion is unknown.
+    """
+    criterion, ranks = table.known_name(criterion), table.criterion(criterion)
+    policy = policy or Policy()
+    if not contenders:
+        raise ModelError("there is no model to compare; run `sysid fit` first")
+    notes: list[str] = [] if validation is None else _seen_before(contenders, validation[0])
+    excluded: dict[str, str] = {}
+    figures: dict[str, dict[str, Any]] = {}
+    for c in contenders:
+        try:
+            figures[c.id] = _figures(c, validation, policy)
+        except ModelError as error:
+            excluded[c.id] = str(error)
+    usable = [c for c in contenders if c.id in figures]
+    if not ranks.of_free_run or validation is None:
+        usable = _same_data(usable, excluded)
+    if not usable:
+        raise ModelError("no model can be compared: " + "; ".join(excluded.values()))
+    if validation is None and len({figures[c.id]["data"] for c in usable}) > 1:
+        notes.append(
+            "Not all of these models were judged on the same held-out data, so the figures are "
+            "those on the data they were fitted to: give --val LOG."
+        )
+        for c in usable:
+            figures[c.id] = _figures_made(c, "estimation", policy)
+    criteria = _criteria(usable, notes)
+    lines = []
+    for c in usable:
+        if not ranks.of_free_run and criterion not in criteria[c.id]:
+            excluded[c.id] = (
+                f"{c.id} was stored without {criterion}, and its data are gone or have changed: "
+                "fit it again"
+            )
+            continue
+        value = _value(criterion, criteria[c.id], figures[c.id])
+        lines.append(Ranked(c, value, criteria[c.id], figures[c.id], _residuals(c)))
+    if not lines:
+        raise ModelError("no model can be compared: " + "; ".join(excluded.values()))
+    lines.sort(
+        key=lambda x: (
+            not np.isfinite(x.value),
+            ranks.cost(x.value),
+            x.contender.model.n_estimated,
+            x.contender.id,
+        )
+    )
+    if validation is None and ranks.of_free_run and not lines[0].figures["held_out"]:
+        notes.append(
+            "Judged on the data the models were fitted to, which favours large models: give "
+            "--val LOG, or fit with `sysid fit --split`."
+        )
+    data = validation[1] if validation else str(lines[0].figures["data"])
+    best = _leading(lines, criterion, notes)
+    return Ranking(criterion, tuple(lines), excluded, tuple(notes), data, best)
+
+
+def _seen_before(contenders: Sequence[Contender], judged: Sequence[Record]) -> list[str]:
+    """A note where models are judged on what some of them were fitted to: those look too good."""
+    seen = [c.id for c in contenders if not _unseen(c.model, judged)]
+    if not seen:
+        return []
+    who = "All models were" if len(seen) == len(contenders) else f"{', '.join(seen)}: "
+    called = ", ".join(dict.fromkeys(r.name for r in judged))
+    who = who if len(seen) == len(contenders) else who + ("was" if len(seen) == 1 else "were")
+    return [
+        f"{who} fitted to data of {called}, on which they are judged here; that favours large "
+        "models and those that saw the log. Judge on a log that no model saw."
+    ]
+
+
+def _unseen(model: Model, judged: Sequence[Record]) -> bool:
+    """Whether no sample of the records is among those that the model was fitted to."""
+    return not any(
+        bool(s.sha256) and s.sha256 == r.sha256 and _overlap(s.first, s.samples, r, model.dt)
+        for s in model.provenance.data
+        for r in judged
+    )
+
+
+def _overlap(first: float, samples: int, record: Record, dt: float) -> bool:
+    """Whether a stretch of the same file and the record have an instant in common."""
+    return first < record.t0 + len(record) * record.dt and record.t0 < first + samples * dt
+
+
+def _leading(lines: Sequence[Ranked], criterion: str, notes: list[str]) -> Ranked:
+    """The model to take, and a note where it is not the first or has something against it."""
+    doubts = {x.contender.id: doubts_about(x.contender.model) for x in lines}
+    able = [x for x in lines if not doubts[x.contender.id].unbounded] or lines
+    best = leader(
+        lines,
+        lambda x: doubts[x.contender.id],
+        lambda x: _gap(x, able[0], criterion) <= _margin(able[0]),
+    )
+    first, said = lines[0].contender.id, doubts[lines[0].contender.id].words
+    if best is not lines[0]:
+        notes.append(f"{first} is first by {criterion} but does not lead: {said}.")
+    against = doubts[best.contender.id]
+    if not against.settled:
+        notes.append(
+            f"{best.contender.id} leads although {against.words}: no settled model is as good. Fit "
+            "with stability enforced, lower orders or a longer log before you build on it."
+        )
+    return best
+
+
+def _margin(line: Ranked) -> float:
+    """Fraction by which the RMS of errors is uncertain: one standard error, 1/√(2N)."""
+    samples = int(line.figures.get("samples") or 0) * len(line.contender.model.outputs)
+    return max(CLOSE, 1.0 / float(np.sqrt(2.0 * max(samples, 1))))
+
+
+def _gap(line: Ranked, best: Ranked, criterion: str) -> float:
+    """By which fraction a model's errors exceed the best one's."""
+    ny, samples = len(line.contender.model.outputs), int(best.figures.get("samples") or 0)
+    return relative_gap(criterion, line.value, best.value, samples, ny)
+
+
+def _residuals(c: Contender) -> Mapping[str, Any] | None:
+    """Residual tests as they were reported, or made now where the fit made none."""
+    stored = c.report.get("residuals")
+    if stored:
+        return dict(stored)
+    if c.records is None:
+        return None
+    return residual_tests(c.model, c.records).as_dict()
+
+
+def _figures(
+    c: Contender, validation: tuple[Sequence[Record], str] | None, policy: Policy
+) -> dict[str, Any]:
+    if validation is not None:
+        for r in validation[0]:
+            c.model.check(r)
+        found: DataFigures = figures_on(c.model, validation[0], validation[1], policy)
+        return {**found.to_json(), "held_out": True}
+    return _figures_made(c, "validation" if c.report.get("validation") else "estimation", policy)
+
+
+def _figures_made(c: Contender, role: str, policy: Policy) -> dict[str, Any]:
+    """Figures on the data a model was judged on, under this policy.
+
+    Those of the fit where they were made under the same policy; else they are made anew.
+
+    Raises:
+        ModelError: there are none, or they cannot be made anew because the data are gone.
+    """
+    part, held_out = c.report.get(role), role == "validation"
+    if not isinstance(part, Mapping):
+        raise ModelError(f"{c.id} holds no figures; fit it again")
+    if c.report.get("policy") == policy.to_json():
+        return {**part, "held_out": held_out}
+    records = c.held if held_out else c.records
+    if records is not None:
+        made = figures_on(c.model, records, str(part["data"]), policy)
+        return {**made.to_json(), "held_out": held_out}
+    if "policy" not in c.report and policy == Policy():
+        return {**part, "held_out": held_out}  # reports of other commands and versions
+    raise ModelError(
+        f"{c.id} was judged in another way, and the log it was judged on is gone or has changed: "
+        "name a log to judge on (--val LOG)"
+    )
+
+
+def _identity(c: Contender) -> tuple[object, ...]:
+    m = c.model
+    data = tuple((s.sha256, s.first, s.samples) for s in m.provenance.data)
+    return data, tuple(x.name for x in m.inputs), tuple(x.name for x in m.outputs)
+
+
+def _same_data(contenders: Sequence[Contender], excluded: dict[str, str]) -> list[Contender]:
+    """Those fitted to the same data as the newest model; the others are excluded."""
+    if not contenders:
+        return []
+    newest = contenders[-1]
+    kept = []
+    for c in contenders:
+        if _identity(c) == _identity(newest):
+            kept.append(c)
+        else:
+            excluded[c.id] = (
+                f"{c.id} was fitted to other data or channels than {newest.id}: such models must "
+                "not be ranked against each other by this criterion (use --val LOG with "
+                "--criteria fit)"
+            )
+    return kept
+
+
+def _criteria(contenders: Sequence[Contender], notes: list[str]) -> dict[str, dict[str, float]]:
+    """Criteria on common samples where the data are at hand, else as stored with each model."""
+    stored = {c.id: dict(c.model.criteria) for c in contenders}
+    first = contenders[0]
+    same = all(_identity(c) == _identity(first) for c in contenders)
+    if not same:
+        return stored
+    if first.records is None:
+        if len(contenders) > 1:
+            notes.append(
+                "The estimation data are gone or have changed; the criteria are those stored at "
+                "each fit, each over the samples its own model predicts."
+            )
+        return stored
+    errors = [judged_errors(c.model, first.records) for c in contenders]
+    common = on_common_samples(errors)
+    return {
+        c.id: information_criteria(e, c.model.n_estimated)
+        for c, e in zip(contenders, common, strict=True)
+    }
+
+
+def _value(criterion: str, criteria: Mapping[str, float], figures: Mapping[str, Any]) -> float:
+    if criterion in criteria:
+        return criteria[criterion]
+    values = [
+        v
+        for v in figures["fit_percent" if criterion == "fit" else "rmse"].values()
+        if v is not None
+    ]
+    if not values:
+        return float("nan")
+    return float(np.mean(values) if criterion == "fit" else np.sqrt(np.mean(np.square(values))))

@@ -1,0 +1,359 @@
+"""Several structures on one log: orders searched, each fitted, and one of them ahead, with why."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Any
+
+from sysid.data.checks.feedback import in_feedback
+from sysid.data.outliers import mended
+from sysid.data.preprocess import Detrend
+from sysid.data.record import Record
+from sysid.errors import DataError, ModelError, SysidError, UsageError
+from sysid.estimation.levels.choice import choose_offsets, start_of
+from sysid.estimation.levels.offsets import Offsets
+from sysid.estimation.pem import check_data, fit
+from sysid.estimation.selection.delays import ChosenDelay, chosen_delay
+from sysid.estimation.selection.grid import default_grid
+from sysid.estimation.selection.orders import (
+    OrderSearch,
+    bounded_run,
+    ranked,
+    search_orders,
+)
+from sysid.estimation.selection.standings import Entry, in_order, reason
+from sysid.fitting.holdout import (
+    HoldOut,
+    hold_out,
+    longest_of,
+    shortened,
+    tie_margin,
+)
+from sysid.fitting.options import FitOptions
+from sysid.fitting.problem import Focus
+from sysid.structures.base import Structure
+from sysid.structures.model import Model
+from sysid.structures.registry import structure_class
+
+SEARCH_SAMPLES = 12_000
+"""Samples an order search looks at; the chosen orders are fitted to all of them."""
+
+PARALLEL_WORK = 400_000
+"""Candidates × samples from which a second process pays for its start (about a second)."""
+
+LINEAR = ("arx", "armax", "oe", "bj")
+
+TIME_SERIES = ("ar", "arma", "ma")
+"""What is fitted to a log without inputs when the user names nothing."""
+
+ANY = "any"
+"""Stands for every delay."""
+
+
+def structures_for(names: Sequence[str], inputs: Sequence[str]) -> tuple[str, ...]:
+    """The structures to fit to a log with these inputs; the usual ones where none is named.
+
+    Raises:
+        UsageError: a structure needs inputs that the log has not, or has none for its inputs.
+    """
+    chosen = tuple(names) or (LINEAR if inputs else TIME_SERIES)
+    for name in chosen:
+        takes = structure_class(name).takes_inputs
+        if takes and not inputs:
+            raise UsageError(
+                f"{name} needs an input and the log has none; choose from "
+                f"{', '.join(TIME_SERIES)}, or name the input column"
+            )
+        if inputs and not takes:
+            raise UsageError(
+                f"{name} is for a log without inputs, and this one is read with "
+                f"{', '.join(inputs)}; say that there is no input (none), or take arx or armax"
+            )
+    return chosen
+
+
+Progress = Callable[[float, str], None]
+
+Data = tuple[HoldOut, tuple[bool, ...]]
+"""What a structure's search sees, and by output whether it estimates a level."""
+
+
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """All entries, the winner first, and why it is ahead.
+
+    Attributes:
+        entries: fitted structures.
+        reason: one sentence.
+        failed: structure → why it could not be fitted.
+    """
+
+    entries: tuple[Entry, ...]
+    reason: str
+    failed: Mapping[str, str]
+
+
+Grid = Sequence[Mapping[str, Any]]
+"""Orders to try."""
+
+
+def run_contest(
+    names: Sequence[str],
+    records: Sequence[Record],
+    options: FitOptions,
+    detrend: Detrend | Offsets | str = "auto",
+    *,
+    grid: Grid | Mapping[str, Grid] | None = None,
+    criterion: str = "fit",
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> Contest:
+    """Search the orders of each structure on estimation data only, fit it, and rank them.
+
+    Args:
+        names: structures to fit.
+        records: estimation data.
+        options: how to fit.
+        detrend: what is done about the records' levels: a policy, or what was chosen before.
+        grid: orders to try, for all or by structure; None, and where a structure is left out, for
+            its default grid; a single entry is fitted without a search.
+        criterion: what ranks orders and structures.
+        jobs: processes for the search.
+        progress: called with (share done, what).
+
+    Raises:
+        DataError: no structure could be fitted.
+        UsageError: the orders do not fit a structure.
+    """
+    check_data(records)
+    clean = mended(records)
+    small = shortened(clean.records, SEARCH_SAMPLES)
+    nu, ny = records[0].nu, records[0].ny
+    given = _by_structure(names, grid)
+    whole = len(given) == len(names)
+    searched = not whole or any(len(g) > 1 for g in given.values())
+    closed = (searched or len(names) > 1) and in_feedback(small)
+    offsets, found = _offsets_and_delay(clean.records, small, detrend, closed, search=not whole)
+    nk, said = found.nk, found.notes
+    if clean.words and searched:
+        said = (
+            *said,
+            f"{clean.words} stood out; delay, orders and levels were chosen with the line between "
+            "their neighbours in their place.",
+        )
+    ahead = closed and _may_be_judged_one_step(names, options)
+    cut = replace(hold_out(small, longest_of(nk)), one_step=ahead)
+    tasks, data = [], {}
+    for name in names:
+        chosen = list(given[name]) if name in given else _grid(name, nu, ny, cut.samples, nk)
+        try:
+            made = [
+                structure_class(name).from_orders(dict(o), nu, ny, options.structure_options)
+                for o in chosen
+            ]
+        except UsageError as error:
+            if name in given and len(names) > 1:
+                raise UsageError(f"{error}; or name fewer structures with --structure") from None
+            raise
+        own = offsets.for_structure(made[0], small)
+        data[name] = (cut.of(own.detrend.remove), own.estimated)
+        tasks.append((name, chosen))
+    searches, failed = _searches(tasks, data, options, criterion, jobs, progress)
+    entries = []
+    for k, (name, chosen) in enumerate(tasks):
+        if name in failed:
+            continue
+        if progress:
+            progress(0.9 + 0.1 * k / len(tasks), f"fitting {name} to all data")
+        started = perf_counter()
+        search = searches.get(name)
+        # one candidate is fitted as asked for, alone and in company: what a structure that
+        # searches within itself found on the part that was fitted only says how good it is
+        orders = chosen[0] if len(chosen) == 1 or search is None else search[0].best.orders
+        structure = structure_class(name).from_orders(
+            dict(orders), nu, ny, options.structure_options
+        )
+        try:
+            model, notes = _fitted(structure, records, options, offsets)
+        except (DataError, ModelError) as error:
+            if len(tasks) == 1:
+                raise
+            failed[name] = str(error)
+            continue
+        spent = perf_counter() - started + (search[1] if search else 0.0)
+        entries.append(Entry(model, search[0] if search else None, spent, (*said, *notes)))
+    if not entries:
+        raise DataError("; ".join(failed.values()) or "no structure could be fitted")
+    if progress:
+        progress(1.0, "done")
+    order = in_order(entries, records, options, criterion, tie_margin(cut.held), cut.one_step)
+    return Contest(order.entries, reason(order, criterion, cut.words, given=whole), failed)
+
+
+def _by_structure(
+    names: Sequence[str], grid: Grid | Mapping[str, Grid] | None
+) -> Mapping[str, Grid]:
+    if grid is None or isinstance(grid, Mapping):
+        return grid or {}
+    return dict.fromkeys(names, grid)
+
+
+def _may_be_judged_one_step(names: Sequence[str], options: FitOptions) -> bool:
+    """Whether held-out samples are judged one step ahead where a controller was running.
+
+    Only among linear structures: of nonlinear ones those without noise model would never lead, and
+    what they are asked for is a simulator. So they are where simulation is the focus asked for.
+    """
+    return all(name in LINEAR for name in names) and options.focus is Focus.PREDICTION
+
+
+def _offsets_and_delay(
+    records: Sequence[Record],
+    small: Sequence[Record],
+    detrend: Detrend | Offsets | str,
+    closed: bool,
+    *,
+    search: bool,
+) -> tuple[Offsets, ChosenDelay]:
+    """What is done about levels, and the delay to search with, which that choice needs."""
+    known = Offsets.of_detrend(detrend) if isinstance(detrend, Detrend) else detrend
+    first = start_of(records, known) if isinstance(known, str) else known
+    found = ChosenDelay(1)
+    if search and small[0].nu:
+        data = hold_out([first.detrend.remove(r) for r in small])
+        found = chosen_delay(data, any(first.estimated), closed)
+    return choose_offsets(records, known, found.nk) if isinstance(known, str) else known, found
+
+
+def _fitted(
+    structure: Structure, records: Sequence[Record], options: FitOptions, detrend: Offsets
+) -> tuple[Model, tuple[str, ...]]:
+    """The fit; for output-error structures a second one with stable poles where it needs it.
+
+    An unstable predictor of OE or BJ cannot even be evaluated on a longer record, so stability
+    is part of what the structure means; for ARX and ARMAX it is reported and left to the user.
+    """
+    model = fit(structure, records, options, detrend=detrend)
+    # a structure that chooses within itself knows its θ only when it is fitted
+    settled = bounded_run(model.structure, model.theta)
+    if settled or options.stable or "nf" not in structure.order_names:
+        return model, ()
+    bounded = fit(structure, records, replace(options, stable=True), detrend=detrend)
+    return bounded, (
+        "The unconstrained fit had an unstable pole; the poles were kept inside the unit circle.",
+    )
+
+
+def _grid(
+    name: str, nu: int, ny: int, samples: int, nk: int | list[list[int]]
+) -> list[dict[str, Any]]:
+    found = default_grid(name, nu, ny, samples, nk)
+    if not found and name not in LINEAR:
+        raise DataError(f"{samples} samples are too few for {name}; record more or give --orders")
+    # a record that bears no order at all still gets the lowest one: the fit itself will refuse
+    lowest = {"arx": {"na": 1}, "armax": {"na": 1, "nc": 1}, "oe": {"nf": 1}}
+    return found or [{**lowest.get(name, {"nc": 1, "nd": 1, "nf": 1}), "nb": 1, "nk": 1}]
+
+
+def _searches(
+    tasks: Sequence[tuple[str, list[Any]]],
+    data: Mapping[str, Data],
+    options: FitOptions,
+    criterion: str,
+    jobs: int,
+    progress: Progress | None,
+) -> tuple[dict[str, tuple[OrderSearch, float]], dict[str, str]]:
+    # a structure that searches within itself has one candidate: beside others it is judged as they
+    searched = [
+        (name, grid)
+        for name, grid in tasks
+        if len(grid) > 1 or (len(tasks) > 1 and name not in LINEAR)
+    ]
+    found: dict[str, tuple[OrderSearch, float]] = {}
+    failed: dict[str, str] = {}
+    total = sum(len(grid) for _, grid in searched)
+    work = total * max(d.samples for d, _ in data.values())
+    # chains of one structure and one delay: neighbours stay together for warm starts, whether
+    # one process searches or several; ARX has no start and shares one pass of linear algebra
+    chains = [
+        (name, [o for o in grid if nk in (ANY, o.get("nk"))], grid)
+        for name, grid in searched
+        for nk in ([ANY] if name == "arx" else _distinct([o.get("nk") for o in grid]))
+    ]
+    if jobs > 1 and work > PARALLEL_WORK:
+        from joblib import Parallel, delayed
+
+        chains.sort(key=lambda c: -len(c[1]) * _WEIGHT.get(c[0], 1))
+        outcomes = Parallel(n_jobs=jobs, return_as="generator_unordered")(
+            delayed(_timed)(name, chain, grid, data[name], options, criterion)
+            for name, chain, grid in chains
+        )
+        done = 0
+        for outcome in outcomes:
+            done += outcome[2]
+            _collect(outcome, found, failed)
+            if progress:
+                progress(0.9 * done / total, f"searched {done} of {total} orders")
+    else:
+        done = 0
+        for name, chain, grid in chains:
+
+            def tell(k: int, n: int, what: str, base: int = done) -> None:
+                if progress:
+                    progress(0.9 * (base + k) / total, what)
+
+            outcome = _timed(name, chain, grid, data[name], options, criterion, tell)
+            _collect(outcome, found, failed)
+            done += len(chain)
+    return found, {k: v for k, v in failed.items() if k not in found}
+
+
+_WEIGHT = {"arx": 0, "oe": 2, "armax": 2, "bj": 4}
+"""Rough cost of one candidate, to start the longest chains first."""
+
+Outcome = tuple[str, OrderSearch | str, int, float]
+
+
+def _timed(
+    name: str,
+    chain: Sequence[Mapping[str, Any]],
+    grid: Sequence[Mapping[str, Any]],
+    data: Data,
+    options: FitOptions,
+    criterion: str,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> Outcome:
+    started = perf_counter()
+    try:
+        search = search_orders(name, chain, data[0], options, criterion, progress, grid, data[1])
+    except UsageError:
+        raise
+    except SysidError as error:
+        return name, str(error), len(chain), perf_counter() - started
+    return name, search, len(chain), perf_counter() - started
+
+
+def _collect(
+    outcome: Outcome,
+    found: dict[str, tuple[OrderSearch, float]],
+    failed: dict[str, str],
+) -> None:
+    """Merge the chains of one structure; deterministic whatever order they arrive in."""
+    name, search, _, seconds = outcome
+    if isinstance(search, str):
+        failed[name] = search
+        return
+    if name in found:
+        before, spent = found[name]
+        both = (*before.candidates, *search.candidates)
+        search = replace(search, candidates=ranked(both, search.criterion, search.margin))
+        seconds += spent
+    found[name] = (search, seconds)
+
+
+def _distinct(values: Sequence[Any]) -> list[Any]:
+    found: list[Any] = []
+    for v in values:
+        if v not in found:
+            found.append(v)
+    return found

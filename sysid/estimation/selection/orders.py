@@ -1,0 +1,249 @@
+"""Order and delay search, ranked on held-out data that are part of the estimation data."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sysid.criteria import table
+from sysid.criteria.information import loss_of
+from sysid.criteria.table import Loss
+from sysid.data.record import Array, Record
+from sysid.errors import DataError, ModelError
+from sysid.estimation.pem import fit_prepared, head_window
+from sysid.estimation.robust_fit import bounded_errors, outliers_of
+from sysid.estimation.selection.soundness import bounded_run as bounded_run
+from sysid.estimation.selection.soundness import motion_doubts
+from sysid.fitting.holdout import HoldOut, tie_margin
+from sysid.fitting.options import FitOptions
+from sysid.fitting.problem import Focus
+from sysid.structures.base import Structure
+from sysid.structures.held_out_error import free_run_error
+from sysid.structures.linear.arx import ARX
+from sysid.structures.linear.arx_at_once import promising, solved_at_once
+from sysid.structures.linear.constant_input import with_constant, with_ones, without_constant
+from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.orders import orders_text
+from sysid.structures.registry import structure_class
+
+Progress = Callable[[int, int, str], None]
+
+
+SEARCH_EVALUATIONS = 40
+"""Limit of each descent during a search: enough to rank; the chosen orders are fitted in full."""
+
+SEARCH_TOLERANCE = 1e-4
+"""Convergence during a search: errors closer than ``CLOSE`` tie anyway."""
+
+SEARCH_PATIENCE = 6
+"""Evaluations without gain after which a descent ends; a step is rarely rejected more often."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One set of orders and how it did.
+
+    Attributes:
+        orders: as ``Structure.from_orders`` reads them.
+        n: number of parameters.
+        score: the criterion's value, smaller is better.
+        error: free-run error on the held-out data relative to the outputs' spread; one step ahead
+            where the data come from a closed loop.
+        stable: whether the free run is bounded; unstable candidates rank behind all others.
+        settled: whether nothing speaks against its motion (see ``motion_doubts``); among those
+            that tie, such a one is taken.
+    """
+
+    orders: Mapping[str, Any]
+    n: int
+    score: float
+    error: float
+    stable: bool = True
+    settled: bool = True
+
+
+@dataclass(frozen=True)
+class OrderSearch:
+    """The outcome of a search over one structure's orders, best first.
+
+    Attributes:
+        structure: its name.
+        criterion: what ranked.
+        candidates: all orders that could be fitted.
+        margin: fraction by which a held-out error may exceed the best one and still tie with it.
+    """
+
+    structure: str
+    criterion: str
+    candidates: tuple[Candidate, ...]
+    margin: float
+
+    @property
+    def best(self) -> Candidate:
+        """The chosen orders."""
+        return self.candidates[0]
+
+
+def search_orders(
+    name: str,
+    grid: Sequence[Mapping[str, Any]],
+    data: HoldOut,
+    options: FitOptions,
+    criterion: str = "fit",
+    progress: Progress | None = None,
+    rivals: Sequence[Mapping[str, Any]] = (),
+    estimated: Sequence[bool] = (),
+) -> OrderSearch:
+    """Rank the orders of one structure.
+
+    Args:
+        name: structure.
+        grid: orders to try.
+        data: what to fit and what to choose on (offsets removed); for ``fit`` and ``rmse`` the
+            free run on the held-out samples counts, for ``aic``, ``bic`` … the one-step errors
+            on the records to fit on, over the samples that all candidates predict.
+        options: how to fit.
+        criterion: what ranks.
+        progress: called with (done, all, what) after each candidate.
+        rivals: orders searched elsewhere that these will be ranked with: information criteria
+            leave out the samples which not all of them predict.
+        estimated: by output, whether a linear structure has a level that is estimated with it.
+
+    Raises:
+        DataError: not one of the candidates could be fitted.
+    """
+    cls = structure_class(name)
+    nu, ny = data.whole[0].nu, data.whole[0].ny
+    structures = [cls.from_orders(dict(o), nu, ny, options.structure_options) for o in grid]
+    if any(estimated) and issubclass(cls, PolynomialStructure):
+        structures = [
+            with_constant(s, estimated) for s in structures if isinstance(s, PolynomialStructure)
+        ]
+        data = data.of(with_ones)
+    if cls is ARX and options.focus is Focus.PREDICTION and _unconstrained(options):
+        found = _arx_at_once(structures, data, criterion)
+        if progress:
+            progress(len(grid), len(grid), f"{name}: {len(grid)} orders in one pass")
+    else:
+        others = [cls.from_orders(dict(o), nu, ny, options.structure_options) for o in rivals]
+        common = max(s.first_sample() for s in (*structures, *others))
+        found = _one_after_another(structures, data, options, criterion, common, progress)
+    if not found:
+        raise DataError(
+            f"{data.whole[0].name}: none of the {len(grid)} orders of {name} could be fitted; "
+            "record more data or give --orders"
+        )
+    margin = tie_margin(data.held)
+    return OrderSearch(name, criterion, ranked(found, criterion, margin), margin)
+
+
+def ranked(found: Sequence[Candidate], criterion: str, margin: float) -> tuple[Candidate, ...]:
+    """Best first; on held-out error the smallest model within ``margin`` of the best leads."""
+    ordered = sorted(found, key=lambda c: (not c.stable, c.score, c.n, orders_text(c.orders)))
+    if table.criterion(criterion).of_free_run:
+        limit = (1.0 + margin) * ordered[0].score
+        close = [c for c in ordered if c.score <= limit and c.stable == ordered[0].stable]
+        lead = min(close, key=lambda c: (not c.settled, c.n, c.score, orders_text(c.orders)))
+        ordered = [lead, *(c for c in ordered if c is not lead)]
+    return tuple(ordered)
+
+
+def searching(options: FitOptions) -> FitOptions:
+    """The options of a fit that only has to rank: coarse, and given up where nothing is gained."""
+    return replace(
+        options,
+        max_evaluations=min(options.limit(), SEARCH_EVALUATIONS),
+        tolerance=max(options.precision(), SEARCH_TOLERANCE),
+        patience=SEARCH_PATIENCE,
+    )
+
+
+def _unconstrained(options: FitOptions) -> bool:
+    return not (options.robust or options.stable or options.fixed or options.bounds)
+
+
+def _one_after_another(
+    structures: Sequence[Structure],
+    data: HoldOut,
+    options: FitOptions,
+    criterion: str,
+    common: int,
+    progress: Progress | None,
+) -> list[Candidate]:
+    """Fit each candidate, warm-started from the best smaller neighbours already fitted."""
+    found: list[Candidate] = []
+    train, longest = data.train, max(len(r) for r in data.whole)
+    options, ranks = searching(options), table.criterion(criterion)
+    fitted: dict[int, tuple[float, dict[str, float]]] = {}
+    for k, s in enumerate(structures):
+        names = [p.name for p in s.parameters(train[0].inputs, train[0].outputs)]
+        warm = [
+            ("smaller neighbour", np.array([values.get(n, 0.0) for n in names]))
+            for _, values in sorted(fitted.values(), key=lambda item: item[0])[:1]
+            if set(values) <= set(names)
+        ]
+        try:
+            model = fit_prepared(s, train, options, warm)
+        except (DataError, ModelError):
+            model = None
+        if model is not None:
+            # a structure that reads terms or scalings off the data comes back adapted
+            s, names = model.structure, [q.name for q in model.parameters]
+            error = free_run_error(
+                s, model.theta, data.whole, data.counted, options.robust, one_step=data.one_step
+            )
+            score = error
+            if not ranks.of_free_run:
+                loss = _loss(s, model.theta, model.n_estimated, train, common, options.robust)
+                score = ranks.cost_of(loss)
+            if np.isfinite(score):
+                stable = bounded_run(s, model.theta)
+                calm = not motion_doubts(s, model.theta, longest, train[0].dt)
+                found.append(Candidate(_orders(s), len(names), score, error, stable, calm))
+                fitted[k] = (score, dict(zip(names, model.theta.tolist(), strict=True)))
+        if progress:
+            progress(k + 1, len(structures), f"{s.name} {orders_text(_orders(s))}")
+    return found
+
+
+def _loss(
+    s: Structure, theta: Array, n: int, records: Sequence[Record], start: int, robust: bool
+) -> Loss:
+    """The loss of one-step errors from the sample ``start`` on."""
+    window = head_window(s, theta)
+    if robust:
+        found = [outliers_of(s, theta, r, window) for r in records]
+        pairs = zip(records, found, strict=True)
+        errors = [
+            bounded_errors(s.errors(theta, r.u, f.marked(r).y, window), f)[start:] for r, f in pairs
+        ]
+    else:
+        errors = [s.errors(theta, r.u, r.y, window)[start:] for r in records]
+    return loss_of(errors, n)
+
+
+def _arx_at_once(structures: Sequence[Structure], data: HoldOut, criterion: str) -> list[Candidate]:
+    """Every ARX candidate from two Gram matrices, free runs of the promising ones only."""
+    solved = solved_at_once([s for s in structures if isinstance(s, ARX)], data)
+    longest = max(len(r) for r in data.whole)
+    ranks, found = table.criterion(criterion), []
+    for a in promising(solved) if ranks.of_free_run else solved:
+        s, n = a.structure, len(a.theta)
+        if ranks.of_free_run:
+            score = error = free_run_error(
+                s, a.theta, data.whole, data.counted, one_step=data.one_step
+            )
+        else:
+            loss = Loss(a.log_det, a.samples, n, s.ny)
+            score, error = ranks.cost_of(loss), float("nan")
+        if np.isfinite(score):
+            stable = bounded_run(s, a.theta)
+            calm = not motion_doubts(s, a.theta, longest, data.whole[0].dt)
+            found.append(Candidate(_orders(s), n, score, error, stable, calm))
+    return found
+
+
+def _orders(s: Structure) -> dict[str, Any]:
+    """Orders as the user knows them: without the constant."""
+    return (without_constant(s) if isinstance(s, PolynomialStructure) else s).order_values()

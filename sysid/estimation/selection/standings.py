@@ -1,0 +1,243 @@
+"""Who is ahead among fitted structures, and the sentence that says why."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.criteria import table
+from sysid.criteria.information import loss_of, on_common_samples
+from sysid.data.record import Record
+from sysid.estimation.assessment.robust_judging import judged_errors
+from sysid.estimation.selection.orders import OrderSearch, bounded_run
+from sysid.estimation.selection.soundness import doubts_about, relative_gap
+from sysid.fitting.options import FitOptions
+from sysid.structures.held_out_error import free_run_error
+from sysid.structures.model import Model
+from sysid.structures.orders import orders_text
+
+IN_LOOP = (
+    "Judged one step ahead, because the log was recorded in closed loop: there a free run errs "
+    "least where a model without noise model (oe) takes noise for the plant."
+)
+
+FOLLOWS = 1.5
+"""A model whose free run over all data errs by more than so many times the best one's does not
+lead: its search saw a good fit that the fit to all data did not find again."""
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """One structure's model and how its orders were found.
+
+    Attributes:
+        model: fitted to all estimation data.
+        search: the order search, or None when the orders were given.
+        seconds: time of search and fit.
+        notes: what was changed on the way, for the user.
+    """
+
+    model: Model
+    search: OrderSearch | None
+    seconds: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def error(self) -> float | None:
+        """Free-run error on the held-out part of the estimation data, relative to its spread."""
+        return None if self.search is None else self.search.best.error
+
+
+@dataclass(frozen=True, eq=False)
+class Standings:
+    """Entries, the leading one first, and what put it there.
+
+    Attributes:
+        entries: all of them.
+        sound: those that may lead.
+        margin: fraction within which held-out errors tie.
+        rule: what decided among equals: the name of a criterion, or ``size``.
+        passed: an entry that would lead, had it nothing against it.
+        one_step: whether held-out samples were judged one step ahead, not in free run.
+    """
+
+    entries: tuple[Entry, ...]
+    sound: tuple[Entry, ...]
+    margin: float
+    rule: str
+    passed: Entry | None = None
+    one_step: bool = False
+
+
+def in_order(
+    entries: Sequence[Entry],
+    records: Sequence[Record],
+    options: FitOptions,
+    criterion: str,
+    margin: float,
+    one_step: bool = False,
+) -> Standings:
+    """Entries by held-out error; of those within ``margin`` of the best the lowest BIC leads.
+
+    Free runs of different structures tie more often than not: what then tells them apart is
+    how well they predict with how many parameters, and BIC finds the true one (Schwarz 1978).
+    Under an information criterion that one ranks alone. Of those that tie, one that settles and
+    whose search has ended is taken before others. Models that cannot lead come last: those
+    whose free run is unbounded, and those whose fit to all data follows them much worse than
+    another one does. ``one_step``: held-out samples were judged one step ahead, as data of a closed
+    loop have to be.
+    """
+    counted = [np.ones(len(r), dtype=bool) for r in records]
+    follows = {
+        id(e): free_run_error(
+            e.model.structure,
+            e.model.theta,
+            _seen(e, records),
+            counted,
+            options.robust,
+            one_step=one_step,
+        )
+        for e in entries
+    }
+    limit = FOLLOWS * min(follows.values())
+    sound = [
+        e
+        for e in entries
+        if bounded_run(e.model.structure, e.model.theta) and follows[id(e)] <= limit
+    ]
+    sound = sound or [e for e in entries if follows[id(e)] <= limit] or list(entries)
+    searched = all(e.error is not None for e in entries)
+    of_free_run = table.criterion(criterion).of_free_run
+    rule = criterion if not of_free_run else "bic" if searched else "aic"
+    value = table.criterion(rule).cost  # its own inverse
+    values = _costs(entries, records, rule)
+    score = {id(e): (v, _size(e)) for e, v in zip(entries, values, strict=True)}
+    calm = {id(e): doubts_about(e.model).settled for e in entries}
+    by_error = searched and of_free_run
+    if by_error:
+        errors = {id(e): (float(e.error or 0.0), _size(e)) for e in entries}
+        close = (1.0 + margin) * min(errors[id(e)][0] for e in sound)
+        tied = [e for e in sound if errors[id(e)][0] <= close]
+    else:
+        errors, samples = score, sum(len(r) for r in records)
+        least = value(min(score[id(e)] for e in sound)[0])
+        ny = records[0].ny
+        tied = [
+            e
+            for e in sound
+            if relative_gap(rule, value(score[id(e)][0]), least, samples, ny) <= margin
+        ]
+
+    def worth(e: Entry) -> tuple[float, ...]:
+        # outliers rule the likelihood: a robust fit goes by size alone
+        return (_size(e),) if by_error and options.robust else score[id(e)]
+
+    first = min(tied, key=worth)
+    lead = min(tied, key=lambda e: (not calm[id(e)], worth(e)))
+    rest = sorted(
+        (e for e in entries if e is not lead), key=lambda e: (e not in sound, errors[id(e)])
+    )
+    decided = "size" if options.robust and by_error else rule
+    passed = None if lead is first else first
+    return Standings((lead, *rest), tuple(sound), margin, decided, passed, one_step)
+
+
+def _seen(entry: Entry, records: Sequence[Record]) -> list[Record]:
+    """The records as the model sees them."""
+    return [entry.model.detrend.remove(r) for r in records]
+
+
+def _costs(entries: Sequence[Entry], records: Sequence[Record], name: str) -> list[float]:
+    """What a criterion says of each entry, from one-step errors on the samples all predict."""
+    errors = [judged_errors(e.model, records) for e in entries]
+    found = []
+    for e, common in zip(entries, on_common_samples(errors), strict=True):
+        value = table.criterion(name).cost_of(loss_of(common, e.model.n_estimated))
+        found.append(value if np.isfinite(value) else np.inf)
+    return found
+
+
+def _size(entry: Entry) -> int:
+    """Parameters to estimate; initial states belong to the record, not to the model."""
+    model = entry.model
+    return sum(p.fixed is None for p in model.parameters) + model.level.estimated
+
+
+def reason(order: Standings, criterion: str, words: str, *, given: bool) -> str:
+    """One sentence on why the first entry is first.
+
+    Args:
+        order: all entries.
+        criterion: what ranked.
+        words: the held-out data, as a sentence names them.
+        given: whether the user gave the orders.
+    """
+    said = _ahead(order, criterion, words, given=given)
+    if order.passed is not None:
+        return (
+            f"{said} {_called(order.passed)} would lead, but "
+            f"{doubts_about(order.passed.model).words}."
+        )
+    against = doubts_about(order.entries[0].model)
+    if against.settled or len(order.entries) == 1:
+        return said
+    return f"{said} It leads although {against.words}: no settled model is as good."
+
+
+def _called(entry: Entry) -> str:
+    """Structure and orders."""
+    s = entry.model.structure
+    return f"{s.name} {orders_text(s.order_values())}".rstrip()
+
+
+def _ahead(order: Standings, criterion: str, words: str, *, given: bool) -> str:
+    """What put the first entry first."""
+    first = order.entries[0]
+    text = _called(first)
+    if first.error is None:
+        if len(order.entries) == 1:
+            return f"{text}: {_origin(first.model, given)}."
+        return f"{text} leads: its {order.rule.upper()} on the estimation data is the lowest."
+    if not table.criterion(criterion).of_free_run:
+        return (
+            f"{text} leads: its {criterion.upper()}, from one-step errors on the estimation data, "
+            f"is the {table.criterion(criterion).best_is}."
+        )
+    share = 100.0 * (1.0 - first.error)
+    ahead_by_one = order.one_step or not first.model.inputs
+    kind, how = (
+        ("one-step prediction", "one step ahead") if ahead_by_one else ("free run", "in free run")
+    )
+    if len(order.entries) == 1:
+        return f"{text} was chosen by {criterion} on {words}: {share:.2f} % {how}."
+    second = order.entries[1]
+    loop = f" {IN_LOOP}" if order.one_step else ""
+    said = (
+        f"{text} leads: on {words} its {kind} fits {share:.2f} %, with {_size(first)} "
+        f"parameters; next is {second.model.structure.name} with "
+        f"{100.0 * (1.0 - (second.error or 0.0)):.2f} % and {_size(second)} parameters"
+    )
+    if (second.error or 0.0) > (1.0 + order.margin) * first.error:
+        return f"{said}.{loop}"
+    if second in order.sound:
+        equal = f"Errors that differ by less than {100.0 * order.margin:.2g} % count as equal"
+        return f"{said}. {equal}; {_AMONG_EQUALS[order.rule == 'size']}.{loop}"
+    return f"{said}, but over all estimation data it errs much more {how}.{loop}"
+
+
+_AMONG_EQUALS = (
+    "among equals the model with the lowest BIC leads (small one-step errors, few parameters)",
+    "among equals the model with the fewest parameters leads",
+)
+"""What decides between models whose held-out errors are equal: not by size, by size."""
+
+
+def _origin(model: Model, given: bool) -> str:
+    """Where the orders of a model come from that was fitted without a search of orders."""
+    if not model.structure.order_values():
+        return "fitted; it has no orders"
+    if given:
+        return "fitted with the orders given"
+    if model.structure.linear:
+        return "the only orders that so short a record bears"
+    return "chosen by the structure's own search in the estimation data"

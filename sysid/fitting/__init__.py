@@ -1,0 +1,1 @@
+"""What every fit needs and no structure knows: problems, solvers, uncertainty, hold-outs."""

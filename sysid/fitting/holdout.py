@@ -1,0 +1,149 @@
+"""Holding data out: how orders and structures are chosen without touching validation data."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Record
+
+MANY = 4
+"""From this many records on each is cut once: every piece costs initial states to estimate."""
+
+ONCE = ((0.7, 1.0),)
+TWICE = ((0.35, 0.5), (0.85, 1.0))
+THRICE = ((0.2, 0.3), (0.5, 0.6), (0.8, 0.9))
+"""Parts of a record that are held out, 30 % in all."""
+
+CUTS = ((600, THRICE), (200, TWICE), (0, ONCE))
+"""Shortest record [samples] for each way to cut: the more blocks, the better they cover a record
+that is ordered by level or sign; the shorter the pieces, the more their initial states cost."""
+
+
+CLOSE = 0.01
+"""Held-out errors that differ by less than this fraction are the same for all purposes."""
+
+
+@dataclass(frozen=True, eq=False)
+class HoldOut:
+    """Estimation data cut into what is fitted and what chooses.
+
+    Attributes:
+        train: pieces to fit on, each with an initial state of its own.
+        held: the pieces held out.
+        whole: the records uncut: a free run goes through all of a record, because a state fitted
+            to the head of a short block would hide a model that drifts.
+        counted: by record, the samples of ``whole`` that are held out, (N,) each.
+        words: what was done.
+        one_step: whether held-out samples are judged one step ahead instead of in free run, as
+            data of a closed loop have to be.
+    """
+
+    train: tuple[Record, ...]
+    held: tuple[Record, ...]
+    whole: tuple[Record, ...]
+    counted: tuple[NDArray[np.bool_], ...]
+    words: str
+    one_step: bool = False
+
+    def of(self, changed: Callable[[Record], Record]) -> "HoldOut":
+        """The same split of records that are changed sample by sample."""
+        train, held, whole = (
+            tuple(changed(r) for r in part) for part in (self.train, self.held, self.whole)
+        )
+        return HoldOut(train, held, whole, self.counted, self.words, self.one_step)
+
+    @property
+    def samples(self) -> int:
+        """Samples to fit on."""
+        return sum(len(r) for r in self.train)
+
+
+def hold_out(records: Sequence[Record], dead_time: int = 0) -> HoldOut:
+    """Split estimation data into a part to fit on and a part to choose on.
+
+    30 % of every record are held out: in interleaved blocks, so that they cover the operating
+    range even where a record is ordered by level or sign; at its end where it is short or one
+    of many.
+
+    Args:
+        records: estimation data.
+        dead_time: the longest delay [samples]. Every piece loses as many at its head; records are
+            cut less often where that would cost a piece more than half of its samples.
+    """
+    train: list[Record] = []
+    held: list[Record] = []
+    counted, cuts = [], []
+    for r in records:
+        n = len(r)
+        cut = ONCE if len(records) >= MANY else _cut(n, dead_time)
+        edges = [round(share * n) for block in cut for share in block]
+        held += [r.rows(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+        bounds = [0, *edges, n]
+        fitted = zip(bounds[::2], bounds[1::2], strict=True)
+        train += [r.rows(a, b) for a, b in fitted if b > a]
+        mask = np.zeros(n, dtype=bool)
+        for a, b in zip(edges[::2], edges[1::2], strict=True):
+            mask[a:b] = True
+        counted.append(mask)
+        cuts.append(cut)
+    return HoldOut(tuple(train), tuple(held), tuple(records), tuple(counted), _words(cuts))
+
+
+def longest_of(nk: int | Sequence[Sequence[int]]) -> int:
+    """The longest of the delays of all pairs."""
+    return nk if isinstance(nk, int) else max(max(row) for row in nk)
+
+
+def allowing(data: HoldOut, nk: int | Sequence[Sequence[int]]) -> HoldOut:
+    """The same data, cut less often where delays ``nk`` are long."""
+    return hold_out(data.whole, longest_of(nk))
+
+
+def _cut(samples: int, dead_time: int) -> tuple[tuple[float, float], ...]:
+    """The way to cut a record: the most blocks that its length and the delay allow."""
+    for least, cut in CUTS:
+        bounds = [0.0, *(share for block in cut for share in block), 1.0]
+        shortest = min(
+            (b - a) * samples for a, b in zip(bounds[::2], bounds[1::2], strict=True) if b > a
+        )
+        if samples >= least and shortest >= 2 * dead_time:
+            return cut
+    return ONCE
+
+
+def _words(cuts: Sequence[object]) -> str:
+    if all(c is ONCE for c in cuts):
+        each = "" if len(cuts) == 1 else "each piece of "
+        return f"the last 30 % of {each}the estimation data"
+    return "the 30 % of the estimation data that were held out"
+
+
+def shortened(records: Sequence[Record], samples: int) -> tuple[Record, ...]:
+    """At most ``samples`` samples in all, as evenly spread contiguous pieces of each record.
+
+    Order searches on very long logs cost more than they tell; the chosen orders are then
+    fitted to everything.
+    """
+    total = sum(len(r) for r in records)
+    if total <= samples:
+        return tuple(records)
+    found: list[Record] = []
+    pieces = 4
+    for r in records:
+        each = max(int(len(r) * samples / total) // pieces, 1)
+        stride = len(r) / pieces
+        found += [r.rows(int(k * stride), int(k * stride) + each) for k in range(pieces)]
+    return tuple(found)
+
+
+def tie_margin(held: Sequence[Record]) -> float:
+    """Fraction by which an RMS error on these records is uncertain: one standard error.
+
+    N independent errors give their RMS with a relative standard error of 1/√(2N). Among models
+    within one standard error of the best the smallest is taken (Breiman et al. 1984, §3.4.3):
+    the best of many candidates owes part of its lead to chance.
+    """
+    samples = sum(len(r) * r.ny for r in held)
+    return max(CLOSE, 1.0 / float(np.sqrt(2.0 * max(samples, 1))))

@@ -1,0 +1,51 @@
+"""How to fit: what a person may choose about any fit."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from sysid.fitting.problem import Focus, Initial
+from sysid.fitting.solvers import TOLERANCE
+
+EVALUATIONS = 200
+"""Usual limit of a search: a well-posed one ends after some twenty evaluations."""
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """How to fit.
+
+    Attributes:
+        focus: what is minimised.
+        initial: initial states; ``AUTO`` estimates them only where that lowers the cost
+            significantly, ``BACKCAST`` refits them between rounds without counting them.
+        robust: Huber loss instead of the quadratic one, outliers found and left out.
+        stable: admit only parameters whose free run is stable.
+        fixed: values of parameters that are not estimated, by name.
+        bounds: (lower, upper) by name.
+        max_evaluations: limit of each search; None for what is usual with the structure.
+        tolerance: relative change of cost and step at which a search has converged; None for
+            what is usual with the structure.
+        patience: evaluations without such a change after which it is given up, None for never.
+        structure_options: options of the structure itself, as text.
+        extra: facts to keep in the model's provenance (how the files were read …).
+    """
+
+    focus: Focus = Focus.PREDICTION
+    initial: Initial = Initial.AUTO
+    robust: bool = False
+    stable: bool = False
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    max_evaluations: int | None = None
+    tolerance: float | None = None
+    patience: int | None = None
+    structure_options: Mapping[str, str] = field(default_factory=dict)
+    extra: Mapping[str, object] = field(default_factory=dict)
+
+    def limit(self, usual: int = EVALUATIONS) -> int:
+        """Evaluations of a search: what was asked for, else what is usual there."""
+        return usual if self.max_evaluations is None else self.max_evaluations
+
+    def precision(self, usual: float = TOLERANCE) -> float:
+        """Tolerance of a search: what was asked for, else what is usual there."""
+        return usual if self.tolerance is None else self.tolerance

@@ -1,0 +1,382 @@
+"""Numerical solvers behind one door: the only importer of scipy.optimize and jaxopt."""
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Array
+from sysid.errors import Termination
+from sysid.fitting.bounded_marquardt import bounded_marquardt
+from sysid.fitting.marquardt import marquardt
+from sysid.fitting.problem import Problem
+
+TOLERANCE = 1e-9
+"""Relative tolerance on cost and step: three digits below the statistical error of any log."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where a solver ended.
+
+    Attributes:
+        p: parameters and initial states.
+        cost: ½‖r‖² (of the robust loss where one was asked).
+        residual: r(p).
+        jacobian: ∂r/∂p at the solution, shape (M, len(p)), all columns.
+        weights: weight of each residual: 1 for the quadratic loss, 0 where it does not count.
+        termination: why it stopped.
+        evaluations: residual evaluations.
+        at_bound: entries of p that ended on a bound.
+    """
+
+    p: Array
+    cost: float
+    residual: Array
+    jacobian: Array
+    weights: Array
+    termination: Termination
+    evaluations: int
+    at_bound: tuple[int, ...] = ()
+
+
+def levenberg_marquardt(
+    problem: Problem,
+    p0: Array,
+    *,
+    free: Array,
+    lower: Array,
+    upper: Array,
+    huber: Array | None = None,
+    max_evaluations: int = 200,
+    tolerance: float = TOLERANCE,
+    patience: int | None = None,
+    regular: bool = False,
+) -> Solution:
+    """Minimise ½‖r(p)‖² over the free entries of p.
+
+    Levenberg-Marquardt (Moré 1978); with bounds or the Huber loss SciPy's bounded trust region
+    instead, or normal equations within the bounds where the problem is ``regular``.
+
+    Args:
+        problem: residuals and Jacobian.
+        p0: start, fixed entries included.
+        free: mask of the entries to estimate.
+        lower, upper: bounds of all entries.
+        huber: threshold of the Huber loss for each residual, (M,), or None for the quadratic loss.
+        max_evaluations: limit on residual evaluations.
+        tolerance: relative tolerance on cost and step.
+        patience: stop after so many evaluations in a row that lowered the cost by less than
+            ``tolerance``; None for the solver's own criteria alone. Along directions that the
+            data hardly show these go on for long without any gain.
+        regular: every parameter has a prior among the residuals, so that the Jacobian's squared
+            condition does no harm; not with the Huber loss.
+    """
+    if not free.any():
+        return _ended(problem, p0, Termination.NO_FREE_PARAMETERS, 1, huber)
+    p = p0.copy()
+
+    def full(x: Array) -> Array:
+        p[free] = x
+        return p
+
+    bounded = bool(np.any(np.isfinite(lower[free])) or np.any(np.isfinite(upper[free])))
+    start = p0[free]
+    plain = not bounded and huber is None
+    if regular and huber is None:
+        start = np.clip(start, lower[free], upper[free])
+    elif not plain:
+        start = _inside(start, lower[free], upper[free])
+
+    best = _Best()
+
+    def residual(x: Array) -> Array:
+        r = problem.residual(full(x))
+        if patience is not None:
+            best.add(x, loss(r, huber), tolerance, patience)
+        return r
+
+    known: dict[bytes, Array] = {}
+
+    def jacobian(x: Array) -> Array:
+        # SciPy may ask again at the solution, and so do we: one evaluation serves all
+        key = x.tobytes()
+        if key not in known:
+            known.clear()
+            known[key] = problem.jacobian(full(x))
+        return known[key] if free.all() else known[key][:, free]
+
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            search = marquardt if plain else _trust_region(lower[free], upper[free], huber)
+            if regular and huber is None:
+                search = _regular(lower[free], upper[free])
+            x, evaluations, termination = search(
+                residual, start, jacobian, tolerance, max_evaluations
+            )
+    except _StalledError:
+        x, evaluations, termination = best.x, best.evaluations, Termination.CONVERGED_COST
+    end = p0.copy()
+    end[free] = x
+    where = np.flatnonzero(free)
+    stuck = tuple(int(k) for k in where[_touching(x, lower[free], upper[free])])
+    if stuck and termination.good:
+        termination = Termination.AT_BOUND
+    J = known.get(x.tobytes())
+    return _ended(problem, end, termination, evaluations, huber, stuck, J)
+
+
+class _StalledError(Exception):
+    """The cost no longer falls; the only way to stop MINPACK early."""
+
+
+class _Best:
+    """The best point a search has seen, and for how long nothing better came."""
+
+    def __init__(self) -> None:
+        self.x: Array = np.zeros(0)
+        self.evaluations = 0
+        self._cost, self._waited = np.inf, 0
+
+    def add(self, x: Array, cost: float, tolerance: float, patience: int) -> None:
+        """Note one evaluation; raise when patience is at an end."""
+        self.evaluations += 1
+        self._waited = 0 if cost < (1.0 - tolerance) * self._cost else self._waited + 1
+        if cost < self._cost or not len(self.x):
+            self.x, self._cost = x.copy(), cost
+        if self._waited >= patience:
+            raise _StalledError
+
+
+Function = Callable[[Array], Array]
+Search = Callable[[Function, Array, Function, float, int], tuple[Array, int, Termination]]
+"""(residual, start, Jacobian, tolerance, limit) → where it ended, evaluations, why."""
+
+
+def _regular(lower: Array, upper: Array) -> Search:
+    """Normal equations within bounds."""
+
+    def search(
+        residual: Function, start: Array, jacobian: Function, tolerance: float, limit: int
+    ) -> tuple[Array, int, Termination]:
+        return bounded_marquardt(residual, start, jacobian, (lower, upper), tolerance, limit)
+
+    return search
+
+
+def _trust_region(lower: Array, upper: Array, huber: Array | None) -> Search:
+    """SciPy's bounded trust region, with the Huber loss where a threshold is given."""
+
+    def search(
+        residual: Function, start: Array, jacobian: Function, tolerance: float, limit: int
+    ) -> tuple[Array, int, Termination]:
+        from scipy.optimize import least_squares
+
+        found = least_squares(
+            residual,
+            start,
+            jac=jacobian,
+            bounds=(lower, upper),
+            method="trf",
+            x_scale="jac",
+            loss="linear" if huber is None else _huber_loss(huber),
+            ftol=tolerance,
+            xtol=tolerance,
+            gtol=1e-14,
+            max_nfev=limit,
+        )
+        ended = _ENDINGS.get(int(found.status), Termination.MAX_ITERATIONS)
+        return found.x, int(found.nfev), ended
+
+    return search
+
+
+def loss(r: Array, huber: Array | None) -> float:
+    """½‖r‖², or Huber's Σ ρ(r): ½ r² up to the width k, then k (|r| − k/2)."""
+    if huber is None:
+        return 0.5 * float(r @ r)
+    size = np.abs(r)
+    return float(np.sum(np.where(size <= huber, 0.5 * size**2, huber * (size - 0.5 * huber))))
+
+
+def half_square(r: Array) -> float:
+    """½‖r‖², infinite where it overflows."""
+    with np.errstate(over="ignore"):
+        return 0.5 * float(r @ r)
+
+
+def _huber_loss(width: Array) -> Any:
+    """z = r² → (ρ, ρ', ρ'') of 2ρ(r), one width a residual, as SciPy takes it."""
+
+    def rho(z: Array) -> Array:
+        size = np.sqrt(np.maximum(z, 1e-300))
+        inside = size <= width
+        return np.array(
+            [
+                np.where(inside, z, 2.0 * width * size - width**2),
+                np.where(inside, 1.0, width / size),
+                np.where(inside, 0.0, -0.5 * width / np.maximum(size, width) ** 3),
+            ]
+        )
+
+    return rho
+
+
+_ENDINGS = {
+    0: Termination.MAX_ITERATIONS,
+    1: Termination.CONVERGED_GRADIENT,
+    2: Termination.CONVERGED_COST,
+    3: Termination.CONVERGED_STEP,
+    4: Termination.CONVERGED_COST,
+}
+
+
+def _ended(
+    problem: Problem,
+    p: Array,
+    termination: Termination,
+    evaluations: int,
+    huber: Array | None,
+    at_bound: tuple[int, ...] = (),
+    jacobian: Array | None = None,
+) -> Solution:
+    r = problem.residual(p)
+    weights = np.ones(len(r))
+    cost = loss(r, huber)
+    if huber is not None:
+        weights = np.minimum(1.0, huber / np.maximum(np.abs(r), 1e-300))
+    if problem.counts is not None:
+        weights = weights * problem.counts
+    if not np.isfinite(cost) or np.max(np.abs(r), initial=0.0) >= 1e99:
+        termination = Termination.DIVERGED
+    J = problem.jacobian(p) if jacobian is None else jacobian
+    return Solution(p, cost, r, J, weights, termination, evaluations, at_bound)
+
+
+def _inside(x: Array, lower: Array, upper: Array) -> Array:
+    """``x`` moved strictly inside its bounds, as the trust region needs it."""
+    width = np.where(np.isfinite(upper - lower), upper - lower, 1.0)
+    margin = 1e-6 * width
+    return np.minimum(np.maximum(x, lower + margin), upper - margin)
+
+
+def _touching(x: Array, lower: Array, upper: Array) -> NDArray[np.bool_]:
+    width = np.where(np.isfinite(upper - lower), upper - lower, np.maximum(1.0, np.abs(x)))
+    return np.asarray((x - lower <= 1e-6 * width) | (upper - x <= 1e-6 * width))
+
+
+@dataclass(frozen=True, eq=False)
+class Ending:
+    """Where one of many simultaneous starts ended.
+
+    Attributes:
+        z: parameters.
+        cost: ½‖r‖² there, None where it is not finite.
+        iterations: Levenberg-Marquardt iterations.
+        termination: why it stopped.
+    """
+
+    z: Array
+    cost: float | None
+    iterations: int
+    termination: Termination
+
+
+CLIPPED = 1e6
+"""Residuals are kept below this: jaxopt multiplies rejected steps by zero, and 0·∞ is no number."""
+
+
+def many_starts(
+    residual: Callable[[Any, Any, Any, Any, Any], Any],
+    starts: Array,
+    each: Any,
+    shared: Any,
+    iterations: int = 20,
+    tolerance: float = 1e-7,
+    jacobian: Callable[[Any, Any, Any, Any, Any], Any] | None = None,
+) -> tuple[Ending, ...]:
+    """Levenberg-Marquardt from many starts at once: jaxopt's, vmapped and compiled.
+
+    The same functions with the same limits are compiled once for every shape of their arguments.
+
+    Args:
+        residual: (jax.numpy, jax.lax, z, each, shared) → r, of about unit norm at a poor start
+            (divide by √N: jaxopt's damping is absolute).
+        starts: z of every start, (S, n).
+        each: arrays whose first axis belongs to the starts.
+        shared: arrays all starts share; passed as arguments, so that a compilation serves any data.
+        iterations: limit for every start.
+        tolerance: on the gradient's norm.
+        jacobian: of ``residual``, with the same arguments; forward-mode unless given.
+    """
+    found = _batch_solver(residual, jacobian, iterations, tolerance)(starts, each, shared)
+    ends, costs, counts, gradients = (np.asarray(part, dtype=np.float64) for part in found)
+    endings = []
+    for z, cost, count, gradient in zip(ends, costs, counts, gradients, strict=True):
+        finite = bool(np.isfinite(cost)) and bool(np.all(np.isfinite(z)))
+        termination = Termination.DIVERGED
+        if finite:
+            settled = gradient <= tolerance
+            termination = Termination.CONVERGED_GRADIENT if settled else Termination.MAX_ITERATIONS
+        endings.append(Ending(z, float(cost) if finite else None, int(count), termination))
+    return tuple(endings)
+
+
+@lru_cache(maxsize=16)
+def _batch_solver(
+    residual: Callable[[Any, Any, Any, Any, Any], Any],
+    jacobian: Callable[[Any, Any, Any, Any, Any], Any] | None,
+    iterations: int,
+    tolerance: float,
+) -> Callable[..., Any]:
+    """(starts, each, shared) → ends, costs, iterations and gradient norms, compiled."""
+    with warnings.catch_warnings():
+        # it says on import that nobody develops it further; its version is pinned here
+        warnings.simplefilter("ignore", DeprecationWarning)
+        from jaxopt import LevenbergMarquardt
+
+    from sysid.fitting.compiled import jax_module
+
+    jax = jax_module()
+    jnp, lax = jax.numpy, jax.lax
+
+    def clipped(z: Any, own: Any, data: Any) -> Any:
+        r = jnp.nan_to_num(residual(jnp, lax, z, own, data), nan=CLIPPED)
+        return jnp.clip(r, -CLIPPED, CLIPPED)
+
+    # compiled on their own, they are traced once although jaxopt calls them in many places
+    clipped = jax.jit(clipped)
+    slopes = None
+    if jacobian is not None:
+        slopes = jax.jit(lambda z, own, data: jacobian(jnp, lax, z, own, data))
+
+    class Solver(LevenbergMarquardt):  # type: ignore[misc]
+        """jaxopt's: with the Jacobian kept, as here, it forgets to take ``jac_fun``."""
+
+        def __post_init__(self) -> None:
+            super().__post_init__()
+            if self.jac_fun is not None:
+                self._jac_fun = self.jac_fun
+
+    solver = Solver(
+        residual_fun=clipped,
+        jac_fun=slopes,
+        materialize_jac=True,
+        solver="cholesky",
+        damping_parameter=1e-3,
+        maxiter=iterations,
+        tol=tolerance,
+        implicit_diff=False,
+        jit=True,
+    )
+
+    def run(z: Any, own: Any, data: Any) -> Any:
+        end, state = solver.run(z, own, data)
+        return end, state.value, state.iter_num, state.error
+
+    compiled: Callable[..., Any] = jax.jit(jax.vmap(run, in_axes=(0, 0, None)))
+    return compiled

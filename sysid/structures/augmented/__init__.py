@@ -1,0 +1,1 @@
+"""A model with effects around it, as a diagnosis makes it."""

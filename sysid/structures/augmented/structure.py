@@ -1,0 +1,424 @@
+"""Augmented: a linear core per track with named physical effects around it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from sysid.data.record import Array, Channel, Record
+from sysid.effects.base import Effect, Place
+from sysid.effects.catalogue import chain_effects, effect
+from sysid.effects.ground import Ground
+from sysid.errors import UsageError
+from sysid.fitting.problem import (
+    Focus,
+    Initial,
+    Parameter,
+    Problem,
+)
+from sysid.structures.augmented.chain import (
+    ChainState,
+    Core,
+    Sample,
+    chain_step,
+    drive_before,
+    first_speed,
+    rest_state,
+    step_with,
+    with_constants,
+)
+from sysid.structures.augmented.given_base import GivenBase
+from sysid.structures.augmented.runs import ChainRuns
+from sysid.structures.base import Structure, refuse_options
+
+if TYPE_CHECKING:
+    from sysid.structures.outcome import Fitter
+
+SLOPE = 1e-5
+"""Relative shift of a number for its slope: the root of what rounding leaves of a long run."""
+
+SMALLEST = 1e-3
+"""Size below which a number is shifted as if it had that size."""
+
+
+@dataclass(frozen=True)
+class Augmented(Structure):
+    """ω = core(T), T = K d around which the effects act; one command a track.
+
+    θ stacks, track after track, K, f_1 … f_n, b_2 … b_n, then effect after effect its parameters
+    (those shared by all tracks once).
+
+    Attributes:
+        order: order n of the core.
+        delay: input delay of the core [samples], at least 1.
+        scales: full drive of each track's command.
+        dt: sample time [s].
+        effects: ids in order of acceptance.
+        given: a model of another structure that drives the core; None where the command does.
+    """
+
+    name: ClassVar[str] = "augmented"
+    title: ClassVar[str] = "Augmented: a linear core with named physical effects"
+    equation: ClassVar[str] = "τ ω̇ = T − ω, T = K d, with the effects in their places"
+    when: ClassVar[str] = "what sysid diagnose makes of a model that lacks an effect"
+    order_names: ClassVar[tuple[str, ...]] = ("n", "nk")
+    has_noise_model: ClassVar[bool] = False
+
+    order: int
+    delay: int
+    scales: tuple[float, ...]
+    dt: float
+    effects: tuple[str, ...] = field(default=())
+    given: GivenBase | None = field(default=None, compare=False)
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs, one a track."""
+        return len(self.scales)
+
+    @property
+    def ny(self) -> int:
+        """Number of outputs, one a track."""
+        return len(self.scales)
+
+    @classmethod
+    def from_orders(
+        cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
+    ) -> "Augmented":
+        """Refused: such a structure is made by a diagnosis, not by orders."""
+        refuse_options(cls.name, options, ())
+        raise UsageError("augmented models are made by sysid diagnose, not by sysid fit")
+
+    @classmethod
+    def applies(cls, record: Record) -> bool:
+        """Never fitted without being asked for."""
+        return False
+
+    def order_values(self) -> dict[str, Any]:
+        """{n, nk}."""
+        return {"n": self.order, "nk": self.delay}
+
+    def settings(self) -> dict[str, Any]:
+        """Effects, full drives and sample time."""
+        found = {"effects": list(self.effects), "scales": list(self.scales), "dt": self.dt}
+        return found if self.given is None else {**found, "given": self.given.to_json()}
+
+    @classmethod
+    def from_json(cls, raw: Mapping[str, Any]) -> "Augmented":
+        """Undo ``to_json``."""
+        s = raw["settings"]
+        for id in s["effects"]:
+            effect(id)  # refuses what the catalogue does not know
+        return cls(
+            int(raw["orders"]["n"]),
+            int(raw["orders"]["nk"]),
+            tuple(float(v) for v in s["scales"]),
+            float(s["dt"]),
+            tuple(s["effects"]),
+            GivenBase.from_json(s["given"]) if s.get("given") else None,
+        )
+
+    @cached_property
+    def active(self) -> tuple[Effect, ...]:
+        """The effects in the chain's order."""
+        return tuple(e for e in chain_effects() if e.id in self.effects)
+
+    def parameters(
+        self, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[Parameter, ...]:
+        """Names such as ``gain[omega_l]`` and ``dead-zone.plus[omega_l]``."""
+        found = []
+        for out in outputs:
+            found.append(Parameter(f"gain[{out.name}]", out.unit))
+            found += [Parameter(f"f{k + 1}[{out.name}]") for k in range(self.order)]
+            found += [Parameter(f"b{k + 1}[{out.name}]") for k in range(1, self.order)]
+        for id in self.effects:
+            e = effect(id)
+            for tag in ("",) if e.shared else tuple(f"[{out.name}]" for out in outputs):
+                found += [
+                    Parameter(f"{id}.{p.name}{tag}", p.unit.replace("speed", outputs[0].unit))
+                    for p in e.parameters
+                ]
+        return tuple(found)
+
+    @property
+    def n_effect_parameters(self) -> int:
+        """Numbers of all effects, those of each track counted."""
+        own = [effect(id) for id in self.effects]
+        return sum(len(e.parameters) * (1 if e.shared else self.ny) for e in own)
+
+    def ground(self, theta: Array) -> Ground:
+        """The effects of the vehicle, which the chain leaves to those who move it."""
+        _, values = self.unpack(theta)
+        found = [id for id in self.effects if effect(id).place is Place.POSE]
+        return Ground(tuple(found), {id: values[id] for id in found})
+
+    def unpack(self, theta: Array) -> tuple[Core, dict[str, dict[str, Array]]]:
+        """θ as a core and as each effect's parameters, one value a track."""
+        tracks, n, at = self.ny, self.order, 0
+        gain, f, b = np.zeros(tracks), np.zeros((n, tracks)), np.zeros((n, tracks))
+        for i in range(tracks):
+            gain[i] = theta[at]
+            f[:, i] = theta[at + 1 : at + 1 + n]
+            b[1:, i] = theta[at + 1 + n : at + 2 * n]
+            b[0, i] = 1.0 + f[:, i].sum() - b[1:, i].sum()
+            at += 2 * n
+        found: dict[str, dict[str, Array]] = {}
+        for id in self.effects:
+            e = effect(id)
+            width = len(e.parameters)
+            values = np.zeros((width, tracks))
+            for i in range(1 if e.shared else tracks):
+                block = theta[at : at + width]
+                values[:, :] = block[:, None] if e.shared else values
+                if not e.shared:
+                    values[:, i] = block
+                at += width
+            found[id] = {p.name: values[k] for k, p in enumerate(e.parameters)}
+        return Core(gain, f, b), found
+
+    def problems(
+        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
+    ) -> tuple[Problem, ...]:
+        """One: the errors of the free run, from the first readings on.
+
+        The diagnosis finds effects and their first values in its super-model; from there on the
+        structure is fitted like any other.
+        """
+        return (ChainRuns(self, [(r.u, r.y) for r in records]),)
+
+    def first_sample(self) -> int:
+        """Free-run structures predict from the first sample."""
+        return 0
+
+    def _shape(self, theta: Array) -> tuple[ChainState, int]:
+        core, _ = self.unpack(theta)
+        state = rest_state(np, self.active, core, np.zeros(self.ny))
+        return state, _flat(state, self.delay - 1, self.ny).size
+
+    def fitter(self) -> "Fitter":
+        """The search from given values only."""
+        from sysid.structures.augmented.fit import fit
+
+        return fit
+
+    def n_states(self, theta: Array) -> int:
+        """Core, effects and dead time, before them those of the given model."""
+        return self._shape(theta)[1] + self._given_states
+
+    @property
+    def _given_states(self) -> int:
+        return 0 if self.given is None else self.given.n_states()
+
+    def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
+        """Steady motion at the first measured speed; only a given model uses a longer head."""
+        core, parameters = self.unpack(theta)
+        w = np.zeros(self.ny)
+        if len(y):
+            w = first_speed(self.active, parameters, y[0])
+        drive = u[0] / np.array(self.scales) if len(u) else None
+        head = np.zeros(0)
+        if self.given is not None:
+            head = self.given.fitted_state(u, y, samples)
+            drive = self.given.step()(head, u[0])[1] if len(u) else None
+        before = np.zeros(self.nu)
+        if drive is not None:
+            drive = drive_before(drive, y)
+            before = drive_before(u[0] / np.array(self.scales), y)
+        state = rest_state(np, self.active, core, w, drive)
+        line = np.repeat(before[None], self.delay - 1, axis=0)
+        return np.concatenate([head, _flat(state, self.delay - 1, self.ny, line)])
+
+    def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
+        """Free run from x0."""
+        x = np.zeros(self.n_states(theta)) if x0 is None else x0
+        return np.asarray(self.simulate_many(theta[None], u, x[None])[0])
+
+    def simulate_many(self, thetas: Array, u: Array, states: Array) -> Array:
+        """Free runs side by side, one step of all of them at a time; (L, N, tracks).
+
+        Args:
+            thetas: parameters of each run, (L, n).
+            u: commands of all runs, (N, nu).
+            states: initial states, (L, n_states); those of the given model are alike.
+        """
+        lag, tracks, own = self.delay - 1, self.ny, self._given_states
+        core, parameters = self._side_by_side(thetas)
+        whole = with_constants(np, self.active, core, parameters, self.dt)
+        template, _ = self._shape(thetas[0])
+        parts = [_unflat(x[own:], template, lag, tracks) for x in states]
+        state: ChainState = (
+            np.stack([p[0][0] for p in parts], axis=1),
+            tuple(
+                tuple(np.stack(values) for values in zip(*held, strict=True))
+                for held in zip(*(p[0][1] for p in parts), strict=True)
+            ),
+        )
+        before = np.stack([p[1] for p in parts], axis=1)
+        clock = float(parts[0][2])
+        turned, counted = (np.stack([p[3][k] for p in parts]) for k in (0, 1))
+        drive = self._drive(u, states[0, :own])
+        out = np.zeros((len(thetas), len(u), tracks))
+        for k in range(len(u)):
+            now = np.broadcast_to(drive[k - lag], turned.shape) if k >= lag else before[k]
+            sample = Sample(now, now, np.float64(clock), turned, counted)
+            speed = state[0][0]
+            state, y = step_with(np, self.active, core, whole, state, sample, self.dt)
+            turned = turned + 0.5 * self.dt * (speed + state[0][0])
+            counted = counted + self.dt * y
+            clock += self.dt
+            out[:, k] = y
+        return out
+
+    def _side_by_side(self, thetas: Array) -> tuple[Core, dict[str, dict[str, Array]]]:
+        """Cores and effects' parameters of many θ: one value a run and track."""
+        cores, values = zip(*(self.unpack(theta) for theta in thetas), strict=True)
+        core = Core(
+            np.stack([c.gain for c in cores]),
+            np.stack([c.f for c in cores], axis=1),
+            np.stack([c.b for c in cores], axis=1),
+        )
+        return core, {
+            id: {name: np.stack([v[id][name] for v in values]) for name in values[0][id]}
+            for id in self.effects
+        }
+
+    def _drive(self, u: Array, head: Array) -> Array:
+        """What drives the chain: the commands, or what the given model makes of them."""
+        if self.given is None:
+            return np.asarray(u / np.array(self.scales))
+        base, drive = self.given.step(), np.zeros((len(u), self.ny))
+        for k in range(len(u)):
+            head, drive[k] = base(head, u[k])
+        return drive
+
+    def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """One sample of the chain with the accepted effects only."""
+        core, parameters = self.unpack(theta)
+        template, _ = self._shape(theta)
+        active, lag, tracks = self.active, self.delay - 1, self.ny
+        scales, dt, own = np.array(self.scales), self.dt, self._given_states
+        base = None if self.given is None else self.given.step()
+
+        def advance(x: Array, u: Array) -> tuple[Array, Array]:
+            head, drive = (x[:0], u / scales) if base is None else base(x[:own], u)
+            state, line, clock, angles = _unflat(x[own:], template, lag, tracks)
+            line = np.vstack([line, drive])
+            speed = state[0][0]
+            state, y = chain_step(np, active, core, parameters, state, line[0], clock, dt, angles)
+            turned = angles[0] + 0.5 * dt * (speed + state[0][0])
+            counted = angles[1] + dt * y
+            following = _flat(state, lag, tracks, line[1:], float(clock) + dt, (turned, counted))
+            return np.concatenate([head, following]), np.asarray(y)
+
+        return advance
+
+    def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
+        """Free-run errors: there is no noise model."""
+        x0 = self.fitted_state(theta, u, y, window) if window else None
+        return y - self.simulate(theta, u, x0)
+
+    def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
+        """The free run, whatever the horizon."""
+        return y - self.errors(theta, u, y, window)
+
+    def stable(self, theta: Array) -> bool:
+        """Whether the core's poles lie inside the unit circle; effects only dissipate or bound."""
+        core, _ = self.unpack(theta)
+        return all(
+            bool(np.all(np.abs(np.roots([1.0, *core.f[:, i]])) < 1.0)) for i in range(self.ny)
+        )
+
+    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
+        """∂ŷ/∂θ by central differences."""
+        return self.slopes(theta, u, y)[:, output]
+
+    def slopes(self, theta: Array, u: Array, y: Array) -> Array:
+        """∂ŷ/∂θ of all outputs by central differences, every run beside the others; (N, ny, n)."""
+        x0 = self.fitted_state(theta, u, y, 1)
+        h = SLOPE * np.maximum(np.abs(theta), SMALLEST)
+        shifted = np.concatenate([theta + np.diag(h), theta - np.diag(h)])
+        runs = self.simulate_many(shifted, u, np.repeat(x0[None], len(shifted), axis=0))
+        change = runs[: len(theta)] - runs[len(theta) :]
+        return np.asarray(np.moveaxis(change / (2.0 * h)[:, None, None], 0, -1))
+
+    def equations(
+        self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[str, ...]:
+        """The core of each track, then each effect with its numbers."""
+        core, parameters = self.unpack(theta)
+        lines = []
+        for i, (u, y) in enumerate(zip(inputs, outputs, strict=True)):
+            if self.order == 1:
+                tau = -self.dt / np.log(max(-core.f[0, i], 1e-12))
+                lines.append(
+                    f"{tau:.4g} s·d{y.name}/dt = T - {y.name}, T = {core.gain[i]:.5g}·"
+                    f"{u.name}/{self.scales[i]:g}"
+                )
+            else:
+                lines.append(f"{y.name} = core of order {self.order}, gain {core.gain[i]:.5g}")
+        for id in self.effects:
+            e = effect(id)
+            numbers = ", ".join(
+                f"{name} = {value:.4g}"
+                for p in e.parameters
+                for name, value in _named(p.name, parameters[id][p.name], e, outputs)
+                if value != p.null
+            )
+            lines.append(f"{id}: {e.equation}" + (f" with {numbers}" if numbers else ""))
+        return tuple(lines)
+
+    def properties(self, theta: Array, dt: float) -> dict[str, Any]:
+        """Gain, time constant and effects."""
+        core, parameters = self.unpack(theta)
+        return {
+            "stable": self.stable(theta),
+            "gain": core.gain.tolist(),
+            "effects": {
+                id: {k: v.tolist() for k, v in values.items()} for id, values in parameters.items()
+            },
+        }
+
+
+def _named(
+    name: str, values: Array, e: Effect, outputs: Sequence[Channel]
+) -> list[tuple[str, float]]:
+    """Every value beside the name of its output; a value that all outputs share stands once."""
+    if e.shared or len(outputs) == 1:
+        return [(name, float(values[0]))]
+    return [(f"{name}[{c.name}]", float(v)) for c, v in zip(outputs, values, strict=True)]
+
+
+def _flat(
+    state: ChainState,
+    lag: int,
+    tracks: int,
+    line: Array | None = None,
+    clock: float = 0.0,
+    angles: tuple[Array, Array] | None = None,
+) -> Array:
+    """State as one vector: core, effects, delayed commands, clock, angles."""
+    parts = [np.ravel(state[0]), *(np.ravel(s) for held in state[1] for s in held)]
+    parts.append(np.ravel(np.zeros((lag, tracks)) if line is None else line))
+    parts.append(np.array([clock]))
+    parts.extend(angles if angles is not None else (np.zeros(tracks), np.zeros(tracks)))
+    return np.concatenate(parts)
+
+
+def _unflat(
+    x: Array, template: ChainState, lag: int, tracks: int
+) -> tuple[ChainState, Array, Array, tuple[Array, Array]]:
+    n = template[0].size
+    core, at = x[:n].reshape(template[0].shape), n
+    held = []
+    for states in template[1]:
+        block = []
+        for _ in states:
+            block.append(x[at : at + tracks])
+            at += tracks
+        held.append(tuple(block))
+    line = x[at : at + lag * tracks].reshape(lag, tracks)
+    at += lag * tracks
+    return (core, tuple(held)), line, x[at], (x[at + 1 : at + 1 + tracks], x[at + 1 + tracks :])

@@ -1,0 +1,1 @@
+"""Linear blocks between static ones: Hammerstein-Wiener and Wiener-Hammerstein, and their fits."""

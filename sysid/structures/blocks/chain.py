@@ -1,0 +1,358 @@
+"""Chains of static and linear blocks: free run, states, and exact gradients by filtering.
+
+Layers follow each other; every signal passes a static of its own in a static layer and the
+transfer functions B_ij/F_ij in a linear one:
+
+    w_i(t) = Σ_j B_ij(q)/F_ij(q) s_j(t)          s_j(t) = f_j(w_j(t)) − f_j(0)
+
+A static before a linear block passes through the origin, so that a chain without input is at rest
+with all its states zero; a last static is y_i = y0_i + g_i(w_i). Nothing feeds back through a
+nonlinearity, so derivatives are filtered signals (Wills, Schön, Ljung & Ninness 2013, Automatica
+49, do the same by adjoints):
+
+    ∂w/∂b_k = s(t−k)/F     ∂w/∂f_k = −w(t−k)/F     ∂w/∂x_k = δ(t−k)/F     ∂w/∂p = (B/F) ∂s/∂p
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from sys import maxsize
+from typing import Any
+
+import numpy as np
+
+from sysid.data.filtering import lfilter, lfilter_zi
+from sysid.data.record import Array
+from sysid.structures.blocks.layers import Layer, LinearLayer, StaticLayer
+from sysid.structures.linear.predictor import roots_inside
+
+FORGOTTEN = 1e-24
+"""Size to which an impulse decays before its further course is taken for zero. Left to itself it
+ends in denormal numbers, which cost forty times as much as others in every product."""
+
+STATE_STEPS = 8
+"""Gauss-Newton steps for an initial state: a start from the steady state needs three or four."""
+
+
+@dataclass(frozen=True)
+class BlockChain:
+    """Layers in the order in which a signal passes them.
+
+    θ stacks the layers' parameters, a state the states of the linear layers, entry after entry.
+    """
+
+    layers: tuple[Layer, ...]
+    nu: int
+
+    @cached_property
+    def edges(self) -> tuple[int, ...]:
+        """Where each layer's parameters begin and end."""
+        return tuple(np.cumsum([0, *(layer.n for layer in self.layers)]).tolist())
+
+    @property
+    def n(self) -> int:
+        """Number of parameters."""
+        return self.edges[-1]
+
+    @cached_property
+    def n_states(self) -> int:
+        """Number of states."""
+        return sum(layer.n_states for layer in self.layers)
+
+    def place(self, k: int) -> slice:
+        """Where the parameters of layer k stand in θ."""
+        return slice(self.edges[k], self.edges[k + 1])
+
+    def signals(self, theta: Array, u: Array, x0: Array | None = None) -> list[Array]:
+        """What enters each layer, and the outputs, each (channels, N)."""
+        found = [np.ascontiguousarray(u.T)]
+        at = 0
+        for k, layer in enumerate(self.layers):
+            p, s = theta[self.place(k)], found[-1]
+            if isinstance(layer, StaticLayer):
+                out = np.array(
+                    [
+                        layer.value(c, row, p[layer.edges[c] : layer.edges[c + 1]])
+                        for c, row in enumerate(s)
+                    ]
+                )
+            else:
+                out = np.zeros((layer.n_outputs, s.shape[1]))
+                for i, j, order, _, B, F in layer.entries(p):
+                    zi = np.zeros(order) if x0 is None else x0[at : at + order]
+                    out[i] += lfilter(B, F, s[j], zi=zi)[0]
+                    at += order
+            found.append(out)
+        return found
+
+    def run(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
+        """Free run from x0 (rest when None), (N, ny)."""
+        if not len(u):
+            return np.zeros((0, self.n_outputs))
+        return np.ascontiguousarray(self.signals(theta, u, x0)[-1].T)
+
+    @property
+    def n_outputs(self) -> int:
+        """Number of outputs."""
+        last = self.layers[-1]
+        return len(last.statics) if isinstance(last, StaticLayer) else last.n_outputs
+
+    def tangents(
+        self, theta: Array, u: Array, x0: Array | None, states: bool, parameters: bool = True
+    ) -> tuple[Array, Array]:
+        """Free run (ny, N) and its derivative (ny, n + n_states, N).
+
+        Args:
+            theta: parameters.
+            u: inputs (N, nu).
+            x0: initial state, None for rest.
+            states: whether rows for the initial state follow them.
+            parameters: whether there are rows for θ.
+        """
+        if not states:
+            return self._derived(theta, u, x0, parameters, 0)
+        head = self._forgets_after(theta)
+        if head >= len(u) or self.n_states == 0:
+            return self._derived(theta, u, x0, parameters, self.n_states)
+        signal, D = self._derived(theta, u, x0, parameters, 0, room=self.n_states)
+        early = self._derived(theta, u[:head], x0, False, self.n_states)[1]
+        D[:, -self.n_states :, :head] = early
+        return signal, D
+
+    def _forgets_after(self, theta: Array) -> int:
+        """Samples after which nothing is left of a change of state."""
+        total = 0.0
+        for k, layer in enumerate(self.layers):
+            if not isinstance(layer, LinearLayer):
+                continue
+            slowest = 0.0
+            for _, _, order, _, _, F in layer.entries(theta[self.place(k)]):
+                radius = float(np.max(np.abs(np.roots(F)), initial=0.0))
+                if radius >= 1.0:
+                    return maxsize
+                decay = np.log(FORGOTTEN) / np.log(radius) if radius > 0.0 else 0.0
+                slowest = max(slowest, order + decay)
+            total += slowest
+        return int(np.ceil(total)) + 1
+
+    def _derived(
+        self,
+        theta: Array,
+        u: Array,
+        x0: Array | None,
+        parameters: bool,
+        states: int,
+        room: int = 0,
+    ) -> tuple[Array, Array]:
+        """Free run and derivatives, with rows for so many states, or only zeros in their room."""
+        n_samples = len(u)
+        behind = self.n if parameters else 0
+        total = behind + max(states, room)
+        signal = np.ascontiguousarray(u.T)
+        D = np.zeros((self.nu, total, n_samples))
+        active = [np.zeros(0, dtype=np.intp) for _ in range(self.nu)]
+        at = 0
+        for k, layer in enumerate(self.layers):
+            p, base = theta[self.place(k)], self.edges[k]
+            if isinstance(layer, StaticLayer):
+                out = np.empty_like(signal)
+                for c, row in enumerate(signal):
+                    low, high = layer.edges[c], layer.edges[c + 1]
+                    out[c], slope, partials = layer.evaluated(c, row, p[low:high])
+                    if slope is not None and len(active[c]):
+                        D[c, active[c]] *= slope
+                    if parameters and high > low:
+                        D[c, base + low : base + high] = partials
+                        active[c] = np.append(active[c], np.arange(base + low, base + high))
+                signal = out
+                continue
+            out = np.zeros((layer.n_outputs, n_samples))
+            E = np.zeros((layer.n_outputs, total, n_samples))
+            grown: list[set[int]] = [set() for _ in range(layer.n_outputs)]
+            for i, j, order, s, B, F in layer.entries(p):
+                zi = np.zeros(order) if x0 is None else x0[at : at + order]
+                w = lfilter(B, F, signal[j], zi=zi)[0]
+                out[i] += w
+                rows = active[j]
+                if len(rows):
+                    E[i, rows] += lfilter(B, F, D[j, rows])
+                    grown[i].update(rows.tolist())
+                if parameters:
+                    first, nb = base + s.start, layer.nb[i][j]
+                    _delayed(E[i], first, lfilter([1.0], F, signal[j]), layer.nk[i][j], nb)
+                    _delayed(E[i], first + nb, lfilter([-1.0], F, w), 1, layer.nf[i][j])
+                    grown[i].update(range(first, base + s.stop))
+                if states and order:
+                    impulse = np.zeros(n_samples)
+                    impulse[:1] = 1.0
+                    _delayed(E[i], behind + at, lfilter([1.0], F, impulse), 0, order)
+                    grown[i].update(range(behind + at, behind + at + order))
+                at += order
+            signal, D = out, E
+            active = [np.array(sorted(g), dtype=np.intp) for g in grown]
+        return signal, D
+
+    def denominators(self, theta: Array) -> list[Array]:
+        """F of every entry of every linear layer."""
+        return [
+            F
+            for k, layer in enumerate(self.layers)
+            if isinstance(layer, LinearLayer)
+            for *_, F in layer.entries(theta[self.place(k)])
+        ]
+
+    def admissible(self, theta: Array) -> bool:
+        """Whether all poles lie inside the unit circle and limits and points of statics rise."""
+        if not np.all(np.isfinite(theta)):
+            return False
+        if not all(roots_inside(F[1:]) for F in self.denominators(theta)):
+            return False
+        for k, layer in enumerate(self.layers):
+            p = theta[self.place(k)]
+            if isinstance(layer, StaticLayer) and not all(
+                static.admissible(p[a : a + static.n])
+                for static, a in zip(layer.statics, layer.edges[:-1], strict=True)
+            ):
+                return False
+        return True
+
+    def steady_state(self, theta: Array, level: Array) -> Array:
+        """State in which a constant input ``level`` (nu,) has held for ever.
+
+        Entries with a pole at 1 are left at zero: they have no such state.
+        """
+        signal = np.array(level, dtype=np.float64)
+        found = [np.zeros(0)]
+        for k, layer in enumerate(self.layers):
+            p = theta[self.place(k)]
+            if isinstance(layer, StaticLayer):
+                signal = np.array(
+                    [
+                        layer.value(c, row, p[layer.edges[c] : layer.edges[c + 1]])[0]
+                        for c, row in enumerate(signal[:, None])
+                    ]
+                )
+                continue
+            out = np.zeros(layer.n_outputs)
+            for i, j, order, _, B, F in layer.entries(p):
+                bottom = float(F.sum())
+                if abs(bottom) < 1e-9:
+                    found.append(np.zeros(order))
+                    continue
+                out[i] += signal[j] * float(B.sum()) / bottom
+                found.append(lfilter_zi(B, F) * signal[j] if order else np.zeros(0))
+            signal = out
+        return np.concatenate(found)
+
+    def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
+        """State with which the first ``samples`` of y are met best in free run.
+
+        Gauss-Newton with halved steps from the steady state of the first input and from rest;
+        for a sensor without sign also from the mirror image of what these give.
+        """
+        samples = min(samples, len(y))
+        if samples == 0 or self.n_states == 0:
+            return np.zeros(self.n_states)
+        u, y = u[:samples], y[:samples]
+        starts = [self.steady_state(theta, u[0]), np.zeros(self.n_states)]
+        with np.errstate(all="ignore"):
+            found = [self._descended(theta, u, y, x) for x in starts]
+            best = min(found, key=lambda item: item[0])
+            if self.signless:
+                found = [best, self._descended(theta, u, y, -best[1])]
+        return min(found, key=lambda item: item[0])[1]
+
+    @cached_property
+    def signless(self) -> bool:
+        """Whether some static takes an absolute value."""
+        statics = [s for x in self.layers if isinstance(x, StaticLayer) for s in x.statics]
+        return any(stage.kind == "abs" for s in statics for stage in s.stages)
+
+    def _descended(self, theta: Array, u: Array, y: Array, x: Array) -> tuple[float, Array]:
+        """(sum of squares, state) after Gauss-Newton; NaN in y is left out."""
+        target = y.T
+        known = np.isfinite(target)
+
+        def cost(x: Array) -> float:
+            e = (target - self.run(theta, u, x).T)[known]
+            total = float(e @ e)
+            return total if np.isfinite(total) else np.inf
+
+        best = cost(x)
+        for _ in range(STATE_STEPS):
+            if not np.isfinite(best) or not known.any():
+                break
+            run, D = self.tangents(theta, u, x, states=True, parameters=False)
+            J = np.concatenate([d[:, k] for d, k in zip(D, known, strict=True)], axis=1).T
+            if not np.all(np.isfinite(J)):
+                break
+            scale = np.linalg.norm(J, axis=0)
+            scale[scale == 0.0] = 1.0
+            move = np.linalg.lstsq(J / scale, (target - run)[known], rcond=1e-9)[0] / scale
+            factor, trial = 1.0, np.inf
+            while factor > 1e-3:
+                trial = cost(x + factor * move)
+                if trial < best:
+                    break
+                factor *= 0.5
+            if not trial < best:
+                break
+            gained, best, x = best - trial, trial, x + factor * move
+            if gained <= 1e-12 * best:
+                break
+        return best, x
+
+    def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """(x, u) → (x⁺, y), over whatever array namespace x and u are of."""
+        plans: list[Any] = []
+        for k, layer in enumerate(self.layers):
+            p = theta[self.place(k)]
+            plans.append(
+                [
+                    (i, j, order, _padded(B, order), _padded(F, order))
+                    for i, j, order, _, B, F in layer.entries(p)
+                ]
+                if isinstance(layer, LinearLayer)
+                else [p[a:b] for a, b in zip(layer.edges[:-1], layer.edges[1:], strict=True)]
+            )
+
+        def advance(x: Array, u: Array) -> tuple[Array, Array]:
+            xp: Any = u.__array_namespace__()
+            signal: Any = u
+            parts: list[Any] = []
+            at = 0
+            for layer, plan in zip(self.layers, plans, strict=True):
+                if isinstance(layer, StaticLayer):
+                    signal = xp.concatenate(
+                        [
+                            layer.value(c, signal[c : c + 1], xp.asarray(own), xp)
+                            for c, own in enumerate(plan)
+                        ]
+                    )
+                    continue
+                out: list[Any] = [xp.zeros(1)] * layer.n_outputs
+                for i, j, order, B, F in plan:
+                    state = x[at : at + order]
+                    s = signal[j : j + 1]
+                    w = B[0] * s + state[:1] if order else B[0] * s
+                    moved = xp.concatenate([state[1:], xp.zeros(min(order, 1))])
+                    parts.append(moved + B[1:] * s - F[1:] * w)
+                    out[i] = out[i] + w
+                    at += order
+                signal = xp.concatenate(out)
+            return xp.concatenate(parts) if parts else x, signal
+
+        return advance
+
+
+def _delayed(rows: Array, first: int, x: Array, lag: int, count: int) -> None:
+    """Rows first … first + count − 1 become x delayed by lag, lag + 1, … samples."""
+    n = len(x)
+    for k in range(count):
+        shift = lag + k
+        if shift < n:
+            rows[first + k, shift:] = x[: n - shift]
+
+
+def _padded(polynomial: Array, order: int) -> Array:
+    return np.concatenate([polynomial, np.zeros(order + 1 - len(polynomial))])

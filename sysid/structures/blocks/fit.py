@@ -1,0 +1,205 @@
+"""Fitting chains of blocks: descents on the part of the data that is not held out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from sysid.data.record import Array, Record
+from sysid.structures.blocks.chain import BlockChain
+from sysid.structures.blocks.errors import ChainErrors, output_scales
+from sysid.structures.blocks.layers import StaticLayer
+
+Mask = NDArray[np.bool_]
+
+ROUGH_TOLERANCE = 1e-4
+"""Relative gain of a step below which a descent that only ranks candidates ends."""
+
+
+FELT_STATE = 0.1
+"""Share of the errors that the whole range of an initial state is taken to change at least: one
+that changes less says nothing, and its step shall be small."""
+
+HEAD = 400
+"""Samples at the head of a record that say enough about its initial state to start from."""
+
+
+@dataclass(frozen=True, eq=False)
+class ChainData:
+    """Experiments with the samples that are fitted and those that choose.
+
+    Attributes:
+        data: (u, y) of each experiment.
+        kept: samples to fit on.
+        held: samples to choose on.
+        scales: standard deviation of each output.
+    """
+
+    data: tuple[tuple[Array, Array], ...]
+    kept: tuple[Mask, ...]
+    held: tuple[Mask, ...]
+    scales: Array
+
+    @staticmethod
+    def of(records: Sequence[Record], held: Sequence[Mask] | None = None) -> "ChainData":
+        """All samples of the records are fitted, except those held out and outliers."""
+        data = tuple((np.asarray(r.u), np.asarray(r.y)) for r in records)
+        none = tuple(np.zeros(len(y), dtype=bool) for _, y in data) if held is None else tuple(held)
+        kept = tuple(~m & r.counted for m, r in zip(none, records, strict=True))
+        held_out = tuple(m & r.counted for m, r in zip(none, records, strict=True))
+        return ChainData(data, kept, held_out, output_scales([y for _, y in data]))
+
+    def problem(self, chain: BlockChain, kept: Sequence[Mask] | None = None) -> ChainErrors:
+        """The free-run errors of a chain, initial states estimated."""
+        return ChainErrors(chain, self.data, True, self.kept if kept is None else kept, self.scales)
+
+    def held_error(self, chain: BlockChain, p: Array) -> float:
+        """Root mean square of the held-out errors relative to the outputs' spread."""
+        e = self.problem(chain, self.held).residual(p)
+        size = float(np.sqrt(np.mean(e**2))) if len(e) else float("nan")
+        return size if size < 1e6 else float("inf")
+
+    def with_states(self, chain: BlockChain, theta: Array) -> Array:
+        """θ and, for each experiment, the state that meets the head of its fitted samples best."""
+        head = min(HEAD, 3 * chain.n_states + HEAD // 4)
+        states = [
+            chain.fitted_state(theta, u, np.where(kept[:, None], y, np.nan), head)
+            for (u, y), kept in zip(self.data, self.kept, strict=True)
+        ]
+        return np.concatenate([theta, *states])
+
+    @property
+    def samples(self) -> int:
+        """Samples that are fitted."""
+        return sum(int(k.sum()) for k in self.kept)
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A chain with parameters and initial states, and how well it does.
+
+    Attributes:
+        chain: the chain.
+        p: θ and the initial states of each experiment.
+        cost: ½ Σ (ε/scale)² of the fitted samples.
+        held: relative error of the held-out samples, NaN without any.
+        evaluations: residual evaluations spent.
+    """
+
+    chain: BlockChain
+    p: Array
+    cost: float
+    held: float
+    evaluations: int
+
+    @property
+    def theta(self) -> Array:
+        """The parameters without initial states."""
+        return self.p[: self.chain.n]
+
+
+def descend(
+    chain: BlockChain,
+    p0: Array,
+    data: ChainData,
+    *,
+    evaluations: int,
+    held_entries: Sequence[int] = (),
+    tolerance: float = ROUGH_TOLERANCE,
+    problem: ChainErrors | None = None,
+) -> Fitted:
+    """Levenberg-Marquardt on the fitted samples from p0 (θ, or θ and initial states).
+
+    The normal equations are summed experiment by experiment, so that 10⁵ samples of 40 parameters
+    cost 50 ms a step; Marquardt's damping is steered as Nielsen (1999) does. Their condition is
+    that of J squared, which the damping bears; the last search works on J itself.
+    """
+    problem = data.problem(chain) if problem is None else problem
+    missing = len(p0) < chain.n + problem.n_initial
+    p = data.with_states(chain, p0) if missing else p0.copy()
+    free = np.ones(len(p), dtype=bool)
+    free[list(held_entries)] = False
+    r = problem.residual(p)
+    cost, spent, damping, growth = _half_square(r), 1, 1e-3, 2.0
+    fresh, gram, gradient = True, np.zeros((0, 0)), np.zeros(0)
+    sizes = np.concatenate([np.full(chain.n, np.inf), problem.state_sizes(p)])[free]
+    while spent < evaluations:
+        if fresh:
+            full, slope = problem.normal_equations(p, r)
+            gram, gradient = full[np.ix_(free, free)], slope[free]
+            if not (np.all(np.isfinite(gram)) and np.all(np.isfinite(gradient))):
+                break
+            scale = _steps_scale(gram, cost, sizes)
+            gram, gradient = gram / np.outer(scale, scale), gradient / scale
+        step = -_solved(gram, damping, gradient)
+        trial = p.copy()
+        trial[free] += step / scale
+        foreseen = float(step @ (damping * step - gradient)) / 2.0
+        e = problem.residual(trial)
+        new, spent = _half_square(e), spent + 1
+        fresh = new < cost
+        if fresh:
+            ratio = (cost - new) / max(foreseen, 1e-300)
+            gained = (cost - new) / max(cost, 1e-300)
+            p, r, cost = trial, e, new
+            damping *= max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3)
+            growth = 2.0
+            if gained < tolerance and foreseen < tolerance * max(cost, 1e-300):
+                break
+        else:
+            if foreseen < 0.01 * tolerance * cost or damping > 1e12:
+                break
+            damping, growth = damping * growth, growth * 2.0
+    held = data.held_error(chain, p) if any(m.any() for m in data.held) else float("nan")
+    return Fitted(chain, p, cost, held, spent)
+
+
+def _steps_scale(gram: Array, cost: float, sizes: Array) -> Array:
+    """What divides each entry's step: how much it is felt, of initial states at least a little.
+
+    One that is felt next to nothing, within a dead zone or where a sensor saturates, would
+    otherwise run away with every step, and no other entry could move.
+
+    Args:
+        gram: JᵀJ, (n, n).
+        cost: ½‖r‖².
+        sizes: range of each entry that is an initial state, infinite for the others, (n,).
+    """
+    felt = np.maximum(np.sqrt(np.diag(gram)), FELT_STATE * np.sqrt(2.0 * cost) / sizes)
+    return np.where(felt > 0.0, felt, 1.0)
+
+
+def _solved(gram: Array, damping: float, gradient: Array) -> Array:
+    """(gram + damping I)⁻¹ gradient for a gram with a unit diagonal."""
+    eye = np.eye(len(gram))
+    try:
+        return np.asarray(cho_solve(cho_factor(gram + damping * eye), gradient))
+    except np.linalg.LinAlgError:
+        return np.asarray(cho_solve(cho_factor(gram + (damping + 1e-8) * eye), gradient))
+
+
+def _half_square(r: Array) -> float:
+    with np.errstate(over="ignore"):
+        return 0.5 * float(r @ r)
+
+
+def abscissae(chain: BlockChain) -> list[int]:
+    """Entries of θ that are abscissae of piecewise-linear statics, all but none."""
+    found = []
+    for k, layer in enumerate(chain.layers):
+        if not isinstance(layer, StaticLayer):
+            continue
+        for static, at in zip(layer.statics, layer.edges[:-1], strict=True):
+            for stage, part in zip(static.stages, static.slices(), strict=True):
+                if stage.kind == "piecewise":
+                    first = chain.edges[k] + at + part.start
+                    found += list(range(first, first + stage.size))
+    return found
+
+
+def outer_abscissae(chain: BlockChain) -> list[int]:
+    """Those at either end: only the slope of an outer segment is seen, not where it ends."""
+    every = abscissae(chain)
+    return [k for k in every if k - 1 not in every or k + 1 not in every]

@@ -1,0 +1,276 @@
+"""The last search of a block-oriented fit: all data, the user's constraints, what it is worth."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.data.record import Array, Record
+from sysid.errors import DataError, ModelError, Termination
+from sysid.fitting.options import FitOptions
+from sysid.fitting.problem import Initial, Parameter
+from sysid.fitting.robust import huber_widths
+from sysid.fitting.solvers import Solution, half_square, levenberg_marquardt
+from sysid.fitting.uncertainty import uncertainty
+from sysid.structures.blocks.errors import ChainErrors
+from sysid.structures.blocks.fit import (
+    ChainData,
+    Fitted,
+    descend,
+    outer_abscissae,
+)
+from sysid.structures.blocks.gains import normalised
+from sysid.structures.blocks.structure import BlockStructure
+from sysid.structures.outcome import FitOutcome, StartReport
+from sysid.structures.search import STATE_LEVEL
+
+EVALUATIONS = 100
+"""Limit of the descent on the normal equations before the last search."""
+
+HOPELESS = 1e50
+"""Cost of a model that is not stable, or nearly so."""
+
+APPROACH, SETTLED = 1e-5, 1e-7
+"""Relative gain of a step below which that descent ends: before gains are pinned, and after."""
+
+PATIENCE = 4
+"""Steps of less gain than that after which the last search ends: along a point of a static that
+hardly matters they would go on for a hundred."""
+
+
+def finished(
+    structure: BlockStructure,
+    records: Sequence[Record],
+    options: FitOptions,
+    parameters: tuple[Parameter, ...],
+    starts: Sequence[tuple[str, Array]],
+    reports: tuple[StartReport, ...],
+    warnings: tuple[str, ...] = (),
+) -> FitOutcome:
+    """The last search on all data from the given starts, every gain in one place.
+
+    Args:
+        structure: orders and statics settled.
+        records: experiments, offsets removed.
+        options: how to fit.
+        parameters: bounds and fixed values the user gave, by name.
+        starts: named θ of ``structure``.
+        reports: starts tried before.
+        warnings: what the user should know.
+
+    Raises:
+        DataError: fewer equations than unknowns.
+        ModelError: no start gives a finite cost.
+    """
+    given = {p.name: p for p in parameters}
+    bare = structure.parameters(records[0].inputs, records[0].outputs)
+    table = tuple(given.get(p.name, p) for p in bare)
+    data = ChainData.of(records)
+    last = _Last(structure, data, options, table)
+    _check_equations(records, last)
+    runs = [(name, *last.approached(theta)) for name, theta in starts]
+    rough = min((run[2] for run in runs), key=lambda found: found.cost)
+    theta = rough.theta
+    if not last.constrained:
+        # the same model with its gains pinned; the cost does not change, the covariance exists
+        chain, theta, pins = normalised(structure.chain, theta, data.data)
+        structure = structure.with_chain(chain)
+        pins = sorted({*pins, *outer_abscissae(chain)})
+        table = tuple(
+            replace(p, fixed=float(theta[k])) if k in pins else p for k, p in enumerate(table)
+        )
+        last = _Last(structure, data, options, table)
+    best = last.from_start(theta)
+    if best.termination is Termination.DIVERGED or not best.cost < HOPELESS:
+        raise ModelError(f"{structure.name}: {Termination.DIVERGED.value}{_because(last)}")
+    said = [
+        StartReport("all", name, before, best.cost, found.evaluations + best.evaluations)
+        if found is rough
+        else StartReport("all", name, before, found.cost, found.evaluations)
+        for name, before, found in runs
+    ]
+    return last.outcome(best, (*reports, *said), warnings)
+
+
+def again(
+    before: FitOutcome,
+    records: Sequence[Record],
+    options: FitOptions,
+    parameters: tuple[Parameter, ...],
+) -> FitOutcome:
+    """The last search once more, on nearly the same data, from where a fit ended."""
+    structure = before.structure
+    assert isinstance(structure, BlockStructure)
+    starts = [("the fit before", before.theta)]
+    return finished(structure, records, options, parameters, starts, before.starts, before.warnings)
+
+
+def _because(last: "_Last") -> str:
+    """What the user may have done to leave no stable model."""
+    named = [
+        p.name for p in last.table if p.fixed is not None or np.isfinite([p.lower, p.upper]).any()
+    ]
+    if not last.constrained or not named:
+        return ""
+    return f" No stable model was found with {', '.join(named)} as fixed or bounded."
+
+
+def _check_equations(records: Sequence[Record], last: "_Last") -> None:
+    equations = sum(last.rest.lengths)
+    unknowns = int(last.free.sum())
+    if equations <= unknowns:
+        raise DataError(
+            f"{records[0].name}: {equations} equations for {unknowns} parameters; record longer "
+            "or take lower orders and simpler statics"
+        )
+
+
+class _Last:
+    """The search with what the user asked of it."""
+
+    def __init__(
+        self,
+        structure: BlockStructure,
+        data: ChainData,
+        options: FitOptions,
+        table: Sequence[Parameter],
+    ) -> None:
+        self.structure, self.data, self.options, self.table = structure, data, options, table
+        chain = structure.chain
+        self.moving = ChainErrors(chain, data.data, True, data.kept, data.scales)
+        self.rest = ChainErrors(chain, data.data, False, data.kept, data.scales)
+        self.lower = np.array([p.lower for p in table])
+        self.upper = np.array([p.upper for p in table])
+        self.free = np.array([p.fixed is None for p in table], dtype=bool)
+        self.values = np.array([0.0 if p.fixed is None else p.fixed for p in table])
+
+    @property
+    def constrained(self) -> bool:
+        """Whether the user fixed or bounded something: gains then stay where they are."""
+        finite = np.isfinite(self.lower) | np.isfinite(self.upper)
+        return bool(np.any(finite) or not np.all(self.free))
+
+    def approached(self, theta: Array) -> tuple[float, Fitted]:
+        """(cost at the start, where a quick descent from it ends)."""
+        theta = self._allowed(theta)
+        problem, p = self.moving, self.data.with_states(self.structure.chain, theta)
+        if self.options.initial is Initial.ZERO:
+            problem, p = self.rest, theta
+        before = half_square(problem.residual(p))
+        if self._bounded:
+            found = self._searched(problem, p)
+            return before, Fitted(
+                problem.chain, found.p, found.cost, float("nan"), found.evaluations
+            )
+        return before, self._descended(problem, p, APPROACH)
+
+    def from_start(self, theta: Array) -> Solution:
+        """Where the search with all its care ends."""
+        theta = self._allowed(theta)
+        if self.options.initial is Initial.ZERO:
+            return self._searched(self.rest, theta)
+        found = self._searched(self.moving, self.data.with_states(self.structure.chain, theta))
+        if self.options.initial is Initial.AUTO:
+            return self._at_rest(found) or found
+        return found
+
+    def _allowed(self, theta: Array) -> Array:
+        """θ with fixed values and within the bounds."""
+        inside = np.clip(np.where(self.free, theta, self.values), self.lower, self.upper)
+        return np.asarray(inside)
+
+    @property
+    def _bounded(self) -> bool:
+        return bool(np.any(np.isfinite(self.lower)) or np.any(np.isfinite(self.upper)))
+
+    def _descended(self, problem: ChainErrors, p: Array, tolerance: float) -> Fitted:
+        fixed = np.flatnonzero(~self.free).tolist()
+        return descend(
+            problem.chain,
+            p,
+            self.data,
+            evaluations=min(EVALUATIONS, self.options.limit()),
+            held_entries=tuple(fixed),
+            tolerance=tolerance,
+            problem=problem,
+        )
+
+    def _searched(self, problem: ChainErrors, p: Array) -> Solution:
+        n, states = self.structure.chain.n, problem.n_initial
+        free = np.concatenate([self.free, np.ones(states, dtype=bool)])
+        limit = np.full(states, np.inf)
+        lower, upper = (
+            np.concatenate([self.lower, -limit]),
+            np.concatenate([self.upper, limit]),
+        )
+        huber = None
+        if not self._bounded:
+            p = self._descended(problem, p, SETTLED).p
+        if self.options.robust:
+            huber = huber_widths(problem, problem.residual(p))
+        return levenberg_marquardt(
+            problem,
+            p[: n + states],
+            free=free,
+            lower=lower,
+            upper=upper,
+            huber=huber,
+            max_evaluations=self.options.limit(),
+            tolerance=self.options.precision(SETTLED),
+            patience=PATIENCE,
+        )
+
+    def _at_rest(self, found: Solution) -> Solution | None:
+        """The search from rest, unless the F-test of the initial states says they matter (99 %)."""
+        from scipy.stats import f
+
+        k, n = self.moving.n_initial, self.structure.chain.n
+        if k == 0 or self.options.robust:
+            return None
+        r = self.rest.residual(found.p[:n])
+        dof = len(r) - k - n
+        if dof <= 0 or not np.isfinite(found.cost):
+            return self._searched(self.rest, found.p[:n])
+        # at the same θ: a search from rest would find less
+        left = max(2.0 * found.cost, 1e-300)
+        if 2.0 * half_square(r) > 4.0 * left:
+            return None
+        rest = self._searched(self.rest, found.p[:n])
+        ratio = (2.0 * rest.cost - left) / k / (left / dof)
+        return None if ratio > f.ppf(STATE_LEVEL, k, dof) else rest
+
+    def outcome(
+        self, best: Solution, reports: tuple[StartReport, ...], warnings: tuple[str, ...]
+    ) -> FitOutcome:
+        """Covariance, directions without information and what ended on a bound."""
+        n = self.structure.chain.n
+        states = len(best.p) - n
+        counted = self.options.initial is not Initial.BACKCAST
+        which = np.flatnonzero(np.concatenate([self.free, np.full(states, counted)]))
+        problem = self.moving if states else self.rest
+        worth = uncertainty(
+            best.jacobian[:, which],
+            best.residual,
+            tuple(zip(problem.channels, problem.lengths, strict=True)),
+            best.weights,
+        )
+        covariance = np.zeros((n, n))
+        inside = which < n
+        entries = which[inside]
+        covariance[np.ix_(entries, entries)] = worth.covariance[np.ix_(inside, inside)]
+        null = np.zeros((n, worth.null.shape[1]))
+        null[entries] = worth.null[inside]
+        size = np.linalg.norm(null, axis=0)
+        null = null[:, size > 1e-3] / size[size > 1e-3]
+        return FitOutcome(
+            self.structure,
+            tuple(self.table),
+            best.p[:n],
+            covariance,
+            null,
+            n_states=states if counted else 0,
+            termination=best.termination,
+            at_bound=tuple(self.table[k].name for k in best.at_bound if k < n),
+            starts=reports,
+            warnings=warnings,
+        )

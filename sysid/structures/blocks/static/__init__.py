@@ -1,0 +1,1 @@
+"""Static functions of one signal, as the block-oriented structures hold them."""

@@ -1,0 +1,262 @@
+"""What Hammerstein–Wiener and Wiener–Hammerstein models have in common."""
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sysid.data.record import Array, Channel, Record
+from sysid.fitting.problem import (
+    Focus,
+    Initial,
+    Parameter,
+    Problem,
+)
+from sysid.structures.base import Structure
+from sysid.structures.blocks.chain import BlockChain
+from sysid.structures.blocks.errors import ChainErrors
+from sysid.structures.blocks.layers import LinearLayer, StaticLayer
+from sysid.structures.blocks.static.functions import Static
+from sysid.structures.blocks.static.kinds import Stage, spline_knots
+from sysid.structures.linear.polynomial import _pole, _text
+
+
+@dataclass(frozen=True)
+class BlockStructure(Structure):
+    """Base of the block-oriented structures: everything follows from the chain of blocks."""
+
+    has_noise_model: ClassVar[bool] = False
+
+    @property
+    @abstractmethod
+    def chain(self) -> BlockChain:
+        """The blocks."""
+
+    @property
+    @abstractmethod
+    def layer_names(self) -> tuple[str, ...]:
+        """What each layer is called in parameter names; empty for the main linear block."""
+
+    @abstractmethod
+    def with_chain(self, chain: BlockChain) -> "BlockStructure":
+        """This structure with the statics of another chain of the same layers."""
+
+    @property
+    def counts_from_zero(self) -> bool:
+        """Always: the edges of a static are values of the command itself."""
+        return True
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs."""
+        return self.chain.nu
+
+    @property
+    def ny(self) -> int:
+        """Number of outputs."""
+        return self.chain.n_outputs
+
+    def parameters(
+        self, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[Parameter, ...]:
+        """Names (``input.d_high``, ``b1[omega_l,pwm_r]``, ``output.y3`` …) and units of θ."""
+        found: list[Parameter] = []
+        single = self.nu == 1 and self.ny == 1
+        for name, layer in zip(self.layer_names, self.chain.layers, strict=True):
+            if isinstance(layer, LinearLayer):
+                found += self._linear_parameters(name, layer, inputs, outputs)
+                continue
+            channels = outputs if layer.last else inputs
+            for k, (static, channel) in enumerate(zip(layer.statics, channels, strict=True)):
+                tag = "" if single else f"[{channel.name}]"
+                found += [
+                    Parameter(f"{name}.{n}{tag}", self._unit(name, n, channel))
+                    for n in static.names
+                ]
+                if layer.has_y0(k):
+                    found.append(Parameter(f"y0{tag}", channel.unit))
+        return tuple(found)
+
+    def _linear_parameters(
+        self,
+        name: str,
+        layer: LinearLayer,
+        inputs: Sequence[Channel],
+        outputs: Sequence[Channel],
+    ) -> list[Parameter]:
+        prefix = f"{name}." if name else ""
+        rows = inputs if name else outputs
+        found = []
+        for i, j in layer.pairs:
+            tag = f"[{inputs[j].name}]" if name else f"[{rows[i].name},{inputs[j].name}]"
+            tag = "" if self.nu == 1 and self.ny == 1 else tag
+            first = layer.nk[i][j]
+            found += [Parameter(f"{prefix}b{k}{tag}") for k in range(first, first + layer.nb[i][j])]
+            found += [Parameter(f"{prefix}f{k}{tag}") for k in range(1, layer.nf[i][j] + 1)]
+        return found
+
+    @staticmethod
+    def _unit(layer: str, name: str, channel: Channel) -> str:
+        """Limits of an input static are inputs, values of an output static are outputs."""
+        if layer == "input":
+            return channel.unit if name[0] in "cdsx" else ""
+        return channel.unit if layer == "output" and name[0] == "y" else ""
+
+    def problems(
+        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
+    ) -> tuple[Problem, ...]:
+        """One problem of all outputs; prediction and simulation errors are the same."""
+        data = [(r.u, r.y) for r in records]
+        estimate = initial in (Initial.ESTIMATED, Initial.AUTO)
+        return (ChainErrors(self.chain, data, estimate),)
+
+    def first_sample(self) -> int:
+        """0: nothing measured is needed for a prediction."""
+        return 0
+
+    def n_states(self, theta: Array) -> int:
+        """Number of states of the linear blocks."""
+        return self.chain.n_states
+
+    def forgets_after(self, theta: Array) -> float:
+        """Two of the slowest time constants of the linear blocks [samples]."""
+        radii = [abs(z) for F in self.chain.denominators(theta) for z in np.roots(F)]
+        slowest = max((r for r in radii if r > 0.0), default=0.0)
+        if slowest >= 1.0:
+            return float("inf")
+        return -2.0 / float(np.log(slowest)) if slowest > 0.0 else 0.0
+
+    def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
+        """State that meets the first ``samples`` of y best in free run."""
+        return self.chain.fitted_state(theta, u, y, samples)
+
+    def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
+        """Free run from x0."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self.chain.run(theta, u, x0)
+
+    def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """The free run sample by sample."""
+        return self.chain.step(theta)
+
+    def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
+        """y − ŷ: without a noise model the one-step prediction is the free run."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return y - self.chain.run(theta, u, self.fitted_state(theta, u, y, window))
+
+    def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
+        """The free run at every horizon."""
+        return y - self.errors(theta, u, y, window)
+
+    def stable(self, theta: Array) -> bool:
+        """Whether all poles lie inside the unit circle.
+
+        The statics grow no faster than a polynomial and nothing feeds back through them, so that
+        bounded inputs then give bounded outputs.
+        """
+        return self.chain.admissible(theta)
+
+    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
+        """∂ŷ/∂θ of one output's free run, (N, n)."""
+        if not len(u):
+            return np.zeros((0, self.chain.n))
+        with np.errstate(all="ignore"):
+            _, D = self.chain.tangents(theta, u, None, states=False)
+        return np.ascontiguousarray(D[output].T)
+
+    def equations(
+        self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[str, ...]:
+        """One line a block and channel, with five significant digits."""
+        lines: list[str] = []
+        letters = iter("vwz")
+        names = [c.name for c in inputs]
+        for k, layer in enumerate(self.chain.layers):
+            p = theta[self.chain.place(k)]
+            if isinstance(layer, StaticLayer):
+                if all(s.is_identity for s in layer.statics) and not layer.last:
+                    continue
+                new = (
+                    [c.name for c in outputs]
+                    if layer.last
+                    else _fresh(next(letters), len(layer.statics))
+                )
+                for c, static in enumerate(layer.statics):
+                    part = p[layer.edges[c] : layer.edges[c + 1]]
+                    text = static_text(static, part[: static.n], names[c])
+                    if layer.has_y0(c):
+                        text += f" {'-' if part[-1] < 0 else '+'} {abs(part[-1]):.5g}"
+                    elif not layer.last:
+                        zero = layer.statics[c].value(np.zeros(1), part)[0]
+                        text += f" - ({zero:.5g})" if abs(zero) > 0 else ""
+                    lines.append(f"{new[c]} = {text}")
+            else:
+                new = _fresh(next(letters), layer.n_outputs)
+                terms: dict[int, list[str]] = {}
+                for i, j, _, _, B, F in layer.entries(p):
+                    bottom = f"/{_text(F)}" if len(F) > 1 else ""
+                    terms.setdefault(i, []).append(f"{_text(B)}{bottom}·{names[j]}")
+                lines += [f"{new[i]} = {' + '.join(terms.get(i, ['0']))}" for i in range(len(new))]
+            names = new
+        return tuple(lines)
+
+    def properties(self, theta: Array, dt: float) -> dict[str, Any]:
+        """Poles of each linear block, and what each static does at a few points."""
+        blocks: list[dict[str, Any]] = []
+        for k, (name, layer) in enumerate(zip(self.layer_names, self.chain.layers, strict=True)):
+            p = theta[self.chain.place(k)]
+            if isinstance(layer, LinearLayer):
+                blocks += [
+                    {
+                        "block": name or "linear",
+                        "output": i,
+                        "input": j,
+                        "poles": [_pole(complex(z), dt) for z in np.roots(F)],
+                        "zeros": [
+                            {"re": float(z.real), "im": float(z.imag)}
+                            for z in np.roots(np.trim_zeros(B))
+                        ],
+                        "static_gain": _finite(float(B.sum()), float(F.sum())),
+                    }
+                    for i, j, _, _, B, F in layer.entries(p)
+                ]
+        found = [pole for b in blocks for pole in b["poles"]]
+        return {"stable": self.stable(theta), "poles": found, "blocks": blocks}
+
+
+def statics_to_json(statics: Sequence[Static]) -> list[dict[str, Any]]:
+    """The statics of a layer as JSON-able values."""
+    return [s.to_json() for s in statics]
+
+
+def statics_from_json(raw: Sequence[Mapping[str, Any]]) -> tuple[Static, ...]:
+    """Undo ``statics_to_json``."""
+    return tuple(Static.from_json(r) for r in raw)
+
+
+def static_text(static: Static, p: Array, argument: str) -> str:
+    """The static with its numbers, e.g. ``dead-zone(u; d_low=-0.1, d_high=0.2)``."""
+    for stage, part in zip(static.stages, static.slices(), strict=True):
+        argument = _stage_text(stage, p[part], argument)
+    return argument
+
+
+def _stage_text(stage: Stage, p: Array, argument: str) -> str:
+    if stage.kind == "abs":
+        return f"|{argument} {'+' if p[0] < 0 else '-'} {abs(p[0]):.5g}|"
+    if stage.kind in ("piecewise", "spline"):
+        x = p[: stage.size] if stage.kind == "piecewise" else spline_knots(stage)
+        points = " ".join(f"({a:.5g}, {b:.5g})" for a, b in zip(x, p[-stage.size :], strict=True))
+        return f"{stage.kind}({argument}; {points})"
+    numbers = ", ".join(f"{n}={v:.5g}" for n, v in zip(stage.names, p, strict=True))
+    return f"{stage.kind}({argument}; {numbers})"
+
+
+def _fresh(letter: str, n: int) -> list[str]:
+    return [letter] if n == 1 else [f"{letter}{k + 1}" for k in range(n)]
+
+
+def _finite(top: float, bottom: float) -> float | None:
+    return top / bottom if bottom else None

@@ -1,0 +1,217 @@
+"""Starts of Wiener–Hammerstein models: the poles of the linear approximation, dealt out.
+
+The best linear approximation has the poles of both linear blocks but does not say which belong to
+which. So all ways of dealing them out are tried, each with a few simple first numerators; for a
+given first block and given poles behind it the rest is a linear least-squares problem (numerator
+times spline values, of which the nearest product is taken). Splitting zeros as well was rejected:
+such starts get stuck (Schoukens & Tiels 2017, §5.3, compare the ways).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.filtering import lfilter
+from sysid.data.record import Array, Record
+from sysid.fitting.holdout import shortened
+from sysid.structures.blocks.bla import input_denominators
+from sysid.structures.blocks.fit import ChainData, Fitted, descend
+from sysid.structures.blocks.layers import LinearLayer
+from sysid.structures.blocks.static.functions import Static, parse_static
+from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
+from sysid.structures.orders import orders_text
+
+BLA_SAMPLES = 40_000
+"""Samples that the poles are taken from: they need more than the ranking does."""
+
+FIRST = "spline:5"
+"""The static of the ranking fits."""
+
+REAL = 1e-9
+"""Imaginary parts below this are rounding."""
+
+SAME = 0.01
+"""Poles nearer than this lead to the same fit."""
+
+Poles = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One start or model."""
+
+    structure: WienerHammerstein
+    found: Fitted
+    label: str
+
+
+def ranked_starts(
+    structure: WienerHammerstein, records: Sequence[Record], data: ChainData
+) -> list[Candidate]:
+    """Every deal of the poles with every first numerator, fitted briefly."""
+    nu = structure.nu
+    first = [structure.first.nf[j][j] for j in range(nu)]
+    second = [max(row[j] for row in structure.orders.nf) for j in range(nu)]
+    degrees = [a + b for a, b in zip(first, second, strict=True)]
+    deals: list[list[tuple[Poles, Poles]]] = [[] for _ in range(nu)]
+    for refine in (True, False):
+        pools = input_denominators(shortened(records, BLA_SAMPLES), degrees, refine=refine)
+        for j, pool in enumerate(pools):
+            for dealt in _deals(np.roots(pool).astype(np.complex128), first[j]):
+                if not any(_same(dealt, known) for known in deals[j]):
+                    deals[j].append(dealt)
+    count = max(len(d) for d in deals)
+    found = []
+    for k in range(count):
+        # with several inputs the k-th deal of each: all combinations would be too many
+        dealt_out = [d[k % len(d)] for d in deals]
+        for zeros in range(min(3, max(structure.first.nb[j][j] for j in range(nu)))):
+            start = _started(structure, dealt_out, zeros, data)
+            if start is None:
+                continue
+            label = f"{orders_text(structure.order_values())}, deal {k + 1}, numerator {zeros}"
+            fitted = descend(start[0].chain, start[1], data, evaluations=8)
+            if np.isfinite(fitted.cost) and fitted.cost < 1e50:
+                found.append(Candidate(start[0].with_chain(fitted.chain), fitted, label))
+    return found
+
+
+def _deals(poles: Poles, first: int) -> list[tuple[Poles, Poles]]:
+    """All ways to give ``first`` poles to the first block, complex pairs kept together.
+
+    Where only a split pair gives that number, the best damped pair becomes two real poles.
+    """
+    groups: list[Poles] = []
+    for z in sorted(poles, key=lambda z: (-abs(z), z.imag)):
+        if abs(z.imag) < REAL:
+            groups.append(np.array([z.real + 0j]))
+        elif z.imag > 0:
+            groups.append(np.array([z, np.conj(z)]))
+    found = []
+    for taken in product((True, False), repeat=len(groups)):
+        mine = [z for g, t in zip(groups, taken, strict=True) if t for z in g]
+        rest = [z for g, t in zip(groups, taken, strict=True) if not t for z in g]
+        if len(mine) == first:
+            found.append((np.array(mine), np.array(rest)))
+    if found:
+        return found
+    best_damped = max((g[0] for g in groups if len(g) == 2), key=lambda z: abs(np.angle(z)))
+    paired = np.abs(poles - best_damped) < REAL
+    paired |= np.abs(poles - np.conj(best_damped)) < REAL
+    return _deals(np.where(paired, np.abs(poles) + 0j, poles), first)
+
+
+def _same(a: tuple[Poles, Poles], b: tuple[Poles, Poles]) -> bool:
+    """Whether two deals are the same up to the order of poles."""
+    return all(
+        len(x) == len(y) and np.allclose(np.sort_complex(x), np.sort_complex(y), atol=SAME)
+        for x, y in zip(a, b, strict=True)
+    )
+
+
+def _started(
+    structure: WienerHammerstein,
+    dealt: Sequence[tuple[Poles, Poles]],
+    zeros: int,
+    data: ChainData,
+) -> tuple[WienerHammerstein, Array] | None:
+    """The chain with these poles: first block of unit spread, rest by least squares."""
+    size = parse_static(FIRST).stages[0].size
+    firsts: list[Array] = []
+    passed: list[list[Array]] = []
+    statics: list[Static] = []
+    for j, (mine, _) in enumerate(dealt):
+        nb, nf = structure.first.nb[j][j], structure.first.nf[j][j]
+        B = np.zeros(nb)
+        shape = np.atleast_1d(np.real(np.poly(-np.ones(min(zeros, nb - 1)))))
+        B[: len(shape)] = shape
+        F = np.zeros(nf + 1)
+        poly = np.real(np.poly(mine)) if len(mine) else np.ones(1)
+        F[: len(poly)] = poly
+        v = [lfilter(B, F, u[:, j]) for u, _ in data.data]
+        spread = float(np.concatenate(v).std())
+        if not np.isfinite(spread) or spread <= 0.0:
+            return None
+        gain = float(np.concatenate([u[:, j] for u, _ in data.data]).std()) / spread
+        v = [x * gain for x in v]
+        joined = np.concatenate(v)
+        knots = np.linspace(joined.min(), joined.max(), size)
+        stage = replace(parse_static(FIRST).stages[0], knots=tuple(knots.tolist()))
+        statics.append(Static((stage,)))
+        firsts.append(np.concatenate([B * gain, F[1:]]))
+        passed.append(v)
+    named = replace(structure, statics=tuple(statics))
+    values, second, offsets = _second_block(named, dealt, passed, data)
+    theta = np.concatenate([*firsts, *values, second, offsets])
+    return named, theta
+
+
+def _second_block(
+    structure: WienerHammerstein,
+    dealt: Sequence[tuple[Poles, Poles]],
+    passed: Sequence[Sequence[Array]],
+    data: ChainData,
+) -> tuple[list[Array], Array, Array]:
+    """Spline values of each input, coefficients of the second block, offsets.
+
+    y = Σ_j Σ_km c_jkm φ_m(v_j(t−k))/F_j is linear in c = b ⊗ values; least squares, then the
+    nearest product by the singular value decomposition (Bai 1998), shared by all outputs.
+    """
+    layer = structure.chain.layers[2]
+    assert isinstance(layer, LinearLayer)
+    nu, ny = structure.nu, structure.ny
+    tails = []
+    for _, rest in dealt:
+        tails.append(np.real(np.poly(rest)) if len(rest) else np.ones(1))
+    products: list[list[Array]] = [[np.zeros((0, 0))] * nu for _ in range(ny)]
+    offsets = np.zeros(ny)
+    bases = [
+        [static.evaluated(x, np.zeros(static.n))[2] for x in v]
+        for static, v in zip(structure.statics, passed, strict=True)
+    ]
+    zeros = [s.evaluated(np.zeros(1), np.zeros(s.n))[2] for s in structure.statics]
+    for i in range(ny):
+        rows, targets = [], []
+        for e, (_, y) in enumerate(data.data):
+            columns = [np.ones((1, len(y)))]
+            for j in range(nu):
+                phi = lfilter([1.0], tails[j], bases[j][e] - zeros[j], axis=1)
+                for k in range(structure.orders.nb[i][j]):
+                    lag = structure.orders.nk[i][j] + k
+                    moved = np.zeros_like(phi)
+                    moved[:, lag:] = phi[:, : phi.shape[1] - lag] if lag else phi
+                    columns.append(moved)
+            rows.append(np.concatenate(columns)[:, data.kept[e]])
+            targets.append(y[data.kept[e], i])
+        X, t = np.concatenate(rows, axis=1), np.concatenate(targets)
+        scale = np.sqrt(np.mean(X**2, axis=1))
+        scale[scale == 0.0] = 1.0
+        gram = (X / scale[:, None]) @ (X / scale[:, None]).T
+        ridge = 1e-8 * np.trace(gram) / len(gram) * np.eye(len(gram))
+        c = np.linalg.solve(gram + ridge, (X / scale[:, None]) @ t) / scale
+        offsets[i] = c[0]
+        at = 1
+        for j in range(nu):
+            nb, m = structure.orders.nb[i][j], structure.statics[j].n
+            products[i][j] = c[at : at + nb * m].reshape(nb, m)
+            at += nb * m
+    values, numerators = [], {}
+    for j in range(nu):
+        stacked = np.concatenate([products[i][j] for i in range(ny)])
+        U, s, Vt = np.linalg.svd(stacked, full_matrices=False)
+        values.append(Vt[0])
+        at = 0
+        for i in range(ny):
+            nb = structure.orders.nb[i][j]
+            numerators[i, j] = U[at : at + nb, 0] * s[0]
+            at += nb
+    second = []
+    for i, j in layer.pairs:
+        F = np.zeros(structure.orders.nf[i][j])
+        tail = tails[j][1 : 1 + len(F)]
+        F[: len(tail)] = tail
+        second.append(np.concatenate([numerators[i, j], F]))
+    return values, np.concatenate(second), offsets

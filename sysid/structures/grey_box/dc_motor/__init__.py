@@ -1,0 +1,1 @@
+"""The DC motor and its ladder of friction models."""

@@ -1,0 +1,226 @@
+"""The constants of the DC motor: lumped ones, those of the bench, and the shape of friction."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sysid.data.record import PWM_FULL_SCALE, Array
+from sysid.structures.grey_box.constants import Constant, Signal
+
+if TYPE_CHECKING:
+    from sysid.structures.grey_box.dc_motor.structure import DCMotor
+
+NO_LIMIT = 1e9
+"""A command no log contains: the limit of a drive that has none."""
+
+OPTIONAL_EACH = ("breakaway", "stribeck", "limit", "time_constant", "offset", "drag")
+"""Constants that two tracks may share."""
+
+
+def lumped(m: "DCMotor") -> tuple[Constant, ...]:
+    """Gain, time constant, coupling and sliding friction: what commands and speeds tell."""
+    two = m.ny == 2
+    return (
+        Constant(
+            "gain",
+            "{y}/{u}" if m.output != "position" else "({y}/s)/{u}",
+            1.0,
+            each=True,
+            spread=1.5,
+            words="speed per unit of command, without friction",
+        ),
+        Constant(
+            "time_constant",
+            "s",
+            0.2,
+            0.0,
+            each="time_constant" not in m.shared,
+            words="inertia over damping",
+        ),
+        *(
+            (
+                Constant(
+                    "coupling",
+                    "",
+                    0.0,
+                    -0.95,
+                    0.95,
+                    spread=0.3,
+                    words="inertia shared through the body over a track's own",
+                ),
+            )
+            if two
+            else ()
+        ),
+        Constant(
+            "coulomb",
+            "{u}",
+            0.0,
+            0.0,
+            free=not m.held(["coulomb"]),
+            each=True,
+            words="sliding friction as the command it takes away",
+        ),
+    )
+
+
+def shape(m: "DCMotor") -> tuple[Constant, ...]:
+    """What friction does beside sliding evenly, the limit of the drive and a constant load."""
+    pwm = m.input == "pwm"
+    each = {n: n not in m.shared for n in OPTIONAL_EACH}
+    speed = "{y}" if m.output != "position" else "{y}/s"
+    return (
+        Constant(
+            "breakaway",
+            "",
+            1.0,
+            1.0,
+            10.0,
+            not m.held(["breakaway"]),
+            1.5,
+            each["breakaway"],
+            "friction at standstill over sliding friction",
+        ),
+        Constant(
+            "stribeck",
+            speed,
+            1.0,
+            0.0,
+            np.inf,
+            not m.held(["stribeck"]),
+            3.0,
+            each["stribeck"],
+            "speed at which half of the extra friction is gone",
+        ),
+        Constant(
+            "limit",
+            "{u}",
+            PWM_FULL_SCALE if pwm else NO_LIMIT,
+            0.0,
+            PWM_FULL_SCALE if pwm else np.inf,
+            m.friction == "full" and pwm,
+            1.3,
+            each["limit"],
+            "command beyond which the drive gives no more",
+        ),
+        Constant(
+            "offset",
+            "{u}",
+            0.0,
+            free=m.output == "position" or not m.held(["offset"]),
+            spread=0.5,
+            each=each["offset"],
+            words="constant load as the command it takes away",
+        ),
+        Constant(
+            "coulomb_back",
+            "",
+            1.0,
+            0.0,
+            10.0,
+            not m.held(["coulomb_back"]),
+            1.5,
+            True,
+            "dry friction backward over forward",
+        ),
+        Constant(
+            "viscous_back",
+            "",
+            1.0,
+            0.1,
+            10.0,
+            not m.held(["viscous_back"]),
+            1.5,
+            True,
+            "damping backward over forward",
+        ),
+        Constant(
+            "drag",
+            "1/({y})" if m.output != "position" else "s/{y}",
+            0.0,
+            0.0,
+            free=not m.held(["drag"]),
+            each=each["drag"],
+            words="resistance that grows with the square of speed",
+        ),
+    )
+
+
+def bench(m: "DCMotor") -> tuple[Constant, ...]:
+    """Constants of the bench (thesis §5.2) and of the Devastator; m: on the motor side."""
+    held: dict[str, Any] = {"free": False, "lower": 0.0}
+    body: tuple[Constant, ...] = (
+        (
+            Constant("mass", "kg", 1.5, 0.0, words="body"),
+            Constant("yaw_inertia", "kg m²", 0.065, 0.0, words="body about the vertical"),
+            Constant("sprocket_radius", "m", 0.0215, **held, words="r"),
+            Constant("track_distance", "m", 0.186, **held, words="B"),
+        )
+        if m.ny == 2
+        else (Constant("load_inertia", "kg m²", 1e-3, 0.0, words="behind the gear"),)
+    )
+    return (
+        *(
+            (Constant("supply", "V", 7.5, **held, words="at the bridge"),)
+            if m.input != "voltage"
+            else ()
+        ),
+        Constant("resistance", "Ω", 3.1, **held, words="R, armature"),
+        Constant("back_emf", "V/(rad/s)", 0.0023, **held, words="Kem, m"),
+        Constant("torque_constant", "Nm/A", 8.6626e-4, **held, words="Kc, m"),
+        Constant("motor_viscous", "Nm/(rad/s)", 1.0651e-7, **held, words="ftot, m"),
+        Constant("motor_inertia", "kg m²", 1e-7, **held, words="Jtot, m"),
+        Constant("gear", "", 120.0, **held, words="turns of the motor for one of the sprocket"),
+        *body,
+        Constant(
+            "bridge_gain",
+            "",
+            1.0,
+            0.0,
+            each=True,
+            spread=1.3,
+            words="share of the nominal voltage that reaches the motor",
+        ),
+        Constant(
+            "friction_torque",
+            "Nm",
+            0.02,
+            0.0,
+            free=not m.held(["coulomb"]),
+            each=True,
+            words="sliding friction at the sprocket, gear and track together",
+        ),
+    )
+
+
+def from_bench(m: "DCMotor", xp: Any, p: Mapping[str, Signal]) -> dict[str, Signal]:
+    """Lumped motion that follows from bench constants (2.53–2.61, L di/dt neglected)."""
+    n = p["gear"]
+    per_volt = n * p["torque_constant"] / p["resistance"]
+    damping = n * n * (p["torque_constant"] * p["back_emf"] / p["resistance"] + p["motor_viscous"])
+    volts = p["supply"] / PWM_FULL_SCALE if m.input != "voltage" else 1.0
+    rotor = n * n * p["motor_inertia"]
+    if m.ny == 2:
+        forward = p["mass"] * p["sprocket_radius"] ** 2 / 4.0
+        turning = p["yaw_inertia"] * (p["sprocket_radius"] / p["track_distance"]) ** 2
+        own, cross = rotor + forward + turning, (forward - turning) / damping
+    else:
+        own, cross = rotor + p["load_inertia"], 0.0
+    return {
+        "gain": per_volt * volts * p["bridge_gain"] / damping,
+        "inertia": (xp.zeros((m.ny, 1)) + own / damping, cross),
+        "coulomb": p["friction_torque"] / damping,
+    }
+
+
+def bench_guess(m: "DCMotor", gain: Array, level: Array) -> dict[str, Any]:
+    """Bridge gains and friction torques that give the lumped gain and Coulomb level."""
+    plain = m.unpack(np, m.pack({}))
+    q = from_bench(m, np, plain)
+    share = np.abs(gain) / np.ravel(q["gain"])
+    damping = 1.0 / (q["coulomb"] / plain["friction_torque"])
+    return {
+        "bridge_gain": share,
+        "friction_torque": np.abs(gain) * level * np.ravel(damping),
+    }

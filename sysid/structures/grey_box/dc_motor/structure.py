@@ -1,0 +1,333 @@
+"""The DC motor as a grey box: geared motors with dry friction, one or two on a common body."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from sysid.data.integrating import is_position
+from sysid.data.record import Array, Channel, Record
+from sysid.errors import UsageError
+from sysid.structures.grey_box.constants import Constant, Rung, Signal
+from sysid.structures.grey_box.dc_motor.constants import (
+    OPTIONAL_EACH,
+    bench,
+    bench_guess,
+    from_bench,
+    lumped,
+    shape,
+)
+from sysid.structures.grey_box.dc_motor.motion import STEPS
+from sysid.structures.grey_box.dc_motor.start import central_guesses
+from sysid.structures.grey_box.dry_friction import decay
+from sysid.structures.grey_box.structure import GreyBox
+
+_CHOICES = MappingProxyType(
+    {
+        "input": ("auto", "pwm", "voltage"),
+        "output": ("auto", "speed", "position"),
+        "integrator": ("exact", "rk4", "implicit"),
+        "friction": ("auto", "none", "coulomb", "stribeck", "full"),
+        "parameters": ("lumped", "bench"),
+    }
+)
+
+_SHARED = ("breakaway", "stribeck", "limit")
+
+
+@dataclass(frozen=True)
+class DCMotor(GreyBox):
+    """Geared DC motors with dry friction that really sticks (thesis 2.53–2.61).
+
+    In units of speed, for each track (one motor: no coupling; r: reverse over forward)
+
+        T ω̇ = K (sat(u) − o) − ω − f(ω)       y = ω, or its integral
+        |f| ≤ K c (1 + (k−1)/(1 + (ω/ω_s)²)) + q ω²      sliding: × r_c and + (r_v − 1)|ω| at ω < 0
+
+    T holds the time constants and, off its diagonal, what the body's mass and yaw inertia carry
+    from one track to the other. From commands and speeds alone, only these ratios can be told: R,
+    K_em, K_c and inertias cannot. With ``parameters=bench`` the constants of the thesis's bench
+    stand for them, those measured there held, the others estimated.
+
+    Attributes:
+        input: ``pwm`` [µs], ``voltage`` or ``auto``: by the input's name.
+        output: ``speed``, ``position`` or ``auto``: by the output's unit, else by whether its
+            readings integrate the input.
+        integrator: ``exact`` (linear part by matrix exponential, friction implicit, stops found
+            inside a step), ``rk4``, or ``implicit`` (as exact, but stops at the end of a step).
+        friction: ``auto`` adds mechanisms as held-out data pay for them; ``none``, ``coulomb``,
+            ``stribeck`` and ``full`` fix them.
+        parametrisation: ``lumped`` or ``bench``.
+        shared: constants with one value for both tracks.
+        torque_per_input: stall torque (or force) per unit of input, 0 when unknown.
+    """
+
+    input: str = "auto"
+    output: str = "speed"
+    integrator: str = "exact"
+    friction: str = "auto"
+    parametrisation: str = "lumped"
+    shared: tuple[str, ...] = _SHARED
+    torque_per_input: float = 0.0
+
+    name: ClassVar[str] = "dc-motor"
+    title: ClassVar[str] = "DC motor: a grey box with friction, one motor or two tracks on a body"
+    equation: ClassVar[str] = "T dω/dt = K (sat(u) - o) - ω - f(ω), f: Coulomb and Stribeck, sticks"
+    when: ClassVar[str] = (
+        "motors driven by PWM or voltage whose speed or position is read; numbers with a meaning"
+    )
+    options: ClassVar[Mapping[str, str]] = MappingProxyType(
+        {
+            "input": "pwm (µs, limited at full drive), voltage, or auto (default): pwm for columns "
+            "called pwm…",
+            "output": "what is read: speed, position, or auto (default): by the output's unit, or "
+            "by whether its readings integrate the input",
+            "friction": "none, coulomb, stribeck, full (with offset, asymmetry and drag), or auto "
+            "(default): each mechanism only where held-out data pay for it",
+            "parameters": "lumped (default: gain, time constant, Coulomb level …) or bench (R, "
+            "Kem, Kc, gear, inertia held at the bench's values; masses and friction estimated)",
+            "shared": "constants with one value for both tracks, divided by commas; "
+            "breakaway,stribeck,limit unless given, or none",
+            "torque_constant": "stall torque or force per unit of input, if known: the equations "
+            "then name inertia and friction in physical units",
+            "integrator": "exact (default: matrix exponential, friction implicit), rk4, or "
+            "implicit (cheaper: a track stops at the end of a step)",
+            **GreyBox.options,
+        }
+    )
+
+    @classmethod
+    def read_options(cls, given: Mapping[str, str], nu: int, ny: int) -> dict[str, Any]:
+        """Fields from options; a motor for each input, one or two of them."""
+        if nu != ny or nu not in (1, 2):
+            raise UsageError(
+                f"dc-motor needs one motor (1 input, 1 output) or two tracks (2 and 2), got {nu} "
+                f"inputs and {ny} outputs; choose columns with --input and --output"
+            )
+        found: dict[str, Any] = {}
+        for option, choices in _CHOICES.items():
+            value = given.get(option, choices[0])
+            if value not in choices:
+                raise UsageError(f"--option {option}={value}: choose one of {', '.join(choices)}")
+            found["parametrisation" if option == "parameters" else option] = value
+        shared = given.get("shared")
+        if shared is not None:
+            names = () if shared == "none" else tuple(n.strip() for n in shared.split(","))
+            for n in names:
+                if n not in OPTIONAL_EACH:
+                    known = ", ".join(OPTIONAL_EACH)
+                    raise UsageError(f"--option shared: {n!r} cannot be shared; choose of {known}")
+            found["shared"] = names
+        found["torque_per_input"] = _positive(given.get("torque_constant", "0"))
+        return found
+
+    @classmethod
+    def applies(cls, record: Record) -> bool:
+        """Where every input has an output of its own, one or two of them."""
+        return record.nu == record.ny and record.nu in (1, 2)
+
+    # ----------------------------------------------------------------- constants and states
+
+    @property
+    def constants(self) -> tuple[Constant, ...]:
+        """The lumped constants, or those of the bench, then the shape of friction."""
+        return (
+            *(bench(self) if self.parametrisation == "bench" else lumped(self)),
+            *shape(self),
+        )
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Speeds, then positions where these are read."""
+        tags = [""] if self.ny == 1 else ["_l", "_r"]
+        speeds = tuple(f"omega{t}" for t in tags)
+        return speeds + tuple(f"angle{t}" for t in tags if self.output == "position")
+
+    def ladder(self) -> tuple[Rung, ...]:
+        """Mechanisms that ``friction=auto`` tries."""
+        if self.friction != "auto":
+            return ()
+        return (
+            Rung("constant load", ("offset",)),
+            Rung("saturation of the drive", ("limit",)),
+            Rung("breakaway and Stribeck friction", ("breakaway", "stribeck")),
+            Rung("damping that depends on the direction", ("viscous_back",)),
+            Rung("drag with the square of speed", ("drag",)),
+        )
+
+    def rung_starts(self, theta: Array, rung: Rung, records: Sequence[Record]) -> tuple[Array, ...]:
+        """A limit inside the commands, a little more friction at standstill, a little drag."""
+        p = self.unpack(np, theta)
+        if "limit" in rung.names:
+            reach = max(float(np.max(np.abs(r.u))) for r in records)
+            return tuple(self.pack(p | {"limit": share * reach}) for share in (0.97, 0.85, 0.6))
+        if "breakaway" in rung.names:
+            usual = _stribeck_scale(records, self.output == "position")
+            return tuple(
+                self.pack(p | {"breakaway": 1.2, "stribeck": share * usual})
+                for share in (0.3, 1.0, 5.0)
+            )
+        if "drag" in rung.names:
+            usual = 10.0 * _stribeck_scale(records, self.output == "position")
+            return (self.pack(p | {"drag": 0.02 / usual}),)
+        return (theta,)
+
+    def held(self, names: Sequence[str]) -> bool:
+        """Whether constants of the shape of friction are held by default."""
+        level = ("none", "coulomb", "stribeck", "full").index(
+            "coulomb" if self.friction == "auto" else self.friction
+        )
+        rank = {"coulomb": 1, "breakaway": 2, "stribeck": 2}
+        return any(rank.get(n, 3) > level for n in names)
+
+    def reading(self, xp: Any, x: Signal, p: Mapping[str, Signal]) -> Signal:
+        """Speeds, or positions."""
+        return x[self.ny :] if self.output == "position" else x[: self.ny]
+
+    # ----------------------------------------------------------------- motion
+
+    def advance(self, xp: Any, x: Signal, u: Signal, p: Mapping[str, Signal], h: float) -> Signal:
+        """Speeds (and positions) after a step."""
+        w = x[: self.ny]
+        net = p["gain"] * (xp.minimum(xp.maximum(u, -p["limit"]), p["limit"]) - p["offset"])
+        after = STEPS[self.integrator](xp, p, w, net, h)
+        if self.output != "position":
+            return after
+        return xp.concatenate([after, x[self.ny :] + 0.5 * h * (w + after)])
+
+    def prepared(self, xp: Any, p: dict[str, Signal], h: Signal) -> Mapping[str, Signal]:
+        """The motion, and what its linear part does in a substep."""
+        q = self.motion(xp, p)
+        return q | {"decay": decay(xp, q["inertia"], h)}
+
+    def timeless(self) -> Self:
+        """The equations alone, whatever is estimated and written out."""
+        return replace(super().timeless(), friction="auto", torque_per_input=0.0)
+
+    def rough(self) -> Self:
+        """With implicit steps, a quarter of the work and of the compilation."""
+        return replace(self, integrator="implicit")
+
+    def motion(self, xp: Any, p: Mapping[str, Signal]) -> dict[str, Signal]:
+        """Gain, time constants, their coupling and Coulomb level [speed], with friction's shape."""
+        q = dict(p)
+        if self.parametrisation == "bench":
+            q |= from_bench(self, xp, p)
+        else:
+            tau = xp.zeros((self.ny, 1)) + p["time_constant"]
+            root = xp.sqrt(tau[0] * tau[-1])
+            q["inertia"] = (tau, p["coupling"] * root if self.ny == 2 else 0.0)
+            q["coulomb"] = q["gain"] * p["coulomb"]
+        return q
+
+    def time_scale(self, theta: Array) -> float:
+        """Fastest time constant of the coupled motion over what a step may be."""
+        own, cross = self.motion(np, self.unpack(np, theta))["inertia"]
+        matrix = np.diag(own[:, 0]) + (np.fliplr(np.eye(2)) * cross if self.ny == 2 else 0.0)
+        return float(np.min(np.linalg.eigvalsh(matrix)))
+
+    def memory(self, theta: Array) -> float:
+        """Two of the slowest time constants; a position keeps what its first speed was wrong by."""
+        if self.output == "position":
+            return float("inf")
+        own, _ = self.motion(np, self.unpack(np, theta))["inertia"]
+        return 2.0 * float(np.max(own))
+
+    def stable(self, theta: Array) -> bool:
+        """Whether speeds stay bounded: T positive definite; friction only dissipates.
+
+        A position follows as the integral of a bounded speed.
+        """
+        p = self.unpack(np, theta)
+        own, cross = self.motion(np, p)["inertia"]
+        definite = bool(np.all(own > 0.0)) and (
+            self.ny == 1 or float(np.prod(own) - np.sum(cross) ** 2) > 0.0
+        )
+        return definite and bool(np.all(p["viscous_back"] > 0.0)) and bool(np.all(p["drag"] >= 0.0))
+
+    # ----------------------------------------------------------------- starts
+
+    def for_record(self, record: Record) -> Self:
+        """With the kinds of input and output settled."""
+        found = self
+        if self.input == "auto":
+            pwm = all(
+                n.startswith("pwm") or c.unit == "µs"
+                for n, c in zip(record.input_names, record.inputs, strict=True)
+            )
+            found = replace(found, input="pwm" if pwm else "voltage")
+        if self.output == "auto":
+            position = all(is_position([record], i) for i in range(record.ny))
+            found = replace(found, output="position" if position else "speed")
+        return found
+
+    def first_guess(self, records: Sequence[Record]) -> tuple[tuple[str, Array], ...]:
+        """From differences of the outputs over several spans."""
+        found = []
+        for words, gain, tau, level, load in central_guesses(records, self.output == "position"):
+            if self.parametrisation == "bench":
+                p: dict[str, Any] = bench_guess(self, gain, level)
+            else:
+                p = {"gain": gain, "time_constant": tau, "coulomb": level}
+                if "time_constant" in self.shared:
+                    p["time_constant"] = np.array([np.exp(np.mean(np.log(tau)))])
+            p["offset"] = np.mean(load) if "offset" in self.shared else load
+            p["stribeck"] = _stribeck_scale(records, self.output == "position")
+            found.append((words, self.pack(p)))
+        return tuple(found)
+
+    def state_guess(self, theta: Array, u: Array, y: Array) -> Array:
+        """First outputs; of positions also their slope over the head."""
+        if self.output != "position":
+            return np.array(y[0], dtype=np.float64)
+        n = max(len(y) - 1, 1)
+        t = np.arange(len(y)) - n / 2.0
+        slope = t @ y / max(float(t @ t), 1.0) / max(self.dt, 1e-300)
+        return np.concatenate([slope, y[0]])
+
+    # ----------------------------------------------------------------- words
+
+    def equations(
+        self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[str, ...]:
+        """The motion of each track with its numbers, and what follows for physical constants."""
+        from sysid.structures.grey_box.dc_motor.words import sentences
+
+        return sentences(self, np.asarray(theta), inputs, outputs)
+
+    def properties(self, theta: Array, dt: float) -> dict[str, Any]:
+        """Constants, lumped values, the command at which each track starts to move."""
+        q = self.motion(np, self.unpack(np, np.asarray(theta)))
+        own, cross = q["inertia"]
+        level = np.ravel(q["coulomb"] / q["gain"])
+        found = super().properties(theta, dt)
+        return found | {
+            "gain": np.ravel(q["gain"]).tolist(),
+            "time_constant": np.ravel(own).tolist(),
+            "coupling_time": float(np.sum(cross)),
+            "sliding_friction": level.tolist(),
+            "breakaway_command": np.ravel(level[:, None] * q["breakaway"]).tolist(),
+            "position": self.output == "position",
+        }
+
+
+def _stribeck_scale(records: Sequence[Record], position: bool) -> float:
+    """A tenth of the usual speed."""
+    speeds = [np.diff(r.y, axis=0) / r.dt if position else r.y for r in records]
+    usual = float(np.sqrt(np.mean(np.concatenate(speeds) ** 2)))
+    return 0.1 * usual if usual > 0 else 1.0
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not (np.isfinite(value) and value >= 0.0):
+        raise UsageError(
+            f"--option torque_constant={text}: give the stall torque or force per unit of input, "
+            "a number above 0"
+        )
+    return value

@@ -1,0 +1,229 @@
+"""Fitting grey boxes: many starts at once, the best of them polished, mechanisms that pay kept."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Array, Record
+from sysid.errors import ModelError, Termination
+from sysid.fitting.holdout import hold_out, tie_margin
+from sysid.fitting.options import FitOptions
+from sysid.fitting.problem import Parameter
+from sysid.fitting.robust import huber_widths
+from sysid.fitting.solvers import Solution
+from sysid.fitting.uncertainty import uncertainty
+from sysid.structures.base import Structure
+from sysid.structures.grey_box.constants import Rung
+from sysid.structures.grey_box.runs import Masks
+from sysid.structures.grey_box.starts import Setting, cost_of, started
+from sysid.structures.grey_box.structure import GreyBox
+from sysid.structures.outcome import FitOutcome, StartReport, Warm
+
+Mask = NDArray[np.bool_]
+
+STEPS_IN_TIME_CONSTANT = 15.0
+"""Substeps in the shortest time constant; errors of friction's event times are then far below the
+noise of any encoder."""
+
+MOST_SUBSTEPS = 20
+
+COARSER = 3
+"""So many times fewer substeps serve while starts and mechanisms are compared."""
+
+RUNG_EVALUATIONS = 25
+"""Limit of a descent that decides on a mechanism."""
+
+RUNG_STARTS = 2
+"""Starts of a rung that are followed, those of lowest cost."""
+
+
+def by_multi_start(
+    structure: Structure,
+    records: Sequence[Record],
+    options: FitOptions,
+    parameters: tuple[Parameter, ...],
+    warm: Warm,
+) -> FitOutcome:
+    """Fit a grey box: starts, ladder, polish, uncertainty.
+
+    1. Starts: what ``first_guess`` reads off the data and variations of it by each constant's
+       spread (seed fixed), all run at once through a vmapped Levenberg-Marquardt in coordinates
+       that respect the bounds.
+    2. The best ones are polished by the bounded solver with exact derivatives.
+    3. Rung by rung, mechanisms of the structure's ladder are kept where a free run over held-out
+       samples errs significantly less with them.
+    4. The last descent sees all samples.
+
+    Raises:
+        ModelError: no start gives a finite cost.
+    """
+    assert isinstance(structure, GreyBox)
+    structure = structure.for_record(records[0]).sampled(records[0].dt)
+    bare = structure.parameters(records[0].inputs, records[0].outputs)
+    given = {p.name: p for p in parameters}
+    names = [p.name for p in bare]
+    # the user's word counts; elsewhere constants are held where the structure holds them
+    asked = [given[n].fixed is not None or n in options.bounds for n in names]
+    table = tuple(
+        replace(
+            given[n],
+            unit=b.unit,  # a position's are others than a speed's
+            fixed=given[n].fixed if a else b.fixed,
+            upper=given[n].upper if a else b.upper,
+        )
+        for n, a, b in zip(names, asked, bare, strict=True)
+    )
+    free = np.array([p.fixed is None for p in table])
+    guesses = [(n, _admissible(t, table, free)) for n, t in structure.first_guess(records)]
+    guesses += [(n, _admissible(t, table, free)) for n, t in warm if len(t) == len(table)]
+    if structure.substeps == 0:
+        structure = replace(structure, substeps=_substeps(structure, [t for _, t in guesses]))
+    coarse = replace(structure, substeps=-(-structure.substeps // COARSER))
+    setting = Setting(coarse, tuple(records), table, options, tuple(asked))
+    held = hold_out(records) if structure.ladder() else None
+    kept = None if held is None else [~m for m in held.counted]
+    p, reports = started(setting, guesses, free, kept)
+    notes: list[StartReport] = []
+    if held is not None:
+        p, free, notes = _climbed(setting, p, free, held.counted, tie_margin(held.held))
+    setting = replace(setting, structure=structure)
+    huber = None
+    if options.robust:
+        problem = setting.problem(None)
+        huber = huber_widths(problem, problem.residual(p))
+    last = setting.descend(p, free, None, options.limit(), huber)
+    return _outcome(setting, last, free, (*reports, *notes))
+
+
+def _substeps(structure: GreyBox, guesses: Sequence[Array]) -> int:
+    fastest = min((structure.time_scale(t) for t in guesses[:1]), default=np.inf)
+    steps = STEPS_IN_TIME_CONSTANT * structure.dt / max(fastest, 1e-12)
+    return int(min(max(np.ceil(steps), 1.0), MOST_SUBSTEPS))
+
+
+def _admissible(theta: Array, table: Sequence[Parameter], free: Mask) -> Array:
+    held = np.array([np.nan if p.fixed is None else p.fixed for p in table])
+    lower, upper = np.array([p.lower for p in table]), np.array([p.upper for p in table])
+    return np.where(np.isnan(held), np.clip(theta, lower, upper), np.nan_to_num(held))
+
+
+# --------------------------------------------------------------------- ladder
+
+
+def _climbed(
+    s: Setting,
+    p: Array,
+    free: Mask,
+    counted: Masks,
+    margin: float,
+) -> tuple[Array, Mask, list[StartReport]]:
+    """Free the constants of each rung in turn; keep them where held-out data pay for them.
+
+    A rung may have been kept only because another one was still missing, so at the end each is
+    taken away again and stays away where neither held-out nor fitted data lose by it.
+    """
+    kept = [~m for m in counted]
+    output = ",".join(s.records[0].output_names)
+    held, cost = _held_error(s, p, counted), np.inf
+    reports = [StartReport(output, f"base: held-out error {held:.4g}", None, None, 0)]
+    climbed: list[tuple[Rung, list[int]]] = []
+
+    def told(rung: Rung, verdict: str, error: float, found: Solution) -> None:
+        words = f"{rung.words}: {verdict}, held-out error {error:.4g}"
+        reports.append(StartReport(output, words, None, found.cost, found.evaluations))
+
+    for rung in s.structure.ladder():
+        entries = [k for k in _entries(s, rung) if not free[k]]
+        if not entries:
+            continue
+        wider = free.copy()
+        wider[entries] = True
+        problem = s.problem(kept)
+        starts = [
+            np.concatenate([theta, p[len(free) :]])
+            for theta in s.structure.rung_starts(p[: len(free)], rung, s.records)
+        ]
+        starts.sort(key=lambda q: cost_of(problem.residual(q)))
+        runs = [s.descend(q, wider, kept, RUNG_EVALUATIONS) for q in starts[:RUNG_STARTS]]
+        best = min(runs, key=lambda run: run.cost)
+        error = _held_error(s, best.p, counted)
+        seen = np.linalg.norm(best.jacobian[:, entries], axis=0) > 0.0
+        pays = error < (1.0 - margin) * held and bool(np.all(seen))
+        told(rung, "kept" if pays else "not kept", error, best)
+        if pays:
+            p, free, held, cost = best.p, wider, error, best.cost
+            climbed.append((rung, entries))
+    null = s.structure.pack({})
+    for rung, entries in climbed[:-1]:
+        narrower, without = free.copy(), p.copy()
+        narrower[entries] = False
+        without[entries] = null[entries]
+        found = s.descend(without, narrower, kept, RUNG_EVALUATIONS)
+        error = _held_error(s, found.p, counted)
+        if error < (1.0 + margin) * held and found.cost < (1.0 + 2.0 * margin) * cost:
+            told(rung, "taken away again", error, found)
+            p, free, held, cost = found.p, narrower, error, found.cost
+    return p, free, reports
+
+
+def _entries(s: Setting, rung: Rung) -> list[int]:
+    """Entries of a rung that neither the user nor an option has settled."""
+    found = [k for name in rung.names for k in s.structure.entries(name)]
+    return [k for k in found if not s.user_fixed[k]]
+
+
+def _held_error(s: Setting, p: Array, counted: Masks) -> float:
+    e = s.problem(counted).residual(p)
+    size = float(np.sqrt(np.mean(e**2))) if len(e) else float("nan")
+    return size if size < 1e6 else float("inf")
+
+
+# --------------------------------------------------------------------- worth
+
+
+def _outcome(
+    s: Setting, found: Solution, free: Mask, reports: tuple[StartReport, ...]
+) -> FitOutcome:
+    n = len(free)
+    if found.termination is Termination.DIVERGED:
+        raise ModelError(f"{s.structure.name}: {Termination.DIVERGED.value}")
+    problem = s.problem(None)
+    states = np.ones(problem.n_initial, dtype=bool)
+    # a state nothing depends on (a track that stands) is no unknown
+    states &= np.linalg.norm(found.jacobian[:, n:], axis=0) > 0.0
+    which = np.flatnonzero(np.concatenate([free, states]))
+    value = uncertainty(
+        found.jacobian[:, which],
+        found.residual,
+        tuple(zip(problem.channels, problem.lengths, strict=True)),
+        found.weights,
+    )
+    covariance = np.zeros((n, n))
+    inside = which < n
+    entries = which[inside]
+    covariance[np.ix_(entries, entries)] = value.covariance[np.ix_(inside, inside)]
+    null = []
+    for direction in value.null.T:
+        part = direction[inside]
+        if np.linalg.norm(part) > 1e-3 * np.linalg.norm(direction):
+            whole = np.zeros(n)
+            whole[entries] = part / np.linalg.norm(part)
+            null.append(whole)
+    theta = found.p[:n]
+    table = tuple(
+        replace(p, fixed=None if f else float(v))
+        for p, f, v in zip(s.parameters, free, theta, strict=True)
+    )
+    return FitOutcome(
+        s.structure,
+        table,
+        theta,
+        covariance,
+        np.array(null).T if null else np.zeros((n, 0)),
+        n_states=int(np.sum(~inside)),
+        termination=found.termination,
+        at_bound=tuple(s.parameters[k].name for k in found.at_bound if k < n),
+        starts=reports,
+    )

@@ -1,0 +1,348 @@
+"""Free runs of grey boxes and their derivatives, compiled once and carried from chunk to chunk.
+
+A run of any length is made of chunks of equal length whose end state (and its derivatives) starts
+the next one, so one compilation serves every record. Derivatives are exact: forward mode through
+the time steps, with respect to θ and to each record's own initial state.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Array
+from sysid.fitting.compiled import compiled, jax_module
+from sysid.fitting.problem import Problem
+from sysid.structures.linear.predictor import HUGE
+
+if TYPE_CHECKING:
+    from sysid.structures.grey_box.structure import GreyBox
+
+CHUNK = 256
+"""Samples a compiled call runs through."""
+
+DIRECTIONS = 6
+"""Derivatives are taken along so many directions an output at once: one compilation serves every
+fit."""
+
+LARGEST = 1e12
+"""Relative errors beyond this count as divergence."""
+
+PULL = 1e-2
+"""Weight of the guess against one sample when a state is fitted: it decides what the head leaves
+open, such as the speed of a track that stands."""
+
+ROUNDS = 15
+
+Masks = Sequence[NDArray[np.bool_]]
+Compiled = Callable[..., Any]
+
+
+def compiled_runs(structure: "GreyBox") -> tuple[Compiled, Compiled]:
+    """Run and derivative of a chunk, compiled when they are first called.
+
+    Along a run δx(t+1) = A(t) δx(t) + b(t), δy(t) = C(t) δx(t) + d(t), where A, b, C and d of all
+    samples are found at once and only this recursion is run through, which is faster than
+    differentiating the run itself. The step's length and number are arguments: one compilation
+    serves every sample time.
+
+    Returns:
+        run (θ, x, U, h, steps) → (x⁺, X, Y);
+        along (θ, X, U, h, steps, δΘ, δx) → (δx⁺, δY), directions along axis 0;
+        U (samples, nu, runs), X (samples, n, runs), Y (samples, ny, runs).
+    """
+    return _compiled_runs(structure.timeless())
+
+
+@lru_cache(maxsize=32)
+def _compiled_runs(structure: "GreyBox") -> tuple[Compiled, Compiled]:
+    jax = jax_module()
+    jnp = jax.numpy
+
+    def run(theta: Any, x: Any, inputs: Any, h: Any, steps: Any) -> Any:
+        after, (states, out) = scan(structure, jnp, jax.lax, theta, x, inputs, h, steps)
+        return after, states, out
+
+    def along(
+        theta: Any, states: Any, inputs: Any, h: Any, steps: Any, d_theta: Any, d_x: Any
+    ) -> Any:
+        samples, n, runs = states.shape
+        flat = states.transpose(1, 0, 2).reshape(n, samples * runs)
+        u = inputs.transpose(1, 0, 2).reshape(inputs.shape[1], -1)
+
+        def local(theta: Any, x: Any) -> Any:
+            """One sample from each state, all samples side by side."""
+            p = structure.prepared(jnp, structure.unpack(jnp, theta), h)
+            return structure.sample(jnp, x, u, p, h, steps), structure.reading(jnp, x, p)
+
+        def moved(d_theta: Any, d_state: Any) -> Any:
+            every = jnp.broadcast_to(d_state[:, None], flat.shape)
+            found = jax.jvp(local, (theta, flat), (d_theta, every))[1]
+            return [v.reshape(-1, samples, runs).transpose(1, 0, 2) for v in found]
+
+        # states first, then parameters: the equations are differentiated in one place only
+        count = d_theta.shape[0]
+        by_theta = jnp.concatenate([jnp.zeros((n, d_theta.shape[1])), d_theta])
+        by_state = jnp.concatenate([jnp.eye(n), jnp.zeros((count, n))])
+        ahead, out = jax.vmap(moved)(by_theta, by_state)
+        A, C = (jnp.moveaxis(v[:n], 0, 2) for v in (ahead, out))
+        b, d = jnp.moveaxis(ahead[n:], 0, 1), out[n:]
+
+        def one(dx: Any, parts: Any) -> Any:
+            A, b = parts
+            return jnp.sum(A * dx[:, None], axis=2) + b, dx
+
+        d_after, path = jax.lax.scan(one, d_x, (A, b))
+        return d_after, jnp.sum(C * jnp.moveaxis(path, 1, 0)[:, :, None], axis=3) + d
+
+    return compiled(run), compiled(along)
+
+
+def scan(
+    structure: "GreyBox",
+    xp: Any,
+    lax: Any,
+    theta: Any,
+    x: Any,
+    inputs: Any,
+    h: Any,
+    steps: Any,
+) -> tuple[Any, tuple[Any, Any]]:
+    """(x⁺, (X, Y)) of a run of ``steps`` steps h a sample, for tracing by JAX."""
+    p = structure.prepared(xp, structure.unpack(xp, theta), h)
+
+    def one(x: Any, u: Any) -> Any:
+        return structure.sample(xp, x, u, p, h, steps), (x, structure.reading(xp, x, p))
+
+    after, rest = lax.scan(one, x, inputs)
+    return after, rest
+
+
+def _chunks(inputs: Sequence[Array]) -> Array:
+    """Inputs of records under one time axis, (chunks, CHUNK, nu, runs), zeros at the end."""
+    longest = max((len(u) for u in inputs), default=0)
+    count = max(-(-longest // CHUNK), 1)
+    out = np.zeros((count * CHUNK, inputs[0].shape[1], len(inputs)))
+    for k, u in enumerate(inputs):
+        out[: len(u), :, k] = u
+    return out.reshape(count, CHUNK, inputs[0].shape[1], len(inputs))
+
+
+def trajectory(
+    structure: "GreyBox", theta: Array, inputs: Sequence[Array], x0: Array
+) -> tuple[list[Any], list[Array]]:
+    """States at the samples of each chunk (CHUNK, n, records), and ŷ (N, ny) of each record."""
+    run, _ = compiled_runs(structure)
+    states, parts, x = [], [], x0
+    theta = np.asarray(theta, dtype=np.float64)
+    for chunk in _chunks(inputs):
+        x, path, y = run(theta, x, chunk, structure.h, structure.steps)
+        states.append(path)
+        parts.append(np.asarray(y))
+    joined = np.concatenate(parts)
+    return states, [joined[: len(u), :, k] for k, u in enumerate(inputs)]
+
+
+def free_run(structure: "GreyBox", theta: Array, inputs: Sequence[Array], x0: Array) -> list[Array]:
+    """ŷ (N, ny) of each record.
+
+    Args:
+        structure: the grey box.
+        theta: its parameters.
+        inputs: u (N, nu) of each record.
+        x0: initial states, (n, records).
+    """
+    return trajectory(structure, theta, inputs, x0)[1]
+
+
+def tangents(
+    structure: "GreyBox",
+    theta: Array,
+    inputs: Sequence[Array],
+    x0: Array,
+    wanted: NDArray[np.bool_] | None = None,
+    path: Sequence[Any] | None = None,
+) -> list[Array]:
+    """∂ŷ/∂(θ, own initial state) of each record, (n_θ + n, ny, N).
+
+    Args:
+        structure: the grey box.
+        theta: its parameters.
+        inputs: u (N, nu) of each record.
+        x0: initial states, (n, records).
+        wanted: entries of (θ, state) to differentiate by, all when None; other rows are zero.
+        path: states along the run, as ``trajectory`` gives them; found when None.
+    """
+    _, along = compiled_runs(structure)
+    path = trajectory(structure, theta, inputs, x0)[0] if path is None else path
+    theta = np.asarray(theta, dtype=np.float64)
+    n_theta, (n, records) = len(theta), x0.shape
+    width = n_theta + n
+    rows = np.arange(width) if wanted is None else np.flatnonzero(wanted)
+    at_once = DIRECTIONS * structure.ny
+    blocks = [rows[k : k + at_once] for k in range(0, len(rows), at_once)]
+    seeds = [np.zeros((at_once, width)) for _ in blocks]
+    for seed, some in zip(seeds, blocks, strict=True):
+        seed[np.arange(len(some)), some] = 1.0
+    moved = [np.repeat(seed[:, n_theta:, None], records, axis=2) for seed in seeds]
+    chunks = _chunks(inputs)
+    out = np.zeros((width, len(chunks), CHUNK, structure.ny, records))
+    h, steps = structure.h, structure.steps
+    for at, (chunk, states) in enumerate(zip(chunks, path, strict=True)):
+        for k, (seed, some) in enumerate(zip(seeds, blocks, strict=True)):
+            moved[k], found = along(theta, states, chunk, h, steps, seed[:, :n_theta], moved[k])
+            out[some, at] = np.asarray(found)[: len(some)]
+    joined = out.reshape(width, len(chunks) * CHUNK, structure.ny, records)
+    return [joined[:, : len(u), :, k].transpose(0, 2, 1) for k, u in enumerate(inputs)]
+
+
+class GreyErrors(Problem):
+    """Free-run errors (y − ŷ)/scale of a grey box, all outputs of all records together.
+
+    Args:
+        structure: the grey box.
+        data: (u, y) of each experiment.
+        estimate_initial: whether initial states are estimated, or all zero.
+        kept: samples that count, by experiment; all when None. The run goes through the others,
+            which is how data are held out without cutting a record.
+        scales: divisor of each output's errors; their standard deviation when None.
+        wanted: entries of θ that will be moved, all when None: other columns of the Jacobian are
+            zero and cost nothing.
+    """
+
+    def __init__(
+        self,
+        structure: "GreyBox",
+        data: Sequence[tuple[Array, Array]],
+        estimate_initial: bool,
+        kept: Masks | None = None,
+        scales: Array | None = None,
+        wanted: NDArray[np.bool_] | None = None,
+    ) -> None:
+        self.structure, self.data, self.wanted = structure, list(data), wanted
+        self.n_theta = len(structure.by_entry(lambda c: c.value))
+        self.index = np.arange(self.n_theta)
+        self.states_each = len(structure.state_names) if estimate_initial else 0
+        self.n_initial = self.states_each * len(data)
+        self.kept = [np.ones(len(y), dtype=bool) for _, y in data] if kept is None else list(kept)
+        self.scales = output_scales([y for _, y in data]) if scales is None else scales
+        self.lengths = tuple(int(k.sum()) for k in self.kept for _ in range(structure.ny))
+        self.channels = tuple(i for _ in data for i in range(structure.ny))
+        self._last: tuple[bytes, tuple[list[Any], list[Array]]] = (b"", ([], []))
+
+    def states(self, p: Array) -> Array:
+        """Initial states (n, records) in p."""
+        n = len(self.structure.state_names)
+        if not self.states_each:
+            return np.zeros((n, len(self.data)))
+        return np.ascontiguousarray(p[self.n_theta :].reshape(len(self.data), n).T)
+
+    def _run(self, p: Array) -> tuple[list[Any], list[Array]]:
+        """``trajectory`` at p, kept until another p is asked for: the Jacobian needs it again."""
+        key = p.tobytes()
+        if self._last[0] != key:
+            inputs = [u for u, _ in self.data]
+            found = trajectory(self.structure, p[: self.n_theta], inputs, self.states(p))
+            self._last = (key, found)
+        return self._last[1]
+
+    def residual(self, p: Array) -> Array:
+        """Errors, experiment after experiment, output after output."""
+        _, runs = self._run(p)
+        parts = [
+            ((y - run)[kept] / self.scales).T.ravel()
+            for run, (_, y), kept in zip(runs, self.data, self.kept, strict=True)
+        ]
+        e = np.concatenate(parts)
+        if not np.all(np.isfinite(e)) or np.max(np.abs(e), initial=0.0) > LARGEST:
+            return np.full(len(e), HUGE)
+        return e
+
+    def jacobian(self, p: Array) -> Array:
+        """∂ε/∂p, (M, len(p))."""
+        n = self.n_theta
+        states = np.full(len(self.structure.state_names), self.states_each > 0)
+        moved = np.ones(n, dtype=bool) if self.wanted is None else self.wanted
+        found = tangents(
+            self.structure,
+            p[:n],
+            [u for u, _ in self.data],
+            self.states(p),
+            np.concatenate([moved, states]),
+            self._run(p)[0],
+        )
+        out = np.zeros((sum(self.lengths), len(p)))
+        at = 0
+        for k, (D, kept) in enumerate(zip(found, self.kept, strict=True)):
+            first = n + k * self.states_each
+            for i, scale in enumerate(self.scales):
+                rows = slice(at, at + int(kept.sum()))
+                out[rows, :n] = D[:n, i, kept].T / -scale
+                if self.states_each:
+                    out[rows, first : first + self.states_each] = D[n:, i, kept].T / -scale
+                at = rows.stop
+        return np.nan_to_num(out, nan=0.0, posinf=HUGE, neginf=-HUGE)
+
+    def initial_guess(self, theta: Array) -> Array:
+        """θ, and for each experiment the state that its first samples suggest."""
+        states = []
+        if self.states_each:
+            states = [self.structure.state_guess(theta, u, y) for u, y in self.data]
+        return np.concatenate([theta[: self.n_theta], *states])
+
+
+def output_scales(outputs: Sequence[Array]) -> Array:
+    """Standard deviation of each output over all experiments, 1 where it is constant."""
+    spread = np.concatenate(outputs).std(axis=0)
+    return np.where(spread > 0.0, spread, 1.0)
+
+
+def fitted_state(structure: "GreyBox", theta: Array, u: Array, y: Array, samples: int) -> Array:
+    """State whose free run meets the first samples of y best.
+
+    Levenberg-Marquardt over the state alone, drawn weakly towards ``state_guess``.
+    """
+    k = min(samples, len(y))
+    x = structure.state_guess(theta, u[: max(k, 1)], y[: max(k, 1)])
+    n = len(x)
+    if n == 0 or k == 0:
+        return x
+    scale = np.maximum(np.std(y, axis=0), 1e-300)
+    prior, size = x.copy(), np.where(np.abs(x) > 0, np.abs(x), 1.0)
+
+    states = np.arange(len(theta) + n) >= len(theta)
+
+    def slopes(x: Array) -> Array:
+        D = tangents(structure, theta, [u[:k]], x[:, None], states)[0][len(theta) :]
+        rows = (D / -scale[:, None]).reshape(n, -1).T
+        return np.vstack([rows, PULL * np.diag(1.0 / size)])
+
+    def errors(x: Array) -> Array:
+        e = (y[:k] - free_run(structure, theta, [u[:k]], x[:, None])[0]) / scale
+        return np.concatenate([e.T.ravel(), PULL * (x - prior) / size])
+
+    J = slopes(x)
+    # the pull counts in units in which one sample sees one state
+    seen = np.linalg.norm(J[:-n], axis=0)
+    size = 1.0 / np.where(seen > 0.0, seen / np.sqrt(k), 1.0 / size)
+    e, damping = errors(x), 1e-3
+    for _ in range(ROUNDS):
+        J = slopes(x)
+        gram = J.T @ J
+        improved = False
+        while damping < 1e8:
+            step = np.linalg.solve(gram + damping * np.diag(np.diag(gram)), -J.T @ e)
+            trial = errors(x + step)
+            if np.all(np.isfinite(trial)) and trial @ trial < e @ e:
+                improved = True
+                break
+            damping *= 10.0
+        if not improved:
+            break
+        gained = 1.0 - (trial @ trial) / (e @ e)
+        x, e, damping = x + step, trial, damping / 10.0
+        if gained < 1e-10:
+            break
+    return x

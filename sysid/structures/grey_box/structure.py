@@ -1,0 +1,397 @@
+"""Grey boxes: an ODE or difference equation whose parameters are physical constants.
+
+A grey box is one class of about forty lines: its constants, its right-hand side and what is read
+from its state. Free runs, derivatives, multi-start, standard errors, saving, exports and plots
+follow from these. ``sysid/structures/grey_box/tanks.py`` is a complete example; other packages
+register theirs under the entry-point group ``sysid.structures``.
+"""
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+
+from sysid.data.record import Array, Channel, Record
+from sysid.errors import UsageError
+from sysid.fitting.problem import (
+    Focus,
+    Initial,
+    Parameter,
+    Problem,
+)
+from sysid.structures.base import Structure, refuse_options
+from sysid.structures.grey_box.constants import Constant, Rung, Signal
+from sysid.structures.grey_box.runs import (
+    GreyErrors,
+    fitted_state,
+    free_run,
+    tangents,
+)
+
+if TYPE_CHECKING:
+    from sysid.structures.outcome import Fitter
+
+MAX_SUBSTEPS = 1000
+
+
+@dataclass(frozen=True)
+class GreyBox(Structure):
+    """ẋ = f(x, u, p), y = g(x, p) with physical constants p; y(k) is read before u(k) acts.
+
+    Subclasses give ``constants``, ``state_names``, ``rates`` (or ``advance``, for difference
+    equations and exact discretisations), ``reading`` and ``first_guess``. In all of these x is
+    (n, runs) and u (nu, runs); a constant is a number, or (ny, 1) where every output has one.
+    The input is held between samples; each sample is cut into ``substeps`` equal steps.
+
+    Attributes:
+        dt: sample time [s], read off the data; 0 before a fit.
+        substeps: steps in a sample, 0 before a fit when it is to be chosen.
+        opened: constants that are estimated although they are held by default.
+    """
+
+    n_inputs: int
+    n_outputs: int
+    dt: float = 0.0
+    substeps: int = 0
+    opened: tuple[str, ...] = ()
+
+    order_names: ClassVar[tuple[str, ...]] = ()
+    has_noise_model: ClassVar[bool] = False
+    physical: ClassVar[bool] = True
+    options: ClassVar[Mapping[str, str]] = {
+        "substeps": "integration steps in a sample; chosen from the time constants unless given",
+        "free": "constants to estimate although they are held by default, divided by commas",
+    }
+
+    # ----------------------------------------------------------------- what a subclass gives
+
+    @property
+    @abstractmethod
+    def constants(self) -> tuple[Constant, ...]:
+        """The physical constants, in the order of θ."""
+
+    @property
+    @abstractmethod
+    def state_names(self) -> tuple[str, ...]:
+        """What the states are."""
+
+    @abstractmethod
+    def reading(self, xp: Any, x: Signal, p: Mapping[str, Signal]) -> Signal:
+        """y (ny, runs) of the state x (n, runs)."""
+
+    @abstractmethod
+    def first_guess(self, records: Sequence[Record]) -> tuple[tuple[str, Array], ...]:
+        """Named θ read off the data: where the search begins."""
+
+    def rates(self, xp: Any, x: Signal, u: Signal, p: Mapping[str, Signal]) -> Signal:
+        """ẋ (n, runs)."""
+        raise TypeError(f"{type(self).__name__} must define rates or advance")
+
+    def advance(self, xp: Any, x: Signal, u: Signal, p: Mapping[str, Signal], h: float) -> Signal:
+        """x after a step h with u held: classical Runge-Kutta 4 unless overridden."""
+        a = self.rates(xp, x, u, p)
+        b = self.rates(xp, x + 0.5 * h * a, u, p)
+        c = self.rates(xp, x + 0.5 * h * b, u, p)
+        d = self.rates(xp, x + h * c, u, p)
+        return x + h / 6.0 * (a + 2.0 * (b + c) + d)
+
+    def prepared(self, xp: Any, p: dict[str, Signal], h: Signal) -> Mapping[str, Signal]:
+        """p for ``advance`` and ``reading``, with whatever need be computed only once a run."""
+        return p
+
+    def rough(self) -> Self:
+        """The same θ with cheaper steps, if there are any, for comparing many starts."""
+        return self
+
+    def state_guess(self, theta: Array, u: Array, y: Array) -> Array:
+        """A state that suits the head of a record: the first outputs, and zeros."""
+        x = np.zeros(len(self.state_names))
+        n = min(len(x), y.shape[1])
+        if len(y):
+            x[:n] = y[0, :n]
+        return x
+
+    def ladder(self) -> tuple[Rung, ...]:
+        """What held-out data decide on, in the order in which it is tried."""
+        return ()
+
+    def rung_starts(self, theta: Array, rung: Rung, records: Sequence[Record]) -> tuple[Array, ...]:
+        """Where to begin when the constants of a rung become free: where they are, by default."""
+        return (theta,)
+
+    def for_record(self, record: Record) -> Self:
+        """The grey box with what it reads off a record's channels."""
+        return self
+
+    def time_scale(self, theta: Array) -> float:
+        """Shortest time constant [s], from which the substeps follow; infinite when unknown."""
+        return float("inf")
+
+    def memory(self, theta: Array) -> float:
+        """Time after which an initial state is forgotten [s]; zero when unknown."""
+        return 0.0
+
+    def forgets_after(self, theta: Array) -> float:
+        """``memory`` in samples."""
+        return self.memory(theta) / self.dt if self.dt > 0.0 else 0.0
+
+    # ----------------------------------------------------------------- θ and p
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs."""
+        return self.n_inputs
+
+    @property
+    def ny(self) -> int:
+        """Number of outputs."""
+        return self.n_outputs
+
+    def unpack(self, xp: Any, theta: Signal) -> dict[str, Signal]:
+        """p: the constants by name."""
+        p: dict[str, Signal] = {}
+        at = 0
+        for c in self.constants:
+            n = self.n_outputs if c.each else 1
+            p[c.name] = theta[at : at + n].reshape(n, 1) if c.each else theta[at]
+            at += n
+        return p
+
+    def pack(self, p: Mapping[str, Any]) -> Array:
+        """θ from constants by name; those that are missing take their default value."""
+        parts = [
+            np.broadcast_to(
+                np.ravel(np.asarray(p.get(c.name, c.value), dtype=np.float64)),
+                (self.n_outputs if c.each else 1,),
+            )
+            for c in self.constants
+        ]
+        return np.concatenate(parts)
+
+    def entries(self, name: str) -> list[int]:
+        """Places in θ of the constant called ``name``."""
+        at = 0
+        for c in self.constants:
+            n = self.n_outputs if c.each else 1
+            if c.name == name:
+                return list(range(at, at + n))
+            at += n
+        return []
+
+    def spreads(self) -> Array:
+        """``Constant.spread`` by entry of θ."""
+        return self.by_entry(lambda c: c.spread)
+
+    def by_entry(self, value: Callable[[Constant], float]) -> Array:
+        """One number of each constant, for every entry of θ."""
+        found = [[value(c)] * (self.n_outputs if c.each else 1) for c in self.constants]
+        return np.array([v for row in found for v in row])
+
+    def parameters(
+        self, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[Parameter, ...]:
+        """Names, units and bounds of the constants; those held by default are fixed."""
+        found = []
+        unit_u, unit_y = inputs[0].unit or "u", outputs[0].unit or "y"
+        for c in self.constants:
+            unit = c.unit.replace("{u}", unit_u).replace("{y}", unit_y)
+            held = None if c.free or c.name in self.opened else c.value
+            for output in outputs if c.each else outputs[:1]:
+                tag = f"[{output.name}]" if c.each and len(outputs) > 1 else ""
+                found.append(Parameter(c.name + tag, unit, c.lower, c.upper, held))
+        return tuple(found)
+
+    # ----------------------------------------------------------------- making one
+
+    @classmethod
+    def from_orders(
+        cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
+    ) -> Self:
+        """The structure with these options; grey boxes have no orders.
+
+        Raises:
+            UsageError: orders are given, or an option does not exist or cannot be read.
+        """
+        refuse_options(cls.name, options, tuple(cls.options))
+        if raw:
+            raise UsageError(
+                f"--orders: {cls.name} is a physical model and has no orders; leave --orders out"
+            )
+        given = dict(options or {})
+        substeps = _substeps(given.get("substeps", "auto"))
+        opened = tuple(n.strip() for n in given.get("free", "").split(",") if n.strip())
+        made = cls(nu, ny, substeps=substeps, opened=opened, **cls.read_options(given, nu, ny))
+        known = [c.name for c in made.constants]
+        for name in opened:
+            if name not in known:
+                raise UsageError(
+                    f"--option free: {cls.name} has no constant {name!r}; it has {', '.join(known)}"
+                )
+        return made
+
+    @classmethod
+    def read_options(cls, given: Mapping[str, str], nu: int, ny: int) -> dict[str, Any]:
+        """Fields of the subclass from its options; UsageError for numbers of channels it lacks."""
+        return {}
+
+    @classmethod
+    def candidate_orders(
+        cls, nu: int, ny: int, samples: int, delay: Any
+    ) -> tuple[Mapping[str, Any], ...]:
+        """One entry without orders."""
+        return ({},)
+
+    def order_values(self) -> dict[str, Any]:
+        """No orders."""
+        return {}
+
+    def settings(self) -> dict[str, Any]:
+        """Every field besides the numbers of channels."""
+        found = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {
+            k: list(v) if isinstance(v, tuple) else v
+            for k, v in found.items()
+            if k not in ("n_inputs", "n_outputs")
+        }
+
+    @classmethod
+    def from_json(cls, raw: Mapping[str, Any]) -> Self:
+        """Undo ``to_json``."""
+        known = {f.name for f in fields(cls)}
+        given: dict[str, Any] = {
+            k: tuple(v) if isinstance(v, list) else v
+            for k, v in raw["settings"].items()
+            if k in known
+        }
+        return cls(int(raw["nu"]), int(raw["ny"]), **given)
+
+    def sampled(self, dt: float) -> Self:
+        """The same grey box for data sampled every ``dt`` seconds."""
+        return replace(self, dt=dt)
+
+    # ----------------------------------------------------------------- runs
+
+    @property
+    def steps(self) -> int:
+        """Steps in a sample, at least one."""
+        return max(self.substeps, 1)
+
+    @property
+    def h(self) -> float:
+        """Length of a substep [s]."""
+        return self.dt / self.steps
+
+    def timeless(self) -> Self:
+        """The equations alone: equal where a compilation of one serves the other."""
+        return replace(self, dt=0.0, substeps=0, opened=())
+
+    def sample(
+        self, xp: Any, x: Signal, u: Signal, p: Mapping[str, Signal], h: Signal, steps: Signal
+    ) -> Signal:
+        """x one sample later, u held for ``steps`` steps of length h."""
+        if xp is np:
+            for _ in range(steps):
+                x = self.advance(xp, x, u, p, h)
+            return x
+        from sysid.fitting.compiled import jax_module
+
+        looped: Signal = jax_module().lax.fori_loop(
+            0, steps, lambda _, x: self.advance(xp, x, u, p, h), x
+        )
+        return looped
+
+    def problems(
+        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
+    ) -> tuple[Problem, ...]:
+        """One problem: free-run errors of all outputs over all records, whatever the focus."""
+        return (GreyErrors(self, [(r.u, r.y) for r in records], initial is not Initial.ZERO),)
+
+    def first_sample(self) -> int:
+        """A free run predicts from the first sample."""
+        return 0
+
+    def fitter(self) -> "Fitter":
+        """Many starts at once, then a polish of the best."""
+        from sysid.structures.grey_box.fit import by_multi_start
+
+        return by_multi_start
+
+    def n_states(self, theta: Array) -> int:
+        """Number of physical states."""
+        return len(self.state_names)
+
+    def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
+        """State that meets the first ``samples`` of y best, near ``state_guess``."""
+        return fitted_state(self, theta, u, y, samples)
+
+    def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
+        """Free run from x0 (all states zero when None), (N, ny)."""
+        x = np.zeros(self.n_states(theta)) if x0 is None else x0
+        return free_run(self, theta, [u], x[:, None])[0]
+
+    def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """The free run sample by sample, in NumPy: the same equations as the compiled runs."""
+        p = self.prepared(np, self.unpack(np, np.asarray(theta, dtype=np.float64)), self.h)
+
+        def advance(x: Array, u: Array) -> tuple[Array, Array]:
+            state = np.asarray(x, dtype=np.float64)[:, None]
+            y = self.reading(np, state, p)
+            held = np.asarray(u, dtype=np.float64)[:, None]
+            after = self.sample(np, state, held, p, self.h, self.steps)
+            return np.asarray(after)[:, 0], np.asarray(y)[:, 0]
+
+        return advance
+
+    def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
+        """Free-run errors: nothing but the initial state is taken from the outputs."""
+        x0 = self.fitted_state(theta, u, y, window) if window else None
+        return np.asarray(y - self.simulate(theta, u, x0))
+
+    def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
+        """The free run, whatever the horizon: there is no noise model."""
+        return np.asarray(y - self.errors(theta, u, y, window))
+
+    def stable(self, theta: Array) -> bool:
+        """Whether a long free run under inputs seen nowhere special stays finite."""
+        return bool(np.all(np.isfinite(theta)))
+
+    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
+        """∂ŷ/∂θ of the free run, (N, n)."""
+        x0 = self.fitted_state(theta, u, y, max(3 * self.n_states(theta), 1))
+        return tangents(self, theta, [u], x0[:, None])[0][: len(theta), output].T
+
+    # ----------------------------------------------------------------- words
+
+    def equations(
+        self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[str, ...]:
+        """The equation in letters, then every constant with its value and unit."""
+        table = self.parameters(inputs, outputs)
+        values = ", ".join(
+            f"{p.name} = {v:.5g} {p.unit}".rstrip() for p, v in zip(table, theta, strict=True)
+        )
+        return (self.equation, values)
+
+    def properties(self, theta: Array, dt: float) -> dict[str, Any]:
+        """Constants by name, and how the equation is integrated."""
+        p = self.unpack(np, np.asarray(theta))
+        return {
+            "stable": self.stable(theta),
+            "constants": {
+                k: np.ravel(v).tolist() if np.ndim(v) else float(v) for k, v in p.items()
+            },
+            "states": list(self.state_names),
+            "substeps": self.steps,
+        }
+
+
+def _substeps(text: str) -> int:
+    if text == "auto":
+        return 0
+    if not text.isdigit() or not 1 <= int(text) <= MAX_SUBSTEPS:
+        raise UsageError(
+            f"--option substeps={text}: give a whole number from 1 to {MAX_SUBSTEPS}, or auto"
+        )
+    return int(text)

@@ -1,0 +1,1 @@
+"""ARX, ARMAX, OE, BJ and their kin: polynomials, predictors, starts, closed form."""

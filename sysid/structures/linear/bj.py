@@ -1,0 +1,31 @@
+"""BJ: Box-Jenkins."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from sysid.data.record import Record
+from sysid.fitting.problem import Focus
+from sysid.structures.linear.polynomial import PolynomialStructure
+
+if TYPE_CHECKING:
+    from sysid.structures.outcome import Warm
+
+
+@dataclass(frozen=True)
+class BJ(PolynomialStructure):
+    """y(t) = B(q)/F(q) u(t) + C(q)/D(q) e(t) (Ljung 1999, eq. 4.31; thesis 3.23)."""
+
+    name: ClassVar[str] = "bj"
+    title: ClassVar[str] = "BJ: Box-Jenkins"
+    equation: ClassVar[str] = "y(t) = B(q)/F(q) u(t) + C(q)/D(q) e(t)"
+    when: ClassVar[str] = "coloured sensor-side disturbances that share no dynamics with the plant"
+    order_names: ClassVar[tuple[str, ...]] = ("nb", "nc", "nd", "nf", "nk")
+    has_noise_model: ClassVar[bool] = True
+    letters: ClassVar[str] = "bcdf"
+
+    def starts(self, records: Sequence[Record], focus: Focus) -> "Warm":
+        """Named starting values of θ (see ``linear.starts``)."""
+        from sysid.structures.linear.starts import output_error_starts
+
+        return output_error_starts(self, records, focus)

@@ -1,0 +1,124 @@
+"""ARX by linear algebra: no iteration, no regressor matrix in memory."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.data.record import Array, Record
+from sysid.errors import Termination
+from sysid.fitting import normal_equations as ne
+from sysid.fitting.options import FitOptions
+from sysid.fitting.problem import Focus, Parameter
+from sysid.fitting.uncertainty import (
+    AR_ORDER,
+    half_of,
+    portmanteau_white,
+    sandwich,
+    with_infinite,
+)
+from sysid.structures.base import Structure
+from sysid.structures.linear.arx import ARX
+from sysid.structures.outcome import FitOutcome, StartReport, Warm
+from sysid.structures.search import by_search
+
+SANDWICH_SAMPLES = 100_000
+"""The sandwich form needs the regressors in memory: it is measured on at most this many samples."""
+
+
+def fit(
+    structure: Structure,
+    records: Sequence[Record],
+    options: FitOptions,
+    parameters: tuple[Parameter, ...],
+    warm: Warm,
+) -> FitOutcome:
+    """Least squares in one step, or a search where constraints or another loss forbid it."""
+    weighted = any(r.weights is not None for r in records)
+    if weighted or not (isinstance(structure, ARX) and _linear(options, parameters)):
+        return by_search(structure, records, options, parameters, warm)
+    theta, covariance, null = solve(structure, records)
+    return FitOutcome(
+        structure,
+        parameters,
+        theta,
+        covariance,
+        null,
+        termination=Termination.CLOSED_FORM,
+        starts=(StartReport("all", "least squares", None, None, 1),),
+    )
+
+
+def _linear(options: FitOptions, parameters: Sequence[Parameter]) -> bool:
+    """Whether the fit is one unconstrained linear least-squares problem."""
+    free = all(p.fixed is None and not np.isfinite([p.lower, p.upper]).any() for p in parameters)
+    prediction = options.focus is Focus.PREDICTION
+    return prediction and free and not options.robust and not options.stable
+
+
+def solve(structure: ARX, records: Sequence[Record]) -> tuple[Array, Array, Array]:
+    """θ, its covariance, and the directions without information (n, n_null)."""
+    ny = structure.ny
+    layouts = [structure.layout(i) for i in range(ny)]
+    n = sum(lay.n for lay in layouts)
+    theta, covariance = np.zeros(n), np.zeros((n, n))
+    null: list[Array] = []
+    grams: dict[int, ne.LagGram] = {}
+    for i, lay in enumerate(layouts):
+        index = structure.row_index(i)
+        terms = [(j, k) for j, na in enumerate(lay.na) for k in range(1, na + 1)]
+        terms += [
+            (ny + j, k)
+            for j, (nb, nk) in enumerate(zip(lay.nb, lay.nk, strict=True))
+            for k in range(nk, nk + nb)
+        ]
+        start = lay.start
+        if start not in grams:
+            grams[start] = ne.lag_gram(records, start)
+        gram = grams[start]
+        solved = ne.solve(gram, gram.column(i, 0), [gram.column(s, k) for s, k in terms])
+        if solved is None:
+            solved = ne.solve_by_blocks(records, start, i, terms)
+        sign = np.where(np.array([s for s, _ in terms]) < ny, -1.0, 1.0)
+        theta[index] = sign * solved.theta
+        errors = [
+            ne.residual_row(
+                r, start, i, [(s, k, c) for (s, k), c in zip(terms, solved.theta, strict=True)]
+            )
+            for r in records
+        ]
+        block = _covariance(records, errors, start, terms, solved)
+        covariance[np.ix_(index, index)] = np.outer(sign, sign) * block
+        for direction in solved.null.T:
+            spread = np.zeros(n)
+            spread[index] = sign * direction
+            null.append(spread)
+    return theta, covariance, np.array(null).T if null else np.zeros((n, 0))
+
+
+def _covariance(
+    records: Sequence[Record],
+    errors: Sequence[Array],
+    start: int,
+    terms: Sequence[tuple[int, int]],
+    solved: ne.LeastSquares,
+) -> Array:
+    """σ²(ΦᵀΦ)⁻¹, or the sandwich form when the errors are not white."""
+    samples = sum(len(e) for e in errors)
+    dof = max(samples - (len(terms) - solved.null.shape[1]), 1)
+    variance = sum(float(e @ e) for e in errors) / dof
+    covariance = variance * solved.inverse
+    if not portmanteau_white(errors) and samples > 5 * AR_ORDER:
+        phis, kept, room = [], [], SANDWICH_SAMPLES
+        for r, e in zip(records, errors, strict=True):
+            m = min(len(e), room)
+            if m > 0:
+                signals = (*r.y.T, *r.u.T)
+                phis.append(
+                    np.column_stack([signals[s][start - k : start - k + m] for s, k in terms])
+                )
+                kept.append(e[:m])
+                room -= m
+        used = sum(len(e) for e in kept)
+        covariance = sandwich(half_of(solved.inverse), phis, kept)
+        covariance *= (samples / used) * (samples / dof)
+    return with_infinite(covariance, solved.null)

@@ -1,0 +1,396 @@
+"""The shared algebra of ARX, ARMAX, OE and BJ: A y = (B/F) u + (C/D) e (Ljung 1999, eq. 4.33)."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.filtering import lfilter
+from sysid.data.record import Array, Channel, Index, Record
+from sysid.data.unit_words import ratio
+from sysid.fitting.problem import (
+    Focus,
+    Initial,
+    Parameter,
+    Problem,
+)
+from sysid.structures.base import Structure, refuse_options
+from sysid.structures.linear.predictor import RowErrors, RowLayout
+from sysid.structures.linear.problems import FreeRunErrors, Remaining, Stacked
+from sysid.structures.linear.transfer import TransferMatrix, adjugate, determinant
+from sysid.structures.orders import Orders, spread
+
+
+@dataclass(frozen=True, eq=False)
+class Polynomials:
+    """A, B, C, D, F as coefficient arrays in ascending powers of q⁻¹, indexed [output][input]."""
+
+    A: list[list[Array]]
+    B: list[list[Array]]
+    C: list[Array]
+    D: list[Array]
+    F: list[list[Array]]
+
+
+@dataclass(frozen=True)
+class PolynomialStructure(Structure):
+    """Base of the four polynomial structures; each only says which polynomials it has.
+
+    θ stacks, output after output, the coefficients of A, B, C, D, F in that order, each in
+    ascending lags; ``b<k>`` multiplies u(t−k).
+    """
+
+    orders: Orders
+    letters: ClassVar[str]
+    linear: ClassVar[bool] = True
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs."""
+        return self.orders.nu
+
+    @property
+    def ny(self) -> int:
+        """Number of outputs."""
+        return self.orders.ny
+
+    @classmethod
+    def from_orders(
+        cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
+    ) -> Self:
+        """The structure with these orders; UsageError when they do not fit."""
+        refuse_options(cls.name, options, ())
+        return cls(spread(raw, cls.letters, nu, ny, cls.name))
+
+    def order_values(self) -> dict[str, Any]:
+        """Orders in their shortest form."""
+        return {name: self.orders.value(name) for name in self.order_names}
+
+    def stabilised(self, theta: Array) -> Array:
+        """θ with its poles reflected into the unit circle."""
+        from sysid.structures.linear.starts import stabilised
+
+        return stabilised(self, theta)
+
+    def level_entries(self) -> Index:
+        """Coefficients of the constant input, where there is one."""
+        from sysid.structures.linear.constant_input import constant_places
+
+        return constant_places(self)[0] if self.orders.constant else super().level_entries()
+
+    def open_directions(self, records: Sequence[Record]) -> Array:
+        """What inputs in fixed proportion to each other leave open, (n, k)."""
+        from sysid.structures.linear.confounded import confounded
+
+        return confounded(self, records)
+
+    def forgets_after(self, theta: Array) -> float:
+        """Two of the slowest time constants [samples]."""
+        radii = np.abs(self.transfer(theta).poles())
+        slowest = float(np.min(np.abs(np.log(radii[radii > 0.0])), initial=np.inf))
+        return 2.0 / slowest if slowest > 0.0 else float("inf")
+
+    def layout(self, i: int) -> RowLayout:
+        """Orders of the equation of output ``i``."""
+        o = self.orders
+        return RowLayout(i, o.na[i], o.nb[i], o.nk[i], o.nc[i], o.nd[i], o.nf[i], o.constant)
+
+    def row_index(self, i: int) -> Index:
+        """Entries of θ that belong to output ``i``."""
+        before = sum(self.layout(k).n for k in range(i))
+        return np.arange(before, before + self.layout(i).n)
+
+    def parameters(
+        self, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[Parameter, ...]:
+        """Names (``a1``, ``b1[omega_l,pwm_r]`` …) and units of θ."""
+        single = self.nu <= 1 and self.ny == 1
+        found = []
+        for i, out in enumerate(outputs):
+            lay = self.layout(i)
+            for j, n in enumerate(lay.na):
+                unit = "" if i == j else ratio(out.unit, outputs[j].unit)
+                tag = "" if single else f"[{out.name},{outputs[j].name}]"
+                found += [Parameter(f"a{k}{tag}", unit) for k in range(1, n + 1)]
+            for j, n in enumerate(lay.nb):
+                unit = ratio(out.unit, inputs[j].unit)
+                tag = "" if single else f"[{out.name},{inputs[j].name}]"
+                first = lay.nk[j]
+                found += [Parameter(f"b{k}{tag}", unit) for k in range(first, first + n)]
+            tag = "" if single else f"[{out.name}]"
+            found += [Parameter(f"c{k}{tag}") for k in range(1, lay.nc + 1)]
+            found += [Parameter(f"d{k}{tag}") for k in range(1, lay.nd + 1)]
+            for j, n in enumerate(lay.nf):
+                tag = "" if single else f"[{out.name},{inputs[j].name}]"
+                found += [Parameter(f"f{k}{tag}") for k in range(1, n + 1)]
+        return tuple(found)
+
+    def polynomials(self, theta: Array) -> Polynomials:
+        """The coefficient arrays that θ stands for."""
+        ny, nu = self.ny, self.nu
+        A: list[list[Array]] = [[np.zeros(1)] * ny for _ in range(ny)]
+        B: list[list[Array]] = [[np.zeros(1)] * nu for _ in range(ny)]
+        F: list[list[Array]] = [[np.ones(1)] * nu for _ in range(ny)]
+        C, D = [np.ones(1)] * ny, [np.ones(1)] * ny
+        for i in range(ny):
+            lay, part = self.layout(i), theta[self.row_index(i)]
+            a, b, c, d, f = lay.slices()
+            for j in range(ny):
+                A[i][j] = np.concatenate([[1.0 if i == j else 0.0], part[a[j]]])
+            for j in range(nu):
+                if lay.nb[j]:
+                    B[i][j] = np.concatenate([np.zeros(lay.nk[j]), part[b[j]]])
+                F[i][j] = np.concatenate([[1.0], part[f[j]]])
+            C[i] = np.concatenate([[1.0], part[c]])
+            D[i] = np.concatenate([[1.0], part[d]])
+        return Polynomials(A, B, C, D, F)
+
+    def transfer(self, theta: Array) -> TransferMatrix:
+        """G(q) = A⁻¹ [B/F] as a transfer matrix."""
+        p = self.polynomials(theta)
+        pairs = [(i, j) for i in range(self.ny) for j in range(self.nu)]
+        num = [[np.zeros(1)] * self.nu for _ in range(self.ny)]
+        den = [[np.ones(1)] * self.nu for _ in range(self.ny)]
+        if self.orders.coupled:
+            det, adj = determinant(p.A), adjugate(p.A)
+            for i, j in pairs:
+                terms = [np.convolve(adj[i][k], p.B[k][j]) for k in range(self.ny)]
+                num[i][j] = np.zeros(max(map(len, terms)))
+                for term in terms:
+                    num[i][j][: len(term)] += term
+                den[i][j] = det
+        else:
+            for i, j in pairs:
+                num[i][j], den[i][j] = p.B[i][j], np.convolve(p.A[i][i], p.F[i][j])
+        return TransferMatrix.build(num, den)
+
+    def problems(
+        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
+    ) -> tuple[Problem, ...]:
+        """One problem per output in prediction focus; one of all outputs in simulation focus."""
+        data = [(r.u, r.y) for r in records]
+        estimate = initial in (Initial.ESTIMATED, Initial.AUTO)
+        rows = [
+            RowErrors(self.layout(i), self.row_index(i), data, estimate, search=True)
+            for i in range(self.ny)
+        ]
+        found: tuple[Problem, ...] = tuple(rows)
+        later: list[Problem] = []
+        if focus is Focus.SIMULATION and self.has_noise_model:
+            found = self._free_run_problems(data, estimate)
+            known = self.deterministic_index()
+            later = [Remaining(row, known) for row in rows if not np.all(np.isin(row.index, known))]
+        if stable:
+            n = sum(self.layout(i).n for i in range(self.ny))
+            found = (Stacked(found, self.stable, n),)
+        return (*found, *later)
+
+    def _free_run_problems(
+        self, data: Sequence[tuple[Array, Array]], estimate: bool
+    ) -> tuple[Problem, ...]:
+        if "f" not in self.letters:
+            return (FreeRunErrors(self, data, estimate),)
+        known = self.deterministic_index()
+        rows = []
+        for i in range(self.ny):
+            index = self.row_index(i)
+            output_error = replace(self.layout(i), nc=0, nd=0)
+            kept = index[np.isin(index, known)]
+            rows.append(RowErrors(output_error, kept, data, estimate, search=True))
+        return tuple(rows)
+
+    def deterministic_index(self) -> Index:
+        """Entries of θ that belong to A, B and F."""
+        kept = []
+        for i in range(self.ny):
+            _, _, c, d, _ = self.layout(i).slices()
+            index = self.row_index(i)
+            noise = set(index[c].tolist()) | set(index[d].tolist())
+            kept += [k for k in index.tolist() if k not in noise]
+        return np.array(kept, dtype=int)
+
+    def first_sample(self) -> int:
+        """First sample that every row can predict."""
+        return max(self.layout(i).start + self.layout(i).nd for i in range(self.ny))
+
+    def n_states(self, theta: Array) -> int:
+        """Number of states of the free run."""
+        return self.transfer(theta).n_states
+
+    def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
+        """State that meets the first ``samples`` of y best in free run."""
+        return self.transfer(theta).fitted_state(u, y, samples)
+
+    def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
+        """Free run of G(q) from x0."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self.transfer(theta).simulate(u, x0)
+
+    def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """x⁺ = A x + B u, y = C x + D u with the matrices of G(q)."""
+        A, B, C, D = self.transfer(theta).matrices
+
+        def advance(x: Array, u: Array) -> tuple[Array, Array]:
+            return A @ x + B @ u, C @ x + D @ u
+
+        return advance
+
+    def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
+        """One-step errors; unknown initial states are fitted on the first ``window`` samples."""
+        out = np.full(y.shape, np.nan)
+        for i in range(self.ny):
+            lay = self.layout(i)
+            if len(y) <= lay.start + lay.nd:
+                continue
+            if not lay.n_initial:
+                out[lay.start :, i] = self._equation_errors(theta, u, y, i)[lay.start :]
+                continue
+            row = RowErrors(lay, self.row_index(i), [(u, y)], estimate_initial=window > 0)
+            p = row.initial_guess(theta)
+            if row.n_initial:
+                stop = max(window, row.skipped + row.n_initial)
+                head = RowErrors(lay, self.row_index(i), [(u[:stop], y[:stop])], True)
+                basis = head.initial_columns(p)
+                zeta = np.linalg.lstsq(basis, -head.residual(p), rcond=1e-10)[0]
+                p = np.concatenate([p[: lay.n], zeta])
+            out[row.skipped :, i] = row.residual(p)
+        return out
+
+    def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
+        """ŷ(t|t−k) = y(t) − Σ_{l<k} h(l) e(t−l) with h the impulse response of H = A⁻¹ C/D.
+
+        Without a noise model (H = 1) that is the free run, whatever the horizon.
+        """
+        if not self.has_noise_model:
+            x0 = self.fitted_state(theta, u, y, window) if window > 0 else None
+            return self.simulate(theta, u, x0)
+        e = self.errors(theta, u, y, window)
+        h = self.noise_response(theta, horizon)
+        k_step = np.zeros_like(e)
+        for i in range(self.ny):
+            for j in range(self.ny):
+                if np.any(h[:, i, j]):
+                    k_step[:, i] += lfilter(h[:, i, j], [1.0], np.nan_to_num(e[:, j]))
+        missing = np.isnan(e)
+        for lag in range(1, min(horizon, len(e))):
+            missing[lag:] |= np.isnan(e[:-lag])
+        return np.where(missing, np.nan, y - k_step)
+
+    def _equation_errors(self, theta: Array, u: Array, y: Array, i: int) -> Array:
+        """A y − B u of one output, without a matrix of regressors."""
+        p = self.polynomials(theta)
+        terms = [(p.A[i][j], y[:, j]) for j in range(self.ny)]
+        terms += [(-p.B[i][j], u[:, j]) for j in range(self.nu)]
+        return np.asarray(sum(lfilter(c, [1.0], s) for c, s in terms if np.any(c)))
+
+    def noise_response(self, theta: Array, n: int) -> Array:
+        """H(q) = A⁻¹ C/D as an impulse response."""
+        p = self.polynomials(theta)
+        det, adj = determinant(p.A), adjugate(p.A)
+        impulse = np.zeros(n)
+        impulse[:1] = 1.0
+        h = np.zeros((n, self.ny, self.ny))
+        with np.errstate(over="ignore", invalid="ignore"):
+            for i in range(self.ny):
+                for j in range(self.ny):
+                    shaped = lfilter(np.convolve(adj[i][j], p.C[j]), p.D[j], impulse)
+                    h[:, i, j] = lfilter([1.0], det, shaped)
+        return h
+
+    def stable(self, theta: Array) -> bool:
+        """Whether all poles of G(q) lie inside the unit circle."""
+        if not np.all(np.isfinite(theta)):
+            return False
+        return bool(np.all(np.abs(self._poles(theta)) < 1.0))
+
+    def _poles(self, theta: Array) -> NDArray[np.complex128]:
+        """Poles of G(q); of H(q) = A⁻¹ C where there is no input."""
+        if self.nu:
+            return self.transfer(theta).poles()
+        bottom = np.trim_zeros(determinant(self.polynomials(theta).A), "b")
+        return np.roots(bottom).astype(np.complex128)
+
+    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
+        """∂ŷ/∂θ of one output on a record, zero where it cannot be predicted."""
+        lay = self.layout(output)
+        out = np.zeros((len(y), lay.n))
+        if len(y) <= lay.start + lay.nd:
+            return out
+        row = RowErrors(lay, self.row_index(output), [(u, y)], False)
+        out[row.skipped :] = -row.jacobian(row.initial_guess(theta))
+        return out
+
+    def gradient_index(self, theta: Array, output: int) -> Index:
+        """The entries of θ that belong to the output's row."""
+        return self.row_index(output)
+
+    def equations(
+        self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[str, ...]:
+        """The polynomials as text, one line an output and one per polynomial."""
+        p = self.polynomials(theta)
+        lines = []
+        for i, out in enumerate(outputs):
+            left = [f"{_text(p.A[i][i])}·{out.name}" if len(p.A[i][i]) > 1 else out.name]
+            others = [
+                f"{_text(p.A[i][j])}·{outputs[j].name}"
+                for j in range(self.ny)
+                if j != i and len(p.A[i][j]) > 1
+            ]
+            right = []
+            for j, channel in enumerate(inputs):
+                if self.orders.nb[i][j]:
+                    bottom = f"/{_text(p.F[i][j])}" if len(p.F[i][j]) > 1 else ""
+                    right.append(f"{_text(p.B[i][j])}{bottom}·{channel.name}")
+            top = _text(p.C[i]) if len(p.C[i]) > 1 else ""
+            bottom = f"/{_text(p.D[i])}" if len(p.D[i]) > 1 else ""
+            noise = f"{top or ('1' if bottom else '')}{bottom}"
+            right.append(f"{noise}·e" if noise else "e")
+            lines.append(" + ".join(left + others) + " = " + " + ".join(right))
+        return tuple(lines)
+
+    def properties(self, theta: Array, dt: float) -> dict[str, Any]:
+        """Poles with time constants, zeros, static gain and stability."""
+        g = self.transfer(theta)
+        gain = g.static_gain()
+        return {
+            "stable": self.stable(theta),
+            "poles": [_pole(complex(z), dt) for z in self._poles(theta)],
+            "zeros": [
+                {"output": i, "input": j, "re": float(z.real), "im": float(z.imag)}
+                for i in range(self.ny)
+                for j in range(self.nu)
+                for z in g.zeros(i, j)
+            ],
+            "static_gain": gain.tolist(),
+        }
+
+
+def _pole(z: complex, dt: float) -> dict[str, float]:
+    """A pole with what it means in seconds: time constant, natural frequency, damping."""
+    found = {"re": z.real, "im": z.imag, "abs": abs(z)}
+    if abs(z) > 0:
+        s = np.log(z) / dt
+        found["time_constant_s"] = float(-1.0 / s.real) if s.real else float("inf")
+        found["frequency_rad_s"] = float(abs(s))
+        found["damping"] = float(-s.real / abs(s)) if abs(s) else 1.0
+    return found
+
+
+def _text(polynomial: Array) -> str:
+    """``(1 - 0.81 q^-1)``: the polynomial with five significant digits."""
+    parts: list[str] = []
+    for k, value in enumerate(polynomial):
+        if value == 0.0:
+            continue
+        power = "" if k == 0 else f" q^-{k}"
+        number = f"{abs(value):.5g}"
+        sign = "-" if value < 0 else "+"
+        parts.append(
+            f"{'-' if sign == '-' else ''}{number}{power}"
+            if not parts
+            else f"{sign} {number}{power}"
+        )
+    return "(" + (" ".join(parts) or "0") + ")"

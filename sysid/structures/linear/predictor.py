@@ -1,0 +1,310 @@
+"""One-step prediction errors of one output of A y = Σ (B/F) u + (C/D) e, with exact gradients.
+
+For measured data the outputs of a MIMO model decouple: the row of output i is a MISO model in
+which the other outputs enter like inputs. With v = A y − Σ (B_j/F_j) u_j,
+
+    ε = (D/C) v                      ∂ε/∂a_k =  (D/C) y(t−k)
+    ∂ε/∂b_k = −(D/CF) u(t−k)         ∂ε/∂f_k =  (D/CF) w(t−k),  w = (B/F) u
+    ∂ε/∂c_k = −(1/C) ε(t−k)          ∂ε/∂d_k =  (1/C) v(t−k)
+
+(Ljung 1999, §10.3). Regressors are taken from the record from its sample ``start`` on, so that no
+measured past is invented; the unknown past of w and of ε is either zero or a free response
+(ζ(q)/F) δ(t−start), (ζ(q)/C) δ(t−start) whose coefficients are estimated: they enter linearly.
+In a search only stable predictors are admissible (Ljung 1999, §3.2 and eq. 4.98): of C and its
+mirror image, which shape the noise alike, the one with its roots inside the unit circle, and an F
+whose free response does not grow by more than a factor e over the record.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from sysid.data.filtering import lfilter
+from sysid.data.record import Array, Index
+from sysid.fitting.problem import Problem
+from sysid.structures.linear.lagged import (
+    impulse,
+    lags,
+    monic,
+    shifted,
+    through,
+)
+
+HUGE = 1e100
+"""Residual reported where the filters overflow: the solver rejects the step."""
+
+
+@dataclass(frozen=True)
+class RowLayout:
+    """Orders of one row and where its coefficients stand in the row's θ."""
+
+    output: int
+    na: tuple[int, ...]
+    nb: tuple[int, ...]
+    nk: tuple[int, ...]
+    nc: int
+    nd: int
+    nf: tuple[int, ...]
+    constant: bool = False
+    """Whether the last input is the constant 1: it has no other lags worth trying."""
+
+    @cached_property
+    def start(self) -> int:
+        """First sample whose measured regressors lie inside the record."""
+        lags = [nb + nk - 1 for nb, nk in zip(self.nb, self.nk, strict=True) if nb]
+        return max(0, *self.na, *lags)
+
+    @cached_property
+    def edges(self) -> tuple[int, ...]:
+        """Cumulative offsets of a_1…a_ny, b_1…b_nu, c, d, f_1…f_nu in θ."""
+        lengths = (*self.na, *self.nb, self.nc, self.nd, *self.nf)
+        return tuple(np.cumsum((0, *lengths)).tolist())
+
+    def slices(self) -> tuple[list[slice], list[slice], slice, slice, list[slice]]:
+        """Slices of a, b, c, d, f in the row's θ."""
+        parts = [slice(i, j) for i, j in pairwise(self.edges)]
+        ny, nu = len(self.na), len(self.nb)
+        return (
+            parts[:ny],
+            parts[ny : ny + nu],
+            parts[ny + nu],
+            parts[ny + nu + 1],
+            parts[ny + nu + 2 :],
+        )
+
+    @cached_property
+    def n(self) -> int:
+        """Number of coefficients."""
+        return self.edges[-1]
+
+    @cached_property
+    def filtered(self) -> tuple[int, ...]:
+        """Inputs with a denominator of their own."""
+        return tuple(j for j, nf in enumerate(self.nf) if nf and self.nb[j])
+
+    @property
+    def n_noise_states(self) -> int:
+        """Unknown past of the noise filter."""
+        return max(self.nc, self.nd) if self.nc or self.nd else 0
+
+    @property
+    def n_initial(self) -> int:
+        """Unknown initial states of one experiment."""
+        return sum(self.nf[j] for j in self.filtered) + self.n_noise_states
+
+
+@dataclass(frozen=True, eq=False)
+class _Experiment:
+    """One record prepared for one row: arrays from ``start`` on, lag matrices transposed."""
+
+    y: Array
+    linear: Array  # (n_linear, M): +y lags and −u lags of the inputs without F
+    inputs: tuple[Array, ...]  # full-length inputs with F
+
+
+class RowErrors(Problem):
+    """Prediction errors of one row over several experiments.
+
+    Args:
+        layout: orders of the row.
+        index: where the row's coefficients stand in the structure's θ.
+        data: (u (N, nu), y (N, ny)) of each experiment.
+        estimate_initial: whether initial states are estimated or zero.
+        search: whether parameters with an unstable predictor are inadmissible; to evaluate a
+            given model they are not.
+    """
+
+    def __init__(
+        self,
+        layout: RowLayout,
+        index: Index,
+        data: Sequence[tuple[Array, Array]],
+        estimate_initial: bool,
+        search: bool = False,
+    ) -> None:
+        self.layout = layout
+        self._radius = largest_radius([y for _, y in data]) if search else None
+        self.index = index
+        self.states_each = layout.n_initial if estimate_initial else 0
+        self.n_initial = self.states_each * len(data)
+        self._experiments = [self._prepare(u, y) for u, y in data]
+        self.lengths = tuple(max(len(x.y) - layout.nd, 0) for x in self._experiments)
+        self.channels = (layout.output,) * len(data)
+        a, b, c, d, f = layout.slices()
+        self._c, self._d, self._b, self._f = c, d, b, f
+        plain = [b[j] for j in range(len(b)) if j not in layout.filtered]
+        self._lagged = [s for s in (*a, *plain) if s.stop > s.start]
+        self._linear = np.concatenate(
+            [np.arange(s.start, s.stop) for s in self._lagged] or [np.zeros(0, dtype=int)]
+        ).astype(int)
+        self._cache: tuple[bytes, list[_Signals]] | None = None
+
+    def _prepare(self, u: Array, y: Array) -> _Experiment:
+        lay, start = self.layout, self.layout.start
+        rows = [y[start - k : len(y) - k, j] for j, n in enumerate(lay.na) for k in lags(1, n)]
+        for j, (nb, nk) in enumerate(zip(lay.nb, lay.nk, strict=True)):
+            if j not in lay.filtered:
+                rows += [-u[start - k : len(u) - k, j] for k in lags(nk, nb)]
+        m = max(len(y) - start, 0)
+        linear = np.array(rows) if rows else np.zeros((0, m))
+        return _Experiment(
+            np.ascontiguousarray(y[start:, lay.output]),
+            linear,
+            tuple(np.ascontiguousarray(u[:, j]) for j in lay.filtered),
+        )
+
+    @property
+    def skipped(self) -> int:
+        """Samples at the head of each record that are not part of the residual."""
+        return self.layout.start + self.layout.nd
+
+    def residual(self, p: Array) -> Array:
+        """Prediction errors ε of all experiments, stacked."""
+        if not self._admissible(p):
+            return np.full(sum(self.lengths), HUGE)
+        with np.errstate(all="ignore"):
+            e = np.concatenate([s.e[self.layout.nd :] for s in self._signals(p)])
+        if not np.all(np.isfinite(e)) or np.max(np.abs(e), initial=0.0) > HUGE:
+            return np.full(len(e), HUGE)
+        return e
+
+    def _admissible(self, p: Array) -> bool:
+        return self._radius is None or (
+            roots_inside(p[self._c])
+            and all(roots_inside(p[self._f[j]], self._radius) for j in self.layout.filtered)
+        )
+
+    def jacobian(self, p: Array) -> Array:
+        """∂ε/∂p, exact for the stated treatment of the start."""
+        return self._gradients(p, self.layout.n)
+
+    def initial_columns(self, p: Array) -> Array:
+        """The columns of the Jacobian that belong to the initial states."""
+        return self._gradients(p, 0)
+
+    def _gradients(self, p: Array, shared: int) -> Array:
+        """∂ε/∂(θ, initial states), or with ``shared`` = 0 of the states alone.
+
+        Written row by row into one array: a copy of it costs as much as a filter run.
+        """
+        each, nd = self.states_each, self.layout.nd
+        edges = np.cumsum([0, *(len(x.y) for x in self._experiments)]).tolist()
+        out = np.zeros((shared + self.n_initial, edges[-1]))
+        with np.errstate(all="ignore"):
+            for k, (x, (a, b)) in enumerate(zip(self._experiments, pairwise(edges), strict=True)):
+                first = shared + k * each
+                if shared:
+                    self._columns(p, self._signals(p)[k], x, out[:shared, a:b])
+                self._state_columns(p, out[first : first + each, a:b])
+        if nd:
+            kept = [out[:, a + nd : b] for a, b in pairwise(edges)]
+            out = kept[0] if len(kept) == 1 else np.concatenate(kept, axis=1)
+        if not np.isfinite(out).all():
+            out = np.nan_to_num(out, nan=0.0, posinf=HUGE, neginf=-HUGE)
+        return out.T
+
+    def _signals(self, p: Array) -> "list[_Signals]":
+        key = p.tobytes()
+        if self._cache is None or self._cache[0] != key:
+            lay, signals = self.layout, []
+            for k, x in enumerate(self._experiments):
+                first = lay.n + k * self.states_each
+                signals.append(self._filter(p, p[first : first + self.states_each], x))
+            self._cache = (key, signals)
+        return self._cache[1]
+
+    def _filter(self, p: Array, states: Array, x: _Experiment) -> "_Signals":
+        lay = self.layout
+        v = x.y + p[self._linear] @ x.linear
+        ws, fs, at = [], [], 0
+        for j, u in zip(lay.filtered, x.inputs, strict=True):
+            F = monic(p[self._f[j]])
+            B = np.concatenate([np.zeros(lay.nk[j]), p[self._b[j]]])
+            if self.states_each:
+                # F w = B u + ζ δ(t − start): one pass gives forced and free response together
+                drive = lfilter(B, [1.0], u)
+                room = drive[lay.start : lay.start + lay.nf[j]]
+                room += states[at : at + len(room)]
+                at += lay.nf[j]
+                w = lfilter([1.0], F, drive)
+            else:
+                w = lfilter(B, F, u)
+            v = v - w[lay.start :]
+            ws.append(w)
+            fs.append(F)
+        if not (lay.nc or lay.nd):
+            return _Signals(v, v, ws, fs)
+        C, D = monic(p[self._c]), monic(p[self._d])
+        drive = lfilter(D, [1.0], v)
+        if self.states_each:
+            room = drive[: lay.n_noise_states]
+            room += states[at : at + len(room)]
+        return _Signals(lfilter([1.0], C, drive), v, ws, fs)
+
+    def _columns(self, p: Array, s: "_Signals", x: _Experiment, out: Array) -> None:
+        """Gradients with respect to θ, one row a coefficient, (n, M)."""
+        lay, start = self.layout, self.layout.start
+        C, D, h = self._noise_filter(p, len(s.e))
+        row = 0
+        for place in self._lagged:
+            count = place.stop - place.start
+            through(D, C, h, x.linear[row : row + count], out[place])
+            row += count
+        for j, u, w, F in zip(lay.filtered, x.inputs, s.ws, s.fs, strict=True):
+            gb = shifted(lfilter([-1.0], F, u), lags(lay.nk[j], lay.nb[j]), start)
+            gf = shifted(lfilter([1.0], F, w), lags(1, lay.nf[j]), start)
+            through(D, C, h, gb, out[self._b[j]])
+            through(D, C, h, gf, out[self._f[j]])
+        if lay.nc:
+            shifted(lfilter([-1.0], C, s.e), lags(1, lay.nc), 0, out[self._c])
+        if lay.nd:
+            shifted(lfilter([1.0], C, s.v), lags(1, lay.nd), 0, out[self._d])
+
+    def _state_columns(self, p: Array, out: Array) -> None:
+        """Gradients with respect to one experiment's initial states, (states, M)."""
+        lay, m = self.layout, out.shape[1]
+        if not len(out):
+            return
+        C, D, h = self._noise_filter(p, m)
+        at = 0
+        for j in lay.filtered:
+            free = lfilter([1.0], monic(p[self._f[j]]), -impulse(m))
+            rows = shifted(free, range(lay.nf[j]), 0)
+            through(D, C, h, rows, out[at : at + lay.nf[j]])
+            at += lay.nf[j]
+        if lay.n_noise_states:
+            shifted(lfilter([1.0], C, impulse(m)), range(lay.n_noise_states), 0, out[at:])
+
+    def _noise_filter(self, p: Array, m: int) -> tuple[Array, Array, Array | None]:
+        """C, D and the impulse response of D/C, None where that is 1."""
+        C, D = monic(p[self._c]), monic(p[self._d])
+        return C, D, lfilter(D, C, impulse(m)) if self.layout.nc or self.layout.nd else None
+
+
+@dataclass(frozen=True, eq=False)
+class _Signals:
+    """Intermediate signals of one experiment, shared by the residual and its Jacobian."""
+
+    e: Array
+    v: Array
+    ws: list[Array]
+    fs: list[Array]
+
+
+def largest_radius(records: Sequence[Array]) -> float:
+    """Radius of a pole whose free response grows by e over the longest record."""
+    return 1.0 + 1.0 / max(1, *(len(y) for y in records))
+
+
+def roots_inside(tail: Array, radius: float = 1.0) -> bool:
+    """Whether 1 + c₁q⁻¹ + … has all roots within the radius (Schur-Cohn recursion)."""
+    c = [1.0, *(tail / radius ** np.arange(1, len(tail) + 1)).tolist()]
+    while len(c) > 1:
+        k = c[-1]
+        if not abs(k) < 1.0:
+            return False
+        c = [(x - k * y) / (1.0 - k * k) for x, y in zip(c[:-1], c[:0:-1], strict=True)]
+    return True

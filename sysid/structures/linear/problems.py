@@ -1,0 +1,214 @@
+"""Problems made of others: free-run errors, what remains after them, several at once."""
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sysid.data.filtering import lfilter
+from sysid.data.record import Array, Index
+from sysid.fitting.problem import Problem
+from sysid.structures.linear.predictor import (
+    HUGE,
+    RowErrors,
+    largest_radius,
+    roots_inside,
+)
+from sysid.structures.linear.transfer import adjugate, determinant
+
+if TYPE_CHECKING:
+    from sysid.structures.linear.polynomial import PolynomialStructure
+
+
+class FreeRunErrors(Problem):
+    """Simulation errors y − ŷ of A y = B u (no F), all outputs together.
+
+    With H = A⁻¹ and x_l = Σ_j B_lj u_j + ζ_l(q) δ the free run is ŷ_i = Σ_l H_il x_l, and
+
+        ∂ŷ_i/∂a_lm,k = −H_il ŷ_m(t−k)   ∂ŷ_i/∂b_lj,k = H_il u_j(t−k)   ∂ŷ_i/∂ζ_l,k = H_il δ(t−k).
+
+    A noise model is fitted afterwards by ``Remaining``. Parameters whose free run grows by more
+    than e over the record are inadmissible.
+    """
+
+    def __init__(
+        self,
+        structure: "PolynomialStructure",
+        data: Sequence[tuple[Array, Array]],
+        estimate_initial: bool,
+    ) -> None:
+        self.index = structure.deterministic_index()
+        self._structure = structure
+        self._data = data
+        layouts = [structure.layout(i) for i in range(structure.ny)]
+        self._states = [lay.start if estimate_initial else 0 for lay in layouts]
+        self.n_initial = sum(self._states) * len(data)
+        self._n = sum(lay.n for lay in layouts)
+        self.lengths = tuple(len(y) for _, y in data for _ in range(structure.ny))
+        self.channels = tuple(i for _ in data for i in range(structure.ny))
+        self._radius = largest_radius([y for _, y in data])
+        self._cache: tuple[bytes, list[Array]] | None = None
+
+    def residual(self, p: Array) -> Array:
+        """y − ŷ, output after output, experiment after experiment."""
+        det = determinant(self._structure.polynomials(self._theta(p)).A)
+        if not roots_inside(det[1:], self._radius):
+            return np.full(sum(self.lengths), HUGE)
+        with np.errstate(all="ignore"):
+            e = np.concatenate(
+                [(y - run).T.ravel() for run, (_, y) in zip(self._runs(p), self._data, strict=True)]
+            )
+        if not np.all(np.isfinite(e)) or np.max(np.abs(e), initial=0.0) > HUGE:
+            return np.full(len(e), HUGE)
+        return e
+
+    def jacobian(self, p: Array) -> Array:
+        """∂(y − ŷ)/∂p."""
+        s, n_theta = self._structure, len(self.index)
+        theta = self._theta(p)
+        place = {int(k): c for c, k in enumerate(self.index)}
+        poly = s.polynomials(theta)
+        det, adj = determinant(poly.A), adjugate(poly.A)
+        blocks = []
+        with np.errstate(all="ignore"):
+            for k, ((u, y), run) in enumerate(zip(self._data, self._runs(p), strict=True)):
+                n = len(y)
+                block = np.zeros((len(p), s.ny, n))
+                at = n_theta + k * sum(self._states)
+                for m in range(s.ny):
+                    lay, index = s.layout(m), s.row_index(m)
+                    a, b, *_ = lay.slices()
+                    sources: list[tuple[int, Array, int]] = []
+                    for j in range(s.ny):
+                        back = lfilter([1.0], det, run[:, j])
+                        sources += [
+                            (place[int(q)], back, lag) for lag, q in enumerate(index[a[j]], 1)
+                        ]
+                    for j in range(s.nu):
+                        drive = lfilter([-1.0], det, u[:, j])
+                        sources += [
+                            (place[int(q)], drive, lag)
+                            for lag, q in enumerate(index[b[j]], lay.nk[j])
+                        ]
+                    impulse = np.zeros(n)
+                    impulse[:1] = -1.0
+                    h = lfilter([1.0], det, impulse)
+                    sources += [(at + q, h, q) for q in range(self._states[m])]
+                    at += self._states[m]
+                    for i in range(s.ny):
+                        if np.any(adj[i][m]):
+                            for column, signal, lag in sources:
+                                if lag < n:
+                                    block[column, i, lag:] = lfilter(
+                                        adj[i][m], [1.0], signal[: n - lag]
+                                    )
+                blocks.append(block.reshape(len(p), -1))
+        out = np.concatenate(blocks, axis=1)
+        if not np.isfinite(out).all():
+            out = np.nan_to_num(out, nan=0.0, posinf=HUGE, neginf=-HUGE)
+        return np.asarray(out.T)
+
+    def _theta(self, p: Array) -> Array:
+        theta = np.zeros(self._n)
+        theta[self.index] = p[: len(self.index)]
+        return theta
+
+    def _runs(self, p: Array) -> list[Array]:
+        key = p.tobytes()
+        if self._cache is None or self._cache[0] != key:
+            s = self._structure
+            poly = s.polynomials(self._theta(p))
+            det, adj = determinant(poly.A), adjugate(poly.A)
+            runs, at = [], len(self.index)
+            for u, y in self._data:
+                x = np.zeros((len(y), s.ny))
+                for m in range(s.ny):
+                    for j in range(s.nu):
+                        if s.orders.nb[m][j]:
+                            x[:, m] += lfilter(poly.B[m][j], [1.0], u[:, j])
+                    room = x[: self._states[m], m]
+                    room += p[at : at + len(room)]
+                    at += self._states[m]
+                run = np.zeros((len(y), s.ny))
+                for i in range(s.ny):
+                    for m in range(s.ny):
+                        run[:, i] += lfilter(adj[i][m], det, x[:, m])
+                runs.append(run)
+            self._cache = (key, runs)
+        return self._cache[1]
+
+
+class Remaining(Problem):
+    """The part of a row's prediction problem that is left when other entries of θ are known."""
+
+    def __init__(self, row: RowErrors, known: Index, theta: Array | None = None) -> None:
+        self._row, self._known, self._theta = row, known, theta
+        free = ~np.isin(row.index, known)
+        self.index = row.index[free]
+        self.lengths, self.channels = row.lengths, row.channels
+        self.n_initial = row.n_initial
+        self._columns = np.concatenate(
+            [np.flatnonzero(free), len(row.index) + np.arange(row.n_initial)]
+        )
+
+    def given(self, theta: Array) -> Problem:
+        """The same problem with the known entries taken from ``theta``."""
+        return Remaining(self._row, self._known, theta)
+
+    def _full(self, p: Array) -> Array:
+        theta = np.zeros(int(self._row.index[-1]) + 1) if self._theta is None else self._theta
+        full = self._row.initial_guess(theta)
+        full[self._columns] = p
+        return full
+
+    def residual(self, p: Array) -> Array:
+        """Prediction errors of the row."""
+        return self._row.residual(self._full(p))
+
+    def jacobian(self, p: Array) -> Array:
+        """Their derivative with respect to the remaining entries."""
+        return self._row.jacobian(self._full(p))[:, self._columns]
+
+
+class Stacked(Problem):
+    """Several problems solved as one, with a condition that every iterate must meet."""
+
+    def __init__(
+        self, parts: Sequence[Problem], feasible: Callable[[Array], bool], n_theta: int
+    ) -> None:
+        self._parts, self._feasible, self._n = tuple(parts), feasible, n_theta
+        self.index = np.concatenate([part.index for part in parts])
+        self.n_initial = sum(part.n_initial for part in parts)
+        self.lengths = tuple(n for part in parts for n in part.lengths)
+        self.channels = tuple(i for part in parts for i in part.channels)
+        self._places, theta_at, state_at = [], 0, len(self.index)
+        for part in parts:
+            n = len(part.index)
+            self._places.append(
+                np.concatenate(
+                    [
+                        np.arange(theta_at, theta_at + n),
+                        np.arange(state_at, state_at + part.n_initial),
+                    ]
+                )
+            )
+            theta_at, state_at = theta_at + n, state_at + part.n_initial
+
+    def residual(self, p: Array) -> Array:
+        """Errors of all parts; huge where the condition fails."""
+        e = np.concatenate(
+            [q.residual(p[place]) for q, place in zip(self._parts, self._places, strict=True)]
+        )
+        theta = np.zeros(self._n)
+        theta[self.index] = p[: len(self.index)]
+        return e if self._feasible(theta) else np.full(len(e), HUGE)
+
+    def jacobian(self, p: Array) -> Array:
+        """Block-diagonal derivative."""
+        blocks = [q.jacobian(p[place]) for q, place in zip(self._parts, self._places, strict=True)]
+        out = np.zeros((sum(len(b) for b in blocks), len(p)))
+        at = 0
+        for block, place in zip(blocks, self._places, strict=True):
+            out[at : at + len(block), place] = block
+            at += len(block)
+        return out

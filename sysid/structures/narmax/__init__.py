@@ -1,0 +1,1 @@
+"""Polynomial NARMAX: the structure, its search for terms and its fit."""

@@ -1,0 +1,160 @@
+"""Simulation-error term selection: many candidate equations run over chunks of the data at once.
+
+Forward selection by the one-step error prefers terms that predict over terms that simulate, most
+of all on data sampled fast. Here each candidate is added (or each chosen term left out) in turn,
+the coefficients are re-estimated by least squares, all resulting equations are run freely from
+measured states, and the one with the smallest simulation error is kept (Piroddi & Spinelli 2003,
+"An identification algorithm for polynomial NARX models based on simulation error minimization").
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.data.record import Array, Index
+from sysid.structures.narmax.runs import FreeRun
+from sysid.structures.recursive.frols import TermGram
+from sysid.structures.recursive.monomials import Term
+
+CHUNK = 150
+"""Samples a run: several time constants, short enough that a bad candidate costs no more."""
+
+SAMPLES = 5000
+"""Samples that judge a candidate, at most; spread evenly over the data."""
+
+AT_ONCE = 400_000
+"""Numbers held at a time: candidates × chunks × terms."""
+
+GAIN = 0.005
+"""Relative decrease of the squared simulation error that a further term must bring."""
+
+Data = Sequence[tuple[Array, Array]]
+
+
+class CandidateRuns:
+    """Chunks of the data over which subsets of some candidate terms are run.
+
+    Args:
+        terms: all candidate terms of one output; the others count as inputs here.
+        data: (u, y) of each piece, y of shape (N, 1).
+        limits: bounds of the output in free run.
+    """
+
+    def __init__(self, terms: Sequence[Term], data: Data, limits: tuple[float, float]) -> None:
+        run = self.run = FreeRun((tuple(terms),), data[0][0].shape[1], (limits,))
+        first = max(run.depth if run.slots else 0, run.before)
+        starts = [
+            (k, a, min(a + CHUNK, len(y)))
+            for k, (_, y) in enumerate(data)
+            for a in range(first, len(y) - 1, CHUNK)
+        ]
+        starts = [s for s in starts if s[2] - s[1] >= min(CHUNK, 20)] or starts
+        most = max(SAMPLES // CHUNK, 1)
+        if len(starts) > most:
+            starts = [starts[round(k * (len(starts) - 1) / (most - 1))] for k in range(most)]
+        longest = max((b - a for _, a, b in starts), default=0)
+        batch = len(starts)
+        inputs = np.zeros((run.before + longest, run.nu, batch))
+        self.past = np.zeros((run.depth, batch))
+        self.y = np.zeros((longest, batch))
+        self.valid = np.zeros((longest, batch), dtype=bool)
+        for c, (k, a, b) in enumerate(starts):
+            u, y = data[k]
+            inputs[: run.before + b - a, :, c] = u[a - run.before : b]
+            if run.slots:
+                self.past[:, c] = y[a - run.depth : a, 0]
+            self.y[: b - a, c] = y[a:b, 0]
+            self.valid[: b - a, c] = True
+        self.inputs = run.input_products(inputs)
+
+    def errors(self, theta: Array) -> Array:
+        """Mean squared free-run error of each equation; theta (K, B), zero for absent terms."""
+        used = np.flatnonzero(np.any(theta != 0.0, axis=1))
+        each = max(AT_ONCE // max(len(used) * self.y.shape[1], 1), 1)
+        parts = [
+            self._some(theta[used, at : at + each], used) for at in range(0, theta.shape[1], each)
+        ]
+        return np.concatenate([np.zeros(0), *parts])
+
+    def _some(self, theta: Array, used: Index) -> Array:
+        run = self.run
+        length, chunks = self.y.shape
+        batch = theta.shape[1]
+        y_index, u_index = run.y_index[0][used], run.u_index[0][used]
+        needed = _closed(run, y_index)
+        plan = [(m, *run.plan[m - 1]) for m in needed if m]
+        products = np.ones((len(run.products), batch, chunks))
+        full = np.empty((run.depth + length, batch, chunks))
+        full[: run.depth] = self.past[:, None, :]
+        low, high = run.limits[0]
+        total = np.zeros((batch, chunks))
+        with np.errstate(over="ignore", invalid="ignore"):
+            for t in range(length):
+                now = t + run.depth
+                for m, a, _, lag in plan:
+                    np.multiply(products[a], full[now - lag], out=products[m])
+                values = products[y_index] * self.inputs[t][u_index][:, None, :]
+                y = np.einsum("kb,kbc->bc", theta, values)
+                full[now] = np.fmin(np.fmax(y, low), high)
+                total += self.valid[t] * (full[now] - self.y[t]) ** 2
+        return np.asarray(total.sum(axis=1) / max(int(self.valid.sum()), 1))
+
+
+def _closed(run: FreeRun, wanted: Index) -> list[int]:
+    """The products wanted and those they are made from, in the order of the plan."""
+    found: set[int] = set()
+    for m in wanted.tolist():
+        while m and m not in found:
+            found.add(m)
+            m = run.plan[m - 1][0]
+    return sorted(found)
+
+
+def select_by_simulation(
+    gram: TermGram, runs: CandidateRuns, start: Sequence[int], most: int
+) -> list[tuple[tuple[int, ...], float]]:
+    """Grow and prune a set of terms by its simulation error.
+
+    Args:
+        gram: least squares of the candidate terms.
+        runs: the same terms, run freely.
+        start: terms to begin with.
+        most: largest number of terms.
+
+    Returns:
+        Every set passed on the way with its squared simulation error, the last one the best.
+    """
+    size = len(gram.terms)
+    chosen = list(start)
+    error = float(runs.errors(_solutions(gram, [chosen], size))[0]) if chosen else np.inf
+    found = [(tuple(chosen), error)] if chosen else []
+    while len(chosen) < most:
+        rest = [k for k in range(size) if k not in chosen]
+        if not rest:
+            break
+        errors = runs.errors(_solutions(gram, [[*chosen, k] for k in rest], size))
+        pick = int(np.argmin(errors))
+        if not errors[pick] < (1.0 - GAIN) * error:
+            break
+        chosen, error = [*chosen, rest[pick]], float(errors[pick])
+        found.append((tuple(chosen), error))
+        while len(chosen) > 2:
+            fewer = [[k for k in chosen if k != out] for out in chosen[:-1]]
+            errors = runs.errors(_solutions(gram, fewer, size))
+            pick = int(np.argmin(errors))
+            if not errors[pick] < error:
+                break
+            chosen, error = fewer[pick], float(errors[pick])
+            found.append((tuple(chosen), error))
+    return found
+
+
+def _solutions(gram: TermGram, sets: Sequence[Sequence[int]], size: int) -> Array:
+    """Least-squares coefficients of each set of terms (all of one length), (size, len(sets))."""
+    where = np.array(sets, dtype=int)
+    blocks = gram.gram[where[:, :, None], where[:, None, :]]
+    blocks = blocks + 1e-12 * np.eye(where.shape[1])
+    solved = np.linalg.solve(blocks, gram.right[where][:, :, None])[:, :, 0]
+    theta = np.zeros((len(sets), size))
+    np.put_along_axis(theta, where, solved / gram.norms[where], axis=1)
+    return theta.T

@@ -1,0 +1,392 @@
+"""Fitting polynomial NARMAX models: terms chosen on a hold-out, coefficients on all of the data."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sysid.data.record import Array, Record
+from sysid.errors import DataError, Termination, UsageError
+from sysid.fitting.holdout import shortened
+from sysid.fitting.options import FitOptions
+from sysid.fitting.problem import Parameter, Problem
+from sysid.fitting.robust import huber_widths, weighted
+from sysid.fitting.solvers import Solution, levenberg_marquardt
+from sysid.fitting.uncertainty import uncertainty
+from sysid.structures.base import Structure
+from sysid.structures.held_out_error import free_run_error
+from sysid.structures.narmax.noise_terms import with_noise_terms
+from sysid.structures.narmax.problems import ChunkedRuns
+from sysid.structures.narmax.structure import NARMAX
+from sysid.structures.narmax.term_search import search_terms
+from sysid.structures.narmax.term_trials import LADDER, Row, Trial
+from sysid.structures.orders import Orders
+from sysid.structures.outcome import FitOutcome, StartReport
+from sysid.structures.recursive.frols import forward, term_gram
+from sysid.structures.recursive.monomials import Term, is_noise
+
+SEARCH_SAMPLES = 8_000
+"""Samples that choose the terms; coefficients come from all of them."""
+
+RUN_SAMPLES = 40_000
+"""Samples over which free runs are refined, at most."""
+
+SEARCH_EVALUATIONS = 20
+FINAL_EVALUATIONS = 60
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Coefficients of the whole structure with the problems that determined them."""
+
+    theta: Array
+    solved: tuple[tuple[Problem, Solution], ...]
+    how: str
+
+
+def fit_narmax(
+    structure: Structure,
+    records: Sequence[Record],
+    options: FitOptions,
+    parameters: tuple[Parameter, ...],
+    warm: Sequence[tuple[str, Array]],
+) -> FitOutcome:
+    """Choose the terms, estimate their coefficients, and say what they are worth.
+
+    1. For each output, candidate terms of every degree and range of lags are ordered by their
+       error reduction ratio; sizes up to that of lowest BIC are fitted by least squares and run
+       freely over the estimation data, of which a held-out part counts.
+    2. From the best, terms are added and left out by the simulation error of batched runs.
+    3. The best few are refined in free run over chunks of growing length, then pruned.
+    4. The winner's terms are fitted to all data: by least squares, and in free run where that won;
+       the least-squares model stays a candidate to the end. Noise terms follow by extended least
+       squares.
+
+    With ``selection=err`` and prediction focus only step 1 and least squares are used.
+
+    Raises:
+        UsageError: parameters are held or bounded while the terms are still to be chosen.
+        DataError: too few samples.
+    """
+    if not isinstance(structure, NARMAX):
+        raise UsageError(f"{structure.name} is not a NARMAX structure")
+    _check(structure, parameters, options)
+    structure = _with_ranges(structure, records)
+    simulate = options.focus.value == "simulation"
+    refine = simulate or structure.selection != "err"
+    starts: list[StartReport] = []
+    known: list[Mapping[Term, float]] = [{} for _ in range(structure.ny)]
+    chunk = LADDER[-1] if refine else 0
+    if not structure.terms:
+        structure, chunk, starts, known = _searched(structure, records, options, refine)
+    structure, notes = with_noise_terms(structure, records)
+    structure = _with_err(structure, records)
+    parameters = _kept(structure, records[0], parameters)
+    estimates = [_one_step(structure, records, options, parameters)]
+    if chunk:
+        estimates += _in_free_run(
+            structure, records, options, estimates[0], known, chunk, parameters
+        )
+    found, more = _chosen(structure, records, estimates, options)
+    return _outcome(structure, records, parameters, found, (*starts, *more), notes)
+
+
+# ------------------------------------------------------------------------------- terms
+
+
+def _check(s: NARMAX, parameters: Sequence[Parameter], options: FitOptions) -> None:
+    if not s.terms and (options.fixed or options.bounds):
+        raise UsageError(
+            "narmax chooses its terms from the data; to hold or bound a coefficient name the "
+            'terms, e.g. --option "terms=y(t-1), u(t-1), u(t-1)*y(t-1)"'
+        )
+
+
+def _with_ranges(s: NARMAX, records: Sequence[Record]) -> NARMAX:
+    def ranges(signals: Sequence[Array]) -> tuple[tuple[float, float], ...]:
+        stacked = np.concatenate(signals)
+        return tuple(zip(stacked.min(axis=0).tolist(), stacked.max(axis=0).tolist(), strict=True))
+
+    changes = np.concatenate([np.abs(np.diff(r.u, axis=0)) for r in records])
+    return replace(
+        s,
+        output_range=ranges([r.y for r in records]),
+        input_range=ranges([r.u for r in records]),
+        input_step=tuple(np.max(changes, axis=0, initial=0.0).tolist()),
+    )
+
+
+def _searched(
+    s: NARMAX, records: Sequence[Record], options: FitOptions, refine: bool
+) -> tuple[NARMAX, int, list[StartReport], list[Mapping[Term, float]]]:
+    """The structure with the terms that did best on held-out data, output by output.
+
+    Also the chunk length their coefficients were refined with, every trial, and the coefficients.
+    """
+    small = shortened(records, SEARCH_SAMPLES)
+    if max(len(r) for r in small) < 3 * (s.first_sample() + 20):
+        raise DataError(
+            f"{records[0].name}: {sum(len(r) for r in records)} samples are too few to choose the "
+            f"terms of a narmax model with these lags; record more or lower na and nb"
+        )
+    rows: list[tuple[Term, ...]] = []
+    starts: list[StartReport] = []
+    known: list[Mapping[Term, float]] = []
+    chunk = 0
+    limit = min(options.limit(), SEARCH_EVALUATIONS)
+    for i, channel in enumerate(records[0].outputs):
+        row = Row(s, i, small)
+        found, tried = search_terms(row, refine, limit)
+        rows.append(tuple(row.outward(t) for t in found.terms))
+        theta = np.mean(found.theta, axis=0).tolist()
+        known.append(dict(zip(rows[-1], theta, strict=True)))
+        chunk = max(chunk, found.chunk)
+        starts += [_report(channel.name, t) for t in sorted(tried, key=lambda t: t.error)]
+    orders = _without_lag_zero(s.orders, rows)
+    return replace(s, orders=orders, terms=tuple(rows)), chunk, starts, known
+
+
+def _without_lag_zero(orders: Orders, rows: Sequence[tuple[Term, ...]]) -> Orders:
+    """The orders with nk = 1 where it is 0 and no chosen term holds the input of the same sample.
+
+    A model that answers within the sample closes an algebraic loop wherever it is used.
+    """
+    nb, nk = [list(row) for row in orders.nb], [list(row) for row in orders.nk]
+    for i, row in enumerate(rows):
+        used = {f.channel for t in row for f in t if f.kind == "u" and f.lag == 0}
+        for j, delay in enumerate(nk[i]):
+            if delay == 0 and nb[i][j] > 1 and j not in used:
+                nb[i][j], nk[i][j] = nb[i][j] - 1, 1
+    return replace(orders, nb=tuple(map(tuple, nb)), nk=tuple(map(tuple, nk)))
+
+
+def _report(output: str, t: Trial) -> StartReport:
+    error = t.error if np.isfinite(t.error) else None
+    return StartReport(output, t.how, error, error, 1)
+
+
+def _with_err(s: NARMAX, records: Sequence[Record]) -> NARMAX:
+    """Process terms in the order of their error reduction ratios, with these in percent."""
+    data = [(r.u, r.y) for r in records]
+    rows, ratios = [], []
+    for i, row in enumerate(s.rows):
+        plain = [t for t in row if not is_noise(t)]
+        gram = term_gram(plain, data, i, s.first_sample())
+        path = forward(gram, range(len(plain)), len(plain))
+        rest = [k for k in range(len(plain)) if k not in set(path.order.tolist())]
+        noise = [t for t in row if is_noise(t)]
+        rows.append((*(plain[k] for k in [*path.order, *rest]), *noise))
+        shares = [100.0 * float(v) for v in path.err]
+        ratios.append((*shares, *[0.0] * (len(rest) + len(noise))))
+    return replace(s, terms=tuple(rows), err=tuple(ratios))
+
+
+def _kept(s: NARMAX, record: Record, constrained: Sequence[Parameter]) -> tuple[Parameter, ...]:
+    """The chosen structure's parameters with the user's bounds and fixed values."""
+    known = {p.name: p for p in constrained}
+    return tuple(known.get(p.name, p) for p in s.parameters(record.inputs, record.outputs))
+
+
+# ------------------------------------------------------------------------- coefficients
+
+
+def _held(parameters: Sequence[Parameter]) -> tuple[Array, Array, Array, Array]:
+    """Fixed values (NaN where free), free mask, lower and upper bounds."""
+    fixed = np.array([np.nan if p.fixed is None else p.fixed for p in parameters])
+    lower, upper = (np.array([getattr(p, k) for p in parameters]) for k in ("lower", "upper"))
+    return fixed, np.isnan(fixed), lower, upper
+
+
+def _one_step(
+    s: NARMAX, records: Sequence[Record], options: FitOptions, parameters: Sequence[Parameter]
+) -> Estimate:
+    """Least squares, iterated where noise terms or the Huber loss ask for it."""
+    data = [(r.u, r.y) for r in records]
+    fixed, free, lower, upper = _held(parameters)
+    theta = np.where(free, 0.0, fixed)
+    solved = []
+    for i in range(s.ny):
+        problem = weighted(s.one_step(i, data), records)
+        index = problem.index
+        p = theta[index].copy()
+        p[free[index]] = _linear(problem, p, free[index])
+        p = np.clip(p, lower[index], upper[index])
+        huber = huber_widths(problem, problem.residual(p)) if options.robust else None
+        found = levenberg_marquardt(
+            problem, p, free=free[index], lower=lower[index], upper=upper[index], huber=huber,
+            max_evaluations=options.limit(),
+        )  # fmt: skip
+        theta[index] = found.p
+        solved.append((problem, found))
+    return Estimate(theta, tuple(solved), "least squares")
+
+
+def _linear(problem: Problem, p: Array, free: Array) -> Array:
+    """Least squares by QR of the columns scaled to unit norm, noise terms at zero error."""
+    held = np.where(free, 0.0, p)
+    J, e = problem.jacobian(held)[:, free], problem.residual(held)
+    norms = np.linalg.norm(J, axis=0)
+    norms[norms == 0.0] = 1.0
+    return np.asarray(np.linalg.lstsq(J / norms, -e, rcond=1e-12)[0] / norms)
+
+
+def _in_free_run(
+    s: NARMAX,
+    records: Sequence[Record],
+    options: FitOptions,
+    start: Estimate,
+    known: Sequence[Mapping[Term, float]],
+    chunk: int,
+    parameters: Sequence[Parameter],
+) -> list[Estimate]:
+    """Coefficients of the process in free run, noise terms after.
+
+    From least squares over longer and longer chunks, and from the search's own coefficients at
+    once: they are already those of free runs.
+    """
+    small = shortened(records, RUN_SAMPLES)
+    longest = max(len(r) for r in small)
+    rungs = list(dict.fromkeys(min(c, longest) for c in (*LADDER, chunk) if c <= chunk))
+    theta, found = start.theta, []
+    for rung in rungs:
+        theta, estimate = _over_chunks(s, (records, small), options, theta, rung, parameters, "")
+        found.append(estimate)
+    warm = start.theta.copy()
+    for i, row in enumerate(s.rows):
+        for k, t in zip(s.row_index(i), row, strict=True):
+            if parameters[k].fixed is None:
+                warm[k] = known[i].get(t, warm[k])
+    if any(known):
+        words = " from the search's values"
+        last = _over_chunks(s, (records, small), options, warm, rungs[-1], parameters, words)
+        found.append(last[1])
+    return found
+
+
+def _over_chunks(
+    s: NARMAX,
+    all_and_some: tuple[Sequence[Record], Sequence[Record]],
+    options: FitOptions,
+    start: Array,
+    chunk: int,
+    parameters: Sequence[Parameter],
+    words: str,
+) -> tuple[Array, Estimate]:
+    """One refinement on some of the records, noise terms on all: θ and what determined it."""
+    records, small = all_and_some
+    data = [(r.u, r.y) for r in small]
+    scale = np.std(np.concatenate([r.y for r in small]), axis=0)
+    problem = ChunkedRuns(s.free_run(), data, chunk, np.where(scale > 0.0, scale, 1.0))
+    _, free, lower, upper = _held(parameters)
+    index, theta = problem.index, start.copy()
+    counted = weighted(problem, small)
+    solution = levenberg_marquardt(
+        counted,
+        theta[index],
+        free=free[index],
+        lower=lower[index],
+        upper=upper[index],
+        huber=huber_widths(counted, counted.residual(theta[index])) if options.robust else None,
+        max_evaluations=options.limit(FINAL_EVALUATIONS),
+        tolerance=options.precision(1e-7),
+    )
+    theta[index] = solution.p
+    solved: list[tuple[Problem, Solution]] = [(problem, solution)]
+    for i, row in enumerate(s.rows):
+        noise = np.array([is_noise(t) for t in row])
+        if noise.any():
+            one = weighted(s.one_step(i, [(r.u, r.y) for r in records]), records)
+            where = one.index
+            after = levenberg_marquardt(
+                one, theta[where], free=free[where] & noise, lower=lower[where],
+                upper=upper[where],
+                huber=huber_widths(one, one.residual(theta[where])) if options.robust else None,
+            )  # fmt: skip
+            theta[where] = after.p
+            solved.append((one, after))
+    return theta, Estimate(theta, tuple(solved), f"refined over {chunk} samples{words}")
+
+
+def _chosen(
+    s: NARMAX, records: Sequence[Record], estimates: Sequence[Estimate], options: FitOptions
+) -> tuple[Estimate, list[StartReport]]:
+    """The estimate with the best free run over the estimation data."""
+    counted = [r.counted for r in records]
+    errors = [free_run_error(s, e.theta, records, counted, options.robust) for e in estimates]
+    simulate = options.focus.value == "simulation"
+    starts = [
+        StartReport("all", f"all data, {e.how}", None, error if np.isfinite(error) else None,
+                    sum(solution.evaluations for _, solution in e.solved))
+        for e, error in zip(estimates, errors, strict=True)
+    ]  # fmt: skip
+    order = range(1 if simulate and len(estimates) > 1 else 0, len(estimates))
+    return estimates[min(order, key=lambda k: errors[k])], starts
+
+
+def _outcome(
+    s: NARMAX,
+    records: Sequence[Record],
+    parameters: tuple[Parameter, ...],
+    found: Estimate,
+    starts: Sequence[StartReport],
+    notes: Sequence[str],
+) -> FitOutcome:
+    n = len(found.theta)
+    covariance = np.zeros((n, n))
+    null: list[Array] = []
+    _, free, _, _ = _held(parameters)
+    stuck: list[str] = []
+    for problem, solution in found.solved:
+        index = problem.index
+        mine = free[index].copy()
+        if len(found.solved) > s.ny or isinstance(found.solved[0][0], ChunkedRuns):
+            noise = np.array([is_noise(t) for row in s.rows for t in row])
+            mine = mine & (~noise[index] if isinstance(problem, ChunkedRuns) else noise[index])
+        which = np.flatnonzero(mine)
+        if not len(which):
+            continue
+        stretches = tuple(zip(problem.channels, problem.lengths, strict=True))
+        value = uncertainty(
+            solution.jacobian[:, which], solution.residual, stretches, solution.weights
+        )
+        covariance[np.ix_(index[which], index[which])] = value.covariance
+        for direction in value.null.T:
+            spread = np.zeros(n)
+            spread[index[which]] = direction
+            null.append(spread)
+        stuck += [parameters[index[k]].name for k in solution.at_bound]
+    warnings = list(notes)
+    runs = [_measured_run(s, found.theta, r) for r in records]
+    shares = np.max([s.at_limits(run) for run in runs], axis=0)
+    for channel, share in zip(records[0].outputs, shares, strict=True):
+        if share > 0.0:
+            warnings.append(
+                f"In free run {channel.name} is held at the limit of its range at "
+                f"{100.0 * share:.2g} % of the samples of one record: there the polynomial runs "
+                "away; lower the degree or the number of terms."
+            )
+    endings = [solution.termination for _, solution in found.solved]
+    order = list(Termination)
+    linear = not any(is_noise(t) for row in s.rows for t in row)
+    ending = max(endings, key=order.index)
+    if linear and found.how == "least squares" and not stuck and ending.good:
+        ending = Termination.CLOSED_FORM
+    return FitOutcome(
+        s,
+        parameters,
+        found.theta,
+        covariance,
+        np.array(null).T if null else np.zeros((n, 0)),
+        termination=ending,
+        at_bound=tuple(stuck),
+        starts=tuple(starts),
+        warnings=tuple(warnings),
+    )
+
+
+def _measured_run(s: NARMAX, theta: Array, r: Record) -> Array:
+    run = s.free_run()
+    first = max(run.depth, run.before)
+    if len(r) <= first:
+        return np.zeros((1, s.ny))
+    return run.simulate(theta, r.u[first:], run.state(r.y[:first], r.u[:first]))

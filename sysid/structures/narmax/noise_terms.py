@@ -1,0 +1,121 @@
+"""Past errors in the equation: which of them, by extended least squares.
+
+The errors of the process model alone are the first guess of e; terms in past e are ordered by their
+error reduction ratio after the process terms, as many kept as BIC asks for, all coefficients
+re-estimated, and with the errors of that model everything is repeated (Billings 2013, §3.6).
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.data.record import Array, Record
+from sysid.structures.narmax.structure import NARMAX
+from sysid.structures.recursive.monomials import (
+    Term,
+    columns,
+    is_noise,
+    noise_pool,
+)
+
+ROUNDS = 8
+RUNAWAY = 10.0
+"""Errors this many times as large as without noise terms: the predictor is not invertible."""
+
+
+def with_noise_terms(s: NARMAX, records: Sequence[Record]) -> tuple[NARMAX, tuple[str, ...]]:
+    """The structure with noise terms where it asks for lags of the error and has none yet."""
+    rows, notes = [], []
+    for i, row in enumerate(s.rows):
+        if not s.noise_lags or any(is_noise(t) for t in row):
+            rows.append(row)
+            continue
+        degree = max(len(t) for t in row)
+        found = _chosen(s, records, i, row, noise_pool(s.orders, i, s.noise_lags, degree))
+        if not found:
+            notes.append(
+                f"No past error improves the equation of {records[0].outputs[i].name}: its "
+                "errors are white already, or the noise is no part of the process."
+            )
+        rows.append((*row, *found))
+    err = s.err
+    if err:
+        err = tuple((*e, *[0.0] * (len(r) - len(e))) for e, r in zip(err, rows, strict=True))
+    return replace(s, terms=tuple(rows), err=err), tuple(notes)
+
+
+def _chosen(
+    s: NARMAX, records: Sequence[Record], output: int, row: tuple[Term, ...], pool: Sequence[Term]
+) -> tuple[Term, ...]:
+    first = max(s.first_sample(), max((f.lag for t in pool for f in t if f.kind != "e"), default=0))
+    data = [r for r in records if len(r) > first + s.noise_lags]
+    if not data:
+        return ()
+    process = [columns(row, r.u, r.y)[first:] for r in data]
+    target = np.concatenate([r.y[first:, output] for r in data])
+    Phi = np.concatenate(process)
+    theta = _solve(Phi, target)
+    errors = target - Phi @ theta
+    plain = float(errors @ errors)
+    kept: tuple[Term, ...] = ()
+    for _ in range(ROUNDS):
+        noise = _values(pool, data, errors, first, output)
+        order, sizes = _ordered(Phi, noise, target)
+        if not sizes:
+            return ()
+        chosen = tuple(pool[k] for k in order[:sizes])
+        both = np.hstack([Phi, noise[:, order[:sizes]]])
+        errors = target - both @ _solve(both, target)
+        power = float(errors @ errors)
+        if not power <= RUNAWAY * plain:
+            return ()
+        if set(chosen) == set(kept):
+            break
+        kept = chosen
+    return kept
+
+
+def _ordered(Phi: Array, noise: Array, target: Array) -> tuple[list[int], int]:
+    """Noise terms by error reduction ratio after the process terms, and how many BIC keeps."""
+    Q, _ = np.linalg.qr(Phi / np.maximum(np.linalg.norm(Phi, axis=0), 1e-300))
+    left = noise - Q @ (Q.T @ noise)
+    e = target - Q @ (Q.T @ target)
+    before = np.maximum(np.linalg.norm(noise, axis=0), 1e-300)
+    samples = len(target)
+    power = [float(e @ e)]
+    order: list[int] = []
+    for _ in range(min(left.shape[1], max(samples // 20, 1))):
+        size = np.linalg.norm(left, axis=0)
+        usable = size > 1e-6 * before
+        usable[order] = False
+        if not usable.any():
+            break
+        gain = np.where(usable, (left.T @ e) ** 2 / np.maximum(size, 1e-300) ** 2, -1.0)
+        pick = int(np.argmax(gain))
+        q = left[:, pick] / size[pick]
+        left = left - np.outer(q, q @ left)
+        e = e - q * (q @ e)
+        order.append(pick)
+        power.append(float(e @ e))
+    n = np.arange(len(power))
+    score = samples * np.log(np.maximum(power, 1e-300)) + n * np.log(samples)
+    return order, int(np.argmin(score))
+
+
+def _values(
+    pool: Sequence[Term], data: Sequence[Record], errors: Array, first: int, output: int
+) -> Array:
+    blocks, at = [], 0
+    for r in data:
+        e = np.zeros_like(r.y)
+        e[first:, output] = errors[at : at + len(r) - first]
+        at += len(r) - first
+        blocks.append(columns(pool, r.u, r.y, e)[first:])
+    return np.concatenate(blocks)
+
+
+def _solve(Phi: Array, target: Array) -> Array:
+    norms = np.linalg.norm(Phi, axis=0)
+    norms[norms == 0.0] = 1.0
+    return np.asarray(np.linalg.lstsq(Phi / norms, target, rcond=1e-12)[0] / norms)

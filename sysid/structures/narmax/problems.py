@@ -1,0 +1,178 @@
+"""Least-squares problems of polynomial NARMAX models: one step ahead, and runs cut into chunks."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Array
+from sysid.fitting.problem import Problem
+from sysid.structures.narmax.runs import FreeRun
+from sysid.structures.recursive.monomials import Term, columns, is_noise
+
+DIVERGED = 1e100
+"""Residual reported where the recursion of past errors overflows: the solver rejects the step."""
+
+Data = Sequence[tuple[Array, Array]]
+
+
+class OneStep(Problem):
+    """ε(t) = y(t) − Σ θ_k p_k(t) of one output, past errors from the recursion itself.
+
+    Without noise terms the problem is linear. With them ε depends on its own past,
+    ∂ε/∂θ(t) = −p(t) − Σ_l g_l(t) ∂ε/∂θ(t−l), g_l(t) = Σ of the noise terms' cofactors.
+
+    Args:
+        terms: terms of the output's equation.
+        at: place of its first coefficient in the structure's θ.
+        output: which output.
+        data: (u, y) of each record.
+        first: first sample whose terms lie inside the record; ε before it is zero.
+    """
+
+    def __init__(self, terms: Sequence[Term], at: int, output: int, data: Data, first: int) -> None:
+        self.index = np.arange(at, at + len(terms))
+        self.n_initial = 0
+        self.lengths = tuple(max(len(y) - first, 0) for _, y in data)
+        self.channels = (output,) * len(data)
+        noise = [k for k, t in enumerate(terms) if is_noise(t)]
+        self._plain = [k for k, t in enumerate(terms) if not is_noise(t)]
+        self._noise = [(k, _error_lag(terms[k])) for k in noise]
+        # a noise term's value is its cofactor (what multiplies the error) times the past error
+        cofactors = [tuple(f for f in t if f.kind != "e") if is_noise(t) else t for t in terms]
+        self._values = [columns(cofactors, u, y)[first:] for u, y in data]
+        self._targets = [y[first:, output] for _, y in data]
+
+    def residual(self, p: Array) -> Array:
+        """ε, record after record."""
+        return np.concatenate([np.zeros(0), *self._errors(p)])
+
+    def jacobian(self, p: Array) -> Array:
+        """∂ε/∂θ."""
+        blocks = []
+        for values, e in zip(self._values, self._errors(p), strict=True):
+            J = -values.copy()
+            for k, lag in self._noise:
+                J[:, k] *= _shifted(e, lag)
+            gains = self._gains(values, p)
+            if gains:
+                with np.errstate(over="ignore", invalid="ignore"):
+                    for t in range(len(J)):
+                        for lag, g in gains:
+                            if t >= lag:
+                                J[t] -= g[t] * J[t - lag]
+                J = np.nan_to_num(J, nan=0.0, posinf=DIVERGED, neginf=-DIVERGED)
+            blocks.append(J)
+        return np.concatenate([np.zeros((0, len(self.index))), *blocks])
+
+    def _gains(self, values: Array, p: Array) -> list[tuple[int, Array]]:
+        gains: dict[int, Array] = {}
+        for k, lag in self._noise:
+            gains[lag] = gains.get(lag, 0.0) + p[k] * values[:, k]
+        return [(lag, g) for lag, g in sorted(gains.items()) if np.any(g)]
+
+    def _errors(self, p: Array) -> list[Array]:
+        found = []
+        with np.errstate(over="ignore", invalid="ignore"):
+            for values, y in zip(self._values, self._targets, strict=True):
+                e = y - values[:, self._plain] @ p[self._plain]
+                gains = self._gains(values, p)
+                if gains:
+                    e = _fed_back(e, gains)
+                found.append(e)
+        return found
+
+
+def _error_lag(t: Term) -> int:
+    return next(f.lag for f in t if f.kind == "e")
+
+
+def _shifted(e: Array, lag: int) -> Array:
+    out = np.zeros_like(e)
+    out[lag:] = e[: max(len(e) - lag, 0)]
+    return out
+
+
+def _fed_back(plain: Array, gains: Sequence[tuple[int, Array]]) -> Array:
+    """ε(t) = plain(t) − Σ g_l(t) ε(t−l); DIVERGED throughout where that runs away."""
+    e: list[float] = []
+    rows = zip(plain.tolist(), *(g.tolist() for _, g in gains), strict=True)
+    lags = [lag for lag, _ in gains]
+    for t, (value, *row) in enumerate(rows):
+        for lag, g in zip(lags, row, strict=True):
+            if t >= lag:
+                value -= g * e[t - lag]
+        e.append(value)
+    out = np.array(e)
+    size = float(np.max(np.abs(plain), initial=0.0))
+    if not np.all(np.abs(out) <= 1e6 * (size + 1e-300)):
+        return np.full(len(out), DIVERGED)
+    return out
+
+
+class ChunkedRuns(Problem):
+    """Free-run errors over stretches of the data, each started from its measured past.
+
+    Long stretches make it the simulation error; short ones keep the cost smooth where the model
+    forgets slowly (Ribeiro et al. 2020, "On the smoothness of nonlinear system identification").
+    Each output is divided by ``scale`` so that all count alike.
+
+    Args:
+        run: the equation.
+        data: (u, y) of each record.
+        length: samples a stretch, about; those of one record are equally long.
+        scale: (ny,).
+    """
+
+    def __init__(self, run: FreeRun, data: Data, length: int, scale: Array) -> None:
+        self._run, self._scale = run, scale
+        self.index = np.unique(np.concatenate([np.zeros(0, dtype=int), *run.theta_index]))
+        self.n_initial = 0
+        first = max(run.depth if run.slots else 0, run.before)
+        pieces: list[tuple[Array, Array, int, int]] = []
+        for u, y in data:
+            free = len(y) - first
+            if free > 0:
+                count = max(1, round(free / length))
+                edges = [first + round(k * free / count) for k in range(count + 1)]
+                pieces += [(u, y, a, b) for a, b in pairwise(edges)]
+        longest = max((b - a for _, _, a, b in pieces), default=0)
+        batch = len(pieces)
+        inputs = np.zeros((run.before + longest, run.nu, batch))
+        self._past = np.zeros((run.depth, run.ny, batch))
+        self._y = np.zeros((longest, run.ny, batch))
+        valid: NDArray[np.bool_] = np.zeros((batch, run.ny, longest), dtype=bool)
+        for k, (u, y, a, b) in enumerate(pieces):
+            inputs[: run.before + b - a, :, k] = u[a - run.before : b]
+            if run.slots:
+                self._past[:, :, k] = y[a - run.depth : a]
+            self._y[: b - a, :, k] = y[a:b]
+            valid[k, :, : b - a] = True
+        self._products = run.input_products(inputs)
+        self._valid = valid
+        self.lengths = tuple(b - a for _, _, a, b in pieces for _ in range(run.ny))
+        self.channels = tuple(i for _ in pieces for i in range(run.ny))
+        self._known: tuple[bytes, Array, Array] | None = None
+
+    def _full(self, p: Array) -> tuple[Array, Array]:
+        key = p.tobytes()
+        if self._known is None or self._known[0] != key:
+            theta = np.zeros(self._run.n_theta)
+            theta[self.index] = p
+            weights = self._run.weights(theta, self._products)
+            self._known = (key, weights, self._run.runs(weights, self._past))
+        return self._known[1], self._known[2]
+
+    def residual(self, p: Array) -> Array:
+        """(y − ŷ)/scale: chunk after chunk, output after output."""
+        _, full = self._full(p)
+        e = (self._y - full[self._run.depth :]) / self._scale[:, None]
+        return np.asarray(e.transpose(2, 1, 0)[self._valid])
+
+    def jacobian(self, p: Array) -> Array:
+        """∂/∂θ of it."""
+        weights, full = self._full(p)
+        S = self._run.tangent(weights, self._products, full) / -self._scale[:, None, None]
+        J = S[:, :, self.index].transpose(3, 1, 0, 2)[self._valid]
+        return np.nan_to_num(J, nan=0.0, posinf=DIVERGED, neginf=-DIVERGED)

@@ -1,0 +1,422 @@
+"""NARMAX: a polynomial in lagged outputs, inputs and errors, its terms chosen from the data."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from sysid.data.record import Array, Channel, Index, Record
+from sysid.data.unit_words import ratio
+from sysid.fitting.problem import (
+    Focus,
+    Initial,
+    Parameter,
+    Problem,
+)
+from sysid.structures.base import Structure, refuse_options
+from sysid.structures.narmax.options import (
+    MARGIN,
+    explicit_terms,
+    margin_of,
+    require_inside,
+    selection_of,
+    whole_number,
+)
+from sysid.structures.narmax.probes import stays_near, widened
+from sysid.structures.narmax.problems import ChunkedRuns, OneStep
+from sysid.structures.narmax.runs import FreeRun, Limits
+from sysid.structures.orders import MAX_ORDER, Orders, spread
+from sysid.structures.recursive.monomials import (
+    MAX_DEGREE,
+    Factor,
+    Term,
+    from_json,
+    pool,
+    printed,
+    to_json,
+    typed_name,
+)
+from sysid.structures.recursive.state_fit import fitted_state
+
+if TYPE_CHECKING:
+    from sysid.structures.outcome import Fitter
+
+WORK = 2_000_000
+"""Numbers held at a time by k-step predictions."""
+
+
+@dataclass(frozen=True)
+class NARMAX(Structure):
+    """Polynomial NARMAX (thesis 3.25; Leontaritis & Billings 1985; Billings 2013).
+
+    The equation of each output is a sum of monomials in past outputs, inputs and, where asked for,
+    past errors. na, nb, nk say which lags may occur; which products of them do is found by
+    orthogonal least squares (error reduction ratio) and by the error of batched free runs,
+    each size judged on an inner hold-out. In free run past errors are zero and every output is
+    kept within its training range widened by a margin on either side: a polynomial says nothing
+    about where it has seen no data.
+    """
+
+    orders: Orders
+    degree: int = 0
+    size: int = 0
+    noise_lags: int = 0
+    selection: str = "auto"
+    margin: float = MARGIN
+    terms: tuple[tuple[Term, ...], ...] = ()
+    err: tuple[tuple[float, ...], ...] = ()
+    output_range: Limits = ()
+    input_range: Limits = ()
+    input_step: tuple[float, ...] = ()
+
+    name: ClassVar[str] = "narmax"
+    title: ClassVar[str] = "NARMAX: polynomial with selected terms"
+    equation: ClassVar[str] = "y(t) = Σ θ_k Π y(t−·) Π u(t−·) Π e(t−·) + e(t)"
+    when: ClassVar[str] = "smooth nonlinearities; an equation one can read"
+    order_names: ClassVar[tuple[str, ...]] = ("na", "nb", "nk")
+    has_noise_model: ClassVar[bool] = True
+    options: ClassVar[Mapping[str, str]] = {
+        "degree": "largest degree of a product, 1 to 6; the best of 1, 2 and 3 unless given",
+        "terms": "number of terms of each output, or the terms themselves such as "
+        '"y(t-1), u(t-1)*y(t-2)^2" (outputs divided by ;); chosen on the data unless given',
+        "noise_lags": "past errors e(t-1) … in the equation, by extended least squares; 0 unless "
+        "given",
+        "selection": "what chooses the terms: err (one-step error reduction), simulation (free "
+        "run) or auto, the better of both on held-out data (default)",
+        "margin": "how far an output may leave its training range in free run, as a share of it; "
+        "0.15 unless given",
+    }
+
+    @property
+    def counts_from_zero(self) -> bool:
+        """Where the user gave the terms: they are products of the readings themselves."""
+        return bool(self.terms)
+
+    @property
+    def lacks_constant(self) -> str:
+        """Where the user gave terms and 1 is none of them."""
+        if not self.terms or all(() in row for row in self.terms):
+            return ""
+        return "the terms given hold none; the term constant is one"
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs."""
+        return self.orders.nu
+
+    @property
+    def ny(self) -> int:
+        """Number of outputs."""
+        return self.orders.ny
+
+    # ----------------------------------------------------------------- making one
+
+    @classmethod
+    def from_orders(
+        cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
+    ) -> "NARMAX":
+        """The structure with these orders and options; UsageError when they do not fit."""
+        refuse_options(cls.name, options, tuple(cls.options))
+        orders = spread(raw, "ab", nu, ny, cls.name)
+        given = dict(options or {})
+        degree = whole_number(given, "degree", 1, MAX_DEGREE, 0)
+        noise = whole_number(given, "noise_lags", 0, MAX_ORDER, 0)
+        selection = selection_of(given)
+        text = given.get("terms", "").replace(" ", "")
+        explicit: tuple[tuple[Term, ...], ...] = ()
+        size = 0
+        if text and not text.isdigit():
+            explicit = explicit_terms(text, orders)
+        elif "terms" in given:
+            size = whole_number(given, "terms", 1, 1000, 0)
+        for i in range(ny):
+            pool(orders, i, degree or 1)  # refuses pools beyond all bounds
+        return cls(orders, degree, size, noise, selection, margin_of(given), explicit)
+
+    @classmethod
+    def candidate_orders(
+        cls, nu: int, ny: int, samples: int, delay: Any
+    ) -> tuple[Mapping[str, Any], ...]:
+        """One pool of lags: fitting tries smaller ones inside it and drops what it does not need.
+
+        With one input and no delay beyond the hold's the pool holds u(t), too: a record whose input
+        was sampled and not held may need it, and the fit takes it up only where it clearly helps.
+        """
+        largest = 5 if nu * ny == 1 else 3 if nu * ny <= 4 else 2
+        largest = max(1, min(largest, samples // (30 * (nu + ny))))
+        if nu * ny == 1 and int(np.max(delay)) <= 1:
+            return ({"na": largest, "nb": largest + 1, "nk": 0},)
+        return ({"na": largest, "nb": largest, "nk": delay},)
+
+    @classmethod
+    def applies(cls, record: Record) -> bool:
+        """Where there is an input."""
+        return record.nu > 0
+
+    def order_values(self) -> dict[str, Any]:
+        """Orders in their shortest form."""
+        return {name: self.orders.value(name) for name in self.order_names}
+
+    def settings(self) -> dict[str, Any]:
+        """Options, the terms with their error reduction ratios, and the ranges of the data."""
+        return {
+            "degree": self.degree,
+            "size": self.size,
+            "noise_lags": self.noise_lags,
+            "selection": self.selection,
+            "margin": self.margin,
+            "terms": [[to_json(t) for t in row] for row in self.terms],
+            "err_percent": [list(row) for row in self.err],
+            "output_range": [list(pair) for pair in self.output_range],
+            "input_range": [list(pair) for pair in self.input_range],
+            "input_step": list(self.input_step),
+        }
+
+    @classmethod
+    def from_json(cls, raw: Mapping[str, Any]) -> "NARMAX":
+        """Undo ``to_json``."""
+        known = raw["settings"]
+        plain = cls.from_orders(raw["orders"], int(raw["nu"]), int(raw["ny"]))
+        found = cls(
+            plain.orders,
+            int(known["degree"]),
+            int(known["size"]),
+            int(known["noise_lags"]),
+            str(known["selection"]),
+            float(known["margin"]),
+            tuple(tuple(from_json(t) for t in row) for row in known["terms"]),
+            tuple(tuple(float(v) for v in row) for row in known["err_percent"]),
+            _pairs(known["output_range"]),
+            _pairs(known["input_range"]),
+            tuple(float(v) for v in known["input_step"]),
+        )
+        require_inside(found.terms, found.orders)
+        return found
+
+    # ----------------------------------------------------------------- what θ stands for
+
+    @property
+    def rows(self) -> tuple[tuple[Term, ...], ...]:
+        """Terms of each output: the chosen ones, or all linear ones before anything was chosen."""
+        return self.terms or tuple(pool(self.orders, i, 1) for i in range(self.ny))
+
+    @property
+    def limits(self) -> Limits:
+        """Lowest and highest value of each output in free run; infinite before a fit."""
+        if not self.output_range:
+            return ((-np.inf, np.inf),) * self.ny
+        return widened(self.output_range, self.margin)
+
+    def row_index(self, i: int) -> Index:
+        """Entries of θ that belong to output ``i``."""
+        sizes = [len(row) for row in self.rows]
+        return np.arange(sum(sizes[:i]), sum(sizes[: i + 1]))
+
+    def free_run(self) -> FreeRun:
+        """The equations prepared for free runs."""
+        return FreeRun(self.rows, self.nu, self.limits)
+
+    def parameters(
+        self, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[Parameter, ...]:
+        """One coefficient a term, called like the term; its output in brackets where several."""
+        found = []
+        for i, row in enumerate(self.rows):
+            tag = "" if self.ny == 1 else f"[{outputs[i].name}]"
+            for t in row:
+                unit = _unit(outputs[i].unit, t, inputs, outputs)
+                found.append(Parameter(typed_name(t, inputs, outputs) + tag, unit))
+        return tuple(found)
+
+    def problems(
+        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
+    ) -> tuple[Problem, ...]:
+        """One problem an output one step ahead; one of all outputs in free run.
+
+        The free run starts from the measured past and covers each record whole.
+        """
+        data = [(r.u, r.y) for r in records]
+        if focus is Focus.SIMULATION:
+            scale = np.std(np.concatenate([r.y for r in records]), axis=0)
+            longest = max(len(r) for r in records)
+            return (ChunkedRuns(self.free_run(), data, longest, np.where(scale > 0, scale, 1.0)),)
+        return tuple(self.one_step(i, data) for i in range(self.ny))
+
+    def one_step(self, i: int, data: Sequence[tuple[Array, Array]]) -> OneStep:
+        """The one-step problem of one output on (u, y) of each record."""
+        return OneStep(self.rows[i], int(self.row_index(i)[0]), i, data, self.first_sample())
+
+    def first_sample(self) -> int:
+        """First sample whose measured terms lie inside the record."""
+        return max((f.lag for row in self.rows for t in row for f in t if f.kind != "e"), default=0)
+
+    # ----------------------------------------------------------------- runs
+
+    def fitter(self) -> "Fitter":
+        """Terms chosen, then their coefficients."""
+        from sysid.structures.narmax.fit import fit_narmax
+
+        return fit_narmax
+
+    def n_states(self, theta: Array) -> int:
+        """Past outputs and inputs that the terms hold."""
+        return self.free_run().n_states
+
+    def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
+        """State that meets the first ``samples`` of y best in free run, near steady state."""
+        run = self.free_run()
+        spans = [_span(pair) for pair in (*self.output_range, *self.input_range)]
+        if not spans:
+            spans = [float(np.ptp(s)) or 1.0 for s in (*y.T, *u.T)]
+        return fitted_state(run, theta, u, y, samples, np.array(spans) / 4.0)
+
+    def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
+        """Free run from x0, errors zero, kept inside ``limits``."""
+        return self.free_run().simulate(theta, u, x0)
+
+    def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """The free run sample by sample."""
+        return self.free_run().stepper(theta)
+
+    def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
+        """One-step errors; they need no initial state, past errors before the record are zero."""
+        out = np.full(y.shape, np.nan)
+        first = self.first_sample()
+        if len(y) > first:
+            for i in range(self.ny):
+                out[first:, i] = self.one_step(i, [(u, y)]).residual(theta[self.row_index(i)])
+        return out
+
+    def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
+        """k-step-ahead predictions: free runs of k steps from the measured past, at every sample.
+
+        Errors up to the start of each run are known, later ones are zero.
+        """
+        if horizon == 1:
+            return y - self.errors(theta, u, y, window)
+        out = np.full(y.shape, np.nan)
+        e = np.nan_to_num(self.errors(theta, u, y, window))
+        # known errors act like further inputs
+        rows = tuple(
+            tuple(
+                tuple(Factor("u", self.nu + f.channel, f.lag) if f.kind == "e" else f for f in t)
+                for t in row
+            )
+            for row in self.rows
+        )
+        run = FreeRun(rows, self.nu + self.ny, self.limits)
+        driven = np.concatenate([u, e], axis=1)
+        starts = np.arange(self.first_sample(), len(y) - horizon + 1)
+        each = max(WORK // (horizon * len(run.products) * self.ny), 1)
+        for at in range(0, len(starts), each):
+            s = starts[at : at + each]
+            # windows reach before the record only where nothing is looked up
+            around = np.arange(-run.before, horizon)[:, None] + s
+            inputs = np.where(around[:, :, None] < 0, 0.0, driven[np.maximum(around, 0)])
+            inputs = inputs.transpose(0, 2, 1)
+            inputs[run.before :, self.nu :] = 0.0
+            back = np.arange(-run.depth, 0)[:, None] + s
+            past = y[np.maximum(back, 0)].transpose(0, 2, 1)
+            weights = run.weights(theta, run.input_products(inputs))
+            out[s + horizon - 1] = run.runs(weights, past)[-1].T
+        return out
+
+    def stable(self, theta: Array) -> bool:
+        """Whether the equation itself stays near its data, without help from the limits.
+
+        Judged by free runs from rest under inputs that fill the training range but change no
+        faster than they did there: random two-level inputs, fast and slow, and its two ends held.
+        None may go further beyond the training range of an output than its width.
+        With the limits every free run is bounded.
+        """
+        if not np.all(np.isfinite(theta)):
+            return False
+        if not self.output_range:
+            return True
+        return stays_near(self.rows, theta, self.output_range, self.input_range, self.input_step)
+
+    def at_limits(self, run: Array) -> Array:
+        """Share of the samples of a free run (N, ny) at which each output is held at a limit."""
+        ends = np.array(self.limits)
+        return np.asarray(np.mean((run <= ends[:, 0]) | (run >= ends[:, 1]), axis=0))
+
+    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
+        """∂ŷ/∂θ of one output on a record, zero where it cannot be predicted."""
+        index, first = self.row_index(output), self.first_sample()
+        out = np.zeros((len(y), len(index)))
+        if len(y) > first:
+            out[first:] = -self.one_step(output, [(u, y)]).jacobian(theta[index])
+        return out
+
+    def gradient_index(self, theta: Array, output: int) -> Index:
+        """The entries of θ that belong to the output's row."""
+        return self.row_index(output)
+
+    # ----------------------------------------------------------------- words
+
+    def equations(
+        self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[str, ...]:
+        """``y(t) = 0.81·y(t−1) + 0.12·u(t−1)·y(t−2)² + e(t)``, one line an output."""
+        lines = []
+        for i, row in enumerate(self.rows):
+            parts: list[str] = []
+            for value, t in zip(theta[self.row_index(i)], row, strict=True):
+                what = printed(t, inputs, outputs)
+                number = f"{abs(value):.5g}" + (f"·{what}" if what else "")
+                sign = "-" if value < 0 else "+"
+                parts.append(f"{sign} {number}" if parts else f"{sign.strip('+')}{number}")
+            error = "e(t)" if self.ny == 1 else f"e_{outputs[i].name}(t)"
+            lines.append(f"{outputs[i].name}(t) = {' '.join(parts)} + {error}")
+        return tuple(lines)
+
+    def properties(self, theta: Array, dt: float) -> dict[str, Any]:
+        """Terms with coefficient and ERR, degree, and the limits of the free run."""
+        u = [Channel("u" if self.nu == 1 else f"u{j + 1}") for j in range(self.nu)]
+        y = [Channel("y" if self.ny == 1 else f"y{j + 1}") for j in range(self.ny)]
+        err = self.err or tuple((float("nan"),) * len(row) for row in self.rows)
+        found: dict[str, Any] = {
+            "stable": self.stable(theta),
+            "degree": max((len(t) for row in self.rows for t in row), default=0),
+            "terms": [
+                {
+                    "output": i,
+                    "term": typed_name(t, u, y),
+                    "coefficient": float(value),
+                    "err_percent": share if np.isfinite(share) else None,
+                }
+                for i, row in enumerate(self.rows)
+                for t, value, share in zip(row, theta[self.row_index(i)], err[i], strict=True)
+            ],
+        }
+        if self.output_range:
+            ends = " and ".join(
+                f"{low:.4g} … {high:.4g} ({c.name})"
+                for c, (low, high) in zip(y, self.limits, strict=True)
+            )
+            found["free_run_limits"] = [list(pair) for pair in self.limits]
+            found["note"] = (
+                f"In free run the output is kept inside {ends} about the operating point, its "
+                f"training range and {100 * self.margin:g} % on either side: beyond it a "
+                "polynomial means nothing."
+            )
+        return found
+
+
+def _pairs(raw: Sequence[Sequence[float]]) -> Limits:
+    return tuple((float(low), float(high)) for low, high in raw)
+
+
+def _span(pair: tuple[float, float]) -> float:
+    return pair[1] - pair[0] or 1.0
+
+
+def _unit(top: str, t: Term, inputs: Sequence[Channel], outputs: Sequence[Channel]) -> str:
+    """Unit of a term's coefficient: the output's over those of the factors."""
+    below = [inputs[f.channel].unit if f.kind == "u" else outputs[f.channel].unit for f in t]
+    below = sorted(unit for unit in below if unit)
+    if top in below:
+        below.remove(top)
+        top = ""
+    return ratio(top, "·".join(below))

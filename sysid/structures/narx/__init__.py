@@ -1,0 +1,1 @@
+"""NARX with a wavelet network: the structure and its fit."""

@@ -1,0 +1,359 @@
+"""Fitting NARX networks: each output's map is chosen on a hold-out, then all is refined."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sysid.data.record import Array, Record
+from sysid.errors import DataError, ModelError, Termination, UsageError
+from sysid.fitting.holdout import HoldOut, hold_out, shortened
+from sysid.fitting.options import FitOptions
+from sysid.fitting.problem import Parameter, Problem
+from sysid.fitting.robust import weighted
+from sysid.fitting.solvers import Solution, levenberg_marquardt
+from sysid.fitting.uncertainty import uncertainty
+from sysid.structures.base import Structure
+from sysid.structures.narx.problems import FreeRuns, OneStepRow, spreads
+from sysid.structures.narx.search import (
+    RUNGS,
+    SHORT,
+    largest,
+    search_row,
+)
+from sysid.structures.narx.simulation_error import (
+    FIRM,
+    PULL,
+    SHRINK,
+    RowRuns,
+    Trial,
+)
+from sysid.structures.narx.structure import NarxWavelet
+from sysid.structures.narx.wavelet_frame import least_squares
+from sysid.structures.narx.wavelet_network import RowDesign
+from sysid.structures.outcome import FitOutcome, StartReport
+
+SEARCH_SAMPLES = 8_000
+"""Samples that choose products and units; what they amount to comes from all of them."""
+
+RUN_SAMPLES = 40_000
+"""Samples over which free runs are refined at last, at most."""
+
+ROUNDS, FEWER_ROUNDS = 20, 14
+"""Evaluations on all data; the second where there are at least SHORT samples."""
+
+TOLERANCE = 1e-6
+
+COMPILED_FROM = 2_000
+"""Samples from which the free runs at last are compiled: JAX is loaded anyway."""
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """θ of the whole structure, and the problems that determined its rows."""
+
+    theta: Array
+    solved: tuple[tuple[Problem, Solution, int], ...]
+    how: str
+    evaluations: int
+
+
+def fit_narx(
+    structure: Structure,
+    records: Sequence[Record],
+    options: FitOptions,
+    parameters: tuple[Parameter, ...],
+    warm: Sequence[tuple[str, Array]],
+) -> FitOutcome:
+    """Choose products and units, estimate everything, and say what it is worth.
+
+    1. For each output, products of several degrees and units over several sets of regressors are
+       added to the linear part by orthogonal least squares, in several numbers up to what
+       generalised cross-validation allows. Each map runs freely over the estimation data, of which
+       a held-out part counts.
+    2. The best few of different kinds are refined side by side on free runs over chunks of growing
+       length (jaxopt's Levenberg-Marquardt, vmapped).
+    3. The winner on the held-out part, a least-squares map or a refined one, is estimated again on
+       all data: by least squares and, where refinement won, on free runs, at last all outputs
+       together within bounds. The better free run wins.
+
+    Raises:
+        UsageError: parameters are held or bounded, or an option cannot be served.
+        DataError: too few samples.
+        ModelError: no map has a finite free run.
+    """
+    if not isinstance(structure, NarxWavelet):
+        raise UsageError(f"{structure.name} is not a NARX structure")
+    _check(structure, records, options)
+    s = with_ranges(structure, records)
+    data = hold_out(shortened(records, SEARCH_SAMPLES))
+    refine = _rungs(s, options)
+    winners: list[Trial] = []
+    starts: list[StartReport] = []
+    rows = [RowRuns(s, i, data, largest(s)) for i in range(s.ny)]
+    for row in rows:
+        if len(row.y) < 2 * len(row.row) + 10:
+            raise DataError(
+                f"{records[0].name}: {len(row.y)} equations are too few to choose a network over "
+                f"{len(row.row)} regressors; record more or lower na and nb"
+            )
+    simulate = options.focus.value == "simulation"
+    searched = [search_row(row, refine, simulate) for row in rows]
+    for channel, (best, tried) in zip(records[0].outputs, searched, strict=True):
+        if not np.isfinite(best.error):
+            raise ModelError(
+                f"{channel.name}: no narx-wavelet model has a finite free run on these data; "
+                "lower the orders or check the data"
+            )
+        winners.append(best)
+        starts += [_report(channel.name, t) for t in sorted(tried, key=lambda t: t.error)]
+    s = replace(s, designs=tuple(t.design for t in winners))
+    estimates = _on_all_data(s, records, options, winners)
+    return _outcome(s, records, estimates, starts)
+
+
+def _check(s: NarxWavelet, records: Sequence[Record], options: FitOptions) -> None:
+    if options.fixed or options.bounds:
+        raise UsageError(
+            "narx-wavelet places its units by the data; no parameter of it can be held or bounded"
+        )
+    needed = s.first_sample() + 20
+    if max(len(r) for r in records) <= needed:
+        raise DataError(
+            f"{records[0].name}: {sum(len(r) for r in records)} samples are too few for a "
+            "narx-wavelet model with these lags; record more or lower na and nb"
+        )
+
+
+def with_ranges(s: NarxWavelet, records: Sequence[Record]) -> NarxWavelet:
+    """The structure with the lowest and highest value of each channel."""
+
+    def ranges(signals: Sequence[Array]) -> tuple[tuple[float, float], ...]:
+        stacked = np.concatenate(signals)
+        return tuple(zip(stacked.min(axis=0).tolist(), stacked.max(axis=0).tolist(), strict=True))
+
+    return replace(
+        s, output_range=ranges([r.y for r in records]), input_range=ranges([r.u for r in records])
+    )
+
+
+def _rungs(s: NarxWavelet, options: FitOptions) -> tuple[int, ...]:
+    """Chunk lengths of the refinement, none where least squares is asked for."""
+    asked = s.options_given.refine
+    if options.patience is not None:
+        # orders are ranked by least squares: the order of the candidates is the same
+        return ()
+    if asked == 0:
+        if options.focus.value == "simulation":
+            raise UsageError(
+                "--option refine=none fits one step ahead; leave out --focus simulation"
+            )
+        return ()
+    if asked is None:
+        return RUNGS
+    return (*(r for r in RUNGS if r < asked), asked)
+
+
+def _report(output: str, t: Trial) -> StartReport:
+    error = t.error if np.isfinite(t.error) else None
+    return StartReport(output, t.how, error, error, t.evaluations)
+
+
+# ------------------------------------------------------------------------------ all data
+
+
+def _on_all_data(
+    s: NarxWavelet, records: Sequence[Record], options: FitOptions, winners: Sequence[Trial]
+) -> list[Estimate]:
+    """Least squares, and what refinement makes of the winners."""
+    whole = everything(records)
+    rows = [RowRuns(s, i, whole, largest(s)) for i in range(s.ny)]
+    plain = [_least_squares(row, t) for row, t in zip(rows, winners, strict=True)]
+    run = s.free_run()
+    solved: list[tuple[Problem, Solution, int]] = []
+    for i, theta in enumerate(plain):
+        ahead = weighted(OneStepRow(run, i, [(r.u, r.y) for r in records]), records)
+        solved.append((ahead, _evaluated(ahead, theta), sum(ahead.lengths)))
+    found = [Estimate(np.concatenate(plain), tuple(solved), "least squares", 1)]
+    if not any(t.chunk for t in winners):
+        return found
+    start = [t.theta if t.chunk else linear for t, linear in zip(winners, plain, strict=True)]
+    chunk = max(t.chunk for t in winners)
+    found.append(_together(s, records, options, np.concatenate(start), chunk))
+    return found
+
+
+def everything(records: Sequence[Record]) -> HoldOut:
+    """All data to fit on, all of them to judge on."""
+    small = shortened(records, RUN_SAMPLES)
+    counted = tuple(np.ones(len(r), dtype=bool) for r in small)
+    return HoldOut(small, (), small, counted, "the estimation data")
+
+
+def _least_squares(row: RowRuns, t: Trial) -> Array:
+    """The trial's map with amplitudes from all data, its units where they are."""
+    w = t.design.weights(t.theta)
+    units = (w.shape, w.place, np.array(t.design.flags, dtype=np.float64))
+    return least_squares(t.design, row.estimator, row.x, row.y, units)
+
+
+def _prior(
+    plain: FreeRuns, start: Array, rows: Sequence[tuple[RowRuns, RowDesign]]
+) -> tuple[Array, Array]:
+    """What draws each parameter and to where: amplitudes to zero, all else to the start."""
+    e = plain.residual(start)
+    share, sizes, amplitude = [], [], []
+    for row, design in rows:
+        bounds = row.bounds(design)
+        mine = np.zeros(len(bounds.moving), dtype=bool)
+        d, T, K, _ = design.sizes
+        mine[1 + d : 1 + d + T + K] = True
+        share.append(np.where(bounds.moving, PULL, np.where(mine, SHRINK, FIRM)))
+        sizes.append(row.sizes(design))
+        amplitude.append(mine)
+    pull = np.sqrt(np.concatenate(share) * float(e @ e)) / np.concatenate(sizes)
+    return pull, np.where(np.concatenate(amplitude), 0.0, start)
+
+
+def _together(
+    s: NarxWavelet, records: Sequence[Record], options: FitOptions, theta: Array, chunk: int
+) -> Estimate:
+    """All rows refined at once within bounds: outputs see each other's simulated past."""
+    small = shortened(records, RUN_SAMPLES)
+    data = [(r.u, r.y) for r in small]
+    samples = sum(len(y) for _, y in data)
+    run = s.free_run()
+    rows = [(RowRuns(s, i, everything(records), largest(s)), d) for i, d in enumerate(s.designs)]
+    bounds = [row.bounds(d) for row, d in rows]
+    pull, aim = _prior(FreeRuns(run, data, chunk), theta, rows)
+    bare = FreeRuns(run, data, chunk, pull, aim)
+    problem = weighted(bare, small, more=int(np.count_nonzero(pull)))
+    lower, upper, free = (
+        np.concatenate([getattr(b, name) for b in bounds]) for name in ("lower", "upper", "free")
+    )
+    found = levenberg_marquardt(
+        problem, np.clip(theta, lower, upper), free=free, lower=lower, upper=upper,
+        max_evaluations=options.limit(ROUNDS if samples < SHORT else FEWER_ROUNDS),
+        tolerance=options.precision(TOLERANCE),
+        regular=True,
+    )  # fmt: skip
+    return Estimate(
+        found.p, ((problem, found, bare.samples),), f"refined over {chunk} samples",
+        found.evaluations,
+    )  # fmt: skip
+
+
+def _evaluated(problem: Problem, theta: Array) -> Solution:
+    e = problem.residual(theta)
+    J = problem.jacobian(theta)
+    seen = np.ones(len(e)) if problem.counts is None else problem.counts.astype(np.float64)
+    return Solution(theta, 0.5 * float(e @ e), e, J, seen, Termination.CLOSED_FORM, 1)
+
+
+# ------------------------------------------------------------------------------ outcome
+
+
+def _outcome(
+    s: NarxWavelet,
+    records: Sequence[Record],
+    estimates: Sequence[Estimate],
+    starts: Sequence[StartReport],
+) -> FitOutcome:
+    runs = [_free_runs(s, e.theta, records) for e in estimates]
+    errors = [_error(s, records, found) for found in runs]
+    # least squares stays a candidate to the end; a refined model wins by its free run
+    best = int(np.argmin(errors))
+    chosen = estimates[best]
+    reports = [
+        StartReport("all", f"all data, {e.how}", None, error if np.isfinite(error) else None,
+                    e.evaluations)
+        for e, error in zip(estimates, errors, strict=True)
+    ]  # fmt: skip
+    parameters = _held(s, records, chosen.theta)
+    free = np.array([p.fixed is None for p in parameters])
+    covariance, null = _worth(s, chosen, free)
+    low, high = (np.array([getattr(p, k) for p in parameters]) for k in ("lower", "upper"))
+    width = np.where(np.isfinite(high - low), high - low, 1.0)
+    near = free & ((chosen.theta <= low + 1e-6 * width) | (chosen.theta >= high - 1e-6 * width))
+    endings = [solution.termination for _, solution, _ in chosen.solved]
+    order = list(Termination)
+    return FitOutcome(
+        s,
+        parameters,
+        chosen.theta,
+        covariance,
+        null,
+        termination=max(endings, key=order.index),
+        at_bound=tuple(p.name for p, hit in zip(parameters, near, strict=True) if hit),
+        starts=(*starts, *reports),
+        warnings=_warnings(s, records, runs[best]),
+    )
+
+
+def _held(s: NarxWavelet, records: Sequence[Record], theta: Array) -> tuple[Parameter, ...]:
+    """Parameters with the values of what cannot be estimated: places of boxes."""
+    named = s.parameters(records[0].inputs, records[0].outputs)
+    if s.kind.smooth:
+        return named
+    words = (f".{s.kind.shape}", f".{s.kind.place}")
+    return tuple(
+        replace(p, fixed=float(v)) if any(w in p.name for w in words) else p
+        for p, v in zip(named, theta, strict=True)
+    )
+
+
+def _worth(s: NarxWavelet, chosen: Estimate, free: Array) -> tuple[Array, Array]:
+    """Covariance of θ and directions without information."""
+    n = len(free)
+    covariance, null, at = np.zeros((n, n)), [], 0
+    for problem, solution, samples in chosen.solved:
+        # rows are solved one by one, each numbered from 0, or all together
+        index = at + np.arange(len(solution.p))
+        at += len(solution.p)
+        which = np.flatnonzero(free[index])
+        stretches = tuple(zip(problem.channels, problem.lengths, strict=True))
+        value = uncertainty(
+            solution.jacobian[:samples, which],
+            solution.residual[:samples],
+            stretches,
+            solution.weights[:samples],
+        )
+        covariance[np.ix_(index[which], index[which])] = value.covariance
+        for direction in value.null.T:
+            spread = np.zeros(n)
+            spread[index[which]] = direction
+            null.append(spread)
+    return covariance, np.array(null).T if null else np.zeros((n, 0))
+
+
+def _free_runs(s: NarxWavelet, theta: Array, records: Sequence[Record]) -> list[Array]:
+    """Free runs through whole records from their first measured samples."""
+    run = s.free_run()
+    first = run.window.first
+    return [
+        run.simulate(theta, r.u[first:], run.state(r.y[:first], r.u[:first]), COMPILED_FROM)
+        for r in records
+        if len(r) > first
+    ]
+
+
+def _error(s: NarxWavelet, records: Sequence[Record], runs: Sequence[Array]) -> float:
+    """Root mean square of free-run errors over the spread of the outputs."""
+    first = s.first_sample()
+    records = [r for r in records if len(r) > first]
+    measured = np.concatenate([r.y[first:] for r in records])
+    with np.errstate(over="ignore", invalid="ignore"):
+        e = (measured - np.concatenate(runs)) / spreads([measured])
+        e = e[np.concatenate([r.counted[first:] for r in records])]
+        found = float(np.sqrt(np.mean(e**2)))
+    return found if np.isfinite(found) else float("inf")
+
+
+def _warnings(s: NarxWavelet, records: Sequence[Record], runs: Sequence[Array]) -> tuple[str, ...]:
+    shares = np.max([s.at_limits(r) for r in runs], axis=0, initial=0.0)
+    return tuple(
+        f"In free run {channel.name} is held at the limit of its range at {100.0 * share:.2g} % of "
+        "the samples of one record: lower the orders or the number of units."
+        for channel, share in zip(records[0].outputs, shares, strict=True)
+        if share > 0.0
+    )

@@ -1,0 +1,203 @@
+"""Options of the NARX structure as users type them, and its design as JSON."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from sysid.errors import UsageError
+from sysid.structures.narx.run import Limits
+from sysid.structures.narx.wavelet_network import DEGREE, KINDS, RowDesign
+from sysid.structures.orders import Orders
+from sysid.structures.recursive.regressors import MAX_REGRESSORS, Row, standard
+
+MARGIN = 0.15
+MAX_UNITS = 200
+SUBSETS = ("auto", "each", "pairs", "outputs", "all")
+
+OPTIONS: Mapping[str, str] = {
+    "estimator": "wavelet, piecewise-constant, fourier, neural, or polynomial for none of them; "
+    "wavelet unless given",
+    "units": f"number of units of each output, 0 to {MAX_UNITS}; chosen on the data unless given",
+    "degree": f"largest degree of products of regressors, 1 to {DEGREE}; chosen on the data "
+    "unless given",
+    "regressors": 'expressions added to the lags, such as "|u(t-1)|, y*sign(u)" (outputs divided '
+    "by ;); none unless given",
+    "network": "what a unit sees: each (one regressor: the network is a sum of curves), pairs of "
+    "them, outputs (past outputs and the newest inputs), all, or auto, the best on held-out data "
+    "(default)",
+    "refine": "samples of free run over which everything is refined: auto (default), none for "
+    "one-step least squares only, or their number",
+    "starts": "starts of the refinement side by side, 1 to 16; 3 unless given",
+    "seed": "seed of what is drawn at random; 0 unless given",
+    "margin": "how far outside the training range the free run may go, as a share of it; 0.15 "
+    "unless given",
+}
+
+
+@dataclass(frozen=True)
+class NarxOptions:
+    """Options in their own types; None where the data choose.
+
+    Attributes: as in OPTIONS; ``refine`` is None for auto and 0 for none.
+    """
+
+    estimator: str = "wavelet"
+    units: int | None = None
+    degree: int | None = None
+    network: str = "auto"
+    refine: int | None = None
+    starts: int = 3
+    seed: int = 0
+    margin: float = MARGIN
+
+    def to_json(self) -> dict[str, Any]:
+        """By name."""
+        return asdict(self)
+
+    @staticmethod
+    def from_json(raw: Mapping[str, Any]) -> "NarxOptions":
+        """Undo ``to_json``."""
+        known = {f.name: raw[f.name] for f in fields(NarxOptions)}
+        found = NarxOptions(**known)
+        if found.estimator not in KINDS:
+            raise ValueError(f"unknown estimator {found.estimator!r}")
+        return found
+
+
+def read(given: Mapping[str, str]) -> NarxOptions:
+    """Options from text.
+
+    Raises:
+        UsageError: one of them is not what it must be.
+    """
+    units = _whole(given, "units", 0, MAX_UNITS)
+    estimator = _choice(given, "estimator", tuple(KINDS), "wavelet")
+    if estimator == "polynomial":
+        if units:
+            raise UsageError("--option units: the polynomial estimator has none; leave it out")
+        units = 0
+    refine = 0 if given.get("refine", "").strip() == "none" else _whole(given, "refine", 2, 100_000)
+    return NarxOptions(
+        estimator,
+        units,
+        _whole(given, "degree", 1, DEGREE),
+        _choice(given, "network", SUBSETS, "auto"),
+        refine,
+        _whole(given, "starts", 1, 16) or 3,
+        _whole(given, "seed", 0, 2**31 - 1) or 0,
+        _share(given, "margin", MARGIN),
+    )
+
+
+def _whole(given: Mapping[str, str], name: str, low: int, high: int) -> int | None:
+    text = given.get(name, "auto").strip()
+    if text == "auto":
+        return None
+    if not text.isdecimal() or not low <= int(text) <= high:
+        raise UsageError(
+            f"--option {name}={text}: narx-wavelet needs a whole number from {low} to {high}, or "
+            "auto"
+        )
+    return int(text)
+
+
+def _choice(given: Mapping[str, str], name: str, known: Sequence[str], default: str) -> str:
+    text = given.get(name, default).strip()
+    if text not in known:
+        raise UsageError(f"--option {name}={text}: choose one of {', '.join(known)}")
+    return text
+
+
+def _share(given: Mapping[str, str], name: str, default: float) -> float:
+    text = given.get(name, str(default))
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value <= 10.0:
+        raise UsageError(f"--option {name}={text}: give a share from 0 to 10, such as 0.15")
+    return value
+
+
+def check_regressors(orders: Orders, customs: Sequence[Row]) -> None:
+    """Refuse outputs without regressors, and more than a network can use.
+
+    Raises:
+        UsageError: there are such.
+    """
+    for i in range(orders.ny):
+        count = len(standard(orders, i)) + (len(customs[i]) if customs else 0)
+        if count == 0:
+            raise UsageError(f"--orders: output {i + 1} has no regressor; raise na or nb")
+        if count > MAX_REGRESSORS:
+            raise UsageError(
+                f"--orders: output {i + 1} would have {count} regressors, at most "
+                f"{MAX_REGRESSORS} are possible; lower na and nb"
+            )
+
+
+def widened(ranges: Limits, margin: float) -> Limits:
+    """Each range with ``margin`` times its width added on either side."""
+    return tuple(
+        (low - margin * (high - low), high + margin * (high - low)) for low, high in ranges
+    )
+
+
+# ----------------------------------------------------------------------------- designs
+
+
+def design_to_json(d: RowDesign) -> dict[str, Any]:
+    """A row's design as lists."""
+    return {
+        "mean": list(d.mean),
+        "scale": list(d.scale),
+        "low": list(d.low),
+        "high": list(d.high),
+        "terms": [list(t) for t in d.terms],
+        "projection": [list(row) for row in d.projection],
+        "flags": list(d.flags),
+        "views": [list(v) for v in d.views],
+    }
+
+
+def design_from_json(raw: Mapping[str, Any]) -> RowDesign:
+    """Undo ``design_to_json``."""
+    mean, scale, low, high = (
+        tuple(float(v) for v in raw[name]) for name in ("mean", "scale", "low", "high")
+    )
+    return RowDesign(
+        mean,
+        scale,
+        low,
+        high,
+        tuple(tuple(int(k) for k in t) for t in raw["terms"]),
+        tuple(tuple(float(v) for v in row) for row in raw["projection"]),
+        tuple(int(f) for f in raw["flags"]),
+        tuple(tuple(int(k) for k in v) for v in raw.get("views", ())),
+    )
+
+
+def check_designs(rows: Sequence[Row], designs: Sequence[RowDesign]) -> None:
+    """Refuse designs that do not belong to these regressors.
+
+    Raises:
+        ValueError: lengths or indices do not fit.
+    """
+    if designs and len(designs) != len(rows):
+        raise ValueError("its designs are not those of its outputs")
+    for row, d in zip(rows, designs, strict=False):
+        lengths = {len(d.mean), len(d.scale), len(d.low), len(d.high)}
+        inside = all(0 <= k < len(row) for t in d.terms for k in t)
+        degrees = all(2 <= len(t) <= DEGREE for t in d.terms)
+        projected = not d.flags or (
+            len(d.projection) == len(row) and len({len(q) for q in d.projection}) == 1
+        )
+        if d.views:
+            most = len(d.projection[0]) if d.projection else 0
+            projected &= len(d.views) == len(d.flags) and len({len(v) for v in d.views}) == 1
+            projected &= all(0 <= k < most for v in d.views for k in v)
+        positive = all(s > 0.0 and np.isfinite(s) for s in d.scale)
+        if lengths != {len(row)} or not (inside and degrees and projected and positive):
+            raise ValueError("a design does not fit its regressors")

@@ -1,0 +1,322 @@
+"""Free runs of NARX models: sample by sample, many at once, and compiled where they are long.
+
+ŷ_i(t) = clip(F_i(x_i(t))), x_i(t) the regressors of past ŷ and of u. What holds no past output is
+evaluated before the run; one sample then costs a dozen small array operations for all outputs.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from sysid.data.record import Array, Index
+from sysid.structures.narx.wavelet_network import (
+    KINDS,
+    Kind,
+    RowDesign,
+    value,
+)
+from sysid.structures.recursive.expressions import FLOATS, Signal, evaluate
+from sysid.structures.recursive.regressors import (
+    Row,
+    Window,
+    columns,
+    holds_output,
+    lag_of,
+    scalar,
+)
+
+LONG = 20_000
+"""Samples from which a run is compiled: importing and compiling then cost less than they save."""
+
+Limits = tuple[tuple[float, float], ...]
+"""Lowest and highest value of each output in free run."""
+
+
+class NarxRun:
+    """The maps of all outputs, prepared for runs. θ stacks the rows' parameters.
+
+    Args:
+        rows: regressors of each output.
+        designs: what else makes each row.
+        estimator: kind of its units, a name of KINDS.
+        nu: number of inputs.
+        limits: bounds of each output.
+    """
+
+    def __init__(
+        self,
+        rows: Sequence[Row],
+        designs: Sequence[RowDesign],
+        estimator: str,
+        nu: int,
+        limits: Limits,
+    ) -> None:
+        self.rows, self.designs, self.limits = tuple(rows), tuple(designs), limits
+        self.estimator, self.kind = estimator, KINDS[estimator]
+        self.window = Window(rows, nu)
+        w = self.window
+        self.nu, self.ny, self.n_states = nu, w.ny, w.n_states
+        self.depth, self.before = w.depth, w.before
+        self.y_depth, self.u_depth = w.y_depth, w.u_depth
+        edges = np.cumsum([0, *(d.n for d in designs)])
+        self.theta_index: list[Index] = [np.arange(a, b) for a, b in pairwise(edges.tolist())]
+        self.n_theta = int(edges[-1])
+
+    # ----------------------------------------------------------------- states
+
+    def past(self, x0: Array | None) -> tuple[Array, Array]:
+        """State → past outputs (depth, ny) and inputs (before, nu), oldest first."""
+        return self.window.past(x0)
+
+    def state(self, y: Array, u: Array) -> Array:
+        """Past outputs and inputs, oldest first and at least as long as needed → state."""
+        return self.window.state(y, u)
+
+    # ----------------------------------------------------------------- one run
+
+    def simulate(
+        self, theta: Array, u: Array, x0: Array | None = None, compiled_from: int = LONG
+    ) -> Array:
+        """Free run for inputs (N, nu) from a state, (N, ny); compiled from so many samples."""
+        if not self.window.feeds_back:
+            return self._static(theta, u, x0)
+        if len(u) >= compiled_from:
+            return self._compiled(theta, u, x0)
+        point = Point(self, theta)
+        past_y, past_u = self.past(x0)
+        driven = np.concatenate([past_u, u])
+        start, ny = self.before, self.ny
+        blank = np.zeros((len(driven), ny))
+        x = np.hstack([columns(row, driven, blank) for row in self.rows])[start:]
+        every = [e for row in self.rows for e in row]
+        plain = [(k, e.channel - lag_of(e) * ny) for k, e in enumerate(every)
+                 if isinstance(e, Signal) and e.kind == "y"]  # fmt: skip
+        mixed = [(k, e) for k, e in enumerate(every)
+                 if not isinstance(e, Signal) and holds_output(e)]  # fmt: skip
+        flat: list[float] = past_y.ravel().tolist()
+        limits = self.limits
+        with np.errstate(over="ignore", invalid="ignore"):
+            for t, row in enumerate(x):
+                for k, place in plain:
+                    row[k] = flat[place]
+                for k, e in mixed:
+                    row[k] = evaluate(e, _looked_up(flat, driven, start + t, ny), FLOATS)
+                for v, (low, high) in zip(point(row), limits, strict=True):
+                    flat.append(high if v > high else v if v >= low else low)
+        return np.array(flat[self.depth * ny :]).reshape(len(u), ny)
+
+    def _static(self, theta: Array, u: Array, x0: Array | None) -> Array:
+        """Without past outputs the whole run is one evaluation."""
+        driven = np.concatenate([self.past(x0)[1], u])
+        blank = np.zeros((len(driven), self.ny))
+        found = [self.row_values(i, theta, columns(row, driven, blank)[self.before :])
+                 for i, row in enumerate(self.rows)]  # fmt: skip
+        low, high = np.array(self.limits).T
+        return np.asarray(np.clip(np.stack(found, axis=1), low, high))
+
+    def row_values(self, i: int, theta: Array, x: Array) -> Array:
+        """Map of one output for regressors (N, d), unlimited, (N,)."""
+        d = self.designs[i]
+        frame, weights = d.frame(), d.weights(theta[self.theta_index[i]])
+        parts = [value(np, self.kind, frame, weights, x[a : a + BLOCK])
+                 for a in range(0, len(x), BLOCK)]  # fmt: skip
+        return np.concatenate([np.zeros(0), *parts])
+
+    def stepper(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """(x, u) → (x⁺, y), everything looked up beforehand."""
+        point, window = Point(self, theta), self.window
+        every = [e for row in self.rows for e in row]
+        simple = all(isinstance(e, Signal) for e in every)
+        places = np.array([window.place(e) if isinstance(e, Signal) else 0 for e in every])
+        each = [scalar(e, window.place) for e in every]
+        source, new_y, new_u = window.shift()
+        n, limits = self.n_states, self.limits
+
+        def step(x: Array, u: Array) -> tuple[Array, Array]:
+            known = np.concatenate([x, u])
+            if simple:
+                row = known[places]
+            else:
+                values = known.tolist()
+                row = np.array([f(values) for f in each])
+            y = [high if v > high else v if v >= low else low
+                 for v, (low, high) in zip(point(row), limits, strict=True)]  # fmt: skip
+            after = x[source]
+            for a, i in new_y:
+                after[a] = y[i]
+            for a, j in new_u:
+                after[a] = known[n + j]
+            return after, np.array(y)
+
+        return step
+
+    # ----------------------------------------------------------------- many runs at once
+
+    def input_products(self, u: Array) -> Array:
+        """The inputs themselves, (before + L, nu, B): nothing is to be prepared."""
+        return u
+
+    def weights(self, theta: Array, u: Array) -> tuple[Array, Array]:
+        """What ``runs`` needs."""
+        return theta, u
+
+    def runs(self, weights: tuple[Array, Array], past: Array) -> Array:
+        """All runs at once from past outputs (depth, ny, B): (depth + L, ny, B), past included."""
+        theta, u = weights
+        length, batch, depth = len(u) - self.before, u.shape[2], self.depth
+        full = np.empty((depth + length, self.ny, batch))
+        full[:depth] = past
+        maps = [
+            (self.rows[i], d.frame(), d.weights(theta[self.theta_index[i]]), *self.limits[i])
+            for i, d in enumerate(self.designs)
+        ]
+        with np.errstate(over="ignore", invalid="ignore"):
+            for t in range(length):
+
+                def lookup(s: Signal, t: int = t) -> Array:
+                    if s.kind == "y":
+                        return np.asarray(full[t + depth - lag_of(s), s.channel])
+                    return np.asarray(u[t + self.before - lag_of(s), s.channel])
+
+                for i, (row, frame, w, low, high) in enumerate(maps):
+                    x = np.empty((batch, len(row)))
+                    for k, e in enumerate(row):
+                        x[:, k] = evaluate(e, lookup, np)
+                    found = value(np, self.kind, frame, w, x)
+                    full[t + depth, i] = np.fmin(np.fmax(found, low), high)
+        return full
+
+    def _compiled(self, theta: Array, u: Array, x0: Array | None) -> Array:
+        past_y, past_u = self.past(x0)
+        length = 1 << (len(u) - 1).bit_length()
+        driven = np.zeros((self.before + length, self.nu))
+        driven[: self.before], driven[self.before : self.before + len(u)] = past_u, u
+        kinds = tuple(d.sizes for d in self.designs)
+        run = _long_run(self.rows, kinds, self.kind, self.depth, self.before)
+        frames = [d.frame() for d in self.designs]
+        weights = [d.weights(theta[i]) for d, i in zip(self.designs, self.theta_index, strict=True)]
+        found = run(frames, weights, np.array(self.limits), driven, past_y)
+        return np.asarray(found)[: len(u)]
+
+
+BLOCK = 8192
+"""Samples whose units are held at a time."""
+
+
+def _looked_up(flat: list[float], u: Array, at: int, ny: int) -> Callable[[Signal], float]:
+    def lookup(s: Signal) -> float:
+        if s.kind == "y":
+            return flat[s.channel - lag_of(s) * ny]
+        return float(u[at - lag_of(s), s.channel])
+
+    return lookup
+
+
+@lru_cache(maxsize=32)
+def _long_run(
+    rows: tuple[Row, ...], sizes: tuple[Any, ...], kind: Kind, depth: int, before: int
+) -> Callable[..., Any]:
+    """A compiled free run of these regressors, any parameters."""
+    from sysid.fitting.compiled import jax_module
+
+    jax = jax_module()
+    jnp = jax.numpy
+
+    def run(frames: Any, weights: Any, limits: Any, u: Any, past: Any) -> Any:
+        def sample(carry: tuple[Any, Any], now: Any) -> tuple[tuple[Any, Any], Any]:
+            ys, us = carry
+            us = jnp.concatenate([us[1:], now[None]])
+
+            def lookup(s: Signal) -> Any:
+                return ys[-lag_of(s), s.channel] if s.kind == "y" else us[-1 - lag_of(s), s.channel]
+
+            found = [
+                value(jnp, kind, f, w, jnp.stack([evaluate(e, lookup, jnp) for e in row]))
+                for row, f, w in zip(rows, frames, weights, strict=True)
+            ]
+            y = jnp.clip(jnp.stack(found), limits[:, 0], limits[:, 1])
+            return (jnp.concatenate([ys[1:], y[None]]), us), y
+
+        known = jnp.concatenate([jnp.zeros((1, u.shape[1])), u[:before]])
+        return jax.lax.scan(sample, (past, known), u[before:])[1]
+
+    compiled: Callable[..., Any] = jax.jit(run)
+    return compiled
+
+
+class Point:
+    """The maps of all outputs at one sample: units of all outputs side by side.
+
+    The argument of every unit is affine in the scaled regressors, so that one product of a matrix
+    and a vector gives those of all units of all outputs.
+    """
+
+    def __init__(self, run: NarxRun, theta: Array) -> None:
+        frames = [d.frame() for d in run.designs]
+        weights = [d.weights(theta[i]) for d, i in zip(run.designs, run.theta_index, strict=True)]
+        self._mean, self._scale, self._low, self._high = (
+            np.concatenate([getattr(f, name) for f in frames])
+            for name in ("mean", "scale", "low", "high")
+        )
+        total, ny = len(self._mean), run.ny
+        starts = np.cumsum([0, *(len(f.mean) for f in frames)])
+        self._linear = np.zeros((ny, total))
+        self._constant = np.array([float(w.constant) for w in weights])
+        factors: list[list[int]] = []
+        products: list[tuple[int, float]] = []
+        slopes, offsets, flags, dims, amplitudes = [], [], [], [], []
+        at_zero = [run.kind.argument(np, np.zeros(w.place.shape), w.shape, w.place)
+                   for w in weights]  # fmt: skip
+        width = max(t.shape[1] for t in at_zero)
+        for i, (f, w, design) in enumerate(zip(frames, weights, run.designs, strict=True)):
+            here = slice(int(starts[i]), int(starts[i + 1]))
+            self._linear[i, here] = w.linear
+            for t, p in zip(design.terms, w.products, strict=True):
+                # the entry after all regressors is the constant 1
+                factors.append([int(starts[i]) + k for k in t] + [total] * (3 - len(t)))
+                products.append((i, float(p)))
+            K, m = at_zero[i].shape
+            if K:
+                along = [run.kind.argument(np, row, w.shape, w.place) - at_zero[i] for row in f.Q]
+                slope, offset = np.zeros((total, K, width)), np.zeros((K, width))
+                slope[here, :, :m], offset[:, :m] = np.array(along), at_zero[i]
+                amplitude = np.zeros((ny, K))
+                amplitude[i] = w.amplitude
+                slopes.append(slope)
+                offsets.append(offset)
+                flags.append(f.flag)
+                dims.append(f.dim)
+                amplitudes.append(amplitude)
+        self._factors = np.array(factors, dtype=int).reshape(len(factors), 3).T
+        self._products = np.zeros((ny, len(products)))
+        for k, (i, p) in enumerate(products):
+            self._products[i, k] = p
+        self._units = bool(slopes)
+        if slopes:
+            slope = np.concatenate(slopes, axis=1)
+            self._shape = slope.shape[1:]
+            self._slope = np.ascontiguousarray(slope.reshape(total, -1).T)
+            self._offset = np.concatenate(offsets).ravel()
+            self._flag, self._dim = np.concatenate(flags), np.concatenate(dims)
+            self._amplitude = np.concatenate(amplitudes, axis=1)
+        self._value = run.kind.value
+
+    def __call__(self, x: Array) -> list[float]:
+        """ŷ of every output for the regressors of all of them in a row."""
+        away = x - self._mean
+        out = self._constant + self._linear @ away
+        if self._units or self._products.size:
+            z = np.minimum(np.maximum(away / self._scale, self._low), self._high)
+            if self._products.size:
+                zx = np.empty(len(z) + 1)
+                zx[:-1], zx[-1] = z, 1.0
+                a, b, c = self._factors
+                out += self._products @ (zx[a] * zx[b] * zx[c])
+            if self._units:
+                t = (self._slope @ z + self._offset).reshape(self._shape)
+                out += self._amplitude @ self._value(np, t, self._flag, self._dim)
+        found: list[float] = out.tolist()
+        return found

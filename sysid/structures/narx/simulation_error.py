@@ -1,0 +1,435 @@
+"""Free-run errors of candidate NARX rows: judged side by side, and refined from many starts.
+
+Candidates differ in their products and units; padded to one shape they are run and refined in one
+compiled call. The cost of a refinement is the free-run error over chunks of the data, each started
+from its measured past (Ribeiro et al. 2020, "On the smoothness of nonlinear system
+identification"), with a pull of dilations and centres to where the frame put them.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Array, Index, Record
+from sysid.errors import Termination
+from sysid.fitting.holdout import HoldOut
+from sysid.fitting.solvers import many_starts
+from sysid.structures.narx.compiled import Shape, chunk_functions
+from sysid.structures.narx.problems import chunked, pieces, spreads
+from sysid.structures.narx.run import NarxRun
+from sysid.structures.narx.structure import NarxWavelet
+from sysid.structures.narx.wavelet_network import (
+    KINDS,
+    Frame,
+    RowDesign,
+    one_hot,
+    size,
+    split,
+)
+from sysid.structures.narx.words import shapes
+from sysid.structures.recursive.chunks import Chunks
+from sysid.structures.recursive.expressions import Signal, replaced
+from sysid.structures.recursive.regressors import columns
+
+LANES = 12
+"""Maps judged side by side."""
+
+ROWS = 3000
+"""Errors that count in a refinement: neighbouring ones are nearly the same, fewer cost less."""
+
+STRETCH = 512
+"""Samples a stretch of data that is run side by side with others."""
+
+STRETCHES = 6
+"""Stretches that a refinement looks at, evenly spread over the data."""
+
+SIZES = (1, 2, 3, 4, 6, 8, 12)
+"""Numbers of stretches, and lengths of records in them, are rounded up to these and then to powers
+of two: records of other lengths find what was compiled."""
+
+PRODUCT_STEPS, VIEW_STEPS = (0, 8), (2,)
+"""Numbers of products and of dimensions that units see for which a refinement is compiled, besides
+the largest."""
+
+PULL = 1e-2
+"""A dilation or centre one unit from its start costs this share of the start's cost."""
+
+SHRINK = 1e-2
+"""An amplitude of one spread of the output costs this share of the start's cost."""
+
+FIRM = 1e-5
+"""The same for a change of the linear part by one spread: what data leave open stays."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One map of one output.
+
+    Attributes:
+        design, theta: the map.
+        error: free-run error on the held-out data relative to the output's spread.
+        how: where it came from, in words.
+        degree: of its products (1: none).
+        chunk: samples of free run it was refined over; 0 for least squares.
+        evaluations: iterations spent on it.
+        termination: how its refinement ended.
+    """
+
+    design: RowDesign
+    theta: Array
+    error: float
+    how: str
+    degree: int = 1
+    chunk: int = 0
+    evaluations: int = 1
+    termination: Termination = Termination.CLOSED_FORM
+
+    @property
+    def n(self) -> int:
+        """Parameters that count."""
+        return int(np.sum(np.concatenate([np.ones(1), self.theta != 0.0])))
+
+
+class Bounds(NamedTuple):
+    """Lower and upper bounds, what is estimated, and what places units, (n,) each."""
+
+    lower: Array
+    upper: Array
+    free: Array
+    moving: NDArray[np.bool_]
+
+
+class RowRuns:
+    """One output on the estimation data, the other outputs measured: they count as inputs.
+
+    Args:
+        structure: with the ranges of the data.
+        output: which output.
+        data: what to fit on and what to choose on.
+        largest: most products and units that any map has, and dimensions that units see: they
+            decide what is compiled.
+    """
+
+    def __init__(
+        self,
+        structure: NarxWavelet,
+        output: int,
+        data: HoldOut,
+        largest: tuple[int, int, int],
+    ) -> None:
+        self.estimator = structure.options_given.estimator
+        self.largest = largest
+        self.structure, self.output = structure, output
+        self.others = [j for j in range(structure.ny) if j != output]
+        self.row = tuple(replaced(e, self._inward) for e in structure.rows[output])
+        self.limits = (structure.limits[output],)
+        self.train = [self.view(r) for r in data.train]
+        self.whole = [self.view(r) for r in data.whole]
+        self.counted: Sequence[NDArray[np.bool_]] = [
+            m & ~r.left_out[:, output] for m, r in zip(data.counted, data.whole, strict=True)
+        ]
+        self.scale = spreads([y for _, y in self.train])
+        held = np.concatenate([y[m, 0] for (_, y), m in zip(self.whole, self.counted, strict=True)])
+        spread = float(np.std(held)) if len(held) else 0.0
+        self.spread = spread if spread > 0.0 else 1.0
+        first = self.run(RowDesign.plain(len(self.row))).window.first
+        self.first = first
+        self.fitted = [
+            (~m if data.held else m | True) & ~r.left_out[:, output]
+            for m, r in zip(data.counted, data.whole, strict=True)
+        ]
+        used = [r.fitted[first:, output] for r in data.train]
+        self.x = np.concatenate(
+            [columns(self.row, u, y)[first:][k] for (u, y), k in zip(self.train, used, strict=True)]
+        )
+        self.y = np.concatenate(
+            [y[first:, 0][k] for (_, y), k in zip(self.train, used, strict=True)]
+        )
+
+    def _inward(self, s: Signal) -> Signal:
+        if s.kind == "u":
+            return s
+        if s.channel == self.output:
+            return Signal("y", 0, s.lag)
+        return Signal("u", self.structure.nu + self.others.index(s.channel), s.lag)
+
+    def view(self, r: Record) -> tuple[Array, Array]:
+        """The record as this row sees it."""
+        return np.hstack([r.u, r.y[:, self.others]]), r.y[:, [self.output]]
+
+    def run(self, design: RowDesign) -> NarxRun:
+        """This row alone with some map."""
+        nu = self.structure.nu + len(self.others)
+        return NarxRun((self.row,), (design,), self.estimator, nu, self.limits)
+
+    def sizes(self, d: RowDesign) -> Array:
+        """Typical size of each parameter: a step of one of them moves the output by its spread."""
+        _, T, K, q = d.sizes
+        spread = float(self.scale[0])
+        linear = spread / np.array(d.scale)
+        return np.concatenate([[spread], linear, np.full(T + K, spread), np.ones(K * (1 + q))])
+
+    def bounds(self, d: RowDesign) -> "Bounds":
+        """Admissible values of a map's parameters, and which of them place units."""
+        kinds = shapes(d, KINDS[self.estimator])
+        _, _, K, q = d.sizes
+        moving = np.zeros(len(kinds), dtype=bool)
+        moving[len(kinds) - K * (1 + q) :] = True
+        return Bounds(
+            np.array([p.lower for p in kinds]),
+            np.array([p.upper for p in kinds]),
+            np.array([p.fixed is None for p in kinds], dtype=bool),
+            moving,
+        )
+
+    # ----------------------------------------------------------------- judging
+
+    def judged(self, trials: Sequence[Trial]) -> list[Trial]:
+        """The trials with their free-run errors on the held-out samples of the whole records."""
+        plain = self.run(RowDesign.plain(len(self.row)))
+        where = pieces(plain, self.whole, 10**9)
+        longest = STRETCH * rounded(-(-max(b - a for _, a, b in where) // STRETCH))
+        chunks, _ = chunked(plain, self.whole, where, np.ones(1), longest)
+        weight = np.zeros_like(chunks.y)
+        for k, (record, a, b) in enumerate(where):
+            weight[: b - a, 0, k] = self.counted[record][a:b]
+        count = max(float(weight.sum()), 1.0)
+        found = []
+        for at in range(0, len(trials), LANES):
+            some = trials[at : at + LANES]
+            # every call has as many lanes: one compilation
+            padded = Padded([*some, *[some[0]] * (LANES - len(some))], self)
+            runs = _batch_runs(padded.shape(self))(padded.theta, padded.frames, chunks)
+            square = np.sum(((np.asarray(runs) - chunks.y) * weight) ** 2, axis=(1, 2, 3))
+            errors = np.sqrt(square / count) / self.spread
+            found += [
+                replace(t, error=float(e) if np.isfinite(e) else np.inf)
+                for t, e in zip(some, errors, strict=False)
+            ]
+        return found
+
+    # ----------------------------------------------------------------- refining
+
+    def refined(self, trials: Sequence[Trial], chunk: int, iterations: int) -> list[Trial]:
+        """The trials after some iterations on free runs over chunks, judged anew."""
+        lanes = self.structure.options_given.starts
+        some = [*trials, *[trials[0]] * (lanes - len(trials))]
+        padded = Padded(some, self, self.compact(trials))
+        chunks = self._chunks(chunk)
+        functions = _refinement(padded.shape(self))
+        scale = padded.stacked([self.sizes(d) for d in padded.designs], 1.0)
+        # the cost at the start, near enough to weigh what draws the parameters
+        cost = np.array([min(t.error, 1.0) for t in trials])
+        cost = np.concatenate([cost, np.repeat(cost[:1], lanes - len(trials))])
+        pull = cost[:, None] * padded.pulls()
+        z = padded.theta / scale
+        aim = np.where(padded.amplitudes, 0.0, z)
+        lower, upper = (bound / scale for bound in padded.bounds(self))
+        each = (padded.frames, scale, padded.free, z, aim, pull, lower, upper)
+        data = thinned(chunks)
+        ends = many_starts(functions[0], z, each, data, iterations, 1e-9, functions[1])
+        found = []
+        for k, (t, end) in enumerate(zip(trials, ends, strict=False)):
+            theta = t.theta
+            if end.cost is not None:
+                moved = np.clip(end.z, lower[k], upper[k])
+                theta = padded.cut(k, np.where(padded.free[k], moved, z[k]) * scale[k])
+            words = t.how.split(", refined")[0]
+            found.append(
+                replace(
+                    t,
+                    theta=theta,
+                    how=f"{words}, refined over {chunk} samples",
+                    chunk=chunk,
+                    evaluations=t.evaluations + end.iterations,
+                    termination=end.termination,
+                )
+            )
+        return self.judged(found)
+
+    def compact(self, trials: Sequence[Trial]) -> tuple[int, int, int]:
+        """``largest`` without what none of these maps needs, in few steps: each is compiled."""
+        T, K, q = self.largest
+        sizes = [t.design.sizes for t in trials]
+        products, seen = max(x[1] for x in sizes), max(x[3] for x in sizes)
+        return (
+            next((n for n in PRODUCT_STEPS if products <= n < T), T),
+            K,
+            next((n for n in VIEW_STEPS if seen <= n < q), q),
+        )
+
+    def _chunks(self, chunk: int) -> Chunks:
+        """Runs of about ``chunk`` samples over what is to be fitted, errors weighted to 1/√N.
+
+        Longer stretches side by side, with restarts inside: only the weights and the restarts
+        depend on ``chunk`` and on what is held out, so that all refinements share a compilation.
+        Runs go through what is held out without looking at it.
+        """
+        plain = self.run(RowDesign.plain(len(self.row)))
+        where = [
+            (k, at, min(at + STRETCH, b))
+            for k, a, b in pieces(plain, self.whole, 10**9)
+            for at in range(a, b, STRETCH)
+        ]
+        if len(where) > STRETCHES:
+            where = [where[k] for k in np.linspace(0, len(where) - 1, STRETCHES).astype(int)]
+        empty = [(0, self.first, self.first)] * (rounded(len(where)) - len(where))
+        where += empty
+        chunks, valid = chunked(plain, self.whole, where, self.scale, STRETCH)
+        used = valid.transpose(2, 1, 0).copy()
+        restart = chunks.restart.copy()
+        for k, (record, a, b) in enumerate(where):
+            fitted = self.fitted[record][a:b]
+            used[: b - a, 0, k] &= fitted
+            begins = np.arange(chunk, b - a, chunk)
+            restart[begins[fitted[begins - 1]], k] = True
+        weight = chunks.weight * used / np.sqrt(max(int(used.sum()), 1))
+        return chunks._replace(weight=weight, restart=restart)
+
+
+def rounded(count: int) -> int:
+    """The next of SIZES, or of the powers of two."""
+    return next((n for n in SIZES if n >= count), 1 << (count - 1).bit_length())
+
+
+def thinned(chunks: Chunks) -> tuple[Chunks, Index, Array]:
+    """At most ROWS errors, evenly spread, that stand for all of them.
+
+    Returns:
+        The chunks, the places of the errors, and 0 where a place is there for the shape only.
+    """
+    rows = np.flatnonzero(chunks.weight.ravel())
+    most = min(ROWS, chunks.weight.size)
+    if len(rows) > most:
+        kept = rows[np.linspace(0, len(rows) - 1, most).astype(int)]
+        more = np.sqrt(len(rows) / most)
+        return chunks._replace(weight=chunks.weight * more), kept, np.ones(most)
+    padding = np.zeros(most - len(rows), dtype=int)
+    return chunks, np.concatenate([rows, padding]), np.repeat([1.0, 0.0], [len(rows), len(padding)])
+
+
+class Padded:
+    """Trials brought to one shape: products of ones, units of amplitude zero, columns of zeros."""
+
+    def __init__(
+        self, trials: Sequence[Trial], row: RowRuns, largest: tuple[int, int, int] | None = None
+    ) -> None:
+        self.smooth = KINDS[row.estimator].smooth
+        self.designs = [t.design for t in trials]
+        T, K, q = largest or row.largest
+        self.size = (len(row.row), T, K, q)
+        self.theta = self.stacked([t.theta for t in trials], 0.0)
+        self.free = self.stacked([self._free(x) for x in self.designs], 0.0) > 0.0
+        frames = [self._frame(x) for x in self.designs]
+        self.frames = [Frame(*(np.stack(parts) for parts in zip(*frames, strict=True)))]
+
+    def _free(self, d: RowDesign) -> Array:
+        """1 where a parameter is estimated."""
+        _, T, K, q = d.sizes
+        move = 1.0 if self.smooth else 0.0
+        return np.concatenate([np.ones(1 + len(d.mean) + T + K), np.full(K * (1 + q), move)])
+
+    def _frame(self, x: RowDesign) -> Frame:
+        f, (d, T, K, q) = x.frame(), self.size
+        k, m = f.Q.shape[1:]
+        Q, flag, dim = np.zeros((d, K, q)), np.zeros(K), np.zeros(K)
+        Q[:, :k, :m], flag[:k], dim[:k] = f.Q, f.flag, f.dim
+        ones = ((),) * (T - len(x.terms))
+        return f._replace(factors=one_hot((*x.terms, *ones), d), Q=Q, flag=flag, dim=dim)
+
+    def stacked(self, rows: Sequence[Array], fill: float) -> Array:
+        """Parameter vectors of the trials in the padded layout, (S, n)."""
+        out = np.full((len(rows), size(*self.size)), fill)
+        d, T, K, q = self.size
+        for row, design, into in zip(rows, self.designs, out, strict=True):
+            _, t, k, m = design.sizes
+            w = split(row, *design.sizes)
+            into[0], into[1 : 1 + d] = w.constant, w.linear
+            at = 1 + d
+            into[at : at + t] = w.products
+            at += T
+            into[at : at + k] = w.amplitude
+            into[at + K : at + K + k] = w.shape
+            if k:
+                into[at + 2 * K :].reshape(K, q)[:k, :m] = w.place
+        return out
+
+    def bounds(self, row: RowRuns) -> tuple[Array, Array]:
+        """Lower and upper bounds in the padded layout, (S, n) each."""
+        each = [row.bounds(d) for d in self.designs]
+        lower = self.stacked([b.lower for b in each], -np.inf)
+        upper = self.stacked([b.upper for b in each], np.inf)
+        return lower, upper
+
+    def cut(self, k: int, row: Array) -> Array:
+        """Undo ``stacked`` for one trial."""
+        _, t, units, m = self.designs[k].sizes
+        w = split(row, *self.size)
+        return np.concatenate([
+            [w.constant], w.linear, w.products[:t], w.amplitude[:units], w.shape[:units],
+            w.place[:units, :m].ravel(),
+        ])  # fmt: skip
+
+    @property
+    def amplitudes(self) -> NDArray[np.bool_]:
+        """Which entries are coefficients of products and units, (S, n): drawn to zero."""
+        d, T, K, _ = self.size
+        place = np.arange(size(*self.size))
+        return np.asarray(self.free & (place > d) & (place <= d + T + K))
+
+    def pulls(self) -> Array:
+        """Relative weight that draws each parameter to its start, (S, n)."""
+        d, T, K, _ = self.size
+        out = np.full(self.theta.shape, np.sqrt(FIRM))
+        out[:, 1 + d + T + K :] = np.sqrt(PULL)
+        out[self.amplitudes] = np.sqrt(SHRINK)
+        return np.where(self.free, out, 1.0)
+
+    def shape(self, row: RowRuns) -> Shape:
+        """What is compiled."""
+        plain = row.run(self.designs[0])
+        return Shape((row.row,), (self.size,), row.estimator, plain.depth, plain.before)
+
+
+@lru_cache(maxsize=64)
+def _batch_runs(shape: Shape) -> Callable[..., Any]:
+    """(θ (S, n), frames, chunks) → ŷ (S, L, ny, B), compiled."""
+    from sysid.fitting.compiled import jax_module
+
+    jax = jax_module()
+    compiled: Callable[..., Any] = jax.jit(
+        jax.vmap(chunk_functions(shape).outputs, in_axes=(0, 0, None))
+    )
+    return compiled
+
+
+@lru_cache(maxsize=64)
+def _refinement(shape: Shape) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Residual and Jacobian as ``many_starts`` takes them, in parameters of size one.
+
+    ``each`` holds frames, sizes, which parameters are free, where all start, where the prior has
+    them and how firmly, and their bounds, outside which the map is that on the bound.
+    """
+    functions = chunk_functions(shape)
+
+    def residual(jnp: Any, lax: Any, z: Any, each: Any, data: Any) -> Any:
+        chunks, rows, counts = data
+        frames, scale, free, start, aim, pull, lower, upper = each
+        theta = jnp.where(free, jnp.clip(z, lower, upper), start) * scale
+        e = functions.residual(theta, frames, chunks)[rows] * counts
+        return jnp.concatenate([e, pull * (z - aim)])
+
+    def jacobian(jnp: Any, lax: Any, z: Any, each: Any, data: Any) -> Any:
+        chunks, rows, counts = data
+        frames, scale, free, start, _, pull, lower, upper = each
+        theta = jnp.where(free, jnp.clip(z, lower, upper), start) * scale
+        J = functions.jacobian(theta, frames, chunks)[rows] * counts[:, None]
+        # on a bound only what draws a parameter to its start is felt
+        J = J * jnp.where(free & (z >= lower) & (z <= upper), scale, 0.0)
+        return jnp.concatenate([J, jnp.diag(pull)])
+
+    return residual, jacobian

@@ -1,0 +1,356 @@
+"""NARX with a nonlinearity estimator: the thesis's accepted structure, and its relatives."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from sysid.data.record import Array, Channel, Index, Record
+from sysid.fitting.problem import (
+    Focus,
+    Initial,
+    Parameter,
+    Problem,
+)
+from sysid.structures.base import Structure, refuse_options
+from sysid.structures.narx import options as narx_options
+from sysid.structures.narx import words as narx_words
+from sysid.structures.narx.options import NarxOptions
+from sysid.structures.narx.problems import FreeRuns, OneStepRow, windows
+from sysid.structures.narx.run import Limits, NarxRun
+from sysid.structures.narx.wavelet_network import (
+    KINDS,
+    Kind,
+    RowDesign,
+    gradients,
+)
+from sysid.structures.orders import Orders, spread
+from sysid.structures.recursive.expressions import parse, written
+from sysid.structures.recursive.regressors import (
+    Row,
+    Window,
+    columns,
+    custom,
+    standard,
+)
+from sysid.structures.recursive.state_fit import fitted_state
+
+if TYPE_CHECKING:
+    from sysid.structures.outcome import Fitter
+
+RUNAWAY = 3.0
+"""Range widths beyond the training range from which a probe counts as running away."""
+
+PROBE = 400
+
+
+@dataclass(frozen=True)
+class NarxWavelet(Structure):
+    """NARX: regressors, a linear part and a network of wavelets (thesis 3.26–3.30; Zhang 1997).
+
+    na, nb, nk name the standard regressors of each output; expressions may be added. The map of
+    each output is linear in all regressors, plus products of low degree, plus units of a network
+    over the principal components of some of them, see ``sysid.structures.narx.wavelet_network``.
+    What is selected, and where the units lie at first, is read off the data by the fit. In free run
+    everything nonlinear sees its regressors kept inside the training range widened by a margin,
+    and so is every output kept: the model says nothing about where it has seen no data.
+    """
+
+    orders: Orders
+    options_given: NarxOptions = field(default_factory=NarxOptions)
+    customs: tuple[Row, ...] = ()
+    designs: tuple[RowDesign, ...] = ()
+    output_range: Limits = ()
+    input_range: Limits = ()
+
+    name: ClassVar[str] = "narx-wavelet"
+    title: ClassVar[str] = "NARX with a wavelet network"
+    equation: ClassVar[str] = (
+        "y(t) = y₀ + L x(t) + Σ p_k Π x(t) + Σ a_k f(b_k (x(t) Q − c_k)) + e(t)"
+    )
+    when: ClassVar[str] = "friction, dead zones, saturation: nonlinearities of unknown form"
+    order_names: ClassVar[tuple[str, ...]] = ("na", "nb", "nk")
+    has_noise_model: ClassVar[bool] = True
+    has_losses: ClassVar[bool] = False  # linear algebra over thousands of units
+    options: ClassVar[Mapping[str, str]] = narx_options.OPTIONS
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs."""
+        return self.orders.nu
+
+    @property
+    def ny(self) -> int:
+        """Number of outputs."""
+        return self.orders.ny
+
+    @property
+    def kind(self) -> Kind:
+        """The estimator."""
+        return KINDS[self.options_given.estimator]
+
+    # ----------------------------------------------------------------- making one
+
+    @classmethod
+    def from_orders(
+        cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
+    ) -> "NarxWavelet":
+        """The structure with these orders and options; UsageError when they do not fit."""
+        refuse_options(cls.name, options, tuple(cls.options))
+        orders = spread(raw, "ab", nu, ny, cls.name)
+        given = dict(options or {})
+        customs = custom(given["regressors"], orders) if "regressors" in given else ()
+        narx_options.check_regressors(orders, customs)
+        return cls(orders, narx_options.read(given), customs)
+
+    @classmethod
+    def candidate_orders(
+        cls, nu: int, ny: int, samples: int, delay: Any
+    ) -> tuple[Mapping[str, Any], ...]:
+        """Few: each is a whole fit that leaves out what it does not need.
+
+        Several outputs: each by its own past at two samples, or by that of all at one, which is
+        enough where the outputs are the states.
+        """
+        largest = max(1, min(4 if nu * ny == 1 else 2, samples // (60 * (nu + ny))))
+        if ny > 1:
+            own = {"na": largest, "nb": largest, "nk": delay}
+            return (own, {"na": [[1] * ny] * ny, "nb": 1, "nk": delay})
+        return tuple({"na": n, "nb": n, "nk": delay} for n in range(min(2, largest), largest + 1))
+
+    @classmethod
+    def applies(cls, record: Record) -> bool:
+        """Where there is an input."""
+        return record.nu > 0
+
+    def order_values(self) -> dict[str, Any]:
+        """Orders in their shortest form."""
+        return {name: self.orders.value(name) for name in self.order_names}
+
+    def settings(self) -> dict[str, Any]:
+        """Options, custom regressors, and what the fit read off the data."""
+        return {
+            "options": self.options_given.to_json(),
+            "regressors": [[written(e) for e in row] for row in self.customs],
+            "designs": [narx_options.design_to_json(d) for d in self.designs],
+            "output_range": [list(pair) for pair in self.output_range],
+            "input_range": [list(pair) for pair in self.input_range],
+        }
+
+    @classmethod
+    def from_json(cls, raw: Mapping[str, Any]) -> "NarxWavelet":
+        """Undo ``to_json``."""
+        known, nu, ny = raw["settings"], int(raw["nu"]), int(raw["ny"])
+        customs = tuple(tuple(parse(e, nu, ny) for e in row) for row in known["regressors"])
+        found = cls(
+            spread(raw["orders"], "ab", nu, ny, cls.name),
+            NarxOptions.from_json(known["options"]),
+            customs,
+            tuple(narx_options.design_from_json(d) for d in known["designs"]),
+            _pairs(known["output_range"]),
+            _pairs(known["input_range"]),
+        )
+        narx_options.check_designs(found.rows, found.designs)
+        return found
+
+    # ----------------------------------------------------------------- what θ stands for
+
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        """Regressors of each output: standard ones, then custom ones."""
+        extra = self.customs or ((),) * self.ny
+        return tuple((*standard(self.orders, i), *extra[i]) for i in range(self.ny))
+
+    @property
+    def maps(self) -> tuple[RowDesign, ...]:
+        """What else makes each row; linear before a fit."""
+        return self.designs or tuple(RowDesign.plain(len(row)) for row in self.rows)
+
+    @property
+    def limits(self) -> Limits:
+        """Lowest and highest value of each output in free run; infinite before a fit."""
+        if not self.output_range:
+            return ((-np.inf, np.inf),) * self.ny
+        return narx_options.widened(self.output_range, self.options_given.margin)
+
+    def row_index(self, i: int) -> Index:
+        """Entries of θ that belong to output ``i``."""
+        return self.free_run().theta_index[i]
+
+    def free_run(self) -> NarxRun:
+        """The maps prepared for runs."""
+        return NarxRun(self.rows, self.maps, self.options_given.estimator, self.nu, self.limits)
+
+    def parameters(
+        self, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[Parameter, ...]:
+        """y0, one coefficient a regressor and a product, then the units'."""
+        return tuple(
+            p
+            for i, (row, d) in enumerate(zip(self.rows, self.maps, strict=True))
+            for p in narx_words.parameters(row, d, self.kind, inputs, outputs, i)
+        )
+
+    def problems(
+        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
+    ) -> tuple[Problem, ...]:
+        """One problem an output one step ahead; one of all outputs in free run.
+
+        The free run starts from the measured past and covers each record whole.
+        """
+        data = [(r.u, r.y) for r in records]
+        run = self.free_run()
+        if focus is Focus.SIMULATION:
+            return (FreeRuns(run, data, max(len(r) for r in records)),)
+        return tuple(OneStepRow(run, i, data) for i in range(self.ny))
+
+    def first_sample(self) -> int:
+        """First sample whose regressors lie inside the record."""
+        return Window(self.rows, self.nu).first
+
+    # ----------------------------------------------------------------- runs
+
+    def fitter(self) -> "Fitter":
+        """Regressors and units chosen, then everything together."""
+        from sysid.structures.narx.fit import fit_narx
+
+        return fit_narx
+
+    def n_states(self, theta: Array) -> int:
+        """Past outputs and inputs that the regressors hold."""
+        return Window(self.rows, self.nu).n_states
+
+    def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
+        """State that meets the first ``samples`` of y best in free run, near steady state."""
+        spans = [high - low or 1.0 for low, high in (*self.output_range, *self.input_range)]
+        if not spans:
+            spans = [float(np.ptp(s)) or 1.0 for s in (*y.T, *u.T)]
+        return fitted_state(self.free_run(), theta, u, y, samples, np.array(spans) / 4.0)
+
+    def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
+        """Free run from x0, kept inside ``limits``."""
+        return self.free_run().simulate(theta, u, x0)
+
+    def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """The free run sample by sample."""
+        return self.free_run().stepper(theta)
+
+    def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
+        """One-step errors; they need no initial state."""
+        out = np.full(y.shape, np.nan)
+        run, first = self.free_run(), self.first_sample()
+        if len(y) > first:
+            for i, row in enumerate(self.rows):
+                found = run.row_values(i, theta, columns(row, u, y)[first:])
+                out[first:, i] = y[first:, i] - found
+        return out
+
+    def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
+        """k-step-ahead predictions: free runs of k steps from the measured past, everywhere."""
+        if horizon == 1:
+            return y - self.errors(theta, u, y, window)
+        out = np.full(y.shape, np.nan)
+        for at, found in windows(self.free_run(), theta, u, y, horizon):
+            out[at] = found
+        return out
+
+    def stable(self, theta: Array) -> bool:
+        """Whether the maps themselves stay near their data, without help from the limits.
+
+        Judged by free runs from rest under inputs that fill the training range: random two-level
+        inputs, fast and slow, and its two ends held. None may go further beyond the training range
+        of an output than three times its width. With the limits every free run is bounded.
+        """
+        if not np.all(np.isfinite(theta)):
+            return False
+        if not self.output_range:
+            return True
+        wide = narx_options.widened(self.output_range, RUNAWAY)
+        run = NarxRun(self.rows, self.maps, self.options_given.estimator, self.nu, wide)
+        u = probes(self.input_range, run.before + PROBE)
+        found = run.runs((theta, u), np.zeros((run.depth, self.ny, u.shape[2])))[run.depth :]
+        ends = np.array(wide)
+        return bool(np.all((found > ends[:, :1]) & (found < ends[:, 1:])))
+
+    def at_limits(self, run: Array) -> Array:
+        """Share of the samples of a free run (N, ny) at which each output is held at a limit."""
+        ends = np.array(self.limits)
+        return np.asarray(np.mean((run <= ends[:, 0]) | (run >= ends[:, 1]), axis=0))
+
+    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
+        """∂ŷ/∂θ of one output on a record, zero where it cannot be predicted.
+
+        Only of what was estimated: units that cannot move have no columns of shape and place.
+        """
+        run, first = self.free_run(), self.first_sample()
+        design, index = self.maps[output], run.theta_index[output]
+        free = np.array([p.fixed is None for p in narx_words.shapes(design, self.kind)])
+        out = np.zeros((len(y), int(free.sum())))
+        if len(y) > first:
+            x = columns(self.rows[output], u, y)[first:]
+            g = gradients(np, self.kind, design.frame(), design.weights(theta[index]), x)[0]
+            out[first:] = g[:, free]
+        return out
+
+    def gradient_index(self, theta: Array, output: int) -> Index:
+        """The output's entries of θ, without shape and place of units that cannot move."""
+        free = [p.fixed is None for p in narx_words.shapes(self.maps[output], self.kind)]
+        return np.compress(free, self.free_run().theta_index[output])
+
+    # ----------------------------------------------------------------- words
+
+    def equations(
+        self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[str, ...]:
+        """Linear part and products in full, the units by number and place."""
+        run = self.free_run()
+        return tuple(
+            narx_words.equation(
+                row, d, self.kind, d.weights(theta[run.theta_index[i]]), inputs, outputs, i
+            )
+            for i, (row, d) in enumerate(zip(self.rows, self.maps, strict=True))
+        )
+
+    def properties(self, theta: Array, dt: float) -> dict[str, Any]:
+        """Sizes of the network, its regressors, and where the free run is held."""
+        found: dict[str, Any] = {
+            "stable": self.stable(theta),
+            "estimator": self.options_given.estimator,
+            "outputs": [
+                {
+                    "regressors": [written(e) for e in row],
+                    "products": len(d.terms),
+                    "units": len(d.flags),
+                    "scaling_functions": sum(1 - f for f in d.flags),
+                    "network_regressors": [written(row[k]) for k in d.in_sight()],
+                    "regressors_a_unit": d.sizes[3] if d.views else len(d.in_sight()),
+                }
+                for row, d in zip(self.rows, self.maps, strict=True)
+            ],
+        }
+        if self.output_range:
+            margin = 100.0 * self.options_given.margin
+            found["free_run_limits"] = [list(pair) for pair in self.limits]
+            found["note"] = (
+                "In free run every output is kept inside its training range and "
+                f"{margin:g} % on either side, and so is what the nonlinear part sees of every "
+                "regressor: beyond it the model says nothing."
+            )
+        return found
+
+
+def probes(ranges: Limits, length: int) -> Array:
+    """Inputs that fill their ranges: two-level, fast and slow, and both ends held, (N, nu, 6)."""
+    rng = np.random.default_rng(0)
+    low, high = np.array(ranges).T
+    u = np.empty((length, len(ranges), 6))
+    for k, hold in enumerate((1, 3, 10, 40)):
+        levels = rng.integers(0, 2, (length, len(ranges)))
+        u[:, :, k] = low + (high - low) * np.repeat(levels, hold, axis=0)[:length]
+    u[:, :, 4], u[:, :, 5] = low, high
+    return u
+
+
+def _pairs(raw: Sequence[Sequence[float]]) -> Limits:
+    return tuple((float(low), float(high)) for low, high in raw)
