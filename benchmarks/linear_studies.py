@@ -19,7 +19,6 @@ from sysid.estimation.pem import fit
 from sysid.fitting.problem import Focus, Initial
 from sysid.fitting.solvers import levenberg_marquardt
 from sysid.structures.linear.polynomial import PolynomialStructure
-from sysid.structures.linear.starts import starts
 from sysid.structures.registry import structure_class
 
 ROUNDS = 3
@@ -183,7 +182,7 @@ def searches(ledger: Ledger) -> list[list[str]]:
     for case in (c for c in CASES if c.bare):
         u, y = case.signals(case.seed)
         record = Record(u, y, 0.1)
-        start = dict(starts(case.form(), [record], Focus.PREDICTION))["ARX"]
+        start = dict(case.form().starts([record], Focus.PREDICTION))["ARX"]
         found = take_turns(
             {
                 "sysid": partial(search_stage, case, record, start),

@@ -23,7 +23,7 @@ from sysid.data.record import Record
 from sysid.estimation.pem import fit
 from sysid.structures.registry import structure_class
 
-LOG = Path(__file__).resolve().parent.parent / "datasets" / "devastator" / "prbs.csv"
+LOG = Path(__file__).resolve().parents[2] / "datasets" / "devastator" / "prbs.csv"
 NUMERIC = ("numpy", "scipy", "pandas", "pyarrow", "matplotlib", "joblib", "sysid.data.record")
 HEAVY = ("jax", "jaxlib", "jaxopt", "matplotlib", "sklearn", "pysindy", "pandas")
 ATTEMPTS = 3

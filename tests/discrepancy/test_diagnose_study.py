@@ -36,7 +36,7 @@ def broken(est, val, *, clean, base, mission):
 @pytest.fixture
 def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     """The modules of the harness, and stubs that may be named as adapters."""
-    monkeypatch.syspath_prepend(Path(__file__).resolve().parents[1] / "benchmarks")
+    monkeypatch.syspath_prepend(Path(__file__).resolve().parents[2] / "benchmarks")
     folder = tmp_path / "stubs"
     folder.mkdir()
     (folder / "stub_diagnosis.py").write_text(STUB, encoding="utf-8")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from command_line import robot_log, robot_signals, run, write_log
 
-SHARED = Path(os.environ.get("SYSID_DATA", Path(__file__).parents[2] / "shared" / "data"))
+SHARED = Path(os.environ.get("SYSID_DATA", Path(__file__).parents[3] / "shared" / "data"))
 
 ARX = ("--structure", "arx", "--orders", "na=1 nb=1")
 OE = ("--structure", "oe", "--orders", "nb=1 nf=1")

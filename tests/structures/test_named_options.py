@@ -13,7 +13,7 @@ from sysid_cli.app import app
 
 from sysid.data.excitation import DESIGNS
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 GROUP: Any = typer.main.get_command(app)
 OPTIONS = {
     name: {word for p in command.params for word in p.opts}

@@ -23,7 +23,7 @@ from sysid.data.speed import estimate_speed
 from sysid.errors import DataError
 
 MEASURED = Path(os.environ.get("SYSID_DATA", "../shared/data"))
-BUNDLED = Path(__file__).parents[1] / "datasets" / "devastator"
+BUNDLED = Path(__file__).parents[2] / "datasets" / "devastator"
 needs_measured = pytest.mark.skipif(
     not MEASURED.is_dir(), reason="the measured records are not there (../shared/data, SYSID_DATA)"
 )

@@ -25,7 +25,7 @@ from sysid.mission.spec import Mission
 from sysid.structures.base import Structure
 from sysid.structures.registry import structure_classes
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted(
     [

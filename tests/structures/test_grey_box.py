@@ -16,9 +16,9 @@ from sysid.errors import SysidError, Termination, UsageError
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.fitting.solvers import many_starts
+from sysid.structures.grey_box import runs as grey_box_runs
 from sysid.structures.grey_box.dc_motor.structure import DCMotor
 from sysid.structures.grey_box.structure import GreyBox
-from sysid.structures.grey_box.structure import runs as grey_box_runs
 from sysid.structures.grey_box.tanks import Tanks
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class

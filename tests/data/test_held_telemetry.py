@@ -16,7 +16,7 @@ from sysid.discrepancy.search.evidence import noise_floor
 from sysid.errors import UsageError
 
 MEASURED = Path(
-    os.environ.get("SYSID_DATA", Path(__file__).resolve().parents[2] / "shared" / "data")
+    os.environ.get("SYSID_DATA", Path(__file__).resolve().parents[3] / "shared" / "data")
 )
 N, DT = 2400, 0.05
 GAIN, TAU, LATE = 0.9, 0.6, 2

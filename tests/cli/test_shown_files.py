@@ -11,7 +11,7 @@ import quick_diagnosis
 from command_line import run
 from sysid_datasets import folder as bundled_folder
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 LISTED = re.compile(r"^ {4,6}([\w<>*./]+) {2,}\w", re.MULTILINE)
 """A line of an indented listing: the file, then what it is."""
 SHOWN = re.compile(r"^\$ (sysid .*)$", re.MULTILINE)
