@@ -197,7 +197,7 @@ def test_reference_pages_are_complete(page: str, words: list[str]) -> None:
 
 def test_every_finding_is_described() -> None:
     text = (DOCS / "data.md").read_text(encoding="utf-8")
-    source = "".join(p.read_text(encoding="utf-8") for p in (ROOT / "sysid" / "data").glob("*.py"))
+    source = "".join(p.read_text(encoding="utf-8") for p in (ROOT / "sysid" / "data").rglob("*.py"))
     codes = set(re.findall(r"Finding\(\s*\"([a-z-]+)\"", source))
     assert len(codes) > 15
     missing = sorted(c for c in codes if f"| `{c}` |" not in text)

@@ -165,7 +165,7 @@ def test_another_process_draws_the_same_bytes_and_obeys_no_matplotlibrc(tmp_path
         "assert 'matplotlib.pyplot' not in sys.modules\n"
         "import matplotlib; assert matplotlib.rcParams['font.size'] == 20\n"
     )
-    here = str(Path(__file__).parents[1])
+    here = str(Path(__file__).parent)
     subprocess.run([sys.executable, "-c", script, here], cwd=tmp_path, check=True)
     drawing(PICTURES["ranking"])(tmp_path / "ours.svg")
     assert (tmp_path / "ours.svg").read_bytes() == (tmp_path / "theirs.svg").read_bytes()

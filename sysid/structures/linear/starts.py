@@ -80,6 +80,7 @@ def stabilised(structure: PolynomialStructure, theta: Array) -> Array:
 
 
 def arx_starts(structure: PolynomialStructure, records: Sequence[Record], focus: Focus) -> Starts:
+    """Least squares; with the simulation focus also output-error starts."""
     rows = [plain_row(structure.layout(i)) for i in range(structure.ny)]
     found = [("least squares", np.concatenate([arx_row(records, lay) for lay in rows]))]
     if focus is Focus.SIMULATION:
@@ -137,6 +138,7 @@ def _doubtful(records: Sequence[Record], lay: RowLayout, theta: Array) -> bool:
 
 
 def armax_starts(structure: PolynomialStructure, records: Sequence[Record], focus: Focus) -> Starts:
+    """Hannan & Rissanen, ARX, and where these leave something to predict, output-error starts."""
     layouts = [structure.layout(i) for i in range(structure.ny)]
     plain = [
         np.concatenate([arx_row(records, plain_row(lay)), np.zeros(lay.nc)]) for lay in layouts
@@ -163,6 +165,7 @@ def armax_starts(structure: PolynomialStructure, records: Sequence[Record], focu
 def output_error_starts(
     structure: PolynomialStructure, records: Sequence[Record], focus: Focus
 ) -> Starts:
+    """SRIV on the records and on the output of a long ARX, ARX, and a pole grid in doubt."""
     layouts = [structure.layout(i) for i in range(structure.ny)]
     rows: list[dict[str, Array]] = []
     for lay in layouts:
