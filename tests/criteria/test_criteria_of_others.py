@@ -13,7 +13,7 @@ from sysid.criteria import table
 from sysid.errors import UsageError
 from sysid.structures.model import Model
 
-OLDER = Path(__file__).parent / "data" / "0.1"
+OLDER = Path(__file__).parents[1] / "data" / "0.1"
 
 HANNAN_QUINN = """
 import math

@@ -21,7 +21,7 @@ from sysid.plant.selftest import selftest
 from sysid.structures.model import Model
 from sysid.workspace.store import Workspace
 
-OLDER = Path(__file__).parent / "data" / "0.1"
+OLDER = Path(__file__).parents[1] / "data" / "0.1"
 EXPECTED: dict[str, dict[str, Any]] = json.loads((OLDER / "expected.json").read_text())
 
 ROUNDING = 1e-9
