@@ -76,13 +76,15 @@ DRIVES = frozenset(
 """Words of what drives a plant where nothing else in the log does: each is measured too, but turns,
 moves or pumps what the other columns tell."""
 
-REFERENCES = frozenset(
+SET_POINTS = frozenset(
     (
         *("ref", "reference", "setpoint", "sp", "desired", "des", "target", "goal"),
-        *("hat", "sim", "soll", "sollwert", "führungsgröße", "fuehrungsgroesse"),
-        *("stddev", "error", "err"),
+        *("soll", "sollwert", "führungsgröße", "fuehrungsgroesse"),
     )
 )
+"""Words of what a controller is to reach."""
+
+REFERENCES = SET_POINTS | {"hat", "sim", "stddev", "error", "err"}
 SUPPLIES = frozenset(("battery", "bat", "batt", "vbat", "supply", "akku", "batterie", "versorgung"))
 
 COMPOUND = 5
@@ -121,6 +123,12 @@ def words(name: str) -> tuple[str, ...]:
     return tuple(found)
 
 
+def is_set_point(name: str) -> bool:
+    """Whether a name tells what a controller is to reach: ``speed_ref``, ``SollDrehzahl``."""
+    told = words(name)
+    return bool(SET_POINTS & set(told)) or any(w.startswith("soll") for w in told)
+
+
 def meaning(name: str) -> Meaning:
     """What a column holds, by the words of its name alone.
 
@@ -131,7 +139,7 @@ def meaning(name: str) -> Meaning:
     base, unit = ending(name)
     told = words(base)
     side = next((SIDES[w] for w in told if w in SIDES), "")
-    if REFERENCES & set(told) or any(w.startswith("soll") for w in told):
+    if REFERENCES & set(told) or is_set_point(base):
         return Meaning("reference", 0, side)
     if SUPPLIES & set(told) or any(w.startswith(("batter", "akku", "versorg")) for w in told):
         return Meaning("supply", 0, side)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.column_words import meaning
+from sysid.data.column_words import is_set_point, meaning
 from sysid.data.files import read_bytes
 from sysid.data.finding import Finding, Severity
 from sysid.data.joining.files import companion, joined
@@ -20,6 +20,7 @@ from sysid.data.reading.pose_reading import pose_in_si, usable_pose
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import column_reader, numbered_clock, row_times
 from sysid.data.reading.table import Table, read_table
+from sysid.data.reading.time_column import Read
 from sysid.data.reading.timing import (
     Grid,
     ResamplePolicy,
@@ -122,13 +123,14 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
     if other is not None:
         table, together, more = joined(table, other, options)
         data += more
+    column = column_reader(table)
     choice = choose_columns(
         table.names,
         options.inputs,
         wanted,
         options.time,
         table.where,
-        column_reader(table),
+        column,
         options.ts is not None,
     )
     bracketed = dict(zip(table.names, table.units, strict=True))
@@ -177,8 +179,9 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
         tuple(c.channel(n, grid.dt) for n, c in inputs.items()),
         tuple(c.channel(n, grid.dt) for n, c in outputs.items()),
     )
+    led = _references(choice, column, rows)
     findings = (
-        *_reading_notes(table, choice, channels),
+        *_reading_notes(table, choice, channels, tuple(led)),
         *together,
         *of_pose,
         *findings,
@@ -192,7 +195,7 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
     digest = hashlib.sha256(data).hexdigest()
     records = tuple(
         at_sensor_rate(
-            _record(read, t[rows], grid, segment, channels, choice, name, digest),
+            _record(read, t[rows], grid, segment, channels, choice, led, name, digest),
             slow,
             t[rows],
             slice(segment.start, segment.stop),
@@ -264,7 +267,10 @@ def _complete_rows(
 
 
 def _reading_notes(
-    table: Table, choice: Choice, channels: tuple[tuple[Channel, ...], tuple[Channel, ...]]
+    table: Table,
+    choice: Choice,
+    channels: tuple[tuple[Channel, ...], tuple[Channel, ...]],
+    led: Sequence[str],
 ) -> tuple[Finding, ...]:
     notes = list(table.notes)
     converted = [c for group in channels for c in group if c.scale != 1.0]
@@ -285,8 +291,14 @@ def _reading_notes(
         )
         side = "output" if last in choice.outputs else "input"
         notes.append(f"{table.where}: {last} was taken for the {side}: no other column is left.")
-    if choice.ignored:
-        notes.append(f"{table.where}: not used: {', '.join(choice.ignored)}.")
+    if led:
+        notes.append(
+            f"{table.where}: {', '.join(led)} only serve{'s' * (len(led) == 1)} to see whether a "
+            "controller was running."
+        )
+    unused = [n for n in choice.ignored if n not in led]
+    if unused:
+        notes.append(f"{table.where}: not used: {', '.join(unused)}.")
     return tuple(Finding("reading", Severity.NOTE, n, record=table.where) for n in notes)
 
 
@@ -297,6 +309,7 @@ def _record(
     segment: Segment,
     channels: tuple[tuple[Channel, ...], tuple[Channel, ...]],
     choice: Choice,
+    led: Mapping[str, Array],
     name: str,
     digest: str,
 ) -> Record:
@@ -305,12 +318,12 @@ def _record(
     inputs, outputs = channels
     scale = np.array([c.scale for c in (*inputs, *outputs)] + [1.0] * len(choice.pose))
     block = values[part] * scale
-    u, rest = block[:, :nu], block[:, nu:]
+    u, rest = np.column_stack([block[:, :nu], *(x[part] for x in led.values())]), block[:, nu:]
     if not segment.even:
         u, rest = onto_grid(t[part], grid.dt, u, rest)
     ny = len(choice.outputs)
     return Record(
-        u=u,
+        u=u[:, :nu],
         y=rest[:, :ny],
         dt=grid.dt,
         inputs=inputs,
@@ -319,7 +332,19 @@ def _record(
         t0=float(t[segment.start]),
         name=name,
         sha256=digest,
+        references=u[:, nu:] if led else None,
+        reference_names=tuple(led),
     )
+
+
+def _references(choice: Choice, column: Read, rows: NDArray[np.intp]) -> dict[str, Array]:
+    """The unused columns that tell what an output was to be, in the file's units, (rows,)."""
+    found = {}
+    for name in choice.ignored:
+        values = column(name) if is_set_point(name) else None
+        if values is not None and np.isfinite(values[rows]).all() and np.ptp(values[rows]) > 0.0:
+            found[name] = values[rows]
+    return found
 
 
 def _names(file: str, grid: Grid) -> list[str]:

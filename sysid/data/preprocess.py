@@ -181,11 +181,12 @@ def low_pass(record: Record, cutoff: float, order: int = 4) -> Record:
     pad = 3 * (2 * len(sections) + 1)
     if len(record) <= pad:
         raise DataError(f"{record.name}: {len(record)} samples are too few to filter; record more")
-    return replace(
-        record,
-        u=signal.sosfiltfilt(sections, record.u, axis=0, padlen=pad),
-        y=signal.sosfiltfilt(sections, record.y, axis=0, padlen=pad),
-    )
+
+    def passed(x: Array) -> Array:
+        return np.asarray(signal.sosfiltfilt(sections, x, axis=0, padlen=pad))
+
+    led = None if record.references is None else passed(record.references)
+    return replace(record, u=passed(record.u), y=passed(record.y), references=led)
 
 
 def decimate(record: Record, factor: int) -> Record:
@@ -215,10 +216,15 @@ def decimate(record: Record, factor: int) -> Record:
     sections = signal.cheby1(8, 0.05, 0.8 / factor, output="sos")
     pad = min(len(record) - 1, 27 * factor)
     y = signal.sosfiltfilt(sections, record.y, axis=0, padlen=pad)
-    u = signal.sosfiltfilt(sections, record.u, axis=0, padlen=pad)
+
+    def means(x: Array) -> Array:
+        smooth = signal.sosfiltfilt(sections, x, axis=0, padlen=pad)[: count * factor]
+        return np.asarray(smooth.reshape(count, factor, x.shape[1]).mean(axis=1))
+
     return replace(
         record,
-        u=u[: count * factor].reshape(count, factor, record.nu).mean(axis=1),
+        u=means(record.u),
+        references=None if record.references is None else means(record.references),
         y=y[: count * factor : factor],
         pose=None if record.pose is None else record.pose[: count * factor : factor],
         dt=record.dt * factor,

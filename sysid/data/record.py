@@ -87,6 +87,9 @@ class Record:
         sha256: hash of the file, or of the arrays when there is no file.
         weights: how much the error at each output counts, shape (N, ny), 0 for a reading or a
             disturbance that a robust fit has left out; None where all count fully.
+        references: what the outputs were to be, shape (N, nr), in the file's units, or None. They
+            only serve to see whether a controller was running.
+        reference_names: their nr column names.
 
     Raises:
         DataError: lengths differ, the sample time is not positive, or names do not fit.
@@ -102,6 +105,8 @@ class Record:
     name: str = "record"
     sha256: str = field(default="")
     weights: Array | None = None
+    references: Array | None = None
+    reference_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -119,6 +124,13 @@ class Record:
             put(self, "weights", frozen(self.weights, self.ny))
             if len(self.weights) != len(self.y):
                 raise DataError(f"{self.name}: {len(self.weights)} weights for {len(self.y)} rows")
+        if self.references is not None:
+            put(self, "references", frozen(self.references, len(self.reference_names)))
+            if len(self.references) != len(self.y):
+                raise DataError(
+                    f"{self.name}: {len(self.references)} samples of the reference, {len(self.y)} "
+                    "of output"
+                )
         if not self.sha256:
             digest = hashlib.sha256(repr((self.u.shape, self.y.shape, self.dt)).encode())
             digest.update(self.u.tobytes())
@@ -210,6 +222,7 @@ class Record:
             pose=None if self.pose is None else self.pose[start:stop],
             t0=self.t0 + start * self.dt,
             weights=None if self.weights is None else self.weights[start:stop],
+            references=None if self.references is None else self.references[start:stop],
         )
 
     def between(self, t_start: float, t_end: float) -> "Record":

@@ -116,4 +116,4 @@ def _blocks(record: Record, factor: int) -> Record:
     n = len(record) // factor
     u = record.u[: n * factor].reshape(n, factor, record.nu).mean(axis=1)
     y = record.y[: n * factor].reshape(n, factor, record.ny).mean(axis=1)
-    return replace(record, u=u, y=y, pose=None, dt=record.dt * factor)
+    return replace(record, u=u, y=y, pose=None, references=None, dt=record.dt * factor)

@@ -105,7 +105,9 @@ def _apart(
     scales, delay = chain
     u = sampled(rows, record, scales)[: len(search.data.drive)]
     whole = np.concatenate([u, np.zeros((len(search.data.drive) - len(u), record.nu))])
-    drive = replace(record, u=whole, y=np.zeros((len(whole), record.ny)), pose=None, sha256="")
+    drive = replace(
+        record, u=whole, y=np.zeros((len(whole), record.ny)), pose=None, references=None, sha256=""
+    )
     data = prepare([drive], scales, delay)
     runs = search.model.run(np.array([n.q for n in nodes]), data)[:, : len(u)]
     sizes = np.maximum(floor, 1e-9 * np.max(np.abs(runs), initial=1e-9))

@@ -39,6 +39,7 @@ def rates(records: Sequence[Record], step: int) -> tuple[Record, ...]:
                 dt=step * r.dt,
                 outputs=outputs,
                 pose=None,
+                references=None,
                 t0=r.t0 + step * r.dt,
             )
         )

@@ -108,9 +108,8 @@ def check_feedback(tests: Sequence[FeedbackTest] | None) -> list[Finding]:
         Finding(
             "feedback",
             Severity.WARNING,
-            f"The input {test.input} answers to surprises in {test.output} "
-            f"({100 * test.share:.2g} % of its own, {_chance(test.p_value)}): the data were "
-            "recorded in closed loop.",
+            f"The input {test.input} answers to {_what_is_answered(test)}: the data were recorded "
+            "in closed loop.",
             "Prefer structures with a noise model (ARX, ARMAX, BJ) and one-step focus; OE is "
             "biased here unless its residuals are white.",
             test.output,
@@ -119,6 +118,13 @@ def check_feedback(tests: Sequence[FeedbackTest] | None) -> list[Finding]:
         if test.seen
     ]
     return found or [Finding("feedback", Severity.OK, "No feedback from output to input is seen.")]
+
+
+def _what_is_answered(test: FeedbackTest) -> str:
+    if test.reference:
+        return f"{test.reference} - {test.output} ({_chance(test.p_value)})"
+    share = f"{100 * test.share:.2g} % of its own"
+    return f"surprises in {test.output} ({share}, {_chance(test.p_value)})"
 
 
 def check_delay(records: Sequence[Record], closed: bool = False) -> list[Finding]:

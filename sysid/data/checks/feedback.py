@@ -21,7 +21,7 @@ proportional control.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,9 +33,15 @@ from sysid.data.checks.impulse import (
     LongRegression,
     chance,
     chosen_order,
+    clipped,
     long_regression,
     regressors,
     wald,
+)
+from sysid.data.checks.reference import (
+    answers_beside_reference,
+    followed_difference,
+    with_reference,
 )
 from sysid.data.record import Array, Record
 from sysid.errors import DataError
@@ -80,6 +86,8 @@ class FeedbackTest:
     Attributes:
         output, input: the pair with the clearest answer.
         p_value: of "no input answers to this output", over both tests.
+        reference: the column whose difference to the output the input answers to; empty where
+            there is none in the log.
         share: part of the output's surprises that future inputs tell, or part of the input's
             unforeseen changes that the output's surprises tell, 0 … 1, of the clearer test.
     """
@@ -88,6 +96,7 @@ class FeedbackTest:
     input: str
     p_value: float
     share: float
+    reference: str = ""
 
     @property
     def seen(self) -> bool:
@@ -110,13 +119,22 @@ def feedback_tests(records: Sequence[Record]) -> tuple[FeedbackTest, ...]:
         order, far = chosen_order(records), far[:0]
     if not order:
         raise DataError(f"{records[0].name}: too few samples to look for feedback; record longer")
-    ahead = future_tests(records, order, far)
+    looked = [future_tests(records, order, far), _reactions(records, order, far)]
+    if with_reference(records):
+        looked.append(_beside_reference(records, order, far))
     tests = []
-    for t, found in zip(ahead, _reactions(records, order, far), strict=True):
-        clear = min(t, found, key=lambda f: f.p_value)
-        p_value = min(1.0, 2.0 * clear.p_value)
-        tests.append(FeedbackTest(clear.output, clear.input, p_value, clear.share))
-    return tuple(tests)
+    for found in zip(*looked, strict=True):
+        clear = min(found, key=lambda f: f.p_value)
+        tests.append(replace(clear, p_value=min(1.0, len(looked) * clear.p_value)))
+    led = _at_most(with_reference(records))
+    if not led:
+        return tuple(tests)
+    return tuple(
+        replace(t, reference=followed_difference(led, i, led[0].input_names.index(t.input), order))
+        if t.seen
+        else t
+        for i, t in enumerate(tests)
+    )
 
 
 def tests_if_long_enough(records: Sequence[Record]) -> tuple[FeedbackTest, ...] | None:
@@ -213,11 +231,27 @@ def _reactions(records: Sequence[Record], order: int, far: NDArray[np.int64]) ->
     own = np.union1d(np.arange(1, min(last + ANSWER, back + ANSWER) + 1), far)
     found = []
     for i, blank in enumerate(none):
-        heard = np.split(_clipped(surprise[:, i]), edges)
+        heard = np.split(clipped(surprise[:, i]), edges)
         pairs = [(*_reaction(usable, j, heard, back, own), j) for j in moving]
         p, share, j = min(pairs)
         name = first.input_names[j]
         found.append(FeedbackTest(blank.output, name, min(1.0, p * len(moving)), share))
+    return found
+
+
+def _beside_reference(
+    records: Sequence[Record], order: int, far: NDArray[np.int64]
+) -> list[FeedbackTest]:
+    """The clearest answer to each output beside the reference, p-values times the inputs."""
+    lags = np.union1d(np.arange(_memory(records, order) + 1), far)
+    led = _at_most(with_reference(records))
+    names = records[0].input_names
+    found = []
+    for output, row in zip(
+        records[0].output_names, answers_beside_reference(led, order, lags), strict=True
+    ):
+        p, share, j = min((p, share, j) for j, (p, share) in enumerate(row))
+        found.append(FeedbackTest(output, names[j], min(1.0, p * len(names)), share))
     return found
 
 
@@ -262,7 +296,7 @@ def _explained(X: Array, y: Array) -> tuple[float, float]:
     known = values > RANK
     new = more @ (vectors[:, known] / np.sqrt(values[known]))
     size = float(y @ y)
-    y = _clipped(y - _robust(own, y))
+    y = clipped(y - _robust(own, y))
     before = y - own @ (own.T @ y)
     after = before - new @ (new.T @ before)
     a, b = float(before @ before), float(after @ after)
@@ -288,6 +322,8 @@ def in_closed_loop(records: Sequence[Record]) -> bool:
     moving = {n for j, n in enumerate(records[0].input_names) if _moves(records, j)}
     if not moving:
         return False
+    if order and with_reference(records):
+        tests = (*tests, *_beside_reference(records, order, np.zeros(0, dtype=np.int64)))
     if any(t.p_value < LEVEL and t.share > SHARE and t.input in moving for t in tests):
         return True
     heard = [surprises(records, i) for i in range(records[0].ny)]
@@ -330,7 +366,7 @@ def surprises(records: Sequence[Record], i: int) -> list[Array]:
         lagged += [] if r.is_robot_log else list(r.u.T)
         blocks.append(np.column_stack([np.ones(len(r)), *lagged]))
     X, y = np.concatenate(blocks), np.concatenate([r.y[:, i] for r in records])
-    w = _clipped(y - _robust(_basis(X), y))
+    w = clipped(y - _robust(_basis(X), y))
     return np.split(w, np.cumsum([len(r) for r in records])[:-1])
 
 
@@ -355,10 +391,5 @@ def _robust(basis: Array, y: Array) -> Array:
     """Prediction by least squares with clipped residuals (Huber), five rounds."""
     fit = basis @ (basis.T @ y)
     for _ in range(5):
-        fit = basis @ (basis.T @ (fit + _clipped(y - fit)))
+        fit = basis @ (basis.T @ (fit + clipped(y - fit)))
     return np.asarray(fit)
-
-
-def _clipped(e: Array) -> Array:
-    spread = 3.0 * 1.4826 * float(np.median(np.abs(e - np.median(e))))
-    return np.clip(e, -spread, spread) if spread > 0.0 else e

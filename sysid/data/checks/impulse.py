@@ -196,3 +196,9 @@ def wald(fit: LongRegression, j: int, index: NDArray[np.int64]) -> tuple[float, 
     known = values > 1e-9 * values[-1]
     projected = vectors[:, known].T @ b
     return float(np.sum(projected**2 / values[known]) / fit.variance[j]), int(known.sum())
+
+
+def clipped(e: Array) -> Array:
+    """Errors cut off at three robust standard deviations, so that jumps count no more."""
+    spread = 3.0 * 1.4826 * float(np.median(np.abs(e - np.median(e))))
+    return np.clip(e, -spread, spread) if spread > 0.0 else e

@@ -221,7 +221,14 @@ def fresh_only(records: Sequence[Record], i: int, refresh: Refresh | None) -> tu
     for k, r in enumerate(records):
         rows = np.ones(len(r), dtype=bool) if refresh is None else refresh.fresh[k]
         found.append(
-            replace(r, u=r.u[rows], y=r.y[rows, i : i + 1], outputs=r.outputs[i : i + 1], pose=None)
+            replace(
+                r,
+                u=r.u[rows],
+                y=r.y[rows, i : i + 1],
+                outputs=r.outputs[i : i + 1],
+                pose=None,
+                references=None,
+            )
         )
     return tuple(found)
 
@@ -351,9 +358,14 @@ def every_rows(record: Record, rows: int, phase: int) -> Record:
     """One sample every so many rows, at ``phase``; the input is its mean until the next one."""
     n = (len(record) - phase) // rows
     part = record.rows(phase, phase + n * rows)
+
+    def mean(x: Array) -> Array:
+        return np.asarray(x.reshape(n, rows, x.shape[1]).mean(axis=1))
+
     return replace(
         part,
-        u=part.u.reshape(n, rows, part.nu).mean(axis=1),
+        u=mean(part.u),
+        references=None if part.references is None else mean(part.references),
         y=part.y[::rows],
         pose=None if part.pose is None else part.pose[::rows],
         dt=part.dt * rows,

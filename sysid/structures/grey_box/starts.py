@@ -318,7 +318,7 @@ def _thinned(r: Record, every: int) -> Record:
     u = np.asarray(r.u)[: n * every].reshape(n, every, r.nu).mean(axis=1)
     weights = None if r.weights is None else r.weights[: n * every : every]
     y, dt = r.y[: n * every : every], r.dt * every
-    return replace(r, u=u, y=y, dt=dt, pose=None, weights=weights)
+    return replace(r, u=u, y=y, dt=dt, pose=None, references=None, weights=weights)
 
 
 def cost_of(r: Array) -> float:
