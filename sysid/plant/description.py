@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from sysid import __version__
 from sysid.data import documents
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel
+from sysid.data.schema import STORED, checked
 from sysid.errors import ModelError, Termination
 from sysid.structures.base import Structure
 from sysid.structures.model import Model, Provenance
@@ -120,6 +121,49 @@ def from_text(text: bytes, where: str) -> dict[str, Any]:
     return raw
 
 
+@dataclass(frozen=True)
+class _PlantFile:
+    """What plant.json holds that a runtime takes; see ``describe``, which writes it."""
+
+    __pydantic_config__: ClassVar[Mapping[str, Any]] = STORED
+
+    sample_time: float
+    inputs: tuple[Channel, ...]
+    outputs: tuple[Channel, ...]
+    blocks: tuple[Mapping[str, Any], Mapping[str, Any], Mapping[str, Any]]
+    domain: Mapping[str, Mapping[str, tuple[float, float] | None]]
+
+
+@dataclass(frozen=True)
+class _OperatingPoint:
+    """The first or the last block: what is taken off the inputs, or added to the outputs."""
+
+    __pydantic_config__: ClassVar[Mapping[str, Any]] = STORED
+
+    kind: str
+    offset: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class _StoredValue:
+    """A parameter in plant.json."""
+
+    name: str
+    value: float
+    std_error: float | None
+    unit: str
+    fixed: bool
+
+
+@dataclass(frozen=True)
+class _Core:
+    """The block in the middle, beside the structure's own keys."""
+
+    __pydantic_config__: ClassVar[Mapping[str, Any]] = STORED
+
+    parameters: tuple[_StoredValue, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class _Parsed:
     """A description, read and checked."""
@@ -173,32 +217,32 @@ def to_model(raw: Mapping[str, Any], where: str) -> Model:
 
 def _parsed(raw: Mapping[str, Any], where: str) -> _Parsed:
     try:
-        before, core, after = raw["blocks"]
-        if tuple(b["kind"] for b in (before, core, after)) != BLOCKS:
+        file = checked(_PlantFile, raw, others=True)
+        if tuple(b.get("kind") for b in file.blocks) != BLOCKS:
             raise ValueError(f"its blocks must be {', '.join(BLOCKS)}")
-        inputs = tuple(Channel(**c) for c in raw["inputs"])
-        outputs = tuple(Channel(**c) for c in raw["outputs"])
-        structure = structure_from_json(core)
-        if (structure.nu, structure.ny) != (len(inputs), len(outputs)):
+        before, after = (checked(_OperatingPoint, file.blocks[k]) for k in (0, 2))
+        values = checked(_Core, file.blocks[1], others=True).parameters
+        structure = structure_from_json(file.blocks[1])
+        if (structure.nu, structure.ny) != (len(file.inputs), len(file.outputs)):
             raise ValueError("its channels do not fit its structure")
-        wanted = [p.name for p in structure.parameters(inputs, outputs)]
-        if [p["name"] for p in core["parameters"]] != wanted:
+        if [p.name for p in values] != [
+            p.name for p in structure.parameters(file.inputs, file.outputs)
+        ]:
             raise ValueError("its parameters do not fit its orders")
-        theta = _numbers([p["value"] for p in core["parameters"]], len(wanted), "parameters")
-        domain = [raw["domain"]["inputs"][c.name] for c in inputs]
-        if any(d is None for d in domain):
-            domain = []
+        if file.sample_time <= 0:
+            raise ValueError(f"the sample time {file.sample_time:g} s is not positive")
+        domain = [file.domain["inputs"][c.name] for c in file.inputs]
         return _Parsed(
             structure,
-            theta,
-            _positive(raw["sample_time"]),
-            inputs,
-            outputs,
+            np.array([p.value for p in values], dtype=np.float64),
+            file.sample_time,
+            file.inputs,
+            file.outputs,
             Detrend(
-                _numbers(before["offset"], len(inputs), "input offsets"),
-                _numbers(after["offset"], len(outputs), "output offsets"),
+                _offsets(before, len(file.inputs), "input"),
+                _offsets(after, len(file.outputs), "output"),
             ),
-            np.array([_numbers(d, 2, "domain") for d in domain]).reshape(-1, 2),
+            np.array([] if None in domain else domain, dtype=np.float64).reshape(-1, 2),
         )
     except ModelError as error:
         raise ModelError(f"{where}: {error}") from None
@@ -207,19 +251,7 @@ def _parsed(raw: Mapping[str, Any], where: str) -> _Parsed:
         raise ModelError(f"{where}: plant.json is damaged ({what}); export it again") from None
 
 
-def _numbers(values: Any, count: int, what: str) -> Array:
-    if not isinstance(values, list) or len(values) != count:
-        raise ValueError(f"{what}: {count} numbers expected")
-    if any(isinstance(v, bool) or not isinstance(v, int | float) for v in values):
-        raise ValueError(f"{what}: a number is missing")
-    found = np.array(values, dtype=np.float64)
-    if not np.all(np.isfinite(found)):
-        raise ValueError(f"{what}: a number is not finite")
-    return found
-
-
-def _positive(value: Any) -> float:
-    number = float(_numbers([value], 1, "sample_time")[0])
-    if number <= 0:
-        raise ValueError(f"the sample time {number:g} s is not positive")
-    return number
+def _offsets(point: _OperatingPoint, channels: int, side: str) -> Array:
+    if len(point.offset) != channels:
+        raise ValueError(f"{side} offsets: {channels} numbers expected")
+    return np.array(point.offset, dtype=np.float64)

@@ -1,10 +1,10 @@
 """Model: a structure with parameters, what they are worth, and where they came from."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from sysid.data.files import write_atomic
 from sysid.data.level import Level, shifted
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel, Record
+from sysid.data.schema import STORED, checked
 from sysid.errors import ModelError, Termination
 from sysid.fitting.problem import Parameter
 from sysid.structures.base import Structure
@@ -76,6 +77,50 @@ class Provenance:
     data: tuple[Source, ...] = ()
     options: Mapping[str, Any] = field(default_factory=dict)
     version: str = ""
+
+
+@dataclass(frozen=True)
+class _StoredParameter:
+    """A parameter in a model file; a bound that is null is none."""
+
+    name: str
+    value: float
+    unit: str
+    lower: float | None
+    upper: float | None
+    fixed: bool
+
+    def parameter(self) -> Parameter:
+        """The parameter, fixed at its value or free between its bounds."""
+        low = -np.inf if self.lower is None else self.lower
+        high = np.inf if self.upper is None else self.upper
+        return Parameter(self.name, self.unit, low, high, self.value if self.fixed else None)
+
+
+@dataclass(frozen=True)
+class _ModelFile:
+    """What a model file holds beside its structure; see Model, whose ``to_json`` writes it."""
+
+    __pydantic_config__: ClassVar[Mapping[str, Any]] = STORED
+
+    parameters: tuple[_StoredParameter, ...]
+    covariance: tuple[tuple[float | None, ...], ...]
+    sample_time: float
+    inputs: tuple[Channel, ...]
+    outputs: tuple[Channel, ...]
+    detrend: Mapping[str, Any]
+    noise_covariance: tuple[tuple[float | None, ...], ...]
+    n_estimated: int
+    criteria: Mapping[str, float | None]
+    termination: str
+    initial_states: tuple[tuple[float | None, ...], ...]  # null: the run overflowed there
+    ranges: tuple[tuple[float | None, float | None], ...]
+    at_bound: tuple[str, ...]
+    null_directions: tuple[Mapping[str, float], ...]
+    starts: tuple[StartReport, ...]
+    warnings: tuple[str, ...]
+    provenance: Provenance
+    level: Mapping[str, Any] | None = None  # of 0.1.0, the first models told none
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,50 +327,35 @@ class Model:
         if not isinstance(raw, Mapping) or raw.get("schema") != SCHEMA:
             raise ModelError(f"this is not a model of schema {SCHEMA}; fit it again")
         try:
-            detrend = Detrend.from_json(raw["detrend"])
-            known = raw.get("level")
-            table = raw["parameters"]
-            theta = np.array([float(p["value"]) for p in table], dtype=np.float64)
-            structure = structure_from_json(raw)
-            inputs = tuple(Channel(**c) for c in raw["inputs"])
-            outputs = tuple(Channel(**c) for c in raw["outputs"])
-            names = [p.name for p in structure.parameters(inputs, outputs)]
-            if names != [p["name"] for p in table]:
+            file = checked(_ModelFile, raw, others=True)  # the structure's own keys stand beside
+            theta = np.array([p.value for p in file.parameters], dtype=np.float64)
+            structure, detrend = structure_from_json(raw), Detrend.from_json(file.detrend)
+            names = [p.name for p in structure.parameters(file.inputs, file.outputs)]
+            if names != [p.name for p in file.parameters]:
                 raise ValueError("its parameters do not fit its orders")
             return Model(
                 structure=structure,
                 theta=theta,
-                covariance=_array(raw["covariance"], len(theta), np.inf),
-                parameters=tuple(
-                    Parameter(
-                        p["name"],
-                        p["unit"],
-                        -np.inf if p["lower"] is None else float(p["lower"]),
-                        np.inf if p["upper"] is None else float(p["upper"]),
-                        float(p["value"]) if p["fixed"] else None,
-                    )
-                    for p in table
-                ),
-                dt=float(raw["sample_time"]),
-                inputs=inputs,
-                outputs=outputs,
+                covariance=_array(file.covariance, len(theta), np.inf),
+                parameters=tuple(p.parameter() for p in file.parameters),
+                dt=file.sample_time,
+                inputs=file.inputs,
+                outputs=file.outputs,
                 detrend=detrend,
-                noise_covariance=_array(raw["noise_covariance"], len(outputs), np.nan),
-                n_estimated=int(raw["n_estimated"]),
-                criteria={k: np.nan if v is None else float(v) for k, v in raw["criteria"].items()},
-                termination=_termination(raw["termination"]),
-                initial_states=tuple(np.array(x, dtype=np.float64) for x in raw["initial_states"]),
-                ranges=np.array(raw["ranges"], dtype=np.float64).reshape(-1, 2),
-                at_bound=tuple(raw["at_bound"]),
-                null_directions=tuple(raw["null_directions"]),
-                starts=tuple(StartReport(**s) for s in raw["starts"]),
-                warnings=tuple(raw["warnings"]),
-                provenance=Provenance(
-                    tuple(Source(**s) for s in raw["provenance"]["data"]),
-                    raw["provenance"]["options"],
-                    raw["provenance"]["version"],
+                noise_covariance=_array(file.noise_covariance, len(file.outputs), np.nan),
+                n_estimated=file.n_estimated,
+                criteria={k: np.nan if v is None else v for k, v in file.criteria.items()},
+                termination=_termination(file.termination),
+                initial_states=tuple(np.array(x, dtype=np.float64) for x in file.initial_states),
+                ranges=np.array(file.ranges, dtype=np.float64).reshape(-1, 2),
+                at_bound=file.at_bound,
+                null_directions=file.null_directions,
+                starts=file.starts,
+                warnings=file.warnings,
+                provenance=file.provenance,
+                level=(
+                    Level.of_detrend(detrend) if file.level is None else Level.from_json(file.level)
                 ),
-                level=Level.of_detrend(detrend) if known is None else Level.from_json(known),
             )
         except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
             raise ModelError(f"the model is damaged ({error}); fit it again") from None
@@ -359,8 +389,8 @@ def _number(value: float | None) -> float | None:
     return None if value is None or not np.isfinite(value) else float(value)
 
 
-def _array(rows: list[list[float | None]], n: int, missing: float) -> Array:
-    cells = [[missing if c is None else float(c) for c in row] for row in rows]
+def _array(rows: Sequence[Sequence[float | None]], n: int, missing: float) -> Array:
+    cells = [[missing if c is None else c for c in row] for row in rows]
     return np.array(cells, dtype=np.float64).reshape(n, n)
 
 

@@ -1,10 +1,12 @@
 """The registry of structures: every name users can type, and how a saved one is read again."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import entry_points
-from typing import Any
+from typing import Any, ClassVar
 
+from sysid.data.schema import STORED, checked
 from sysid.errors import ModelError, UsageError
 from sysid.structures.base import Structure
 
@@ -61,6 +63,19 @@ def structure_class(name: str) -> type[Structure]:
     return classes[key]
 
 
+@dataclass(frozen=True)
+class _Described:
+    """What every structure says of itself in a file; the rest is its own."""
+
+    __pydantic_config__: ClassVar[Mapping[str, Any]] = STORED
+
+    structure: str
+    orders: Mapping[str, Any]
+    nu: int
+    ny: int
+    settings: Mapping[str, Any] | None = None
+
+
 def structure_from_json(raw: Mapping[str, Any]) -> Structure:
     """Undo ``Structure.to_json``.
 
@@ -68,7 +83,7 @@ def structure_from_json(raw: Mapping[str, Any]) -> Structure:
         ModelError: the description is damaged.
     """
     try:
-        name = str(raw["structure"])
+        name = checked(_Described, raw, others=True).structure
         cls = _load(MADE[name]) if name in MADE else structure_class(name)
         return cls.from_json(raw)
     except (KeyError, TypeError, ValueError, UsageError) as error:

@@ -21,9 +21,10 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from sysid.data import documents
+from sysid.data.schema import STORED, checked
 from sysid.errors import DataError, ModelError, UsageError
 
 if TYPE_CHECKING:
@@ -76,6 +77,27 @@ class StoredModel:
     path: Path
     model: "Model"
     report: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class _StoredFile:
+    """What the file of a model holds."""
+
+    __pydantic_config__: ClassVar[Mapping[str, Any]] = STORED
+
+    id: str
+    model: dict[str, Any]
+    report: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class _Remembered:
+    """A value of state.json, and when it was remembered: the largest order is the newest."""
+
+    __pydantic_config__: ClassVar[Mapping[str, Any]] = STORED
+
+    value: Any
+    order: int
 
 
 class Workspace:
@@ -236,18 +258,24 @@ class Workspace:
         from sysid.structures.model import Model
 
         path = self._path(id)
-        content = self._json(path)
-        if not isinstance(content, dict) or not {"id", "model", "report"} <= content.keys():
-            raise ModelError(f"{path} is not a stored model; remove it with `sysid models remove`")
-        if content["id"] != id or not isinstance(content["report"], dict):
-            raise ModelError(f"{path} is damaged; remove it with `sysid models remove {id}`")
         try:
-            model = Model.from_json(content["model"])
+            content = checked(_StoredFile, self._json(path))
+        except ValueError as error:
+            raise ModelError(
+                f"{path} is damaged ({error}); remove it with `sysid models remove {id}`"
+            ) from None
+        if content.id != id:
+            raise ModelError(
+                f"{path} is damaged (it is of {content.id}); remove it with `sysid models remove "
+                f"{id}`"
+            )
+        try:
+            model = Model.from_json(content.model)
         except ModelError as error:
             raise ModelError(f"{path}: {error}") from None
         except LookupError:
             raise ModelError(f"{path} is damaged; fit the model again") from None
-        return StoredModel(id, path, model, content["report"])
+        return StoredModel(id, path, model, dict(content.report))
 
     def _ids(self) -> list[str]:
         """Ids in the order of saving; files the index does not know come last, by name."""
@@ -257,21 +285,22 @@ class Workspace:
             there = {p.stem for p in folder.glob("*.json")} if folder.is_dir() else set()
         except OSError as error:
             raise DataError(f"{folder} cannot be read ({error.strerror})") from None
-        index = self._json(self.root / "index.json", missing=[])
-        if not isinstance(index, list) or not all(isinstance(i, str) for i in index):
-            raise ModelError(f"{self.root / 'index.json'} is damaged; delete it")
+        path = self.root / "index.json"
+        try:
+            index = checked(tuple[str, ...], self._json(path, missing=[]))
+        except ValueError as error:
+            raise ModelError(f"{path} is damaged ({error}); delete it") from None
         known = [i for i in index if i in there]
         return [*known, *sorted(there.difference(known))]
 
     def _state(self) -> dict[str, dict[str, Any]]:
         self._check_root()
         path = self.root / "state.json"
-        state = self._json(path, missing={})
-        if not isinstance(state, dict) or not all(
-            isinstance(e, dict) and "value" in e and isinstance(e.get("order"), int)
-            for e in state.values()
-        ):
-            raise ModelError(f"{path} is damaged; delete it and fit again")
+        state: dict[str, dict[str, Any]] = self._json(path, missing={})
+        try:
+            checked(dict[str, _Remembered], state)
+        except ValueError as error:
+            raise ModelError(f"{path} is damaged ({error}); delete it and fit again") from None
         return state
 
     def _json(self, path: Path, missing: Any = None) -> Any:

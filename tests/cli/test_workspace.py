@@ -166,7 +166,7 @@ def test_a_workspace_that_is_a_file_is_refused(tmp_path: Path) -> None:
 )
 def test_a_workspace_that_may_not_be_written_is_refused(tmp_path: Path) -> None:
     (tmp_path / "w").mkdir(mode=0o500)
-    with pytest.raises(DataError, match="--workspace"):
+    with pytest.raises(DataError, match="choose another folder"):
         Workspace(tmp_path / "w").save(variant(1), {})
 
 
