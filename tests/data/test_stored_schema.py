@@ -13,7 +13,7 @@ from sysid.errors import ModelError
 from sysid.plant.description import to_plant
 from sysid.structures.model import Model
 
-OLDER = Path(__file__).parent / "data" / "0.1"
+OLDER = Path(__file__).parent / "0.1"
 MODELS = {
     path.stem: json.loads(path.read_text())["model"]
     for path in sorted((OLDER / "workspace" / "models").glob("*.json"))
