@@ -85,6 +85,16 @@ def test_intervals_hold_edges_and_jump() -> None:
     assert np.mean(by_slopes) >= 0.66
 
 
+def test_an_interval_holds_the_estimate_it_belongs_to() -> None:
+    # walkers may leave the best place on a ragged likelihood for a broader one
+    assert Interval(0.7, 1.8).holding(2.3) == Interval(0.7, 2.3)
+    assert Interval(0.7, 1.8).holding(0.2) == Interval(0.2, 1.8)
+    assert Interval(None, 1.8).holding(-3.0) == Interval(None, 1.8)
+    base, naming = measured(0)
+    for k, told in naming.intervals.items():
+        assert holds(told, float(naming.final.q[k])), base.search.model.slots[k]
+
+
 def test_the_estimate_moves_to_where_the_likelihood_is_highest() -> None:
     base, node = with_effect(behind_a_dead_zone(0), "dead-zone")
     better = measured(0)[1].final

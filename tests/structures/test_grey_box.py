@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import SysidError, Termination, UsageError
+from sysid.estimation.grey_box import _determined
+from sysid.estimation.grey_box_starts import Setting
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.fitting.solvers import many_starts
@@ -20,6 +22,7 @@ from sysid.structures.grey_box import runs as grey_box_runs
 from sysid.structures.grey_box.dc_motor.structure import DCMotor
 from sysid.structures.grey_box.structure import GreyBox
 from sysid.structures.grey_box.tanks import Tanks
+from sysid.structures.constants import Rung
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
 
@@ -223,6 +226,23 @@ def test_friction_is_found_without_being_asked_for() -> None:
     told = [s.start for s in model.starts]
     assert any(t.startswith("breakaway and Stribeck friction: kept") for t in told)
     assert any(t.startswith("saturation of the drive: not kept") for t in told)
+
+
+def test_a_mechanism_that_pays_but_is_not_determined_is_not_kept() -> None:
+    _, theta, log, model = one_track()
+    options = FitOptions()
+    setting = Setting(model.structure, (log,), model.parameters, options, (False,) * len(theta))
+    assert isinstance(model.structure, GreyBox)
+    free = np.array([p.fixed is None for p in model.parameters])
+    everything = [np.ones(len(log), dtype=bool)]
+    rung = Rung("breakaway and Stribeck friction", ("breakaway", "stribeck"))
+    p = np.concatenate([model.theta, log.y[0]])
+    near = setting.descend(p, free, everything, 3)
+    assert _determined(setting, near, free, rung, everything)
+    # without breakaway no run depends on the speed at which it would wear off
+    p[model.structure.entries("breakaway")] = 1.0
+    held = replace(near, p=p, jacobian=setting.problem(everything).jacobian(p))
+    assert not _determined(setting, held, free, rung, everything)
 
 
 def test_tanks_answer_fresh_commands_like_their_truth() -> None:

@@ -77,7 +77,7 @@ def intervals_of(base: NamingSearch, node: Node) -> tuple[Node, dict[int, Interv
         if better is None:
             break
         node = better
-    return node, found
+    return node, {k: i.holding(float(node.q[k])) for k, i in found.items()}
 
 
 def _ragged(base: NamingSearch, k: int) -> bool:

@@ -32,6 +32,12 @@ class Interval:
             return None
         return max(self.high - value, value - self.low) / NORMAL
 
+    def holding(self, value: float) -> "Interval":
+        """The same, stretched to hold a value that nothing contradicts: the best there is."""
+        low = None if self.low is None else min(self.low, value)
+        high = None if self.high is None else max(self.high, value)
+        return Interval(low, high, self.visited)
+
     def times(self, factor: float) -> "Interval":
         """That of the number in another unit."""
         low, high = (None if v is None else factor * v for v in (self.low, self.high))

@@ -35,6 +35,10 @@ COARSER = 3
 RUNG_EVALUATIONS = 25
 """Limit of a descent that decides on a mechanism."""
 
+DETERMINED = 0.5
+"""Largest relative standard error of a constant of a rung: a Stribeck speed that may as well be
+nothing, or twice as large, is no finding, however well the breakaway beside it pays."""
+
 RUNG_STARTS = 2
 """Starts of a rung that are followed, those of lowest cost."""
 
@@ -149,9 +153,11 @@ def _climbed(
         runs = [s.descend(q, wider, kept, RUNG_EVALUATIONS) for q in starts[:RUNG_STARTS]]
         best = min(runs, key=lambda run: run.cost)
         error = _held_error(s, best.p, counted)
-        seen = np.linalg.norm(best.jacobian[:, entries], axis=0) > 0.0
-        pays = error < (1.0 - margin) * held and bool(np.all(seen))
-        told(rung, "kept" if pays else "not kept", error, best)
+        pays = error < (1.0 - margin) * held
+        known = _determined(s, best, wider, rung, kept)
+        verdict = "not kept" if not pays else "kept" if known else "not determined"
+        told(rung, verdict, error, best)
+        pays = pays and known
         if pays:
             p, free, held, cost = best.p, wider, error, best.cost
             climbed.append((rung, entries))
@@ -172,6 +178,27 @@ def _entries(s: Setting, rung: Rung) -> list[int]:
     """Entries of a rung that neither the user nor an option has settled."""
     found = [k for name in rung.names for k in s.structure.entries(name)]
     return [k for k in found if not s.user_fixed[k]]
+
+
+def _determined(s: Setting, found: Solution, free: Mask, rung: Rung, kept: Masks) -> bool:
+    """Whether the data tell each constant of a rung that has one sign, at one output at least."""
+    problem, n = s.problem(kept), len(free)
+    states = np.linalg.norm(found.jacobian[:, n:], axis=0) > 0.0
+    which = np.flatnonzero(np.concatenate([free, states]))
+    stretches = tuple(zip(problem.channels, problem.lengths, strict=True))
+    value = uncertainty(found.jacobian[:, which], found.residual, stretches, found.weights)
+    error = np.full(n, np.inf)
+    error[which[which < n]] = np.sqrt(np.diag(value.covariance))[which < n]
+    known = error < DETERMINED * np.abs(found.p[:n])
+    lower = np.array([p.lower for p in s.parameters])
+    return all(
+        any(
+            known[k] or (lower[k] < 0.0 and np.isfinite(error[k]))
+            for k in s.structure.entries(name)
+            if free[k]
+        )
+        for name in rung.names
+    )
 
 
 def _held_error(s: Setting, p: Array, counted: Masks) -> float:
