@@ -13,16 +13,16 @@ from hypothesis import strategies as st
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import SysidError, Termination, UsageError
-from sysid.estimation.grey_box import _determined
-from sysid.estimation.grey_box_starts import Setting
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.fitting.solvers import many_starts
 from sysid.structures.grey_box import runs as grey_box_runs
+from sysid.structures.grey_box.constants import Rung
 from sysid.structures.grey_box.dc_motor.structure import DCMotor
+from sysid.structures.grey_box.fit import _determined
+from sysid.structures.grey_box.starts import Setting
 from sysid.structures.grey_box.structure import GreyBox
 from sysid.structures.grey_box.tanks import Tanks
-from sysid.structures.constants import Rung
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
 
