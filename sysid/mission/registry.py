@@ -62,17 +62,18 @@ def _loaded(role: str, point: EntryPoint) -> type[BaseModel]:
         raise ValueError(
             f"{point.name} of the package {package} cannot be loaded ({error}): install it again"
         ) from None
-    wanted = [n for n in dir(ROLES[role]) if not n.startswith("_")]
-    is_settings = isinstance(found, type) and issubclass(found, BaseModel)
-    missing = [n for n in wanted if not hasattr(found, n) and n not in _fields(found)]
-    if not is_settings or missing:
-        what = f"has no {', '.join(missing)}" if missing else "is no pydantic model"
-        raise ValueError(f"{point.name} of the package {package} is no law of {role}: it {what}")
-    return found  # type: ignore[no-any-return]
-
-
-def _fields(found: Any) -> Mapping[str, Any]:
-    return found.model_fields if hasattr(found, "model_fields") else {}
+    if not (isinstance(found, type) and issubclass(found, BaseModel)):
+        raise ValueError(
+            f"{point.name} of the package {package} is no law of {role}: it is no pydantic model"
+        )
+    has = {*dir(found), *found.model_fields}
+    missing = [n for n in dir(ROLES[role]) if not n.startswith("_") and n not in has]
+    if missing:
+        raise ValueError(
+            f"{point.name} of the package {package} is no law of {role}: it has no "
+            f"{', '.join(missing)}"
+        )
+    return found
 
 
 def law(role: str, section: Any) -> Any:
@@ -90,6 +91,8 @@ def law(role: str, section: Any) -> Any:
         return section
     if section is None:
         section = {}
+    if isinstance(section, str):
+        raise ValueError(f"{role} is {shown(section)}: write {role}: {{kind: {section}}}")
     if not isinstance(section, Mapping):
         raise PydanticCustomError("model_type", "a section of keys is needed")
     kind = section.get("kind", kinds(role)[0])

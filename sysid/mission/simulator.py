@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
@@ -15,10 +16,22 @@ from sysid.mission.loop import COLUMNS, Loop, LoopState, Tick, Verdict, ticks
 from sysid.mission.result import MissionResult, Outcome
 from sysid.mission.spec import Mission
 
-MOST_SAMPLES = 5_000_000
-"""A mission with more plant samples than this would not end while somebody waits."""
-_DIVERGED = 1e6
-"""No wheel turns this fast [rad/s]; above it the plant's output is running away."""
+
+@dataclass(frozen=True)
+class RunLimits:
+    """What no run goes beyond.
+
+    Attributes:
+        samples: a mission with more samples or commands than this would not end while somebody
+            waits: minutes at tens of microseconds each.
+        wheel_speed: no wheel turns this fast [rad/s]; above it the plant's output is running away.
+    """
+
+    samples: int = 5_000_000
+    wheel_speed: float = 1e6
+
+
+LIMITS = RunLimits()
 
 
 def simulate(mission: Mission, plant: SteppablePlant) -> MissionResult:
@@ -103,7 +116,7 @@ def _run(loop: Loop) -> tuple[LoopState, Array]:
 
 def _check_numbers(state: LoopState, row: tuple[float, ...]) -> None:
     """Say who is to blame for what is no number, or runs away."""
-    turning = all(abs(omega) < _DIVERGED for omega in row[3:5])
+    turning = all(abs(omega) < LIMITS.wheel_speed for omega in row[3:5])
     if turning and all(map(math.isfinite, row)):
         return
     estimate = (*state.estimate.pose, state.estimate.speed, state.estimate.yaw_rate)
@@ -136,7 +149,7 @@ def _check(mission: Mission, plant: SteppablePlant) -> None:
     if not (math.isfinite(plant.dt) and plant.dt > 0):
         raise ModelError(f"the plant's sample time is {plant.dt} s: it must be above 0")
     fastest = min(plant.dt, mission.control.period)
-    if mission.timeout / fastest > MOST_SAMPLES:
+    if mission.timeout / fastest > LIMITS.samples:
         what = "plant's sample time" if fastest == plant.dt else "control period"
         raise ModelError(
             f"the {what} of {fastest:g} s makes {mission.timeout / fastest:.3g} steps of a mission "

@@ -137,6 +137,7 @@ def test_a_law_is_chosen_by_kind_and_todays_keys_stay_valid(tmp_path: Path) -> N
         ("guidance:\n  K: 1\n  kind: x\n", 4, "unknown kind 'x' of guidance: the kinds are field"),
         ("control: {kind: 3}\n", 2, "the kind of control is 3: the kinds are pi-p"),
         ("navigation: {kind: }\n", 2, "the kind of navigation is empty: the kinds are odometry"),
+        ("control: pid\n", 2, "control is the text 'pid': write control: {kind: pid}"),
         ("motion: {mass: 3}\n", 2, "unknown key 'mass' in motion: the keys are kind"),
         ("motion: 3\n", 2, "motion is 3: write a section"),
         ("navigation: {R: 0.03}\n", 2, "unknown key 'R' in navigation: did you mean 'r'"),
@@ -152,6 +153,46 @@ def test_a_law_that_is_not_there_lists_those_that_are(
         load_mission(path)
     assert str(caught.value).startswith(f"m.yaml:{line}: ")
     assert words in str(caught.value)
+
+
+@pytest.fixture
+def broken_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An installed package whose laws are none."""
+    about = tmp_path / "site" / "broken_laws-1.0.dist-info"
+    about.mkdir(parents=True)
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: broken-laws\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(
+        "[sysid.mission]\n"
+        "control.gone = broken_laws:Nowhere\n"
+        "control.number = broken_laws:NUMBER\n"
+        "control.bare = broken_laws:Bare\n"
+        "control.pi-p = broken_laws:NUMBER\n"
+    )
+    (tmp_path / "site" / "broken_laws.py").write_text(
+        "from sysid.mission.settings import ControlSettings\n"
+        "NUMBER = 3\n"
+        "class Bare(ControlSettings):\n    def start(self, scene, xp):\n        return 0.0\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path / "site"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("gone", "control.gone of the package broken-laws cannot be loaded"),
+        ("number", "control.number of the package broken-laws is no law of control: it is no"),
+        ("bare", "control.bare of the package broken-laws is no law of control: it has no step"),
+    ],
+)
+@pytest.mark.usefixtures("broken_package")
+def test_a_package_with_a_broken_law_is_named(kind: str, words: str, tmp_path: Path) -> None:
+    path = tmp_path / "m.yaml"
+    path.write_text(f"goal: [1, 0]\ncontrol: {{kind: {kind}}}\n")
+    with pytest.raises(DataError) as caught:
+        load_mission(path)
+    assert str(caught.value).startswith(f"m.yaml:2: {words}")
+    assert kinds("control") == ("pi-p", "gone", "number", "bare")
+    assert law_class("control", "pi-p") is SpeedPIYawP  # ours stays ours
 
 
 class Wild(ControlSettings):

@@ -3,13 +3,7 @@
 import math
 from typing import Any
 
-from sysid.mission.contracts import (
-    GuidanceAdvice,
-    GuidanceInputs,
-    References,
-    Scene,
-    State,
-)
+from sysid.mission.contracts import GuidanceAdvice, GuidanceInputs, References, Scene, State
 from sysid.mission.settings import GuidanceSettings, Positive
 from sysid.vehicle.kinematics import Real, wrap_angle
 
@@ -33,7 +27,11 @@ class LineOfSight(GuidanceSettings):
     @property
     def advice(self) -> GuidanceAdvice:
         """The keys to change."""
-        return GuidanceAdvice(faster="raise v_max", slower="lower v_max")
+        return GuidanceAdvice(
+            faster="raise v_max",
+            slower="lower v_max",
+            wider="take a law that keeps clear of obstacles, such as field",
+        )
 
     def start(self, scene: Scene, xp: Any) -> State:
         """The direction of the line [rad]; it stays the same."""
