@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from sysid.workspace.store import StoredModel
 
 
+BEST = "best"
+"""Stands for the model that a command takes when none is named."""
+
+
 class Action(StrEnum):
     """What to do with the models."""
 
@@ -26,7 +30,10 @@ class Action(StrEnum):
 def models(
     action: Annotated[Action, typer.Argument(help="What to do.")] = Action.LIST,
     id: Annotated[
-        str | None, typer.Argument(metavar="[ID]", help="The model, or how its id begins.")
+        str | None,
+        typer.Argument(
+            metavar="[ID]", help="The model, how its id begins, or best (as export takes it)."
+        ),
     ] = None,
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
     json: reading.Json = False,
@@ -39,7 +46,7 @@ def models(
     if action is Action.LIST or id is None:
         (_list_document if json else _list)(place.all(), place.root)
     elif action is Action.SHOW:
-        (_document if json else _show)(place.load(id))
+        (_document if json else _show)(place.chosen(None if id == BEST else id))
     else:
         gone = place.remove(id)
         if json:

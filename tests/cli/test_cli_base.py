@@ -389,6 +389,8 @@ def test_models(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert oe["fit_percent"] == {"omega_l": 98.5, "omega_r": 98.25}
     shown = answer(capsys, "models", "show", "oe")
     assert shown["parameters"][0]["name"] == "b1[omega_l,pwm_l]"  # type: ignore[index]
+    best = Workspace(Path(".sysid")).chosen(None).id
+    assert answer(capsys, "models", "show", "best")["model"] == best
     code, out, _ = ask(capsys, ["models", "show", "oe"])
     assert code == 0
     assert "b1[omega_l,pwm_l]" in out  # brackets are no markup

@@ -6,7 +6,7 @@ the one that is whole periods away from the step read and smaller than half a pe
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import pi
 
 import numpy as np
@@ -324,15 +324,7 @@ def continued(
     turns: dict[str, tuple[float, ...] | None] = dict.fromkeys(headings, (2.0 * pi, 360.0))
     for name, unit in outputs.items():
         turns[name] = (2.0 * pi / unit.scale,) if unit.unit == "rad" else () if unit.unit else None
-    out, findings = without_jumps(values, names, turns, unwrap, where, speed_of)
-    counters = {n for n, y in zip(names, values.T, strict=True) if np.all(y == np.rint(y))}
-    counters &= {n for n in outputs if n not in speed_of}
-    return out, tuple(
-        replace(f, advice=f"{f.advice} For its speed: --speed-of '{f.channel}'.".strip())
-        if f.channel in counters and "--speed-of" not in f.advice
-        else f
-        for f in findings
-    )
+    return without_jumps(values, names, turns, unwrap, where, speed_of)
 
 
 def as_speeds(
