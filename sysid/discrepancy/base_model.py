@@ -78,6 +78,7 @@ class Base:
         level: whether a constant level belongs to the base (logs without physical zeros).
         words: what the base is, in words.
         in_loop: whether the log was recorded in closed loop.
+        on_rate: whether the rate of an output that integrates stands in its place.
         given: the model that was given, as the chain sees it; None for the plain base.
     """
 
@@ -89,6 +90,7 @@ class Base:
     level: bool
     words: str
     in_loop: bool = False
+    on_rate: bool = False
     given: GivenBase | None = None
 
 
@@ -143,7 +145,7 @@ def plain_base(
     node = search.base(starts)
     if not np.isfinite(node.held_rmse):
         raise ModelError("the base model cannot be simulated on this log; look at sysid inspect")
-    return Base(parts, search, node, scales, delay, level, words, in_loop)
+    return Base(parts, search, node, scales, delay, level, words, in_loop, on_rate)
 
 
 def given_base(
@@ -202,7 +204,7 @@ def given_base(
         q[plain.place["core", "f1", i]] = pole[i]
     node = found.node((), q, ())
     words = f"the {model.structure.name} model, as it is"
-    return Base(parts, found, node, np.ones(first.nu), 1, False, words, in_loop, given)
+    return Base(parts, found, node, np.ones(first.nu), 1, False, words, in_loop, given=given)
 
 
 def _start(model: Model, record: Record) -> Start:

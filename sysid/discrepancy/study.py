@@ -274,7 +274,7 @@ class Study:
         unseen = self._unseen(naming, told, [e.id for e in effects])
         return Diagnosis(
             verdict=verdict,
-            story=poor or _story(verdict, [e.id for e in effects], gap, left_after),
+            story=poor or _story(verdict, [e.id for e in effects], gap, left_after, base.on_rate),
             unfollowed=poor,
             base_words=base.words if self.doubted is None else self.doubted.base.words,
             plainer=base.words if self.doubted is not None else "",
@@ -418,7 +418,16 @@ def _loud(gap: Gap) -> dict[str, float]:
     }
 
 
-def _story(verdict: str, ids: Sequence[str], gap: Gap, left: Left | None) -> str:
+ON_A_RATE = (
+    " Effects were looked for on the rate of the output, which integrates its input. Play in a "
+    "gear (backlash) is looked for on a speed, and differences of a position may be too coarse to "
+    "show it: record the speed as well."
+)
+
+
+def _story(
+    verdict: str, ids: Sequence[str], gap: Gap, left: Left | None, on_rate: bool = False
+) -> str:
     structured = left is not None and left.p_value < DEPENDENT
     loud = ", ".join(f"{name} {ratio:.1f} times" for name, ratio in _loud(gap).items())
     missing = [id for id in ids if id not in OF_THE_LOG]
@@ -439,7 +448,7 @@ def _story(verdict: str, ids: Sequence[str], gap: Gap, left: Left | None) -> str
     if verdict == "unexplained":
         return (
             "The errors depend on what is known, so something is missing, but most of it is "
-            "unexplained by every effect of the catalogue."
+            "unexplained by every effect of the catalogue." + ON_A_RATE * on_rate
         )
     if left is not None and structured:
         return (

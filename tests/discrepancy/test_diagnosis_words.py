@@ -11,12 +11,13 @@ from command_line import run, write_log
 
 from sysid.data.record import Array, Channel, Record
 from sysid.discrepancy.advise import next_experiments
+from sysid.discrepancy.base_model import plain_base
 from sysid.discrepancy.following import not_followed
 from sysid.discrepancy.proof.localise import localise, regimes
 from sysid.discrepancy.proof.model_error import Left
 from sysid.discrepancy.proof.verify import ChannelGap, Gap
 from sysid.discrepancy.study import _story
-from sysid.effects.catalogue import catalogue
+from sysid.effects.catalogue import catalogue, chain_effects
 from sysid.report.diagnosis_words import headline
 
 ROBOTS_OWN = ("track", "robot", "speed", "stands", "runs")
@@ -69,6 +70,16 @@ def test_no_sentence_of_the_catalogue_knows_whether_wheels_or_tracks_carry_the_r
     for e in catalogue().values():
         said = f"{e.sentence} {e.opposite} {e.looks_like} {e.experiment}".lower()
         assert "track" not in said.replace("wheels or tracks", ""), e.id
+
+
+def test_of_a_position_it_is_said_where_play_is_looked_for() -> None:
+    gap = Gap(1.0, 0.5, 0.1, 50.0, (40.0, 60.0), {"y": ChannelGap(9, 3, 1)})
+    axis = _story("unexplained", (), gap, None, on_rate=True)
+    assert "Play in a gear (backlash) is looked for on a speed" in axis
+    assert "Play" not in _story("unexplained", (), gap, None)
+    u = np.repeat(np.random.default_rng(1).uniform(-1.0, 1.0, 40), 20)
+    place = Record(u, np.cumsum(u) * 0.05, 0.05, (Channel("volts", "V"),), (Channel("y", "m"),))
+    assert plain_base([place], None, chain_effects()).on_rate
 
 
 def test_a_robot_is_still_spoken_of_as_one() -> None:

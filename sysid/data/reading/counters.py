@@ -368,8 +368,8 @@ def as_speeds(
         found[f"{name}_speed"] = rate
         step = grain(values[:, k]) * unit.scale / float(np.median(np.diff(t)))
         text = (
-            f"{where}: {name}_speed is the speed between readings of {name}; one step of {name} "
-            f"in a sample is {step:.3g} {rate.unit}."
+            f"{where}: {name}_speed is the mean speed between two readings of {name}, half "
+            f"a sample late; one step of {name} in a sample is {step:.3g} {rate.unit}."
         )
         said.append(Finding("counter", Severity.NOTE, text, channel=name, record=where))
     return out, found, tuple(said)
