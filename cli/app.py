@@ -67,7 +67,7 @@ def root(
         ]
         context.default_map = {name: {"workspace": str(workspace)} for name in names}
     if version:
-        from sysid import __version__
+        from sysid.version import __version__
 
         typer.echo(f"sysid {__version__}")
     elif context.invoked_subcommand is None:

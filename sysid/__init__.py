@@ -1,3 +1,83 @@
-"""sysid: from a robot's log to a plant you can trust."""
+"""sysid: from a robot's log to a plant you can trust.
 
-__version__ = "0.1.0"
+Everything a script needs is here, imported when it is first used (PEP 562):
+
+    import sysid
+
+    record = sysid.read_log("log.csv")
+    model = sysid.fit("oe", record, orders="nb=2 nf=2 nk=1")
+    print(model.equations(), model.poles())
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from sysid.version import __version__
+
+_PLACES = {
+    "Channel": "sysid.data.record",
+    "DataError": "sysid.errors",
+    "FitOptions": "sysid.fitting.options",
+    "Focus": "sysid.fitting.problem",
+    "Mission": "sysid.mission.spec",
+    "Model": "sysid.structures.model",
+    "ModelError": "sysid.errors",
+    "Plant": "sysid.structures.plant",
+    "ReadOptions": "sysid.data.reading.read_options",
+    "Record": "sysid.data.record",
+    "SysidError": "sysid.errors",
+    "UsageError": "sysid.errors",
+    "compare": "sysid.interface",
+    "diagnose": "sysid.interface",
+    "fit": "sysid.interface",
+    "identify": "sysid.interface",
+    "inspect": "sysid.interface",
+    "load_mission": "sysid.mission.spec",
+    "load_model": "sysid.interface",
+    "load_plant": "sysid.plant.package",
+    "read_log": "sysid.data.io",
+    "read_logs": "sysid.data.io",
+    "simulate": "sysid.interface",
+    "structure": "sysid.interface",
+    "write_package": "sysid.export.package",
+}
+"""Name → the module that holds it."""
+
+if TYPE_CHECKING:
+    from sysid.data.io import read_log as read_log
+    from sysid.data.io import read_logs as read_logs
+    from sysid.data.reading.read_options import ReadOptions as ReadOptions
+    from sysid.data.record import Channel as Channel
+    from sysid.data.record import Record as Record
+    from sysid.errors import DataError as DataError
+    from sysid.errors import ModelError as ModelError
+    from sysid.errors import SysidError as SysidError
+    from sysid.errors import UsageError as UsageError
+    from sysid.export.package import write_package as write_package
+    from sysid.fitting.options import FitOptions as FitOptions
+    from sysid.fitting.problem import Focus as Focus
+    from sysid.interface import compare as compare
+    from sysid.interface import diagnose as diagnose
+    from sysid.interface import fit as fit
+    from sysid.interface import identify as identify
+    from sysid.interface import inspect as inspect
+    from sysid.interface import load_model as load_model
+    from sysid.interface import simulate as simulate
+    from sysid.interface import structure as structure
+    from sysid.mission.spec import Mission as Mission
+    from sysid.mission.spec import load_mission as load_mission
+    from sysid.plant.package import load_plant as load_plant
+    from sysid.structures.model import Model as Model
+    from sysid.structures.plant import Plant as Plant
+
+__all__ = ["__version__", *sorted(_PLACES)]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f"module 'sysid' has no attribute {name!r}")
+    return getattr(import_module(_PLACES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_PLACES})

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid import __version__
 from sysid.criteria.information import information_criteria
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
@@ -19,6 +18,7 @@ from sysid.effects.catalogue import CHANGED, effect
 from sysid.errors import Termination
 from sysid.structures.augmented.structure import Augmented
 from sysid.structures.model import Model, Provenance, Source
+from sysid.version import __version__
 
 DRY = ("coulomb-friction", "stiction")
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid import __version__
 from sysid.criteria.information import information_criteria
 from sysid.data.level import Level
 from sysid.data.outliers import mended
@@ -22,6 +21,7 @@ from sysid.structures.head import head_window as head_window
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.model import Model, Provenance, Source
 from sysid.structures.outcome import FitOutcome
+from sysid.version import __version__
 
 
 def fit(

@@ -7,7 +7,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sysid import __version__
 from sysid.data import documents
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel
@@ -17,6 +16,7 @@ from sysid.structures.base import Structure
 from sysid.structures.model import Model, Provenance
 from sysid.structures.plant import Plant
 from sysid.structures.registry import structure_from_json
+from sysid.version import __version__
 
 SCHEMA = "sysid-plant/1"
 BLOCKS = ("input_operating_point", "core", "output_operating_point")

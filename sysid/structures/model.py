@@ -4,9 +4,10 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.files import write_atomic
 from sysid.data.level import Level, shifted
@@ -16,9 +17,15 @@ from sysid.data.schema import STORED, checked
 from sysid.errors import ModelError, Termination
 from sysid.fitting.problem import Parameter
 from sysid.structures.base import Structure
+from sysid.structures.head import head_window
+from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.linear.transfer import TransferMatrix
 from sysid.structures.outcome import StartReport
 from sysid.structures.plant import Plant
 from sysid.structures.registry import structure_from_json
+
+if TYPE_CHECKING:
+    from scipy.signal import StateSpace
 
 SCHEMA = "sysid-model/1"
 
@@ -245,13 +252,18 @@ class Model:
         plain = self.detrend.remove(record)
         return self.structure.errors(self.theta, plain.u, plain.y, window)
 
-    def predict(self, record: Record, horizon: int, window: int) -> Array:
+    def residuals(self, record: Record) -> Array:
+        """``errors`` from an initial state fitted to the head of the record, (N, ny)."""
+        return self.errors(record, head_window(self.structure, self.theta))
+
+    def predict(self, record: Record, horizon: int = 1, window: int | None = None) -> Array:
         """k-step-ahead predictions (N, ny), NaN where they need samples before the record.
 
         Args:
             record: measured inputs and outputs.
             horizon: k ≥ 1; the free run is ``simulate``.
-            window: samples at the head from which unknown initial states are fitted.
+            window: samples at the head from which unknown initial states are fitted; as many as
+                the model remembers unless given.
 
         Raises:
             ModelError: the record does not fit the model, or ``horizon`` < 1.
@@ -260,6 +272,8 @@ class Model:
             raise ModelError(f"the prediction horizon must be at least 1 sample, got {horizon}")
         self.check(record)
         plain = self.detrend.remove(record)
+        if window is None:
+            window = head_window(self.structure, self.theta)
         run = self.structure.predict(self.theta, plain.u, plain.y, horizon, window)
         return self.detrend.restore_output(run, record.t)
 
@@ -274,6 +288,82 @@ class Model:
             self.detrend,
             self.ranges,
         )
+
+    def step_response(
+        self, samples: int = 200, size: float = 1.0, channel: int = 0
+    ) -> tuple[Array, Array]:
+        """Answer to a step of one input from rest at the operating point.
+
+        Args:
+            samples: how many.
+            size: of the step, in the input's unit.
+            channel: number of the input.
+
+        Returns:
+            Time (N,) in s and outputs (N, ny) in their units.
+        """
+        u = np.zeros((samples, len(self.inputs)))
+        u[:, channel] = size
+        run = self.structure.simulate(self.theta, u) + np.asarray(self.detrend.y_offset)
+        return self.dt * np.arange(samples, dtype=np.float64), run
+
+    def poles(self) -> NDArray[np.complex128]:
+        """Poles in the z plane, those at the origin left out.
+
+        Raises:
+            ModelError: the model is not linear.
+        """
+        return self._transfer("poles").poles()
+
+    def bode(self, frequencies: Array | None = None) -> tuple[Array, NDArray[np.complex128]]:
+        """Frequency response G(e^{jω dt}) from inputs to outputs.
+
+        Args:
+            frequencies: ω [rad/s]; 300 up to the Nyquist frequency over three decades unless given.
+
+        Returns:
+            ω (n,) and the response (n, ny, nu) in units of output over input.
+
+        Raises:
+            ModelError: the model is not linear.
+        """
+        transfer = self._transfer("frequency response")
+        w = np.geomspace(1e-3, 1.0, 300) * np.pi / self.dt if frequencies is None else frequencies
+        return np.asarray(w, dtype=np.float64), transfer.response(np.asarray(w) * self.dt)
+
+    def to_scipy(self) -> "StateSpace":
+        """``scipy.signal.StateSpace`` of the deterministic part, about the operating point.
+
+        Raises:
+            ModelError: the model is not linear.
+        """
+        from scipy.signal import StateSpace
+
+        return StateSpace(*self._transfer("state space").matrices, dt=self.dt)
+
+    def to_control(self) -> Any:
+        """``control.StateSpace`` of the deterministic part, about the operating point.
+
+        Raises:
+            ModelError: the model is not linear, or python-control is not installed.
+        """
+        matrices = self._transfer("state space").matrices
+        try:
+            from control import StateSpace
+        except ImportError:
+            raise ModelError(
+                "python-control is not installed; install sysid-workbench[control]"
+            ) from None
+        names = ([c.name for c in self.inputs], [c.name for c in self.outputs])
+        return StateSpace(*matrices, self.dt, inputs=names[0], outputs=names[1])
+
+    def _transfer(self, what: str) -> TransferMatrix:
+        if not isinstance(self.structure, PolynomialStructure):
+            raise ModelError(
+                f"{self.structure.name} is not linear and has no {what}; simulate it, or fit a "
+                "linear structure such as oe"
+            )
+        return self.structure.transfer(self.theta)
 
     def to_json(self) -> dict[str, Any]:
         """Everything about the model as JSON-able values; non-finite numbers as null."""

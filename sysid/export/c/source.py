@@ -7,7 +7,6 @@ from string import Template
 
 import numpy as np
 
-from sysid import __version__
 from sysid.data.record import Channel
 from sysid.errors import ModelError
 from sysid.export.c.augmented import augmented
@@ -26,6 +25,7 @@ from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.model import Model
 from sysid.structures.narmax.structure import NARMAX
 from sysid.structures.narx.structure import NarxWavelet
+from sysid.version import __version__
 
 
 def _diagnosed(model: Model) -> CBody:

@@ -134,6 +134,15 @@ class TransferMatrix:
             at += g.order
         return A, B, C, D
 
+    def response(self, w: Array) -> NDArray[np.complex128]:
+        """G(e^{jw}) at frequencies w [rad a sample], (len(w), ny, nu)."""
+        found = np.zeros((len(w), self.ny, self.nu), dtype=np.complex128)
+        for g in self.groups:
+            powers = np.exp(-1j * np.outer(w, np.arange(len(g.den))))
+            for j, num in zip(g.inputs, g.num, strict=True):
+                found[:, g.output, j] += (powers @ num) / (powers @ g.den)
+        return found
+
     def poles(self) -> NDArray[np.complex128]:
         """Poles, groups stacked; poles at the origin (pure delays) are left out."""
         found = [np.roots(_trimmed(g.den)) for g in self.groups]

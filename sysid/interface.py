@@ -1,0 +1,232 @@
+"""The verbs of ``import sysid``: each takes what a person has at hand and calls one function."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sysid.data.checks.quality import inspect_records
+from sysid.data.finding import Finding
+from sysid.data.record import Record
+from sysid.errors import UsageError
+from sysid.estimation import pem
+from sysid.estimation.identify import Identification, Request
+from sysid.estimation.identify import identify as identify_request
+from sysid.fitting.options import FitOptions
+from sysid.structures.base import Structure
+from sysid.structures.model import Model
+from sysid.structures.orders import parse_orders
+from sysid.structures.registry import structure_class
+
+if TYPE_CHECKING:
+    from sysid.discrepancy.diagnosis import Diagnosis
+    from sysid.estimation.selection.comparison import Ranking
+    from sysid.mission.result import MissionResult
+    from sysid.mission.spec import Mission
+    from sysid.structures.plant import Plant
+    from sysid.vehicle.kinematics import Geometry
+
+Records = Record | Sequence[Record]
+Orders = str | Mapping[str, Any]
+
+
+def _several(records: Records) -> tuple[Record, ...]:
+    return (records,) if isinstance(records, Record) else tuple(records)
+
+
+def inspect(records: Records) -> tuple[Finding, ...]:
+    """What a log can tell before any fit: each finding has a severity, a sentence, an advice."""
+    return tuple(inspect_records(_several(records)))
+
+
+def structure(
+    name: str, records: Records, orders: Orders, options: Mapping[str, str] | None = None
+) -> Structure:
+    """A structure with orders, for the channels of a log.
+
+    Args:
+        name: as ``sysid structures`` lists them, e.g. ``oe``.
+        records: whose number of inputs and outputs counts.
+        orders: text such as ``"nb=2 nf=2 nk=1"``, or a mapping; a matrix by output and input
+            where there are several.
+        options: of the structure, as text.
+
+    Raises:
+        UsageError: the name, an order or an option does not exist or does not fit.
+    """
+    first = _several(records)[0]
+    raw = parse_orders(orders) if isinstance(orders, str) else orders
+    return structure_class(name).from_orders(raw, first.nu, first.ny, options)
+
+
+def fit(
+    structure_or_name: Structure | str,
+    records: Records,
+    orders: Orders | None = None,
+    options: FitOptions | None = None,
+    *,
+    detrend: str = "auto",
+) -> Model:
+    """Fit one structure to one or several experiments.
+
+    Minimises Σ ε(k, θ)² (Ljung 1999, ch. 7). Orders that are not given are searched on held-out
+    samples of the records, as ``sysid fit`` does.
+
+    Args:
+        structure_or_name: a structure with its orders, or a name such as ``"oe"``.
+        records: experiments with equal channels and sample time.
+        orders: for a name: text such as ``"nb=2 nf=2 nk=1"``, or a mapping; None searches them.
+        options: focus, initial states, loss, constraints.
+        detrend: what is done about levels: auto, none, level, mean or linear.
+
+    Raises:
+        DataError: the records cannot serve.
+        UsageError: name, orders or options are wrong.
+        ModelError: no start leads anywhere.
+    """
+    given = options or FitOptions()
+    if isinstance(structure_or_name, Structure):
+        return pem.fit(structure_or_name, _several(records), given, detrend=detrend)
+    if orders is not None:
+        made = structure(structure_or_name, records, orders, given.structure_options)
+        return pem.fit(made, _several(records), given, detrend=detrend)
+    request = Request((structure_or_name,), options=given, detrend=detrend)
+    return identify_request(_several(records), (), request).assessments[0].model
+
+
+def identify(
+    records: Records,
+    validation: Records = (),
+    *,
+    structures: Sequence[str] = (),
+    orders: str | None = None,
+    criterion: str = "fit",
+    split: float | None = None,
+    options: FitOptions | None = None,
+    detrend: str = "auto",
+    jobs: int = 1,
+) -> Identification:
+    """Choose orders and structures, fit and judge them: the whole of ``sysid fit``.
+
+    Args:
+        records: estimation data.
+        validation: never used to choose, only to judge.
+        structures: names; empty for the four linear ones.
+        orders: text, ranges such as ``"na=1:4 nb=1:4 nk=1"`` too; None to search.
+        criterion: what ranks: fit, aic, bic …
+        split: share of each record to fit on; the rest judges.
+        options: how to fit.
+        detrend: what is done about levels: auto, none, level, mean or linear.
+        jobs: processes.
+
+    Returns:
+        Judged models, the winner first (``assessments[0].model``), and why it is ahead.
+
+    Raises:
+        DataError: the data cannot serve.
+        UsageError: the request contradicts itself or the data.
+    """
+    request = Request(
+        structures=tuple(structures),
+        orders=orders,
+        options=options or FitOptions(),
+        detrend=detrend,
+        criterion=criterion,
+        split=split,
+        jobs=jobs,
+    )
+    return identify_request(_several(records), _several(validation), request)
+
+
+def compare(
+    models: Mapping[str, Model], records: Records, criterion: str = "fit", *, name: str = "the log"
+) -> "Ranking":
+    """Rank models on a log that none of them was fitted to.
+
+    Args:
+        models: by the name to be shown.
+        records: what judges; information criteria are of the data each model was fitted to, so
+            with these give the estimation data.
+        criterion: fit, rmse, aic, bic …
+        name: what the data are called in words.
+
+    Raises:
+        ModelError: no model can be compared on these records.
+        UsageError: the criterion is unknown.
+    """
+    from sysid.estimation.selection.comparison import Contender
+    from sysid.estimation.selection.comparison import compare as rank
+
+    held = _several(records)
+    contenders = [Contender(key, model, held, {}) for key, model in models.items()]
+    return rank(contenders, criterion, (held, name))
+
+
+def load_model(path: str | Path) -> Model:
+    """Read a model: a JSON file, one of a workspace, or the model of a plant package.
+
+    Raises:
+        ModelError: the file cannot be read as a model.
+    """
+    from sysid.plant.package import load_model as of_package
+
+    where = Path(path)
+    if where.is_dir() or where.suffix == ".zip" or where.name == "plant.json":
+        return of_package(where)
+    return Model.load(where)
+
+
+def simulate(mission: "Mission | str | Path", plant: "Plant | Model") -> "MissionResult":
+    """Drive a plant through a mission in closed loop.
+
+    Args:
+        mission: a mission, or the file that holds one.
+        plant: what drives; a plant that is no robot is wired as one (``mission.mapping``).
+
+    Raises:
+        DataError: the mission file cannot be read.
+        ModelError: the plant cannot drive it.
+    """
+    from sysid.mission.mapping import as_robot
+    from sysid.mission.simulator import simulate as drive
+    from sysid.mission.spec import Mission, load_mission
+
+    spec = mission if isinstance(mission, Mission) else load_mission(mission)
+    robot, _ = as_robot(plant.plant() if isinstance(plant, Model) else plant, spec)
+    return drive(spec, robot)
+
+
+def diagnose(
+    records: Records,
+    held: Records | None = None,
+    *,
+    model: Model | None = None,
+    mission: str | Path | None = None,
+    geometry: "Geometry | None" = None,
+    seed: int = 0,
+) -> "Diagnosis":
+    """Where a model and logs disagree, which effects are missing, and how far they close the gap.
+
+    Args:
+        records: logs that effects are searched on.
+        held: logs that judge; None holds out blocks of ``records``.
+        model: the model that disagrees; None fits the plainest base first.
+        mission: the mission that the logs drove.
+        geometry: the vehicle's lengths, where the log has a pose.
+        seed: of every bootstrap.
+
+    Raises:
+        DataError: the logs cannot serve.
+        ModelError: the model cannot be run on them.
+    """
+    from sysid.discrepancy.diagnose import diagnose as search
+
+    if mission is not None and not Path(mission).is_file():
+        raise UsageError(f"there is no mission file {mission}; give the path of one")
+    return search(
+        _several(records),
+        None if held is None else _several(held),
+        model=model,
+        mission=None if mission is None else Path(mission),
+        geometry=geometry,
+        seed=seed,
+    )

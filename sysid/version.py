@@ -1,0 +1,3 @@
+"""The version of the tool, which every file it writes names."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,120 @@
+"""``import sysid``: quick, complete, and the same answers as the modules below it."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import dlsim
+from sysid_datasets import path
+
+import sysid
+
+A, B = -0.8, 0.5
+
+
+def first_order(samples: int = 400, noise: float = 0.01) -> sysid.Record:
+    rng = np.random.default_rng(3)
+    u, y = rng.standard_normal((samples, 1)), np.zeros((samples, 1))
+    for t in range(1, samples):
+        y[t] = -A * y[t - 1] + B * u[t - 1]
+    y += noise * rng.standard_normal(y.shape)
+    return sysid.Record(
+        u, y, dt=0.1, inputs=(sysid.Channel("u", "V"),), outputs=(sysid.Channel("y", "rad/s"),)
+    )
+
+
+def oe(record: sysid.Record) -> sysid.Model:
+    return sysid.fit("oe", record, orders="nb=1 nf=1 nk=1", detrend="none")
+
+
+def test_importing_it_imports_no_library() -> None:
+    script = (
+        "import sys, sysid; sysid.__version__; dir(sysid)\n"
+        "print([m for m in ('numpy', 'scipy', 'pandas', 'jax') if m in sys.modules])"
+    )
+    found = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert found.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("name", sysid.__all__)
+def test_every_name_is_there(name: str) -> None:
+    assert getattr(sysid, name) is not None
+
+
+def test_an_unknown_name_is_refused() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'ftt'"):
+        sysid.ftt  # noqa: B018
+
+
+def test_a_fit_by_name_is_the_fit_of_the_structure() -> None:
+    record = first_order()
+    structure = sysid.structure("oe", record, {"nb": 1, "nf": 1, "nk": 1})
+    by_structure = sysid.fit(structure, [record], detrend="none")
+    np.testing.assert_array_equal(oe(record).theta, by_structure.theta)
+    # five standard errors of an output error model with noise .01 on 400 samples
+    np.testing.assert_allclose(oe(record).theta, [B, A], atol=5e-3)
+
+
+def test_orders_are_searched_where_none_are_given() -> None:
+    record = first_order()
+    assert sysid.fit("arx", record).structure.name == "arx"
+
+
+def test_what_a_linear_model_says_of_itself() -> None:
+    model = oe(first_order())
+    b, f = model.theta
+    np.testing.assert_allclose(model.poles(), [-f])
+    w, response = model.bode(np.array([0.0, 3.0]))
+    z = np.exp(1j * w * model.dt)
+    np.testing.assert_allclose(response[:, 0, 0], b / (z + f), rtol=1e-12)
+    t, y = model.step_response(50, size=2.0)
+    np.testing.assert_allclose(y[:, 0], 2.0 * b * (1 - (-f) ** np.arange(50)) / (1 + f), atol=1e-12)
+    assert t[1] == model.dt
+
+
+def test_the_state_space_of_others_runs_alike() -> None:
+    control = pytest.importorskip("control")
+    record = first_order()
+    model = oe(record)
+    ours = model.simulate(record.u)[:, 0]
+    np.testing.assert_allclose(dlsim(model.to_scipy(), record.u)[1][:, 0], ours, atol=1e-12)
+    theirs = control.forced_response(model.to_control(), inputs=record.u[:, 0]).outputs
+    np.testing.assert_allclose(np.squeeze(theirs), ours, atol=1e-12)
+
+
+def test_residuals_and_predictions_belong_together() -> None:
+    record = first_order()
+    model = oe(record)
+    errors, predicted = model.residuals(record), model.predict(record)
+    # how either begins is its own affair; after 100 samples 0.8^100 = 2e-10 of it is left
+    np.testing.assert_allclose((record.y - predicted)[100:], errors[100:], atol=1e-9)
+
+
+def test_a_nonlinear_model_has_no_poles() -> None:
+    record = first_order(200)
+    model = sysid.fit(
+        "narmax",
+        record,
+        options=sysid.FitOptions(structure_options={"terms": "y1(t-1), u1(t-1)"}),
+        orders="na=1 nb=1 nk=1",
+    )
+    with pytest.raises(sysid.ModelError, match="narmax is not linear and has no poles"):
+        model.poles()
+
+
+def test_from_a_log_to_a_mission(tmp_path: Path) -> None:
+    record = sysid.read_log(path("prbs.csv"))
+    assert all(finding.text for finding in sysid.inspect(record))
+    found = sysid.identify(record, structures=["arx"], orders="na=1 nb=1 nk=1")
+    model = found.assessments[0].model
+    model.save(tmp_path / "m.json")
+    assert sysid.load_model(tmp_path / "m.json").to_json() == model.to_json()
+    package = sysid.write_package(model, tmp_path / "plant")
+    np.testing.assert_array_equal(sysid.load_model(package).theta, model.theta)
+    other = sysid.read_log(path("prbs_val.csv"))
+    ranking = sysid.compare({"arx": model, "again": model}, other)
+    assert ranking.best.contender.id in ("arx", "again")
+    result = sysid.simulate(sysid.Mission(goal=(1.0, 0.0)), sysid.load_plant(package))
+    assert result.summary() == sysid.simulate(sysid.Mission(goal=(1.0, 0.0)), model).summary()
