@@ -35,7 +35,9 @@ def _asked(names: Sequence[str], record: Record, patch: pytest.MonkeyPatch) -> d
     def searched(name: str, grid: Sequence[Mapping[str, Any]], *_: Any, **__: Any) -> OrderSearch:
         # what a search within a structure brings back: orders that nobody asked for
         found = [dict(o) | dict.fromkeys(structure_class(name).order_names, 1) for o in grid]
-        return OrderSearch(name, "fit", tuple(Candidate(o, 2, 0.1, 0.1) for o in found), 0.02)
+        return OrderSearch(
+            name, "fit", tuple(Candidate(o, 2, 0.1, 0.1) for o in found), 0.02, (100, 1)
+        )
 
     def fitted(structure: Structure, *_: Any, **__: Any) -> Model:
         seen[structure.name] = structure

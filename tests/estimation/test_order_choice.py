@@ -93,9 +93,26 @@ def test_the_smallest_of_those_that_tie_leads() -> None:
     poor = Candidate({"na": 0}, 1, 0.200, 0.200)
     unstable = Candidate({"na": 9}, 1, 0.001, 0.001, stable=False)
     found = [large, small, poor, unstable]
-    assert ranked(found, "fit", 0.05) == (small, large, poor, unstable)
-    assert ranked(found, "fit", 0.01) == (large, small, poor, unstable)
-    assert ranked(found, "aic", 0.05) == (large, small, poor, unstable)
+    assert ranked(found, "fit", 0.05, (100, 1)) == (small, large, poor, unstable)
+    assert ranked(found, "fit", 0.01, (100, 1)) == (large, small, poor, unstable)
+    assert ranked(found, "aic", 0.05, (100, 1)) == (large, small, poor, unstable)
+
+
+@pytest.mark.parametrize("criterion", ["fit", "aic", "bic", "fpe"])
+def test_a_settled_model_that_ties_goes_before_one_that_drifts(criterion: str) -> None:
+    """An error 1 % larger is 2 N ln 1.01 in AIC and BIC, and 1.01² in FPE."""
+    n = 500
+
+    def scored(error: float) -> float:
+        if criterion == "fit":
+            return error
+        return error**2 if criterion == "fpe" else 2.0 * n * np.log(error)
+
+    drifts = Candidate({"na": 3}, 4, scored(0.100), 0.1, settled=False)
+    close = Candidate({"na": 2}, 4, scored(0.101), 0.101)
+    far = Candidate({"na": 1}, 4, scored(0.110), 0.110)
+    assert ranked([drifts, close, far], criterion, 0.02, (n, 1)) == (close, drifts, far)
+    assert ranked([drifts, far], criterion, 0.02, (n, 1)) == (drifts, far)
 
 
 def test_the_free_run_goes_through_the_whole_record() -> None:

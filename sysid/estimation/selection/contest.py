@@ -346,7 +346,8 @@ def _collect(
     if name in found:
         before, spent = found[name]
         both = (*before.candidates, *search.candidates)
-        search = replace(search, candidates=ranked(both, search.criterion, search.margin))
+        order = ranked(both, search.criterion, search.margin, search.equations)
+        search = replace(search, candidates=order)
         seconds += spent
     found[name] = (search, seconds)
 

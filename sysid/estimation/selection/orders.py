@@ -14,7 +14,7 @@ from sysid.errors import DataError, ModelError
 from sysid.estimation.pem import fit_prepared, head_window
 from sysid.estimation.robust_fit import bounded_errors, outliers_of
 from sysid.estimation.selection.soundness import bounded_run as bounded_run
-from sysid.estimation.selection.soundness import motion_doubts
+from sysid.estimation.selection.soundness import motion_doubts, relative_gap
 from sysid.fitting.holdout import HoldOut, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
@@ -72,12 +72,14 @@ class OrderSearch:
         criterion: what ranked.
         candidates: all orders that could be fitted.
         margin: fraction by which a held-out error may exceed the best one and still tie with it.
+        equations: samples and outputs of the records that were fitted.
     """
 
     structure: str
     criterion: str
     candidates: tuple[Candidate, ...]
     margin: float
+    equations: tuple[int, int]
 
     @property
     def best(self) -> Candidate:
@@ -135,18 +137,30 @@ def search_orders(
             "record more data or give --orders"
         )
     margin = tie_margin(data.held)
-    return OrderSearch(name, criterion, ranked(found, criterion, margin), margin)
+    equations = (sum(len(r) for r in data.train), ny)
+    order = ranked(found, criterion, margin, equations)
+    return OrderSearch(name, criterion, order, margin, equations)
 
 
-def ranked(found: Sequence[Candidate], criterion: str, margin: float) -> tuple[Candidate, ...]:
-    """Best first; on held-out error the smallest model within ``margin`` of the best leads."""
+def ranked(
+    found: Sequence[Candidate], criterion: str, margin: float, equations: tuple[int, int]
+) -> tuple[Candidate, ...]:
+    """Best first; a settled model goes before others whose errors are within ``margin`` of its own.
+
+    On held-out error the smallest of those leads; an information criterion weighs size itself.
+    """
     ordered = sorted(found, key=lambda c: (not c.stable, c.score, c.n, orders_text(c.orders)))
-    if table.criterion(criterion).of_free_run:
-        limit = (1.0 + margin) * ordered[0].score
-        close = [c for c in ordered if c.score <= limit and c.stable == ordered[0].stable]
-        lead = min(close, key=lambda c: (not c.settled, c.n, c.score, orders_text(c.orders)))
-        ordered = [lead, *(c for c in ordered if c is not lead)]
-    return tuple(ordered)
+    ranks, best = table.criterion(criterion), ordered[0]
+
+    def exceeds(c: Candidate) -> float:
+        if ranks.of_free_run:
+            return c.score / best.score - 1.0 if best.score else float(c.score > 0.0)
+        return relative_gap(criterion, ranks.cost(c.score), ranks.cost(best.score), *equations)
+
+    close = [c for c in ordered if c.stable == best.stable and exceeds(c) <= margin]
+    size = {id(c): c.n if ranks.of_free_run else 0 for c in close}
+    lead = min(close, key=lambda c: (not c.settled, size[id(c)], c.score, orders_text(c.orders)))
+    return (lead, *(c for c in ordered if c is not lead))
 
 
 def searching(options: FitOptions) -> FitOptions:
