@@ -23,6 +23,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from sysid.errors import DataError, UsageError
+from sysid.extensions import loaded, points, unusable
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -253,26 +254,15 @@ def weighed(loss: Loss) -> dict[str, float]:
 @cache
 def _others() -> "Mapping[str, EntryPoint]":
     """Entry points of other packages; those that come with the workbench cannot be replaced."""
-    from importlib.metadata import entry_points  # needed by few commands, named in the help of all
-
-    found = {p.name.lower(): p for p in entry_points(group=GROUP)}
+    found = {name.lower(): point for name, point in points(GROUP).items()}
     return {name: point for name, point in found.items() if name not in BUILT_IN}
 
 
 @cache
 def _loaded(name: str) -> Criterion:
-    point = _others()[name]
-    package = point.dist.name if point.dist else point.value
-    try:
-        found = point.load()
-    except Exception as error:
-        raise UsageError(
-            f"the criterion {name!r} of the package {package} cannot be imported ({error}); mend "
-            "or uninstall that package"
-        ) from None
+    found = loaded(_others()[name], "criterion")
     if not isinstance(found, Criterion) or found.value is None:
-        raise UsageError(
-            f"the criterion {name!r} of the package {package} is not a Criterion with a function "
-            "of the loss; mend or uninstall that package"
+        raise unusable(
+            _others()[name], "criterion", "is not a Criterion with a function of the loss"
         )
     return found

@@ -1,11 +1,11 @@
 """The catalogue: every known effect by id, in the order in which the chain applies them."""
 
 from functools import cache
-from importlib.metadata import entry_points
 
 from sysid.effects import actuator, motor, sensor, vehicle
 from sysid.effects.base import Effect, Place
 from sysid.errors import UsageError
+from sysid.extensions import loaded, points
 
 CHANGED = Effect(
     "changed-parameter",
@@ -35,8 +35,8 @@ def catalogue() -> dict[str, Effect]:
     """
     found = {e.id: e for e in (*actuator.EFFECTS, *motor.EFFECTS, *sensor.EFFECTS)}
     found |= {e.id: e for e in vehicle.EFFECTS}
-    for point in entry_points(group="sysid.effects"):
-        effect: Effect = point.load()
+    for point in points("sysid.effects").values():
+        effect: Effect = loaded(point, "effect")
         found.setdefault(effect.id, effect)
     return found
 

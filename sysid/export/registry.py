@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 from importlib import import_module
-from importlib.metadata import entry_points
 
-from sysid.errors import ModelError, UsageError
+from sysid.errors import UsageError
 from sysid.export.base import Exporter
+from sysid.extensions import loaded, points, unusable
 
 GROUP = "sysid.exporters"
 """The entry-point group in which other packages name a class of theirs."""
@@ -19,30 +19,26 @@ DEFAULT = ("json", "c")
 
 def names() -> tuple[str, ...]:
     """Every format that can be asked for, the built-in ones first; nothing is imported."""
-    return tuple(dict.fromkeys((*BUILT_IN, *(p.name for p in entry_points(group=GROUP)))))
+    return tuple(dict.fromkeys((*BUILT_IN, *points(GROUP))))
 
 
 def exporter(name: str) -> Exporter:
     """The exporter of a format.
 
     Raises:
-        UsageError: there is none of that name.
-        ModelError: it belongs to another package and cannot be imported.
+        UsageError: there is none of that name, or its package cannot be used.
     """
     if name in BUILT_IN:
         module, built_in = BUILT_IN[name].split(":")
         found: Exporter = getattr(import_module(f"sysid.export.{module}"), built_in)()
         return found
-    point = next(iter(entry_points(group=GROUP, name=name)), None)
-    if point is None:
+    if name not in points(GROUP):
         raise UsageError(f"there is no format {name!r}; choose from {', '.join(names())}")
-    try:
-        other: Exporter = point.load()()
-    except (ImportError, AttributeError, TypeError) as error:
-        raise ModelError(
-            f"the format {name} cannot be used: {point.value} cannot be imported ({error}); "
-            "mend or remove the package that registers it"
-        ) from None
+    point = points(GROUP)[name]
+    cls = loaded(point, "format")
+    if not (isinstance(cls, type) and issubclass(cls, Exporter)):
+        raise unusable(point, "format", "is no Exporter")
+    other: Exporter = cls()
     return other
 
 

@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from pydantic import BaseModel
 from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError
 
+from sysid.errors import UsageError
+from sysid.extensions import loaded, points, unusable
 from sysid.mission.contracts import Controller, Guidance, Motion, Navigation
 from sysid.mission.yaml_source import shown
 
@@ -33,7 +34,7 @@ BUILT_IN = {
 
 def kinds(role: str) -> tuple[str, ...]:
     """The kinds of a role, the default first."""
-    names = [*BUILT_IN, *(p.name for p in entry_points(group=GROUP))]
+    names = [*BUILT_IN, *points(GROUP)]
     of_role = [n.removeprefix(f"{role}.") for n in names if n.startswith(f"{role}.")]
     return tuple(dict.fromkeys(of_role))
 
@@ -42,37 +43,23 @@ def law_class(role: str, kind: str) -> type[BaseModel]:
     """The class of a law.
 
     Raises:
-        ValueError: no law is called so, or what is called so is none; one sentence.
+        UsageError: no law is called so, or what is called so is none.
     """
     place = BUILT_IN.get(f"{role}.{kind}")
     if place is not None:
         module, name = place.split(":")
         built_in: type[BaseModel] = getattr(import_module(f"sysid.mission.{module}"), name)
         return built_in
-    for point in entry_points(group=GROUP, name=f"{role}.{kind}"):
-        return _loaded(role, point)
-    raise ValueError(f"unknown kind {kind!r} of {role}: the kinds are {', '.join(kinds(role))}")
-
-
-def _loaded(role: str, point: EntryPoint) -> type[BaseModel]:
-    package = point.dist.name if point.dist is not None else point.module
-    try:
-        found = point.load()
-    except (ImportError, AttributeError) as error:
-        raise ValueError(
-            f"{point.name} of the package {package} cannot be loaded ({error}): install it again"
-        ) from None
+    point = points(GROUP).get(f"{role}.{kind}")
+    if point is None:
+        raise UsageError(f"unknown kind {kind!r} of {role}: the kinds are {', '.join(kinds(role))}")
+    found = loaded(point, "law")
     if not (isinstance(found, type) and issubclass(found, BaseModel)):
-        raise ValueError(
-            f"{point.name} of the package {package} is no law of {role}: it is no pydantic model"
-        )
+        raise unusable(point, "law", "is no pydantic model")
     has = {*dir(found), *found.model_fields}
     missing = [n for n in dir(ROLES[role]) if not n.startswith("_") and n not in has]
     if missing:
-        raise ValueError(
-            f"{point.name} of the package {package} is no law of {role}: it has no "
-            f"{', '.join(missing)}"
-        )
+        raise unusable(point, "law", f"has no {', '.join(missing)}")
     return found
 
 
@@ -102,7 +89,7 @@ def law(role: str, section: Any) -> Any:
         )
     try:
         cls = law_class(role, kind)
-    except ValueError as error:
+    except UsageError as error:
         raise _at_kind(str(error)) from None
     return cls.model_validate({k: v for k, v in section.items() if k != "kind"})
 

@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.metadata import entry_points
 from typing import Any, ClassVar
 
 from sysid.data.schema import STORED, checked
 from sysid.errors import ModelError, UsageError
+from sysid.extensions import loaded, points
 from sysid.structures.base import Structure
 
 BUILT_IN = {
@@ -43,8 +43,9 @@ def structure_classes() -> dict[str, type[Structure]]:
     Other packages register a class under the entry-point group ``sysid.structures``.
     """
     classes = {name: _load(place) for name, place in BUILT_IN.items()}
-    for point in entry_points(group="sysid.structures"):
-        classes.setdefault(point.name, point.load())
+    for name, point in points("sysid.structures").items():
+        if name not in classes:
+            classes[name] = loaded(point, "structure")
     return classes
 
 

@@ -39,6 +39,8 @@ class Table(Exporter):
 class _Point:
     """An entry point, as importlib.metadata gives it."""
 
+    dist = None
+
     def __init__(self, name: str, made: Any) -> None:
         self.name, self.value, self.made = name, f"theirs:{name}", made
 
@@ -51,12 +53,8 @@ class _Point:
 @pytest.fixture(autouse=True)
 def others(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two formats of other packages, one of them broken."""
-    points = [_Point("table", Table), _Point("broken", ImportError("No module named 'fmu'"))]
-    monkeypatch.setattr(
-        registry,
-        "entry_points",
-        lambda group, name=None: [p for p in points if name in (None, p.name)],
-    )
+    found = [_Point("table", Table), _Point("broken", ImportError("No module named 'fmu'"))]
+    monkeypatch.setattr(registry, "points", lambda group: {p.name: p for p in found})
 
 
 def test_every_format_of_the_package_loads_and_is_called_what_it_calls_itself() -> None:
@@ -75,7 +73,7 @@ def test_every_format_of_the_package_loads_and_is_called_what_it_calls_itself() 
         ([" "], UsageError, "no format is named; choose from json, c, table, broken"),
         (
             ["json", "broken"],
-            ModelError,
+            UsageError,
             "theirs:broken cannot be imported (No module",
         ),
     ],

@@ -179,9 +179,9 @@ def broken_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("kind", "words"),
     [
-        ("gone", "control.gone of the package broken-laws cannot be loaded"),
-        ("number", "control.number of the package broken-laws is no law of control: it is no"),
-        ("bare", "control.bare of the package broken-laws is no law of control: it has no step"),
+        ("gone", "the law 'control.gone' of the package broken-laws cannot be imported"),
+        ("number", "the law 'control.number' of the package broken-laws is no pydantic model"),
+        ("bare", "the law 'control.bare' of the package broken-laws has no step"),
     ],
 )
 @pytest.mark.usefixtures("broken_package")
