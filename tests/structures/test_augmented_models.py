@@ -57,6 +57,25 @@ def test_runs_side_by_side_are_the_runs_one_by_one(effect: str) -> None:
         assert np.allclose(run_, alone, rtol=1e-9, atol=1e-9)
 
 
+def test_a_combination_that_no_log_tells_is_named_and_has_no_error(tmp_path: Path) -> None:
+    record = read_logs([dead_zone_log(tmp_path / "log.csv")], ReadOptions())[0]
+    s = Augmented(1, 1, (20000.0, 20000.0), 0.05, ("dead-zone",))
+    # commands that stand or lie far beyond every edge: only width less jump is told
+    drive = np.where(np.abs(record.u) > 8000.0, 12000.0 * np.sign(record.u), 0.0)
+    # hardly more than rounding, which is enough for slopes that are not singular
+    drive += 0.1 * np.random.default_rng(2).standard_normal(drive.shape) * (drive != 0.0)
+    edges = np.array([0.2, 0.2, 0.05] * 1)
+    theta = np.array([20.0, -0.85, 18.0, -0.85, *edges, *edges])
+    y = s.simulate(theta, drive)
+    y = y + 0.05 * np.random.default_rng(3).standard_normal(y.shape)
+    log = replace(record, u=drive, y=y, sha256="two-levels")
+    model = fit(s, [log], FitOptions(), warm=[("near", theta * 1.02)])
+    errors = {p.name: p.std_error for p in model.parameter_table()}
+    for name, error in errors.items():
+        row = theta[list(errors).index(name)]
+        assert not np.isfinite(error) or error < 3.0 * max(abs(row), 0.8), (name, error)
+
+
 def test_a_refit_from_elsewhere_finds_the_truth_again(tmp_path: Path) -> None:
     """Dead zone .2, gains 20 and 18, pole .85: from values 2–10 % off, within three errors."""
     records = read_logs([dead_zone_log(tmp_path / "log.csv")], ReadOptions())

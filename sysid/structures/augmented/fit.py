@@ -3,10 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from sysid.data.record import Record
+import numpy as np
+
+from sysid.data.record import Array, Record
 from sysid.errors import ModelError
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter
+from sysid.fitting.uncertainty import with_infinite
 from sysid.structures.base import Structure
 from sysid.structures.outcome import FitOutcome, Warm
 from sysid.structures.search import by_search
@@ -16,6 +19,13 @@ EVALUATIONS = 40
 
 TOLERANCE = 1e-6
 """Usual tolerance: slopes by differences of runs that jump at edges tell no more."""
+
+UNKNOWN = 3.0
+"""A combination of parameters with a standard error beyond so many times its size (what its bounds
+allow, else its value) is not determined: such errors say how flat the slopes are, and no more."""
+
+TAKES_PART = 0.1
+"""Least weight of a parameter in such a combination."""
 
 
 def fit(
@@ -40,4 +50,26 @@ def fit(
         max_evaluations=options.limit(EVALUATIONS),
         tolerance=options.precision(TOLERANCE),
     )
-    return by_search(structure, records, own, parameters, warm)
+    found = by_search(structure, records, own, parameters, warm)
+    more = _undetermined(found)
+    if not more.size:
+        return found
+    return replace(
+        found,
+        covariance=with_infinite(found.covariance, more),
+        null=np.column_stack([found.null, more]),
+    )
+
+
+def _undetermined(found: FitOutcome) -> Array:
+    """Combinations of parameters known worse than ``UNKNOWN`` times their sizes, (n, k)."""
+    room = np.array([p.upper - p.lower for p in found.parameters])
+    size = np.where(np.isfinite(room), room, np.abs(found.theta))
+    variance = np.diag(found.covariance)
+    at = np.flatnonzero(np.isfinite(variance) & (variance > 0.0) & (size > 0.0))
+    scale = size[at]
+    values, vectors = np.linalg.eigh(found.covariance[np.ix_(at, at)] / np.outer(scale, scale))
+    open_ = values > UNKNOWN**2
+    directions = np.zeros((len(found.theta), int(np.sum(open_))))
+    directions[at] = np.where(np.abs(vectors[:, open_]) > TAKES_PART, vectors[:, open_], 0.0)
+    return directions
