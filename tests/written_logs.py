@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -267,3 +268,10 @@ def robot_drive(rows: int = 600, seed: int = 2) -> dict[str, np.ndarray]:
     psi = np.cumsum(rate * STEP)
     x, y = np.cumsum(v * np.cos(psi) * STEP), np.cumsum(v * np.sin(psi) * STEP)
     return {"pwm": pwm, "omega": omega, "x": x, "y": y, "psi": psi}
+
+
+def put(folder: Path, text: str, name: str = "log.csv") -> Path:
+    """A log with this text."""
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path

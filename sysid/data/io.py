@@ -284,13 +284,11 @@ def _reading_notes(
         for name, how in table.switches(signals).items()
     ]
     if choice.rule == "last":
-        last = (
-            choice.outputs[0]
-            if meaning(choice.outputs[0]).quantity == "other"
-            else choice.inputs[0]
-        )
-        side = "output" if last in choice.outputs else "input"
-        notes.append(f"{table.where}: {last} was taken for the {side}: no other column is left.")
+        is_output = meaning(choice.outputs[0]).quantity == "other"
+        last = choice.outputs if is_output else choice.inputs
+        side = "output" if is_output else "input"
+        was = f"was taken for the {side}" if len(last) == 1 else f"were taken for the {side}s"
+        notes.append(f"{table.where}: {', '.join(last)} {was}: no other column is left.")
     if led:
         notes.append(
             f"{table.where}: {', '.join(led)} only serve{'s' * (len(led) == 1)} to see whether a "

@@ -49,7 +49,7 @@ class Choice:
         unit: unit of the time column [s]; None when it only counts samples.
         ignored: the other columns.
         rule: how inputs and outputs were found: "option", "robot", "prefix" or "last", where the
-            only column left was taken.
+            only column left was taken, or the only ones, which a number tells apart.
         clock: the time column with how it was found, or None.
         alike: columns that look like parts of a pose but are none here, and why.
     """
@@ -203,7 +203,14 @@ def _signals(
     if bool(found_u) != bool(found_y) and len(rest) == 1 and len(left) == 1:
         last = (rest[0],)
         return found_u or last, found_y or last, "last"
+    if found_u and not found_y and rest and len(rest) == len(left) and _numbered(rest):
+        return found_u, tuple(rest), "last"  # zone_1, zone_2 beside heater_1, heater_2
     return found_u, found_y, "prefix"
+
+
+def _numbered(names: Sequence[str]) -> bool:
+    """Whether only a number tells the names apart."""
+    return len({re.sub(r"\d+", "", n) for n in names}) == 1
 
 
 def _one_drive(left: Mapping[str, Meaning], found_y: Sequence[str]) -> tuple[str, ...]:
