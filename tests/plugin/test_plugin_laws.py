@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import robot_log, run
-from conftest import Installed
+from example_package import EXAMPLE, Installed
 from mission_cases import check_law
 
 LAWS = {
@@ -37,7 +37,7 @@ def test_a_mission_is_flown_by_laws_of_another_package(
         ("export", "--format", "json"),
     ):
         assert run(capsys, *command).code == 0
-    mission = Path(__file__).resolve().parents[2] / "examples" / "plugin" / "mission.yaml"
+    mission = EXAMPLE / "mission.yaml"
 
     here = run(capsys, "simulate", mission)
     assert here.code == 1
