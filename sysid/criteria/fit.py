@@ -1,4 +1,4 @@
-"""How close a model's output is to the measured one: fit percent, RRSE, RMSE, MAE, covariance.
+"""How close a model's output is to the measured one: fit percent, RRSE, RMSE.
 
 Every function takes one record (an array, time first) or several (a list or tuple of arrays) and
 pools them: sums run over all records, and the mean ȳ that a fit is measured against is each
@@ -80,32 +80,6 @@ def rmse(y: Signals, y_hat: Signals, skip: int = 0) -> Array:
     count = sum(len(m) for m, _ in pairs)
     total = _norm([m - p for m, p in pairs], pairs[0][0].shape[1])
     return total / np.sqrt(count) if count else np.full_like(total, np.nan)
-
-
-def mae(y: Signals, y_hat: Signals, skip: int = 0) -> Array:
-    """Mean absolute error of each output, Σ|y − ŷ|/N, in the output's unit.
-
-    Arguments and errors as in :func:`fit_percent`; NaN when no sample is left.
-    """
-    errors = np.concatenate([m - p for m, p in _predicted(y, y_hat, skip)])
-    if not len(errors):
-        return np.full(errors.shape[1], np.nan)
-    return np.asarray(np.abs(errors).mean(axis=0))
-
-
-def loss_covariance(errors: Signals) -> Array:
-    """Error covariance EᵀE / N (no mean removed), (ny, ny); its determinant is the loss V.
-
-    Args:
-        errors: prediction errors ε = y − ŷ, (N, ny) or one such array a record; rows with a NaN
-            are left out.
-
-    Raises:
-        DataError: no complete row is left.
-    """
-    kept = complete_rows(errors)
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.asarray(kept.T @ kept / len(kept))
 
 
 def complete_rows(errors: Signals) -> Array:

@@ -26,20 +26,6 @@ FAINT = 0.2
 """Below this even a whole schedule hardly tells them apart."""
 
 
-def experiment_for(id: str, record: Record, scales: Array) -> Experiment:
-    """The schedule that would show one effect.
-
-    Args:
-        id: in the catalogue.
-        record: the log; its command range, sample time and channel names are kept to.
-        scales: full drive of each input.
-    """
-    known = catalogue().get(id)
-    text = known.experiment if known is not None else _SAMPLES.get(id, "")
-    purpose = f"To see whether there is any {id}: {_lower(text)}"
-    return _written(purpose, (id,), programme(programmes_of(id)[0]), record, scales)
-
-
 def experiment_between(
     search: NamingSearch,
     tied: Mapping[str, Node],
@@ -174,11 +160,8 @@ def _words(name: str, record: Record) -> str:
     return _WORDS[name]
 
 
-_SAMPLES = {
-    "quantisation": "Hold several slow speeds and look at the readings' digits.",
-    "held-telemetry": "Let the drive send every reading, or log only when one arrives.",
-    "dropouts": "Drive fast and steadily and look for readings that jump to zero or repeat.",
-}
+_SAMPLES = ("quantisation", "held-telemetry", "dropouts")
+"""What the samples themselves show, beside the effects of the catalogue."""
 
 _WORDS = {
     "staircase": "climb a slow staircase through zero in both directions, both sides in turn.",

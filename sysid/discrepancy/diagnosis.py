@@ -17,8 +17,6 @@ OF_THE_LOG = {
 }
 """What the samples themselves show: a matter of sensor and log, that no model lacks."""
 
-VERDICTS = ("effects-found", "no-missing-effect", "unexplained")
-
 
 @dataclass(frozen=True)
 class Value:
@@ -205,7 +203,7 @@ class Diagnosis:
     """Where a model and a log disagree, what is missing, and the proof.
 
     Attributes:
-        verdict: one of ``VERDICTS``.
+        verdict: ``effects-found``, ``no-missing-effect`` or ``unexplained``.
         story: why this verdict, in a sentence.
         base_words: what the model before is, in words.
         effects: accepted effects, in order of acceptance.

@@ -45,11 +45,10 @@ FEWEST_SHARE = 0.002
 
 @dataclass(frozen=True)
 class Coarse:
-    """Quantisation of one output: step in its unit, and the step over the noise."""
+    """Quantisation of one output: its step, in its unit."""
 
     output: str
     step: float
-    over_noise: float
 
     @property
     def sentence(self) -> str:
@@ -171,7 +170,7 @@ def inspect_samples(records: Sequence[Record]) -> SampleEffects:
             noise = max(reading_noise(fresh_only), step / np.sqrt(12.0))
             size = float(np.quantile(np.abs(kept), 0.95)) or 1.0
             if step >= COARSE * noise and step >= VISIBLE * size:
-                coarse.append(Coarse(name, step, step / noise))
+                coarse.append(Coarse(name, step))
     return SampleEffects(tuple(coarse), tuple(lost), tuple(weights), tuple(held))
 
 

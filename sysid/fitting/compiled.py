@@ -27,11 +27,6 @@ def jax_module() -> Any:
     return jax
 
 
-def jax_numpy() -> Any:
-    """``jax.numpy``, configured as ``jax_module`` says."""
-    return jax_module().numpy
-
-
 def compiled(function: Any) -> Any:
     """``jax.jit`` of a function that is a long chain of elementwise steps on small arrays.
 

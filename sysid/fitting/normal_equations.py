@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dgeqrf
 
-from sysid.data.record import Array, Index, Record
+from sysid.data.record import Array, Record
 
 CONDITION_LIMIT = 1e8
 """Condition limit of the scaled Gram matrix; beyond it more than half of the digits are gone
@@ -213,10 +213,3 @@ def residual_row(
     for s, lag, c in terms:
         e -= c * signals[s][start - lag : n - lag]
     return e
-
-
-def positions(null: Array, tolerance: float = 1e-3) -> Index:
-    """Entries that take part in at least one direction without information."""
-    if null.size == 0:
-        return np.zeros(0, dtype=np.intp)
-    return np.flatnonzero(np.max(np.abs(null), axis=1) > tolerance)

@@ -24,9 +24,6 @@ from sysid.estimation.assessment.figures import Figures
 CLEAR = 0.01
 """Residual tests are called failed below this p-value."""
 
-MOVED = 4.0
-"""A parameter has moved when it left its old value by so many standard errors."""
-
 
 @dataclass(frozen=True)
 class ChannelLine:

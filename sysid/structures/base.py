@@ -79,11 +79,6 @@ class Structure(ABC):
         """Orders worth trying on a log when the user gives none, the smallest first."""
         return ()
 
-    @classmethod
-    def applies(cls, record: Record) -> bool:
-        """Whether the structure can mean anything for such a record."""
-        return True
-
     @abstractmethod
     def order_values(self) -> dict[str, Any]:
         """Orders in their shortest form, as ``from_orders`` reads them."""

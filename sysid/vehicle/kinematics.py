@@ -65,22 +65,6 @@ def wheel_speeds(forward: Real, yaw_rate: Real, geometry: Geometry) -> tuple[Rea
     return (forward - sideways) / geometry.r, (forward + sideways) / geometry.r
 
 
-def inertial_velocity(
-    psi: Real, vx: Real, yaw_rate: Real, vy: Real = 0.0, xp: Any = np
-) -> tuple[Real, Real, Real]:
-    """Return (V_X, V_Y, ψ̇) in the inertial frame: ξⁱ = R(ψ) ξᵇ (thesis 2.10, 2.11; 2.14 at Vy = 0).
-
-    Args:
-        psi: yaw [rad].
-        vx: forward speed in the body frame [m/s].
-        yaw_rate: ψ̇ [rad/s], the same in both frames.
-        vy: leftward speed in the body frame [m/s]; tracks without side slip have none.
-        xp: array namespace with ``cos`` and ``sin``.
-    """
-    c, s = xp.cos(psi), xp.sin(psi)
-    return c * vx - s * vy, s * vx + c * vy, yaw_rate
-
-
 def step_pose(
     x: Real, y: Real, psi: Real, forward: Real, yaw_rate: Real, dt: Real, xp: Any = np
 ) -> tuple[Real, Real, Real]:

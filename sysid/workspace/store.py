@@ -189,11 +189,6 @@ class Workspace:
             state[key] = {"value": documents.plain(value), "order": latest + 1}
             self._write("state.json", state)
 
-    def recall(self, key: str) -> Any:
-        """What was remembered under a name, or None."""
-        entry = self._state().get(key)
-        return None if entry is None else entry["value"]
-
     def chosen(self, id: str | None) -> StoredModel:
         """The model a command works on when the user does not say which.
 

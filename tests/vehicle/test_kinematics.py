@@ -12,7 +12,6 @@ from sysid.vehicle.kinematics import (
     Geometry,
     angular_velocity,
     body_velocity,
-    inertial_velocity,
     point_acceleration,
     point_velocity,
     rotation,
@@ -84,8 +83,8 @@ def test_an_arc_is_the_limit_of_small_euler_steps(
     x, y, heading = 0.3, -0.2, psi
     n = 2000
     for _ in range(n):
-        vx, vy, rate = inertial_velocity(heading, forward, yaw_rate, xp=math)
-        x, y, heading = x + vx * dt / n, y + vy * dt / n, heading + rate * dt / n
+        vx, vy = forward * math.cos(heading), forward * math.sin(heading)  # (2.14)
+        x, y, heading = x + vx * dt / n, y + vy * dt / n, heading + yaw_rate * dt / n
     exact = step_pose(0.3, -0.2, psi, forward, yaw_rate, dt, xp=math)
     # Euler's error is at most ½·|V ψ̇|·dt²/n ≤ ½·3·4/2000.
     assert exact[:2] == pytest.approx((x, y), abs=3.1e-3)
@@ -136,11 +135,6 @@ def test_simple_rotations_turn_the_axes_the_right_way() -> None:
     np.testing.assert_allclose(rotation_z(quarter) @ x, y, atol=ROUNDING)
     np.testing.assert_allclose(rotation_x(quarter) @ y, z, atol=ROUNDING)
     np.testing.assert_allclose(rotation_y(quarter) @ z, x, atol=ROUNDING)
-
-
-def test_the_planar_case_of_the_rotation_is_the_inertial_velocity() -> None:
-    vx, vy, rate = inertial_velocity(0.7, 0.3, 0.2, vy=0.1)
-    np.testing.assert_allclose(rotation_z(0.7) @ [0.3, 0.1, 0.2], [vx, vy, rate], atol=ROUNDING)
 
 
 def test_angular_velocity_is_the_rate_of_the_rotation_matrix() -> None:

@@ -8,7 +8,6 @@ import numpy as np
 
 from sysid.data.column_words import meaning, words
 from sysid.data.record import Array
-from sysid.errors import DataError
 
 TIME_COLUMNS: dict[str, float] = {
     "t": 1.0,
@@ -272,11 +271,3 @@ def _steady(column: Array) -> bool:
     d = np.diff(column)
     usual = float(np.median(d))
     return float(np.mean(np.abs(d / usual - 1.0) <= 0.5)) >= STEADY
-
-
-def numbers_or_none(read: Callable[[str], Array], name: str) -> Array | None:
-    """The numbers of a column, None where it does not hold numbers."""
-    try:
-        return read(name)
-    except DataError:
-        return None

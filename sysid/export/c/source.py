@@ -43,11 +43,6 @@ WRITERS: tuple[tuple[type[Structure], Callable[[Model], CBody]], ...] = (
 """What writes each family of structures."""
 
 
-def has_c_code(structure: Structure) -> bool:
-    """Whether there is a writer for a structure's family."""
-    return any(isinstance(structure, family) for family, _ in WRITERS)
-
-
 def why_no_c_code(model: Model) -> str:
     """Why a model cannot be written as C, as a sentence; empty where it can."""
     try:

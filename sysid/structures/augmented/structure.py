@@ -91,11 +91,6 @@ class Augmented(Structure):
         refuse_options(cls.name, options, ())
         raise UsageError("augmented models are made by sysid diagnose, not by sysid fit")
 
-    @classmethod
-    def applies(cls, record: Record) -> bool:
-        """Never fitted without being asked for."""
-        return False
-
     def order_values(self) -> dict[str, Any]:
         """{n, nk}."""
         return {"n": self.order, "nk": self.delay}

@@ -46,11 +46,6 @@ class Tanks(GreyBox):
             )
         return {}
 
-    @classmethod
-    def applies(cls, record: Record) -> bool:
-        """Only where it is asked for."""
-        return False
-
     @property
     def constants(self) -> tuple[Constant, ...]:
         """Flows per second, outlets and limits."""

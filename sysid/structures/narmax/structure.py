@@ -149,11 +149,6 @@ class NARMAX(Structure):
             return ({"na": largest, "nb": largest + 1, "nk": 0},)
         return ({"na": largest, "nb": largest, "nk": delay},)
 
-    @classmethod
-    def applies(cls, record: Record) -> bool:
-        """Where there is an input."""
-        return record.nu > 0
-
     def order_values(self) -> dict[str, Any]:
         """Orders in their shortest form."""
         return {name: self.orders.value(name) for name in self.order_names}

@@ -119,11 +119,6 @@ class NarxWavelet(Structure):
             return (own, {"na": [[1] * ny] * ny, "nb": 1, "nk": delay})
         return tuple({"na": n, "nb": n, "nk": delay} for n in range(min(2, largest), largest + 1))
 
-    @classmethod
-    def applies(cls, record: Record) -> bool:
-        """Where there is an input."""
-        return record.nu > 0
-
     def order_values(self) -> dict[str, Any]:
         """Orders in their shortest form."""
         return {name: self.orders.value(name) for name in self.order_names}

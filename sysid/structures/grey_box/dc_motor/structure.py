@@ -123,11 +123,6 @@ class DCMotor(GreyBox):
         found["torque_per_input"] = _positive(given.get("torque_constant", "0"))
         return found
 
-    @classmethod
-    def applies(cls, record: Record) -> bool:
-        """Where every input has an output of its own, one or two of them."""
-        return record.nu == record.ny and record.nu in (1, 2)
-
     # ----------------------------------------------------------------- constants and states
 
     @property
