@@ -34,7 +34,7 @@ FIRST_SPREAD = 0.3
 
 TAIL = 0.005
 """Share of the walkers beyond either end: in so few rounds they have not spread all the way, and
-the interval of 99 % of them held the truth in 94 % of 66 numbers of made logs, and in 96 % of 74
+the interval of 99 % of them held the truth in 94 % of 66 numbers of made logs, and in 96 % of 80
 gaps of logs of two inertias with a stiff damped contact and coloured noise."""
 
 
