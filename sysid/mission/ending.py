@@ -42,16 +42,18 @@ def sentence(outcome: Outcome, mission: Mission, log: Mapping[str, Array]) -> st
     if outcome is Outcome.ARRIVED:
         return "The robot reached the goal within the tolerance."
     if outcome is Outcome.TIMEOUT:
-        faster = _either("raise timeout", guidance.faster).replace("or raise ", "or ")
+        faster = _either("raise timeout", guidance.faster)
         return f"Time ran out before the goal was reached: {faster}."
     if outcome is Outcome.COLLISION:
-        advice = ", or ".join(a for a in (guidance.wider, guidance.slower) if a)
-        return f"The robot touched an obstacle: {advice or 'lead it farther away from obstacles'}."
+        advice = _either(guidance.wider, guidance.slower) or "lead it farther away from obstacles"
+        return f"The robot touched an obstacle: {advice}."
     return _why_stuck(mission, log)
 
 
 def _either(*advice: str) -> str:
-    return " or ".join(a for a in advice if a)
+    """What there is of the advice, joined by "or", behind a comma where one has an "or" itself."""
+    given = [a for a in advice if a]
+    return (", or " if any(" or " in a for a in given) else " or ").join(given)
 
 
 def _why_stuck(mission: Mission, log: Mapping[str, Array]) -> str:
@@ -78,9 +80,7 @@ def _why_stuck(mission: Mission, log: Mapping[str, Array]) -> str:
         )
     if way < STUCK.progress and turned < _READING.still:
         largest = max(float(np.max(np.abs(log[n][last]))) for n in ("pwm_l", "pwm_r"))
-        stronger = ", or ".join(
-            a for a in (control.stronger, "export a plant that moves at such commands") if a
-        )
+        stronger = _either(control.stronger, "export a plant that moves at such commands")
         return (
             f"{said}: it stands still {to_go[-1]:.2g} m from the goal at commands up to "
             f"{largest:.4g} µs, which the plant does not answer; {stronger}."

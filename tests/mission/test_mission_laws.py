@@ -103,7 +103,7 @@ def test_plain_floats_choose_and_cut() -> None:
     np.testing.assert_array_equal(floats.where(np.array([True, False]), 1.0, 2.0), (1.0, 2.0))
     assert [floats.clip(x, -1.0, 1.0) for x in (-3.0, 0.5, 3.0)] == [-1.0, 0.5, 1.0]
     with pytest.raises(TypeError, match="logical_not"):
-        floats.where(~True, 1.0, 2.0)
+        floats.where(-2, 1.0, 2.0)  # what ~True is
     assert floats.sqrt(4.0) == 2.0
 
 
