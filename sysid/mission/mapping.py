@@ -5,8 +5,6 @@ heater, a winding machine) the closed loop can still be run as a test of the mod
 assumptions fill what the data do not say; each of them is returned as a sentence.
 """
 
-import re
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +15,7 @@ from sysid.mission.contracts import SteppablePlant
 from sysid.mission.robot_plant import RobotPlant
 from sysid.mission.settling import Ending, Settling, settle
 from sysid.mission.spec import Mission, VehicleSpec
+from sysid.mission.wiring import Wiring, wirings
 
 TOP_SPEED = 0.43
 """Forward speed of the thesis's robot at full drive [m/s]."""
@@ -50,21 +49,6 @@ class WiringRule:
 
 
 RULE = WiringRule()
-
-
-@dataclass(frozen=True)
-class _Wiring:
-    """Which input drives and which output is read for the left and for the right track."""
-
-    twins: bool
-    driven: tuple[int, int]
-    read: tuple[int, int]
-    named: bool = False
-
-    @property
-    def tracks(self) -> tuple[int, ...]:
-        """The tracks that differ: copies of one plant say everything once."""
-        return (0,) if self.twins else (0, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +96,7 @@ def as_robot(
         ModelError: no output answers a constant input with a usable constant value.
     """
     complaint = ""
-    for wiring in _wirings(plant):
+    for wiring in wirings(plant):
         wired = _wired(plant, wiring, mission.vehicle, top_speed)
         if isinstance(wired, _Refused):
             complaint = complaint or wired.reason
@@ -126,7 +110,7 @@ def as_robot(
             return robot, (*_held_note(plant, wiring), *notes, *weak)
         if RULE.turns[0] <= abs(turning) <= RULE.turns[1] and abs(drift) <= RULE.drifts:
             if turning < 0:  # the first output answers more to the second input
-                wiring = _Wiring(False, wiring.driven, wiring.read[::-1])
+                wiring = Wiring(False, wiring.driven, wiring.read[::-1])
                 wired = _wired(plant, wiring, mission.vehicle, top_speed)
             if not isinstance(wired, _Refused):
                 taken = (_order_note(plant, wiring), *_held_note(plant, wiring))
@@ -135,36 +119,8 @@ def as_robot(
     raise ModelError(f"the plant cannot drive a robot: {complaint}")
 
 
-def _wirings(plant: SteppablePlant) -> Iterator[_Wiring]:
-    """The ways to wire the plant, the most natural first."""
-    driven, read = _sides(plant.inputs), _sides(plant.outputs)
-    if min(*driven, *read) >= 0:
-        yield _Wiring(False, driven, read, named=True)
-        return
-    nu, ny = len(plant.inputs), len(plant.outputs)
-    if min(nu, ny) >= 2:
-        yield _Wiring(False, (0, 1), (0, 1))
-    for i in range(nu):
-        for j in range(ny):
-            yield _Wiring(True, (i, i), (j, j))
-
-
-def _sides(channels: Sequence[Channel]) -> tuple[int, int]:
-    """Index of the one channel whose name says left and of the one that says right; -1: none."""
-
-    def only(*sides: str) -> int:
-        hits = [
-            i
-            for i, channel in enumerate(channels)
-            if any(w.lower() in sides for w in re.findall(r"[A-Z]?[a-z]+|[A-Z]", channel.name))
-        ]
-        return hits[0] if len(hits) == 1 else -1
-
-    return only("l", "left"), only("r", "right")
-
-
 def _unsettled(
-    plant: SteppablePlant, wiring: _Wiring, drive: "_Drive", vehicle: VehicleSpec
+    plant: SteppablePlant, wiring: Wiring, drive: "_Drive", vehicle: VehicleSpec
 ) -> tuple[RobotPlant, tuple[str, ...]]:
     """A robot's own plant with a mode too slow to settle: driven as it is, with a warning.
 
@@ -190,7 +146,7 @@ def _unsettled(
 
 
 def _wired(
-    plant: SteppablePlant, wiring: _Wiring, vehicle: VehicleSpec, top_speed: float
+    plant: SteppablePlant, wiring: Wiring, vehicle: VehicleSpec, top_speed: float
 ) -> tuple[RobotPlant, tuple[str, ...]] | _Refused:
     """Scale one wiring; the sentences name what was assumed."""
     u, y = plant.inputs, plant.outputs
@@ -200,14 +156,9 @@ def _wired(
     rest, answer = _static_answer(plant, drive, wiring)
     if answer.ending is Ending.KEEPS_MOVING and direct:
         return _unsettled(plant, wiring, drive, vehicle)
-    if answer.ending is not Ending.RESTS:
-        return _Refused(answer.ending.value)
-    for i, j in zip(wiring.driven, wiring.read, strict=True):
-        if abs(answer.y[j] - rest.y[j]) <= RULE.answers * max(abs(answer.y[j]), abs(rest.y[j])):
-            return _Refused(
-                f"output {y[j].name} does not answer a constant input {u[i].name}; fit it with "
-                "other inputs or outputs"
-            )
+    refused = _refusal(plant, wiring, rest, answer)
+    if refused is not None:
+        return refused
     rise = answer.y[at] - rest.y[at]
     notes = list(drive.notes)
 
@@ -252,7 +203,7 @@ def _wired(
     return robot, tuple(notes)
 
 
-def _drive(plant: SteppablePlant, wiring: _Wiring, vehicle: VehicleSpec, direct: bool) -> _Drive:
+def _drive(plant: SteppablePlant, wiring: Wiring, vehicle: VehicleSpec, direct: bool) -> _Drive:
     """Choose what zero and full drive are in the plant's units."""
     centre = np.array(plant.u_offset, dtype=float)
     span = np.empty(2)
@@ -277,7 +228,7 @@ def _drive(plant: SteppablePlant, wiring: _Wiring, vehicle: VehicleSpec, direct:
 
 
 def _static_answer(
-    plant: SteppablePlant, drive: _Drive, wiring: _Wiring
+    plant: SteppablePlant, drive: _Drive, wiring: Wiring
 ) -> tuple[Settling, Settling]:
     """The plant after zero and after full drive; where it does not rest at zero, that twice."""
     rest = settle(plant, plant.initial_state(), drive.centre)
@@ -286,6 +237,21 @@ def _static_answer(
     raised = drive.centre.copy()
     raised[list(wiring.driven)] += drive.span
     return rest, settle(plant, rest.state, raised)
+
+
+def _refusal(
+    plant: SteppablePlant, wiring: Wiring, rest: Settling, answer: Settling
+) -> _Refused | None:
+    """Why nothing can be scaled by a static answer: there is none, or an output does not answer."""
+    if answer.ending is not Ending.RESTS:
+        return _Refused(answer.ending.value)
+    for i, j in zip(wiring.driven, wiring.read, strict=True):
+        if abs(answer.y[j] - rest.y[j]) <= RULE.answers * max(abs(answer.y[j]), abs(rest.y[j])):
+            return _Refused(
+                f"output {plant.outputs[j].name} does not answer a constant input "
+                f"{plant.inputs[i].name}; fit it with other inputs or outputs"
+            )
+    return None
 
 
 def _opposite(robot: RobotPlant, full: float) -> tuple[float, float]:
@@ -328,7 +294,7 @@ def _number(value: float) -> str:
     return f"{value + 0.0:.4g}"  # adding zero turns -0 into 0
 
 
-def _twins_note(plant: SteppablePlant, wiring: _Wiring, complaint: str) -> str:
+def _twins_note(plant: SteppablePlant, wiring: Wiring, complaint: str) -> str:
     names = [c.name for c in plant.inputs]
     driven = names.pop(wiring.driven[0])
     note = (
@@ -340,7 +306,7 @@ def _twins_note(plant: SteppablePlant, wiring: _Wiring, complaint: str) -> str:
     return f"{note}, because {complaint}." if complaint else f"{note}."
 
 
-def _order_note(plant: SteppablePlant, wiring: _Wiring) -> str:
+def _order_note(plant: SteppablePlant, wiring: Wiring) -> str:
     (ul, ur), (yl, yr) = wiring.driven, wiring.read
     u, y = plant.inputs, plant.outputs
     return (
@@ -349,6 +315,6 @@ def _order_note(plant: SteppablePlant, wiring: _Wiring) -> str:
     )
 
 
-def _held_note(plant: SteppablePlant, wiring: _Wiring) -> tuple[str, ...]:
+def _held_note(plant: SteppablePlant, wiring: Wiring) -> tuple[str, ...]:
     held = [c.name for i, c in enumerate(plant.inputs) if i not in wiring.driven]
     return (f"Held at the operating point: {', '.join(held)}.",) if held else ()
