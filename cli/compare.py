@@ -108,7 +108,7 @@ def compare(
 
 def _validation(
     stored: list[StoredModel], val: list[Path] | None, read: "ReadOptions"
-) -> "tuple[tuple[tuple[Record, ...], str] | None, list[Finding]]":
+) -> "tuple[tuple[tuple[Record, ...], str] | None, tuple[Finding, ...]]":
     """The validation logs and what there is to say about their reading.
 
     They are read as the newest model's data were unless the line says how.
@@ -118,15 +118,12 @@ def _validation(
     if not val:
         if read != ReadOptions():
             raise UsageError("options of reading a log are for that of --val; name it")
-        return None, []
-    from sysid.data.io import read_files
-    from sysid.data.preparation import Preparation
+        return None, ()
+    from sysid.data.preparation import Preparation, read_prepared
 
     read, steps = as_fitted(stored[-1] if stored else None, read, Preparation())
-    files = read_files(val, read)
-    records = tuple(steps.apply(r) for file in files for r in file.records)
-    named = ", ".join(dict.fromkeys(r.name for r in records))
-    return (records, named), [f for file in files for f in file.findings]
+    records, findings = read_prepared(val, read, steps)
+    return (records, ", ".join(dict.fromkeys(r.name for r in records))), findings
 
 
 def _document(ranking: "Ranking", folds: "Mapping[str, CrossValidation]") -> None:

@@ -197,15 +197,14 @@ def _lengths(text: str | None, mission: Path | None) -> "Geometry | None":
 
 def _records(
     logs: list[Path], read: "ReadOptions", steps: "Preparation"
-) -> "tuple[list[Record], list[Finding]]":
+) -> "tuple[list[Record], tuple[Finding, ...]]":
     """The records of logs, and what there is to say about the reading."""
     from sysid.data.checks.quality import require_usable
-    from sysid.data.io import read_files
+    from sysid.data.preparation import read_prepared
 
-    files = read_files(logs, read)
-    records = [steps.apply(r) for file in files for r in file.records]
+    records, findings = read_prepared(logs, read, steps)
     require_usable(records)
-    return records, [f for file in files for f in file.findings]
+    return list(records), findings
 
 
 def _apart(estimation: "list[Record]", held: "list[Record] | None") -> None:

@@ -15,7 +15,6 @@ from .fit_report import show
 if TYPE_CHECKING:
     from sysid.data.preparation import Preparation
     from sysid.data.reading.read_options import ReadOptions
-    from sysid.data.record import Record
     from sysid.estimation.identify import Identification, Request
 
 _FITTING = "Fitting"
@@ -248,19 +247,17 @@ def _identify(
     """
     from sysid.data.checks.quality import inspect_records, require_usable
     from sysid.data.finding import notes
-    from sysid.data.io import read_files
+    from sysid.data.preparation import read_prepared
     from sysid.estimation.identify import identify
 
-    files = read_files(logs, read)
-    records = [steps.apply(r) for f in files for r in f.records]
-    judged = read_files(val, read) if val else ()
-    held: list[Record] = [steps.apply(r) for f in judged for r in f.records]
+    records, read_as = read_prepared(logs, read, steps)
+    held, held_as = read_prepared(val, read, steps) if val else ((), ())
     require_usable(records)
     # with orders given the one slow check is spared: the residual tests of the fit judge it
     findings = inspect_records(
         records,
         nonlinearity=request.orders is None,
-        reading=[f for file in files for f in file.findings],
+        reading=read_as,
     )
     with render.progress("Fitting", total=1000) as tick:
         done = 0
@@ -271,7 +268,7 @@ def _identify(
             done = round(1000 * share)
 
         found = identify(records, held, request, progress, findings)
-    return found, notes(f for file in (*files, *judged) for f in file.findings)
+    return found, notes((*read_as, *held_as))
 
 
 def _document(stored: list[StoredModel], found: "Identification") -> None:

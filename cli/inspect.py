@@ -26,11 +26,10 @@ def inspect(
 ) -> None:
     """Say what is in a log, what is wrong with it and what to do about it."""
     from sysid.data.checks.quality import Severity, inspect_records, worst
-    from sysid.data.io import read_files
+    from sysid.data.preparation import read_prepared
 
-    files = read_files(logs, read)
-    records = [steps.apply(r) for file in files for r in file.records]
-    findings = inspect_records(records, order, reading=[f for file in files for f in file.findings])
+    records, read_as = read_prepared(logs, read, steps)
+    findings = inspect_records(records, order, reading=read_as)
     verdict = worst(findings)
     (_document if json else _show)(records, findings, verdict.word)
     if verdict is Severity.FATAL:
@@ -45,7 +44,7 @@ _VERDICTS = {
 }
 
 
-def _document(records: "list[Record]", findings: "tuple[Finding, ...]", verdict: str) -> None:
+def _document(records: "tuple[Record, ...]", findings: "tuple[Finding, ...]", verdict: str) -> None:
     render.document(
         {
             "records": [_facts(r) for r in records],
@@ -55,7 +54,7 @@ def _document(records: "list[Record]", findings: "tuple[Finding, ...]", verdict:
     )
 
 
-def _show(records: "list[Record]", findings: "tuple[Finding, ...]", verdict: str) -> None:
+def _show(records: "tuple[Record, ...]", findings: "tuple[Finding, ...]", verdict: str) -> None:
     for record in map(_facts, records):
         render.table(
             ("channel", "is", "unit", "lowest", "highest", "mean"),

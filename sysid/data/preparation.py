@@ -1,11 +1,14 @@
 """Preparation: what is done to every record before a fit, stored so that it is done again."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from sysid.data.finding import Finding
+from sysid.data.io import ReadOptions, read_files
 from sysid.data.preprocess import decimate, low_pass, trim
 from sysid.data.record import Record
 from sysid.errors import UsageError
@@ -63,6 +66,19 @@ class Preparation:
             return cls(**data)
         except TypeError:
             raise UsageError("the preparation stored with the model is damaged") from None
+
+
+def read_prepared(
+    paths: Sequence[Path], options: ReadOptions, steps: Preparation
+) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
+    """The records of log files as a fit takes them, and what there is to say about the reading.
+
+    Raises:
+        DataError, UsageError: a file cannot be read, or a step not be done.
+    """
+    files = read_files(paths, options)
+    records = tuple(steps.apply(r) for file in files for r in file.records)
+    return records, tuple(f for file in files for f in file.findings)
 
 
 def parse_trim(text: str) -> tuple[float, float]:

@@ -87,16 +87,15 @@ class StoredData:
     def _prepared(self, options: Mapping[str, Any], files: list[str]) -> "tuple[Record, ...]":
         from json import dumps
 
-        from sysid.data.io import read_logs
-        from sysid.data.preparation import Preparation
+        from sysid.data.preparation import Preparation, read_prepared
         from sysid.data.reading.read_options import ReadOptions
 
         how = {"read": options.get("read", {}), "prepare": options.get("prepare", {})}
         key = dumps([files, how], sort_keys=True, default=str)
         if key not in self._read:
             steps = Preparation.from_json(how["prepare"])
-            read = read_logs([Path(f) for f in files], ReadOptions.from_json(how["read"]))
-            self._read[key] = tuple(steps.apply(r) for r in read)
+            read = ReadOptions.from_json(how["read"])
+            self._read[key], _ = read_prepared([Path(f) for f in files], read, steps)
         return self._read[key]
 
 
