@@ -10,7 +10,6 @@ ROOT = Path(__file__).resolve().parents[2]
 USERS = ("sysid", "cli", "datasets", "benchmarks", "examples", "docs")
 
 KEPT = {
-    "load_model": "the model of a package in Python, beside load_plant",
     "plot_dynamics": "poles, zeros and steps as a picture: for a script, no command draws it",
     "wheel_speeds": "kinematics that vehicle physics is built on: thesis 2.13, inverted",
     "angular_velocity": "the same: after 2.1",
