@@ -12,6 +12,7 @@ from sysid.data.record import Array, Channel, Index, Record
 from sysid.effects.ground import Ground
 from sysid.errors import UsageError
 from sysid.fitting.problem import Focus, Initial, Parameter, Problem
+from sysid.structures.c_step import CStep
 
 if TYPE_CHECKING:
     from sysid.structures.outcome import Fitter, Refitter, Warm
@@ -146,7 +147,15 @@ class Structure(ABC):
 
     @abstractmethod
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
-        """(x, u) → (x⁺, y): the free run sample by sample, from the same states."""
+        """(x, u) → (x⁺, y): the free run sample by sample, from the same states.
+
+        Written over the namespace of its arrays, ``xp = x.__array_namespace__()``, it runs in
+        NumPy and JAX, and an exporter can record it: C needs nothing else.
+        """
+
+    def c_step(self, theta: Array) -> CStep | None:
+        """C of its own for a step; None: it is recorded from ``step``."""
+        return None
 
     @abstractmethod
     def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:

@@ -1,6 +1,6 @@
 """The catalogue of effects and the chain they act on."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
@@ -10,7 +10,15 @@ from sysid.data.record import Array
 from sysid.effects.base import Context, Effect, Place
 from sysid.effects.catalogue import catalogue, chain_effects, effect
 from sysid.errors import UsageError
-from sysid.structures.augmented.chain import Core, chain_step, rest_state
+from sysid.structures.augmented.chain import (
+    ChainState,
+    Core,
+    Parameters,
+    Sample,
+    rest_state,
+    step_with,
+    with_constants,
+)
 from sysid.structures.augmented.structure import Augmented
 
 DT, TAU, GAIN = 0.05, 0.25, 20.0
@@ -57,13 +65,29 @@ def nulls(e: Effect, tracks: int = 2) -> dict[str, Array]:
     return {p.name: np.full(tracks, p.null) for p in e.parameters}
 
 
+def chain_step(
+    effects: Sequence[Effect],
+    core: Core,
+    parameters: Parameters,
+    state: ChainState,
+    drive: Array,
+    t: float,
+    dt: float,
+) -> tuple[ChainState, Array]:
+    """One sample of the chain, its wheels at zero angle."""
+    now = np.float64(t)
+    sample = Sample(drive, drive, now, 0.0 * drive, 0.0 * drive)
+    whole = with_constants(np, effects, core, parameters, dt)
+    return step_with(np, effects, core, whole, state, sample, dt)
+
+
 def run(effects: dict[str, dict[str, Array]], drive: Array) -> Array:
     """Readings of the chain with these effects, (N, tracks)."""
     active = tuple(e for e in chain_effects() if e.id in effects)
     state = rest_state(np, active, core(), np.zeros(2))
     out = []
     for k, d in enumerate(drive):
-        state, y = chain_step(np, active, core(), effects, state, d, np.array(k * DT), DT)
+        state, y = chain_step(active, core(), effects, state, d, k * DT, DT)
         out.append(y)
     return np.array(out)
 
@@ -171,7 +195,7 @@ def test_inertial_coupling_is_the_exact_answer_of_the_coupled_equations(share: f
     state, w = rest_state(np, active, two, np.zeros(2)), np.zeros(2)
     for d in drive:
         state, y = chain_step(
-            np, active, two, {"inertial-coupling": {"share": both(share)}}, state, d, 0.0, DT
+            active, two, {"inertial-coupling": {"share": both(share)}}, state, d, 0.0, DT
         )
         # rounding of exp and of 1 − e^(−2x) in cosh and sinh
         np.testing.assert_allclose(y, w, atol=1e-9)
@@ -271,7 +295,7 @@ def test_a_gap_between_two_masses_is_crossed_in_their_time(dt: float) -> None:
     parameters = {"backlash": {k: np.array([v]) for k, v in numbers.items()}}
     state, found = rest_state(np, active, track, np.zeros(1)), []
     for d in drive:
-        state, y = chain_step(np, active, track, parameters, state, np.array([d]), 0.0, dt)
+        state, y = chain_step(active, track, parameters, state, np.array([d]), 0.0, dt)
         found.append(float(y[0]))
     error = np.array(found) - fine(advance, drive, dt)
     # a reading between two contacts in slightly another order is far off, the others are not

@@ -13,8 +13,10 @@ from hand_made import DT, hand_made
 
 from sysid.effects.catalogue import chain_effects
 from sysid.errors import ModelError
-from sysid.export.c.source import c_sources, why_no_c_code
-from sysid.export.c.trace import TRACE, Program
+from sysid.export.c.program import Program
+from sysid.export.c.source import c_sources
+from sysid.export.c.step import c_step
+from sysid.export.c.traced import TRACE, Traced
 from sysid.export.package import package_files
 from sysid.plant.package import CARD
 from sysid.plant.selftest import make_selftest
@@ -72,6 +74,29 @@ def narx(estimator: str, ny: int = 1, additive: bool = False, **options: str) ->
     )
     theta = np.concatenate([0.25 * rng.normal(size=d.n) for d in designs])
     return hand_made(made, theta, (1.0, -3.0))
+
+
+def large_narx(estimator: str, additive: bool = False) -> Model:
+    """A network so large that the code loops over tables: 40 units, 9 regressors, 30 products."""
+    rng = np.random.default_rng(3)
+    made = NarxWavelet.from_orders(
+        {"na": 4, "nb": 5, "nk": 1}, 1, 1, {"estimator": estimator, "units": "40"}
+    )
+    d, q = len(made.rows[0]), 1 if additive else 3
+    design = RowDesign(
+        tuple(0.1 * rng.normal(size=d)),
+        tuple(0.5 + rng.random(d)),
+        (-2.0,) * d,
+        (2.0,) * d,
+        tuple((j, k) for j in range(d) for k in range(j, d))[:30],
+        tuple(map(tuple, np.eye(d) if additive else rng.normal(size=(d, 3)))),
+        (0, 1) * 20,
+        tuple((k % d,) for k in range(40)) if additive else (),
+    )
+    made = replace(made, designs=(design,), output_range=((-1.0, 1.0),), input_range=((-1.0, 1.0),))
+    n = [1 + d, 30, 40, 40 * (1 + q)]
+    scale = np.repeat([0.2, 0.02, 0.02, 1.0], n)
+    return hand_made(made, scale * rng.normal(size=sum(n)), (1.0, -3.0))
 
 
 def every_expression() -> str:
@@ -183,6 +208,8 @@ CASES = {
     ),
     "narmax-without-memory": partial(narmax, "u(t), u(t)^2", [1.0, -0.4]),
     **{f"narx-{name}": partial(narx, name) for name in ESTIMATORS},
+    **{f"large-{name}": partial(large_narx, name) for name in ESTIMATORS if name != "polynomial"},
+    "large-additive": partial(large_narx, "wavelet", True),
     "narx-additive": partial(narx, "wavelet", additive=True),
     "narx-several": partial(narx, "wavelet", 2),
     "narx-expressions": partial(narx, "neural", regressors=every_expression()),
@@ -210,7 +237,6 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_c_equals_python(tmp_path: Path, case: str) -> None:
     model = CASES[case]()
-    assert why_no_c_code(model) == ""
     programs = build(tmp_path, model, "selftest", "driver")
     assert worst_error(programs["selftest"]) < EXACT
     low, high = model.ranges[: len(model.inputs)].T
@@ -279,16 +305,36 @@ class _Filling(GreyBox):
         return ()
 
 
+class _Float(_Filling):
+    way: ClassVar[str] = "float"
+
+    def reading(self, xp: Any, x: Any, p: Mapping[str, Any]) -> Any:
+        return np.array([[float(x[0, 0])]])
+
+
 class _Deciding(_Filling):
     way: ClassVar[str] = "if"
 
 
-@pytest.mark.parametrize(("kind", "words"), [(_Filling, "use sinc"), (_Deciding, "xp.where")])
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        (_Filling, "use sinc"),
+        (_Deciding, "xp.where"),
+        (_Float, "xp.stack"),
+    ],
+)
 def test_what_c_cannot_say_is_refused_in_words(kind: type[_Filling], words: str) -> None:
     model = hand_made(kind(1, 1, dt=DT, substeps=1), np.array([0.5]))
     assert words in why_no_c_code(model)
     with pytest.raises(ModelError, match="cannot be written as C"):
         c_sources(model, make_selftest(motor(1, MOTOR, {})))
+
+
+def why_no_c_code(model: Model) -> str:
+    with pytest.raises(ModelError) as caught:
+        c_step(model)
+    return str(caught.value)
 
 
 def test_a_package_without_code_says_why() -> None:
@@ -302,11 +348,11 @@ def test_a_package_without_code_says_why() -> None:
 
 def test_recording_leaves_out_what_is_not_needed_and_computes_numbers_at_once() -> None:
     program = Program()
-    x = program.inputs("x", (2,))
+    x = Traced(program.inputs("x", 2))
     unused = TRACE.exp(x[0])
     y = 1.0 * x[1] + 0.0 * x[0] + np.float64(2.0) * (np.ones(1) + 1.0)
     assert unused.shape == ()
-    assert list(program.lines(y.ravel())) == [
+    assert list(program.lines(y.cells.ravel())) == [
         "const double t1 = x[1];",
         "const double t3 = t1 + 4.0;",
     ]

@@ -1,55 +1,22 @@
 """The plant as C99: one step function with a state struct, and a program that checks it."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from importlib.resources import files
 from string import Template
 
 import numpy as np
 
 from sysid.data.record import Channel
-from sysid.errors import ModelError
-from sysid.export.c.augmented import augmented
-from sysid.export.c.blocks import blocks
-from sysid.export.c.grey_box import grey_box
-from sysid.export.c.linear import linear
-from sysid.export.c.narx import narx
-from sysid.export.c.polynomial import polynomial
-from sysid.export.c.writing import CBody, comment, listed, minus, number
+from sysid.export.c.step import c_step
+from sysid.export.c.writing import comment, listed, minus, number
 from sysid.plant.selftest import TOLERANCE, SelfTest
-from sysid.structures.augmented.structure import Augmented
-from sysid.structures.base import Structure
-from sysid.structures.blocks.structure import BlockStructure
-from sysid.structures.grey_box.structure import GreyBox
-from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.c_step import CStep
 from sysid.structures.model import Model
-from sysid.structures.narmax.structure import NARMAX
-from sysid.structures.narx.structure import NarxWavelet
 from sysid.version import __version__
 
-
-def _diagnosed(model: Model) -> CBody:
-    return augmented(model, _body)
-
-
-WRITERS: tuple[tuple[type[Structure], Callable[[Model], CBody]], ...] = (
-    (PolynomialStructure, linear),
-    (NARMAX, polynomial),
-    (NarxWavelet, narx),
-    (BlockStructure, blocks),
-    (GreyBox, grey_box),
-    (Augmented, _diagnosed),
-)
-"""What writes each family of structures."""
-
-
-def why_no_c_code(model: Model) -> str:
-    """Why a model cannot be written as C, as a sentence; empty where it can."""
-    try:
-        _body(model)
-    except ModelError as error:
-        return str(error)
-    return ""
+_MATHEMATICAL = re.compile(r"\b(HUGE_VAL|[a-z]\w*\()")
+"""What needs math.h: infinity, and calls of functions."""
 
 
 def c_sources(model: Model, test: SelfTest, name: str = "") -> dict[str, str]:
@@ -66,12 +33,13 @@ def c_sources(model: Model, test: SelfTest, name: str = "") -> dict[str, str]:
     Raises:
         ModelError: the structure cannot be written as C.
     """
-    written = _body(model)
+    written = c_step(model)
     title = comment(f"{name}: {model.structure.title}" if name else model.structure.title)
     common = {"title": title, "version": __version__}
     n = written.n_states
     storage = str(max(n, 1))  # C has no empty arrays
-    headers = ["#include <math.h>", ""] if written.mathematical else []
+    code = "\n".join((*written.support, *written.body))
+    headers = ["#include <math.h>", ""] if _MATHEMATICAL.search(code) else []
     return {
         "plant.h": _fill(
             "plant.h",
@@ -103,16 +71,7 @@ def c_sources(model: Model, test: SelfTest, name: str = "") -> dict[str, str]:
     }
 
 
-def _body(model: Model) -> CBody:
-    for family, write in WRITERS:
-        if isinstance(model.structure, family):
-            return write(model)
-    raise ModelError(
-        f"a {model.structure.name} model cannot be written as C; run its plant.json with sysid"
-    )
-
-
-def _step_lines(model: Model, written: CBody) -> Iterator[str]:
+def _step_lines(model: Model, written: CStep) -> Iterator[str]:
     """The body of ``plant_step``."""
     for name in ("x", "v"):
         if not any(re.search(rf"\b{name}\b", line) for line in written.body):

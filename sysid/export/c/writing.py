@@ -52,22 +52,21 @@ def listed(values: Iterable[float]) -> str:
 
 
 def table(name: str, values: Array) -> list[str]:
-    """A constant array of doubles of the values' shape, one or two axes."""
-    shape = "".join(f"[{n}]" for n in values.shape)
-    if values.ndim == 1:
-        cells = [number(v) for v in values]
-    else:
-        cells = [f"{{{listed(row)}}}" for row in values]
-    return [f"static const double {name}{shape} = {{", *_filled(cells), "};"]
+    """A constant row of doubles."""
+    return _row("double", name, [number(v) for v in values])
 
 
-def integers(name: str, rows: Sequence[Sequence[int]]) -> list[str]:
-    """A constant matrix of integers."""
-    cells = [f"{{{', '.join(map(str, row))}}}" for row in rows]
-    return [f"static const int {name}[{len(rows)}][{len(rows[0])}] = {{", *_filled(cells), "};"]
+def integers(name: str, values: Sequence[int]) -> list[str]:
+    """A constant row of integers."""
+    return _row("int", name, [str(v) for v in values])
 
 
-def _filled(cells: Sequence[str]) -> list[str]:
+def _row(kind: str, name: str, cells: Sequence[str]) -> list[str]:
+    return [f"static const {kind} {name}[{len(cells)}] = {{", *wrapped(cells), "};"]
+
+
+def wrapped(cells: Sequence[str]) -> list[str]:
+    """Cells divided by commas, in lines that are not too long."""
     lines, line = [], "   "
     for cell in cells:
         if len(line) + len(cell) + 2 > WIDTH:
@@ -86,10 +85,3 @@ def comment(text: str) -> str:
 def minus(offset: float) -> str:
     """What takes an offset off; nothing for zero."""
     return f" - ({number(offset)})" if offset else ""
-
-
-def shifted(first: int, last: int) -> list[str]:
-    """Lines that move x[first … last − 1] one place up, the newest place left as it is."""
-    if last - first < 2:
-        return []
-    return [f"    for (k = {last - 1}; k > {first}; k--)", "        x[k] = x[k - 1];"]

@@ -80,31 +80,6 @@ def _initial(effect: Effect, w: Signal, drive: Signal) -> State:
     return (drive if effect.place is Place.COMMAND else w,) * effect.states
 
 
-def chain_step(
-    xp: Any,
-    effects: Sequence[Effect],
-    core: Core,
-    parameters: Parameters,
-    state: ChainState,
-    drive: Signal,
-    t: Signal,
-    dt: float,
-    angles: tuple[Signal, Signal] | None = None,
-) -> tuple[ChainState, Signal]:
-    """One sample: (state, drive (tracks,)) → (next state, reading (tracks,)).
-
-    Effects of one place act in the given order. The reading belongs to the instant at which the
-    drive is applied and does not depend on it.
-
-    Args:
-        angles: (turned, counted) of the wheels; zero when None.
-    """
-    turned, counted = angles if angles is not None else (0.0 * drive, 0.0 * drive)
-    sample = Sample(drive, drive, t, turned, counted)
-    whole = with_constants(xp, effects, core, parameters, dt)
-    return step_with(xp, effects, core, whole, state, sample, dt)
-
-
 def with_constants(
     xp: Any, effects: Sequence[Effect], core: Core, parameters: Parameters, dt: float
 ) -> Parameters:
@@ -146,7 +121,10 @@ def step_with(
     sample: Sample,
     dt: float,
 ) -> tuple[ChainState, Signal]:
-    """``chain_step`` where some effects have already acted on the command.
+    """One sample: (state, drive (tracks,)) → (next state, reading (tracks,)).
+
+    Effects of one place act in the given order. The reading belongs to the instant at which the
+    drive is applied and does not depend on it.
 
     Args:
         parameters: ``with_constants``.

@@ -54,8 +54,10 @@ class GivenBase:
 
     def drive(self, run: Array) -> Array:
         """Drive (N, tracks) that makes the core run like ``run`` (N, tracks)."""
-        following = np.vstack([run[1:], run[-1:]])
-        return np.asarray((following + self.pole * run) / ((1.0 + self.pole) * self.gain))
+        return self._driving(run, np.vstack([run[1:], run[-1:]]))
+
+    def _driving(self, now: Array, following: Array) -> Array:
+        return (following + self.pole * now) / ((1.0 + self.pole) * self.gain)
 
     def n_states(self) -> int:
         """States of the model."""
@@ -75,8 +77,7 @@ class GivenBase:
         def advance(x: Array, u: Array) -> tuple[Array, Array]:
             following, y = step(x, u - self.u0)
             y_next = step(following, rest)[1]
-            pair = np.vstack([y + self.y0, y_next + self.y0])
-            return following, self.drive(pair)[0]
+            return following, self._driving(y + self.y0, y_next + self.y0)
 
         return advance
 

@@ -22,7 +22,6 @@ from sysid.structures.augmented.chain import (
     ChainState,
     Core,
     Sample,
-    chain_step,
     drive_before,
     first_speed,
     rest_state,
@@ -191,7 +190,7 @@ class Augmented(Structure):
     def _shape(self, theta: Array) -> tuple[ChainState, int]:
         core, _ = self.unpack(theta)
         state = rest_state(np, self.active, core, np.zeros(self.ny))
-        return state, _flat(state, self.delay - 1, self.ny).size
+        return state, _at_rest(state, np.zeros((self.delay - 1, self.ny))).size
 
     def fitter(self) -> "Fitter":
         """The search from given values only."""
@@ -224,7 +223,7 @@ class Augmented(Structure):
             before = drive_before(u[0] / np.array(self.scales), y)
         state = rest_state(np, self.active, core, w, drive)
         line = np.repeat(before[None], self.delay - 1, axis=0)
-        return np.concatenate([head, _flat(state, self.delay - 1, self.ny, line)])
+        return np.concatenate([head, _at_rest(state, line)])
 
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
         """Free run from x0."""
@@ -252,7 +251,7 @@ class Augmented(Structure):
             ),
         )
         before = np.stack([p[1] for p in parts], axis=1)
-        clock = float(parts[0][2])
+        clock = float(parts[0][2][0])
         turned, counted = (np.stack([p[3][k] for p in parts]) for k in (0, 1))
         drive = self._drive(u, states[0, :own])
         out = np.zeros((len(thetas), len(u), tracks))
@@ -296,17 +295,20 @@ class Augmented(Structure):
         active, lag, tracks = self.active, self.delay - 1, self.ny
         scales, dt, own = np.array(self.scales), self.dt, self._given_states
         base = None if self.given is None else self.given.step()
+        whole = with_constants(np, active, core, parameters, dt)
 
         def advance(x: Array, u: Array) -> tuple[Array, Array]:
+            xp: Any = x.__array_namespace__()
             head, drive = (x[:0], u / scales) if base is None else base(x[:own], u)
             state, line, clock, angles = _unflat(x[own:], template, lag, tracks)
-            line = np.vstack([line, drive])
+            line = xp.concatenate([line, drive[None]])
             speed = state[0][0]
-            state, y = chain_step(np, active, core, parameters, state, line[0], clock, dt, angles)
+            sample = Sample(line[0], line[0], clock[0], *angles)
+            state, y = step_with(xp, active, core, whole, state, sample, dt)
             turned = angles[0] + 0.5 * dt * (speed + state[0][0])
             counted = angles[1] + dt * y
-            following = _flat(state, lag, tracks, line[1:], float(clock) + dt, (turned, counted))
-            return np.concatenate([head, following]), np.asarray(y)
+            following = _flat(xp, state, line[1:], clock + dt, (turned, counted))
+            return xp.concatenate([head, following]), y
 
         return advance
 
@@ -387,19 +389,19 @@ def _named(
 
 
 def _flat(
-    state: ChainState,
-    lag: int,
-    tracks: int,
-    line: Array | None = None,
-    clock: float = 0.0,
-    angles: tuple[Array, Array] | None = None,
+    xp: Any, state: ChainState, line: Array, clock: Array, angles: tuple[Array, Array]
 ) -> Array:
-    """State as one vector: core, effects, delayed commands, clock, angles."""
-    parts = [np.ravel(state[0]), *(np.ravel(s) for held in state[1] for s in held)]
-    parts.append(np.ravel(np.zeros((lag, tracks)) if line is None else line))
-    parts.append(np.array([clock]))
-    parts.extend(angles if angles is not None else (np.zeros(tracks), np.zeros(tracks)))
-    return np.concatenate(parts)
+    """State as one vector: core, effects, delayed commands, clock (1,), angles."""
+    held = (s for states in state[1] for s in states)
+    parts = [xp.reshape(p, (-1,)) for p in (state[0], *held, line)]
+    flat: Array = xp.concatenate([*parts, clock, *angles])
+    return flat
+
+
+def _at_rest(state: ChainState, line: Array) -> Array:
+    """The state in which time and angles are zero."""
+    tracks = line.shape[1]
+    return _flat(np, state, line, np.zeros(1), (np.zeros(tracks), np.zeros(tracks)))
 
 
 def _unflat(
@@ -416,4 +418,9 @@ def _unflat(
         held.append(tuple(block))
     line = x[at : at + lag * tracks].reshape(lag, tracks)
     at += lag * tracks
-    return (core, tuple(held)), line, x[at], (x[at + 1 : at + 1 + tracks], x[at + 1 + tracks :])
+    return (
+        (core, tuple(held)),
+        line,
+        x[at : at + 1],
+        (x[at + 1 : at + 1 + tracks], x[at + 1 + tracks :]),
+    )

@@ -317,7 +317,7 @@ class BlockChain:
             )
 
         def advance(x: Array, u: Array) -> tuple[Array, Array]:
-            xp: Any = u.__array_namespace__()
+            xp: Any = x.__array_namespace__()
             signal: Any = u
             parts: list[Any] = []
             at = 0

@@ -15,6 +15,7 @@ import numpy as np
 
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import UsageError
+from sysid.fitting.compiled import repeated
 from sysid.fitting.problem import (
     Focus,
     Initial,
@@ -291,16 +292,7 @@ class GreyBox(Structure):
         self, xp: Any, x: Signal, u: Signal, p: Mapping[str, Signal], h: Signal, steps: Signal
     ) -> Signal:
         """x one sample later, u held for ``steps`` steps of length h."""
-        if xp is np:
-            for _ in range(steps):
-                x = self.advance(xp, x, u, p, h)
-            return x
-        from sysid.fitting.compiled import jax_module
-
-        looped: Signal = jax_module().lax.fori_loop(
-            0, steps, lambda _, x: self.advance(xp, x, u, p, h), x
-        )
-        return looped
+        return repeated(xp, steps, lambda x: self.advance(xp, x, u, p, h), x)
 
     def problems(
         self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
@@ -332,15 +324,15 @@ class GreyBox(Structure):
         return free_run(self, theta, [u], x[:, None])[0]
 
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
-        """The free run sample by sample, in NumPy: the same equations as the compiled runs."""
+        """The free run sample by sample: the same equations as the compiled runs."""
         p = self.prepared(np, self.unpack(np, np.asarray(theta, dtype=np.float64)), self.h)
 
         def advance(x: Array, u: Array) -> tuple[Array, Array]:
-            state = np.asarray(x, dtype=np.float64)[:, None]
-            y = self.reading(np, state, p)
-            held = np.asarray(u, dtype=np.float64)[:, None]
-            after = self.sample(np, state, held, p, self.h, self.steps)
-            return np.asarray(after)[:, 0], np.asarray(y)[:, 0]
+            xp: Any = x.__array_namespace__()
+            state, held = x[:, None], u[:, None]
+            y = xp.asarray(self.reading(xp, state, p))
+            after = xp.asarray(self.sample(xp, state, held, p, self.h, self.steps))
+            return after[:, 0], y[:, 0]
 
         return advance
 

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.structures.narmax.runs import FreeRun, Limits
+from sysid.structures.narmax.runs import FreeRun
 from sysid.structures.recursive.monomials import Term
+from sysid.structures.recursive.single_values import Limits
 
 RUNAWAY = 1.0
 """Range widths beyond the training range from which a probe counts as running away."""

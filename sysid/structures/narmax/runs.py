@@ -12,6 +12,7 @@ along the finished run; both are advanced for all chunks of the data at once.
 
 from collections.abc import Callable, Sequence
 from operator import mul
+from typing import Any
 
 import numpy as np
 
@@ -23,12 +24,10 @@ from sysid.structures.recursive.monomials import (
     is_noise,
     largest_lag,
 )
+from sysid.structures.recursive.single_values import Limits, kept_inside, together
 
 BLOCK = 8192
 """Samples whose input products are held at a time."""
-
-Limits = tuple[tuple[float, float], ...]
-"""Lowest and highest value of each output in free run."""
 
 
 class FreeRun:
@@ -164,17 +163,19 @@ class FreeRun:
             ]
             for i in range(self.ny)
         ]  # fmt: skip
-        # (from, to) of every entry of x⁺: one place along, the newest from y and u
-        source = np.arange(-1, n - 1)
-        newest_y = [(at, i) for i, (at, d) in enumerate(zip(y_at, self.y_depth, strict=True)) if d]
-        newest_u = [(at, j) for j, (at, d) in enumerate(zip(u_at, self.u_depth, strict=True)) if d]
-        source[[at for at, _ in (*newest_y, *newest_u)]] = 0
+        # where every entry of x⁺ stands in (x, y, u): one place along, the newest in u and y
+        source = list(range(-1, n - 1))
+        pool = ((y_at, self.y_depth, n), (u_at, self.u_depth, n + self.ny))
+        for starts, depths, first in pool:
+            for j, (at, depth) in enumerate(zip(starts, depths, strict=True)):
+                if depth:
+                    source[at] = first + j
         limits = self.limits
 
         def step(x: Array, u: Array) -> tuple[Array, Array]:
-            known = x.tolist()
-            known += u.tolist()
-            products = [1.0]
+            xp: Any = x.__array_namespace__()
+            known = [*x.tolist(), *u.tolist()] if xp is np else [*x, *u]
+            products: list[Any] = [1.0]
             for a, where in plan:
                 products.append(products[a] * known[where])
             y = []
@@ -182,13 +183,10 @@ class FreeRun:
                 value = 0.0
                 for c, m, q in row:
                     value += c * products[m] * products[q]
-                y.append(high if value > high else value if value >= low else low)
-            after = x[source]
-            for at, i in newest_y:
-                after[at] = y[i]
-            for at, j in newest_u:
-                after[at] = known[n + j]
-            return after, np.array(y)
+                y.append(kept_inside(xp, value, low, high))
+            pool = [*known[:n], *y, *known[n:]]
+            after = together(xp, [pool[k] for k in source]) if source else x
+            return after, together(xp, y)
 
         return step
 

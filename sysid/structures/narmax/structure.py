@@ -25,7 +25,7 @@ from sysid.structures.narmax.options import (
 )
 from sysid.structures.narmax.probes import stays_near, widened
 from sysid.structures.narmax.problems import ChunkedRuns, OneStep
-from sysid.structures.narmax.runs import FreeRun, Limits
+from sysid.structures.narmax.runs import FreeRun
 from sysid.structures.orders import MAX_ORDER, Orders, spread
 from sysid.structures.recursive.monomials import (
     MAX_DEGREE,
@@ -37,6 +37,7 @@ from sysid.structures.recursive.monomials import (
     to_json,
     typed_name,
 )
+from sysid.structures.recursive.single_values import Limits
 from sysid.structures.recursive.state_fit import fitted_state
 
 if TYPE_CHECKING:

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from sysid.errors import UsageError
-from sysid.structures.narx.run import Limits
 from sysid.structures.narx.wavelet_network import DEGREE, KINDS, RowDesign
 from sysid.structures.orders import Orders
 from sysid.structures.recursive.regressors import MAX_REGRESSORS, Row, standard
+from sysid.structures.recursive.single_values import Limits
 
 MARGIN = 0.15
 MAX_UNITS = 200

@@ -27,12 +27,10 @@ from sysid.structures.recursive.regressors import (
     lag_of,
     scalar,
 )
+from sysid.structures.recursive.single_values import Limits, kept_inside, together
 
 LONG = 20_000
 """Samples from which a run is compiled: importing and compiling then cost less than they save."""
-
-Limits = tuple[tuple[float, float], ...]
-"""Lowest and highest value of each output in free run."""
 
 
 class NarxRun:
@@ -132,24 +130,32 @@ class NarxRun:
         simple = all(isinstance(e, Signal) for e in every)
         places = np.array([window.place(e) if isinstance(e, Signal) else 0 for e in every])
         each = [scalar(e, window.place) for e in every]
-        source, new_y, new_u = window.shift()
-        n, limits = self.n_states, self.limits
+        source, limits = window.shift(), self.limits
+        frames = [d.frame() for d in self.designs]
+        weights = [d.weights(theta[i]) for d, i in zip(self.designs, self.theta_index, strict=True)]
 
         def step(x: Array, u: Array) -> tuple[Array, Array]:
-            known = np.concatenate([x, u])
-            if simple:
-                row = known[places]
+            xp: Any = x.__array_namespace__()
+            known: Any = xp.concatenate([x, u])
+            if xp is not np:
+                found = [
+                    value(
+                        xp,
+                        self.kind,
+                        f,
+                        w,
+                        xp.stack([evaluate(e, lambda s: known[window.place(s)], xp) for e in row]),
+                    )
+                    for row, f, w in zip(self.rows, frames, weights, strict=True)
+                ]
+            elif simple:
+                found = point(known[places])
             else:
                 values = known.tolist()
-                row = np.array([f(values) for f in each])
-            y = [high if v > high else v if v >= low else low
-                 for v, (low, high) in zip(point(row), limits, strict=True)]  # fmt: skip
-            after = x[source]
-            for a, i in new_y:
-                after[a] = y[i]
-            for a, j in new_u:
-                after[a] = known[n + j]
-            return after, np.array(y)
+                found = point(np.array([f(values) for f in each]))
+            limited = [kept_inside(xp, v, *ends) for v, ends in zip(found, limits, strict=True)]
+            y = together(xp, limited)
+            return xp.concatenate([x, y, u])[source], y
 
         return step
 

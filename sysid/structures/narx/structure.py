@@ -18,7 +18,7 @@ from sysid.structures.narx import options as narx_options
 from sysid.structures.narx import words as narx_words
 from sysid.structures.narx.options import NarxOptions
 from sysid.structures.narx.problems import FreeRuns, OneStepRow, windows
-from sysid.structures.narx.run import Limits, NarxRun
+from sysid.structures.narx.run import NarxRun
 from sysid.structures.narx.wavelet_network import (
     KINDS,
     Kind,
@@ -34,6 +34,7 @@ from sysid.structures.recursive.regressors import (
     custom,
     standard,
 )
+from sysid.structures.recursive.single_values import Limits
 from sysid.structures.recursive.state_fit import fitted_state
 
 if TYPE_CHECKING:

@@ -194,13 +194,16 @@ class Window:
             return int(self.y_at[s.channel]) + lag - 1
         return self.n_states + s.channel if lag == 0 else int(self.u_at[s.channel]) + lag - 1
 
-    def shift(self) -> tuple[Index, list[tuple[int, int]], list[tuple[int, int]]]:
-        """How x⁺ follows: where each entry comes from, then (place, channel) of the newest ones."""
-        source = np.arange(-1, self.n_states - 1)
-        new_y = [(int(self.y_at[i]), i) for i in range(self.ny) if self.y_depth[i]]
-        new_u = [(int(self.u_at[j]), j) for j in range(self.nu) if self.u_depth[j]]
-        source[[a for a, _ in (*new_y, *new_u)]] = 0
-        return source, new_y, new_u
+    def shift(self) -> Index:
+        """Where every entry of x⁺ stands in (x, y, u): one place along, the newest in u and y."""
+        n = self.n_states
+        source = np.arange(-1, n - 1)
+        pool = ((self.y_at, self.y_depth, n), (self.u_at, self.u_depth, n + self.ny))
+        for at, depths, first in pool:
+            for j, (a, depth) in enumerate(zip(at, depths, strict=True)):
+                if depth:
+                    source[a] = first + j
+        return source
 
 
 def named(e: Expression, inputs: Sequence[Channel], outputs: Sequence[Channel]) -> str:

@@ -1,0 +1,131 @@
+"""Operations between cells: carried out between numbers, recorded elsewhere, left out if idle."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from sysid.export.c.program import Cell, constant
+
+
+@dataclass(frozen=True)
+class Operation:
+    """One operation on single values.
+
+    Attributes:
+        form: as C, {0}, {1} … its arguments.
+        numeric: the same on numbers.
+        truth: whether it gives a truth.
+        idle: (cells) → the cell it gives without an operation, or None.
+    """
+
+    form: str
+    numeric: Callable[..., Any]
+    truth: bool = False
+    idle: Callable[..., Cell | None] = lambda *cells: None
+
+    def __call__(self, *cells: Cell) -> Cell:
+        """The value: a number where all are, else a line of their program."""
+        program = next((c.program for c in cells if c.program is not None), None)
+        if program is None:
+            return constant(float(self.numeric(*(c.number for c in cells))))
+        found = self.idle(*cells)
+        if found is not None:
+            return found
+        return program.line(self.form.format(*(c.text for c in cells)), cells, self.truth)
+
+
+def cell(value: Any) -> Cell:
+    """A cell as it is, anything else as a number."""
+    return value if isinstance(value, Cell) else constant(float(value))
+
+
+def _added(a: Cell, b: Cell) -> Cell | None:
+    return b if a.number == 0.0 else a if b.number == 0.0 else None
+
+
+def _multiplied(a: Cell, b: Cell) -> Cell | None:
+    if a.number == 0.0 or b.number == 0.0:
+        return constant(0.0)
+    return b if a.number == 1.0 else a if b.number == 1.0 else None
+
+
+def _second(neutral: float) -> Callable[[Cell, Cell], Cell | None]:
+    return lambda a, b: a if b.number == neutral else None
+
+
+def _powered(a: Cell, b: Cell) -> Cell | None:
+    if b.number == 2.0:
+        return MULTIPLY(a, a)
+    return a if b.number == 1.0 else None
+
+
+def _limited(never: float) -> Callable[[Cell, Cell], Cell | None]:
+    return lambda a, b: a if b.number == never else b if a.number == never else None
+
+
+def _chosen(c: Cell, a: Cell, b: Cell) -> Cell | None:
+    return None if c.number is None else a if c.number else b
+
+
+ADD = Operation("{0} + {1}", np.add, idle=_added)
+SUBTRACT = Operation("{0} - {1}", np.subtract, idle=_second(0.0))
+MULTIPLY = Operation("{0} * {1}", np.multiply, idle=_multiplied)
+DIVIDE = Operation("{0} / {1}", np.divide, idle=_second(1.0))
+POWER = Operation("pow({0}, {1})", np.power, idle=_powered)
+NEGATIVE = Operation("-{0}", np.negative)
+MAXIMUM = Operation("{0} > {1} ? {0} : {1}", np.maximum, idle=_limited(-np.inf))
+MINIMUM = Operation("{0} < {1} ? {0} : {1}", np.minimum, idle=_limited(np.inf))
+WHERE = Operation("{0} ? {1} : {2}", lambda c, a, b: a if c else b, idle=_chosen)
+ABSOLUTE = Operation("fabs({0})", np.abs)
+SIGN = Operation("(double)(({0} > 0.0) - ({0} < 0.0))", np.sign)
+
+_COMPARISONS = {
+    "greater": ">", "greater_equal": ">=", "less": "<", "less_equal": "<=",
+    "equal": "==", "not_equal": "!=", "logical_and": "&&", "logical_or": "||",
+}  # fmt: skip
+_C_FUNCTIONS = {
+    "exp": "exp", "expm1": "expm1", "log": "log", "log1p": "log1p", "log10": "log10",
+    "sqrt": "sqrt", "sin": "sin", "cos": "cos", "tan": "tan", "arcsin": "asin",
+    "arccos": "acos", "arctan": "atan", "sinh": "sinh", "cosh": "cosh", "tanh": "tanh",
+    "fabs": "fabs", "floor": "floor", "ceil": "ceil",
+}  # fmt: skip
+
+OPERATIONS: Mapping[str, Operation] = MappingProxyType(
+    {
+        "add": ADD,
+        "subtract": SUBTRACT,
+        "multiply": MULTIPLY,
+        "divide": DIVIDE,
+        "power": POWER,
+        "negative": NEGATIVE,
+        "maximum": MAXIMUM,
+        "minimum": MINIMUM,
+        "where": WHERE,
+        "abs": ABSOLUTE,
+        "absolute": ABSOLUTE,
+        "sign": SIGN,
+        "arctan2": Operation("atan2({0}, {1})", np.arctan2),
+        "hypot": Operation("hypot({0}, {1})", np.hypot),
+        "logical_not": Operation("!{0}", np.logical_not, True),
+        "invert": Operation("!{0}", np.logical_not, True),
+        "bitwise_and": Operation("{0} && {1}", np.logical_and, True),
+        "bitwise_or": Operation("{0} || {1}", np.logical_or, True),
+        **{
+            name: Operation(f"{{0}} {c} {{1}}", getattr(np, name), True)
+            for name, c in _COMPARISONS.items()
+        },
+        **{name: Operation(f"{c}({{0}})", getattr(np, name)) for name, c in _C_FUNCTIONS.items()},
+    }
+)
+"""What can be written as C entry by entry, by NumPy's names."""
+
+
+def total(cells: Sequence[Cell], operation: Operation = ADD) -> Cell:
+    """Cells taken together from left to right."""
+    found = cells[0]
+    for c in cells[1:]:
+        found = operation(found, c)
+    return found

@@ -1,0 +1,276 @@
+"""Lines of C in the order in which a computation recorded them: values, arrays, loops, tables.
+
+An operation on few numbers is one line a number; one on many is a loop over an array, so that the
+size of the code does not grow with that of a network. Loops over the same range that follow each
+other become one, and what only they need is no array. What nothing uses is left out.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import count
+from typing import Any
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.export.c.loops import Access, Loop, loop_lines, names_read, row_major
+from sysid.export.c.writing import factor, integers, number, table, wrapped
+
+Cells = Any
+"""A NumPy array of cells."""
+
+
+class Cell:
+    """A number, or a named value of a program.
+
+    Attributes:
+        text: as C.
+        number: its value where it is a number.
+        program: where it was recorded, None for a number.
+        name: the value or array that must be computed before.
+        place: the array and the index at which it stands there, if it does.
+    """
+
+    __slots__ = ("name", "number", "place", "program", "text")
+
+    def __init__(
+        self,
+        text: str,
+        value: float | None,
+        program: "Program | None" = None,
+        name: str = "",
+        place: tuple[str, int] | None = None,
+    ) -> None:
+        self.text, self.number, self.program = text, value, program
+        self.name, self.place = name, place
+
+
+def constant(value: float) -> Cell:
+    """The cell of a number."""
+    return Cell(factor(value), float(value))
+
+
+@dataclass(frozen=True)
+class _Lines:
+    """What defines one name, and the names it reads."""
+
+    name: str
+    lines: tuple[str, ...]
+    reads: frozenset[str]
+
+
+class Program:
+    """Statements in the order in which they were recorded; equal ones become one."""
+
+    def __init__(self) -> None:
+        self._scopes: list[list[_Lines | Loop]] = [[]]
+        self._known: dict[str, str] = {}
+        self._tables: dict[str, tuple[str, ...]] = {}
+        self._numbers = count()
+
+    # ----------------------------------------------------------------- single values
+
+    def line(self, text: str, used: Sequence[Cell], truth: bool = False) -> Cell:
+        """The value of a C expression that uses these cells."""
+        if text not in self._known:
+            name = self._name("t")
+            kind = "int" if truth else "double"
+            reads = frozenset(c.name for c in used if c.number is None)
+            self._add(_Lines(name, (f"const {kind} {name} = {text};",), reads))
+            self._known[text] = name
+        name = self._known[text]
+        return Cell(name, None, self, name)
+
+    def inputs(self, array: str, n: int) -> list[Cell]:
+        """The first n entries of an array that exists already, as they are now."""
+        found = []
+        for k in range(n):
+            cell = self.line(f"{array}[{k}]", ())
+            cell.place = (array, k)
+            found.append(cell)
+        return found
+
+    # ----------------------------------------------------------------- arrays
+
+    def looped(
+        self, form: str, shape: tuple[int, ...], args: Sequence[Cells], truth: bool = False
+    ) -> Cells:
+        """An operation on every entry of arrays of cells that broadcast to ``shape``."""
+        accesses = tuple(self._access(a, shape) for a in args)
+        key = f"{form}{shape}{truth}{accesses}"
+        if key not in self._known:
+            self._known[key] = self._name("a")
+            self._add(Loop(self._known[key], shape, form, accesses, truth))
+        return self._entries(self._known[key], shape)
+
+    def reduced(self, form: str, start: str, cells: Cells) -> Cells:
+        """The last axis of an array of cells taken together by ``form`` of two values."""
+        access = self._access(cells, cells.shape)
+        name = self._name("a")
+        self._add(Loop(name, cells.shape, form, (access,), start=start))
+        if cells.ndim == 1:
+            return np.array(Cell(name, None, self, name), dtype=object)
+        return self._entries(name, cells.shape[:-1])
+
+    def looked_up(self, cells: Cells, at: Cell) -> Cell:
+        """The entry of a row of cells whose index is the value of a cell."""
+        access = self._access(cells, cells.shape)
+        array = access.array or self._filled(cells)
+        if access.index:
+            raise ValueError("entries in no order cannot be looked up by a signal")
+        place = f"{access.offset} + (int){at.text}" if access.offset else f"(int){at.text}"
+        row = Cell("", None, self, array)
+        return self.line(f"{array}[{place}]", (row, at))
+
+    def repeated(self, times: int, start: Sequence[Cell]) -> "Rounds":
+        """A loop whose body is recorded between ``entered`` and ``finished``."""
+        return Rounds(self, times, start, self._name("s"))
+
+    # ----------------------------------------------------------------- writing
+
+    def lines(self, results: Iterable[Cell]) -> Iterator[str]:
+        """The lines that these results need."""
+        yield from self._needed(self._scopes[-1], {c.name for c in results if c.number is None})[0]
+
+    def support(self, text: str) -> Iterator[str]:
+        """The tables that these lines read."""
+        read = names_read(text)
+        for name, lines in self._tables.items():
+            if name in read:
+                yield from (*lines, "")
+
+    @staticmethod
+    def _needed(scope: Sequence[_Lines | Loop], needed: set[str]) -> tuple[list[str], set[str]]:
+        """(lines, names) that are needed of a scope; the names go beyond it."""
+        needed, wanted = set(needed), set(needed)
+        kept: list[_Lines | Loop] = []
+        for statement in reversed(scope):
+            if statement.name in needed:
+                needed |= statement.reads
+                kept.insert(0, statement)
+        lines: list[str] = []
+        at = 0
+        while at < len(kept):
+            first = kept[at]
+            if isinstance(first, _Lines):
+                lines += first.lines
+                at += 1
+                continue
+            group = [first]
+            while at + len(group) < len(kept):
+                following = kept[at + len(group)]
+                if not (isinstance(following, Loop) and following.joins(group)):
+                    break
+                group.append(following)
+            at += len(group)
+            later = wanted.union(*(s.reads for s in kept[at:]))
+            lines += loop_lines(group, later)
+        return lines, needed
+
+    def _name(self, letter: str) -> str:
+        return f"{letter}{next(self._numbers)}"
+
+    def _add(self, statement: _Lines | Loop) -> None:
+        self._scopes[-1].append(statement)
+
+    def _entries(self, name: str, shape: tuple[int, ...]) -> Cells:
+        found = np.empty(int(np.prod(shape)), dtype=object)
+        for k in range(found.size):
+            found[k] = Cell(f"{name}[{k}]", None, self, name, (name, k))
+        return found.reshape(shape)
+
+    # ----------------------------------------------------------------- how a loop reads an argument
+
+    def _access(self, cells: Cells, shape: tuple[int, ...]) -> Access:
+        """Where an argument's entries stand as a loop over ``shape`` goes through them."""
+        own = np.reshape(cells, (1,) * (len(shape) - cells.ndim) + cells.shape)
+        flat = own.ravel().tolist()
+        first = flat[0]
+        if all(c.text == first.text for c in flat):
+            return Access(text=first.text, reads=first.name)
+        strides = row_major(own.shape)
+        if all(c.number is not None for c in flat):
+            return Access(self._table(np.array([c.number for c in flat])), 0, strides)
+        places = [c.place for c in flat]
+        arrays = {p[0] if p else "" for p in places}
+        if len(arrays) != 1 or "" in arrays:
+            return Access(self._filled(own), 0, strides)
+        (array,) = arrays
+        at = np.array([p[1] for p in places if p]).reshape(own.shape)
+        along = tuple(
+            int(np.take(at, 1, k).flat[0] - at.flat[0]) if n > 1 else 0
+            for k, n in enumerate(own.shape)
+        )
+        offset = int(at.flat[0])
+        affine = offset + sum(s * g for s, g in zip(along, np.indices(own.shape), strict=True))
+        if np.array_equal(affine, at):
+            return Access(array, offset, along)
+        return Access(array, 0, strides, index=self._indices(at.ravel().tolist()))
+
+    def _table(self, values: Array) -> str:
+        return self._stored("\n".join(table("{}", values)), "c")
+
+    def _indices(self, values: list[int]) -> str:
+        return self._stored("\n".join(integers("{}", values)), "g")
+
+    def _stored(self, text: str, letter: str) -> str:
+        if text not in self._known:
+            name = self._known[text] = self._name(letter)
+            self._tables[name] = tuple(text.replace("{}", name, 1).split("\n"))
+        return self._known[text]
+
+    def _filled(self, cells: Cells) -> str:
+        """An array with these cells in it."""
+        flat = cells.ravel().tolist()
+        if all(c.number is not None for c in flat):
+            return self._table(np.array([c.number for c in flat]))
+        texts = [c.text if c.number is None else number(c.number) for c in flat]
+        key = f"{{{', '.join(texts)}}}"
+        if key not in self._known:
+            name = self._known[key] = self._name("a")
+            lines = (f"const double {name}[{len(flat)}] = {{", *wrapped(texts), "};")
+            reads = frozenset(c.name for c in flat if c.number is None)
+            self._add(_Lines(name, lines, reads))
+        return self._known[key]
+
+
+class Rounds:
+    """A loop over an array of states, its body being recorded."""
+
+    def __init__(self, program: Program, times: int, start: Sequence[Cell], name: str) -> None:
+        self.program, self.times, self.start, self.name = program, times, start, name
+
+    def entered(self) -> list[Cell]:
+        """The states as the body finds them."""
+        self._outer = dict(self.program._known)
+        self.program._scopes.append([])
+        return self.program.inputs(self.name, len(self.start))
+
+    def finished(self, after: Sequence[Cell]) -> list[Cell]:
+        """The states after the last round, from those after one."""
+        program, name = self.program, self.name
+        body, reads = program._needed(
+            program._scopes.pop(), {c.name for c in after if c.number is None}
+        )
+        program._known = self._outer
+        texts = [c.text if c.number is None else number(c.number) for c in self.start]
+        lines = [
+            f"double {name}[{len(texts)}] = {{",
+            *wrapped(texts),
+            "};",
+            f"for (int round = 0; round < {self.times}; round++) {{",
+            *(f"    {line}" for line in [*body, *assigned(name, after)]),
+            "}",
+        ]
+        reads |= {c.name for c in self.start if c.number is None}
+        program._add(_Lines(name, tuple(lines), frozenset(reads - {name})))
+        found: list[Cell] = program._entries(name, (len(texts),)).tolist()
+        return found
+
+
+def assigned(name: str, values: Sequence[Cell], operator: str = "=") -> list[str]:
+    """Lines that put cells into ``name[0]`` and on."""
+    return [
+        f"{name}[{k}] {operator} {c.text if c.number is None else number(c.number)};"
+        for k, c in enumerate(values)
+    ]

@@ -1,0 +1,347 @@
+"""Arrays whose operations are recorded as C, and the namespace of functions that work on them.
+
+``step`` of a structure is a function of two arrays, written with operators and with the functions
+of the arrays' namespace (``x.__array_namespace__()``) or of NumPy. Called with ``Traced`` arrays,
+it leaves the program that computes it.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from sysid.errors import ModelError
+from sysid.export.c.operations import ADD, MAXIMUM, MINIMUM, MULTIPLY, OPERATIONS, Operation, cell
+from sysid.export.c.operations import total as taken_together
+from sysid.export.c.program import Cells, Program
+
+WRITTEN_OUT = 24
+"""Entries up to which an operation on an array is written out; beyond, it becomes a loop.
+
+Written out, ones and zeros cost nothing and values need no memory; a loop's code does not grow.
+Motors, tanks and effects have two or six entries a signal, the tables of a network hundreds."""
+
+
+def _operator(name: str, swapped: bool = False) -> Callable[..., Any]:
+    if swapped:
+        return lambda self, other: _each(OPERATIONS[name], other, self)
+    return lambda *values: _each(OPERATIONS[name], *values)
+
+
+class Traced:
+    """An array of cells with NumPy's shapes, indices, operators and functions."""
+
+    def __init__(self, cells: Any) -> None:
+        self.cells: Cells = np.asarray(cells, dtype=object)
+
+    def __array_namespace__(self, api_version: str | None = None) -> Any:
+        return TRACE
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *values: Any, **options: Any) -> "Traced":
+        name = ufunc.__name__
+        if method != "__call__" or any(v is not None for v in options.values()):
+            raise _refusal(f"{name}.{method}")
+        if name == "matmul":
+            return _product(*values)
+        return _each(_operation(name), *values)
+
+    def __array_function__(self, function: Any, types: Any, args: Any, options: Any) -> Any:
+        return getattr(TRACE, function.__name__)(*args, **options)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Its shape."""
+        return tuple(self.cells.shape)
+
+    @property
+    def ndim(self) -> int:
+        """Number of axes."""
+        return int(self.cells.ndim)
+
+    @property
+    def size(self) -> int:
+        """Number of entries."""
+        return int(self.cells.size)
+
+    @property
+    def T(self) -> "Traced":
+        """Its axes in reverse order."""
+        return Traced(self.cells.T)
+
+    def reshape(self, *shape: Any) -> "Traced":
+        """The same cells in another shape."""
+        return Traced(self.cells.reshape(*shape))
+
+    def ravel(self) -> "Traced":
+        """The cells in a row."""
+        return Traced(self.cells.ravel())
+
+    def copy(self) -> "Traced":
+        """The same cells in an array of its own."""
+        return Traced(self.cells.copy())
+
+    def sum(self, axis: int | None = None) -> "Traced":
+        """The sum of its entries."""
+        return _reduced(self, axis)
+
+    def __len__(self) -> int:
+        return len(self.cells)
+
+    def __getitem__(self, key: Any) -> "Traced":
+        if isinstance(key, Traced):
+            return _looked_up(self, key)
+        return Traced(self.cells[key])
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        found = cells_of(value)
+        self.cells[key] = found if found.ndim else found.item()
+
+    def __iter__(self) -> Iterator["Traced"]:
+        return (self[k] for k in range(len(self)))
+
+    def __bool__(self) -> bool:
+        raise ModelError(
+            "its equations decide by values of signals in Python, which cannot be written as C; "
+            "use xp.where instead of if"
+        )
+
+    def __float__(self) -> float:
+        raise ModelError(
+            "its equations make a Python number of a signal, which cannot be written as C; keep "
+            "arrays and put them together by xp.stack or xp.concatenate"
+        )
+
+    __int__ = __index__ = __float__
+    __hash__ = None  # type: ignore[assignment]
+
+    __add__, __radd__ = _operator("add"), _operator("add", swapped=True)
+    __sub__, __rsub__ = _operator("subtract"), _operator("subtract", swapped=True)
+    __mul__, __rmul__ = _operator("multiply"), _operator("multiply", swapped=True)
+    __truediv__, __rtruediv__ = _operator("divide"), _operator("divide", swapped=True)
+    __pow__, __rpow__ = _operator("power"), _operator("power", swapped=True)
+    __and__, __rand__ = _operator("bitwise_and"), _operator("bitwise_and", swapped=True)
+    __or__, __ror__ = _operator("bitwise_or"), _operator("bitwise_or", swapped=True)
+    __neg__, __abs__, __invert__ = map(_operator, ("negative", "absolute", "invert"))
+    __gt__, __ge__ = _operator("greater"), _operator("greater_equal")
+    __lt__, __le__ = _operator("less"), _operator("less_equal")
+    __eq__, __ne__ = _operator("equal"), _operator("not_equal")
+
+    def __matmul__(self, other: Any) -> "Traced":
+        return _product(self, other)
+
+    def __rmatmul__(self, other: Any) -> "Traced":
+        return _product(other, self)
+
+
+def cells_of(value: Any) -> Cells:
+    """An array of cells from anything that can be one."""
+    if isinstance(value, Traced):
+        return value.cells
+    if isinstance(value, list | tuple) and any(isinstance(v, Traced) for v in value):
+        return np.stack([cells_of(v) for v in value])
+    entries = np.asarray(value)
+    found = np.empty(entries.shape, dtype=object)
+    for k in np.ndindex(entries.shape):
+        entry = entries[k]
+        found[k] = entry.cells.item() if isinstance(entry, Traced) else cell(entry)
+    return found
+
+
+def _program(*arrays: Cells) -> Program | None:
+    return next((c.program for a in arrays for c in a.flat if c.program is not None), None)
+
+
+def _each(operation: Operation, *values: Any) -> Traced:
+    """An operation entry by entry, shapes brought together as NumPy does."""
+    arrays = [cells_of(v) for v in values]
+    shape = np.broadcast_shapes(*(a.shape for a in arrays))
+    program = _program(*arrays)
+    if program is not None and int(np.prod(shape)) > WRITTEN_OUT:
+        if operation is OPERATIONS["power"] and all(c.number == 2.0 for c in arrays[1].flat):
+            operation, arrays = MULTIPLY, [arrays[0], arrays[0]]
+        return Traced(program.looped(operation.form, shape, arrays, operation.truth))
+    arrays = [np.broadcast_to(a, shape) for a in arrays]
+    found = np.empty(shape, dtype=object)
+    for k in np.ndindex(shape):
+        found[k] = operation(*(a[k] for a in arrays))
+    return Traced(found)
+
+
+_FOLDS = {
+    ADD: ("{0} + {1}", "0.0"),
+    MAXIMUM: ("{1} > {0} ? {1} : {0}", "-HUGE_VAL"),
+    MINIMUM: ("{1} < {0} ? {1} : {0}", "HUGE_VAL"),
+}
+"""How a loop takes entries together, and where it begins."""
+
+
+def _reduced(value: Any, axis: int | None = None, operation: Operation = ADD) -> Traced:
+    """The entries along an axis (all of them by default) taken together."""
+    cells = cells_of(value)
+    cells = cells.ravel() if axis is None else np.moveaxis(cells, axis, -1)
+    program = _program(cells)
+    if not cells.shape[-1]:
+        return Traced(cells_of(np.zeros(cells.shape[:-1])))
+    if program is not None and cells.size > WRITTEN_OUT:
+        return Traced(program.reduced(*_FOLDS[operation], cells))
+    found = np.empty(cells.shape[:-1], dtype=object)
+    for k in np.ndindex(found.shape):
+        found[k] = taken_together(cells[k], operation)
+    return Traced(found)
+
+
+def _product(a: Any, b: Any) -> Traced:
+    """The matrix product, written out where it is small or has many zeros."""
+    left, right = cells_of(a), cells_of(b)
+    if right.ndim == 2:
+        # the rows of aᵀ's partner, equal ones computed once: units that see the same signals
+        unique: dict[tuple[str, ...], int] = {}
+        rows = [unique.setdefault(tuple(c.text for c in row), len(unique)) for row in right.T]
+        first = [rows.index(k) for k in range(len(unique))]
+        if len(unique) < len(rows):
+            return Traced(_product(Traced(left), Traced(right[:, first])).cells[..., rows])
+        left, right = left[..., None, :], right.T
+    shape = np.broadcast_shapes(left.shape, right.shape)
+    wide, other = np.broadcast_to(left, shape), np.broadcast_to(right, shape)
+    idle = sum(p.number == 0.0 or q.number == 0.0 for p, q in zip(wide.flat, other.flat))  # noqa: B905 (of one shape)
+    busy = wide.size - idle
+    if busy > WRITTEN_OUT and 2 * busy > wide.size:
+        return _reduced(_each(MULTIPLY, Traced(left), Traced(right)), -1)
+    found = np.empty(shape[:-1], dtype=object)
+    for k in np.ndindex(found.shape):
+        terms = [MULTIPLY(p, q) for p, q in zip(wide[k], other[k], strict=True)]
+        found[k] = taken_together([cell(0.0), *terms])
+    return Traced(found)
+
+
+def _looked_up(row: Traced, at: Traced) -> Traced:
+    """Entries of a row at places that follow from signals."""
+    found = np.empty(at.shape, dtype=object)
+    program = _program(at.cells)
+    for k in np.ndindex(at.shape):
+        index = at.cells[k]
+        if index.number is not None:
+            found[k] = row.cells[int(index.number)]
+        elif program is None or row.ndim != 1:
+            raise _refusal("indices of several axes that follow from signals")
+        else:
+            found[k] = program.looked_up(row.cells, index)
+    return Traced(found)
+
+
+# ------------------------------------------------------------------------------ the namespace
+
+
+def _refusal(what: str) -> ModelError:
+    return ModelError(f"its equations use {what}, for which there is no C")
+
+
+def _operation(name: str) -> Operation:
+    if name not in OPERATIONS:
+        raise _refusal(name)
+    return OPERATIONS[name]
+
+
+class _Namespace(SimpleNamespace):
+    """The functions that can be written as C; asking for another one says so."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        raise _refusal(name)
+
+
+def _is_traced(value: Any) -> bool:
+    return isinstance(value, Traced) or (
+        isinstance(value, list | tuple) and any(map(_is_traced, value))
+    )
+
+
+def _function(name: str) -> Callable[..., Any]:
+    """NumPy's function for numbers, the operation for traced arrays."""
+
+    def call(*values: Any) -> Any:
+        if any(map(_is_traced, values)):
+            return _each(OPERATIONS[name], *values)
+        return getattr(np, name)(*values)
+
+    return call
+
+
+def _joined(name: str) -> Callable[..., Any]:
+    def call(parts: Sequence[Any], axis: int = 0) -> Traced:
+        return Traced(getattr(np, name)([cells_of(p) for p in parts], axis=axis))
+
+    return call
+
+
+def _fold(operation: Operation, value: Any, axis: int | None = None, keepdims: bool = False) -> Any:
+    found = _reduced(value, axis, operation)
+    if keepdims:
+        return Traced(np.expand_dims(found.cells, 0 if axis is None else axis))
+    return found
+
+
+def _mean(value: Any, axis: int | None = None, keepdims: bool = False) -> Any:
+    cells = cells_of(value)
+    n = cells.size if axis is None else cells.shape[axis]
+    return _fold(ADD, value, axis, keepdims) / float(n)
+
+
+def _clip(value: Any, low: Any, high: Any) -> Any:
+    return TRACE.minimum(TRACE.maximum(value, low), high)
+
+
+def _searchsorted(points: Any, value: Any, side: str = "left") -> Traced:
+    """How many of these rising points lie below the value, or at it where ``side`` is right."""
+    at, rising = Traced(cells_of(value)[..., None]), Traced(cells_of(points))
+    below = at >= rising if side == "right" else at > rising
+    return _reduced(_each(OPERATIONS["where"], below, 1.0, 0.0), -1)
+
+
+def _repeated(times: int, advance: Callable[[Traced], Traced], x: Traced) -> Traced:
+    """x after ``times`` rounds of ``advance``: one loop."""
+    program = _program(x.cells)
+    if program is None or times == 1:
+        for _ in range(times):
+            x = advance(x)
+        return x
+    rounds = program.repeated(times, x.cells.ravel().tolist())
+    found = advance(Traced(rounds.entered()).reshape(x.shape))
+    return Traced(rounds.finished(cells_of(found).ravel().tolist())).reshape(x.shape)
+
+
+TRACE: Any = _Namespace(
+    pi=np.pi,
+    inf=np.inf,
+    zeros=np.zeros,
+    ones=np.ones,
+    arange=np.arange,
+    asarray=lambda value, dtype=None: Traced(cells_of(value)),
+    zeros_like=lambda value, dtype=None: np.zeros(np.shape(cells_of(value))),
+    ones_like=lambda value, dtype=None: np.ones(np.shape(cells_of(value))),
+    reshape=lambda value, shape: Traced(cells_of(value).reshape(shape)),
+    ravel=lambda value: Traced(cells_of(value).ravel()),
+    copy=lambda value: Traced(cells_of(value).copy()),
+    roll=lambda value, shift, axis=None: Traced(np.roll(cells_of(value), shift, axis)),
+    clip=_clip,
+    searchsorted=_searchsorted,
+    repeated=_repeated,
+    stack=_joined("stack"),
+    concatenate=_joined("concatenate"),
+    concat=_joined("concatenate"),
+    hstack=lambda parts: Traced(np.hstack([cells_of(p) for p in parts])),
+    vstack=lambda parts: Traced(np.vstack([cells_of(p) for p in parts])),
+    dot=lambda a, b: _product(a, b),
+    matmul=lambda a, b: _product(a, b),
+    sum=partial(_fold, ADD),
+    max=partial(_fold, MAXIMUM),
+    min=partial(_fold, MINIMUM),
+    amax=partial(_fold, MAXIMUM),
+    amin=partial(_fold, MINIMUM),
+    mean=_mean,
+    **{name: _function(name) for name in OPERATIONS},
+)
+"""The namespace that records."""
