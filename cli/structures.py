@@ -7,7 +7,7 @@ import typer
 from . import reading, render
 
 if TYPE_CHECKING:
-    from sysid.structures.base import Structure
+    from sysid.structures.base import NamedStructure
 
 _ORDERS = {
     "na": "past outputs in the equation",
@@ -59,7 +59,7 @@ def structures(
     render.say(f"sysid fit LOG --structure {facts['name']} {facts['example']}".rstrip())
 
 
-def _facts(cls: "type[Structure]") -> dict[str, Any]:
+def _facts(cls: "type[NamedStructure]") -> dict[str, Any]:
     """What a user needs to know about a structure."""
     description = " ".join((cls.__doc__ or "").split("Attributes:")[0].split()).replace("``", "")
     orders = " ".join(f"{n}={1 if n == 'nk' else 2}" for n in cls.order_names)
@@ -85,7 +85,7 @@ def _facts(cls: "type[Structure]") -> dict[str, Any]:
     }
 
 
-def _constants(cls: "type[Structure]") -> list[dict[str, Any]]:
+def _constants(cls: "type[NamedStructure]") -> list[dict[str, Any]]:
     """The physical constants of a grey box, in their largest number; nothing of others."""
     from sysid.errors import UsageError
     from sysid.structures.grey_box.structure import GreyBox

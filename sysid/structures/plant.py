@@ -8,7 +8,7 @@ import numpy as np
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel
 from sysid.effects.ground import Ground
-from sysid.structures.base import Structure
+from sysid.structures.dynamics import Dynamics
 
 Step = Callable[[Array, Array], tuple[Array, Array]]
 
@@ -45,7 +45,7 @@ class Plant:
 
     @staticmethod
     def of_structure(
-        structure: Structure,
+        structure: Dynamics,
         theta: Array,
         dt: float,
         inputs: tuple[Channel, ...],
@@ -53,18 +53,18 @@ class Plant:
         detrend: Detrend,
         ranges: Array,
     ) -> "Plant":
-        """The plant of a fitted structure; trends in time are not part of it."""
-        n = structure.n_states(theta)
+        """The plant of dynamics with their parameters; trends in time are not part of it."""
+        rest = structure.rest(theta)
         return Plant(
             dt=dt,
             inputs=inputs,
             outputs=outputs,
-            n_states=n,
+            n_states=len(rest),
             core=structure.step(theta),
             u_offset=np.asarray(detrend.u_offset, dtype=np.float64),
             y_offset=np.asarray(detrend.y_offset, dtype=np.float64),
             input_range=tuple((float(a), float(b)) for a, b in ranges[: len(inputs)]),
-            rest_state=np.zeros(n),
+            rest_state=rest,
             ground=structure.ground(theta),
         )
 

@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 
 from sysid.data.schema import STORED, checked
 from sysid.errors import ModelError, UsageError
-from sysid.extensions import loaded, points
-from sysid.structures.base import Structure
+from sysid.extensions import loaded, points, unusable
+from sysid.structures.base import NamedStructure, Structure
 
 BUILT_IN = {
     "arx": "linear.arx:ARX",
@@ -31,13 +31,13 @@ MADE = {"augmented": "augmented.structure:Augmented"}
 """Structures that a workflow makes and a file may hold, but that nobody fits by name."""
 
 
-def _load(place: str) -> type[Structure]:
+def _load(place: str) -> type[NamedStructure]:
     module, name = place.split(":")
-    found: type[Structure] = getattr(import_module(f"sysid.structures.{module}"), name)
+    found: type[NamedStructure] = getattr(import_module(f"sysid.structures.{module}"), name)
     return found
 
 
-def structure_classes() -> dict[str, type[Structure]]:
+def structure_classes() -> dict[str, type[NamedStructure]]:
     """Every structure that can be fitted, by name: the built-in ones and those of other packages.
 
     Other packages register a class under the entry-point group ``sysid.structures``.
@@ -45,11 +45,14 @@ def structure_classes() -> dict[str, type[Structure]]:
     classes = {name: _load(place) for name, place in BUILT_IN.items()}
     for name, point in points("sysid.structures").items():
         if name not in classes:
-            classes[name] = loaded(point, "structure")
+            found = loaded(point, "structure")
+            if not (isinstance(found, type) and issubclass(found, NamedStructure)):
+                raise unusable(point, "structure", "is no class of NamedStructure")
+            classes[name] = found
     return classes
 
 
-def structure_class(name: str) -> type[Structure]:
+def structure_class(name: str) -> type[NamedStructure]:
     """The structure called ``name`` (case does not matter).
 
     Raises:

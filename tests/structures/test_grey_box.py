@@ -1,9 +1,10 @@
 """Grey boxes: the motor's mechanics, fits from simulated truths, many starts, refusals."""
 
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -17,12 +18,13 @@ from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.fitting.solvers import many_starts
 from sysid.structures.grey_box import runs as grey_box_runs
-from sysid.structures.grey_box.constants import Rung
+from sysid.structures.grey_box.constants import Constant, Rung
 from sysid.structures.grey_box.dc_motor.structure import DCMotor
 from sysid.structures.grey_box.fit import _determined
 from sysid.structures.grey_box.starts import Setting
 from sysid.structures.grey_box.structure import GreyBox
 from sysid.structures.grey_box.tanks import Tanks
+from sysid.structures.head import head_window
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
 
@@ -438,3 +440,48 @@ def test_kind_of_input_follows_the_columns() -> None:
     auto = DCMotor.from_orders({}, 2, 2, {})
     assert auto.for_record(log).input == "pwm"
     assert auto.for_record(replace(log, inputs=(VOLTS, Channel("v", "V")))).input == "voltage"
+
+
+@dataclass(frozen=True)
+class OneRate(GreyBox):
+    """dx/dt = -rate x + u, of any sign of the rate."""
+
+    name: ClassVar[str] = "one-rate"
+
+    @property
+    def constants(self) -> tuple[Constant, ...]:
+        return (Constant("rate", "1/s", 1.0, -10.0),)
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        return ("x",)
+
+    def rates(self, xp: Any, x: Any, u: Any, p: Mapping[str, Any]) -> Any:
+        return -p["rate"] * x + u
+
+    def reading(self, xp: Any, x: Any, p: Mapping[str, Any]) -> Any:
+        return x
+
+    def first_guess(self, records: Sequence[Record]) -> tuple[tuple[str, Array], ...]:
+        return (("one", np.ones(1)),)
+
+
+@pytest.mark.parametrize(
+    ("rate", "stable"), [(2.0, True), (0.01, True), (0.0, True), (-0.05, False), (-3.0, False)]
+)
+def test_a_grey_box_is_stable_where_a_long_run_does_not_run_away(rate: float, stable: bool) -> None:
+    """An integral (rate 0) grows with time and counts as stable; whatever doubles does not."""
+    for ranges in ((), ((0.0, 5.0),)):
+        box = OneRate(1, 1, dt=0.1, input_range=ranges)
+        assert box.stable(np.array([rate])) is stable
+
+
+@pytest.mark.parametrize("tracks", [1, 2])
+def test_a_slow_motor_gets_a_longer_head(tracks: int) -> None:
+    """Two time constants of the slowest motion; coupled tracks have one slower than either's."""
+    made = motor(tracks, output="speed")
+    for tau in (0.5, 5.0):
+        coupling = {"coupling": 0.4} if tracks == 2 else {}
+        slowest = tau * (1.4 if tracks == 2 else 1.0)
+        theta = made.pack({"gain": 2.0, "time_constant": tau} | coupling)
+        assert head_window(made, theta) == pytest.approx(2.0 * slowest / made.dt, abs=1)

@@ -7,7 +7,8 @@ import numpy as np
 from sysid.criteria.verdicts import ResidualReport, ResidualTest
 from sysid.errors import Termination
 from sysid.estimation.assessment.figures import Figures
-from sysid.estimation.selection.soundness import INTEGRATING, motion_doubts
+from sysid.estimation.selection.soundness import INTEGRATING, largest_radius, motion_doubts
+from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.model import Model, unvisited
 
 GOOD_PREDICTION = 80.0
@@ -95,15 +96,15 @@ def _stability(model: Model) -> list[str]:
             "a drift; lower the orders or record longer."
             for clause in slow
         ]
-    poles = model.structure.properties(model.theta, model.dt).get("poles", [])
-    worst = max((p["abs"] for p in poles), default=float("nan"))
+    worst = largest_radius(model.structure, model.theta)
     if worst < INTEGRATING:
         return [
             f"The model integrates (largest pole at radius {worst:.5f}): its free run drifts "
             "with any error; differentiate the output or fit its rate."
         ]
+    size = f" (largest pole at radius {worst:.4f})" if np.isfinite(worst) else ""
     return [
-        f"The free run of this model is unstable (largest pole at radius {worst:.4f}): lower "
+        f"The free run of this model is unstable{size}: lower "
         "the orders, or fit it with `sysid fit --stable` or `sysid fit --focus simulation`."
     ]
 
@@ -169,11 +170,12 @@ def _held_out(free_run: Figures, validation: Figures | None) -> list[str]:
 
 
 def _cancellation(model: Model) -> list[str]:
-    facts = model.structure.properties(model.theta, model.dt)
-    if "zeros" not in facts or len(model.inputs) != 1 or len(model.outputs) != 1:
+    s = model.structure
+    # only a ratio of polynomials has factors that cancel
+    if not isinstance(s, PolynomialStructure) or (s.nu, s.ny) != (1, 1):
         return []
-    poles = [complex(p["re"], p["im"]) for p in facts["poles"]]
-    zeros = [complex(z["re"], z["im"]) for z in facts["zeros"]]
+    zeros = s.transfer(model.theta).zeros(0, 0)
+    poles = [complex(p) for p in s.poles(model.theta)]
     pairs = [p for p in poles if any(abs(p - z) < CANCELLING for z in zeros)]
     if not pairs:
         return []

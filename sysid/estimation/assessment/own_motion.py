@@ -43,8 +43,7 @@ def own_modes(model: Model) -> tuple[OwnMode, ...]:
         return ()
 
     def poles(theta: Array) -> "np.ndarray[Any, Any]":
-        known = model.structure.properties(theta, model.dt).get("poles", [])
-        return np.array([complex(p["re"], p["im"]) for p in known], dtype=np.complex128)
+        return model.structure.poles(theta)
 
     kept = [p for p in poles(model.theta) if p.imag > 0.0 or (p.imag == 0.0 and p.real > 0.0)]
     kept.sort(key=lambda p: -abs(p))

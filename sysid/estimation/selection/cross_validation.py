@@ -13,7 +13,6 @@ from sysid.estimation.levels.offsets import Offsets
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial
-from sysid.structures.augmented.structure import Augmented
 from sysid.structures.model import Model
 
 SHORTEST_BLOCK = 20
@@ -72,7 +71,7 @@ def cross_validate(
     options = options or options_of(model)
     # a structure without starting values of its own begins at the model's: what the held-out block
     # tells is where a search begins, not where it ends
-    warm = [("all data", model.theta)] if isinstance(model.structure, Augmented) else []
+    warm = [("all data", model.theta)] if model.structure.begins_at_values else []
     squares, counts, failed = [], [], 0
     total = np.zeros(len(model.outputs))
     for k in range(folds):

@@ -19,7 +19,7 @@ import numpy as np
 from sysid.criteria.table import criterion
 from sysid.data.record import Array
 from sysid.errors import Termination
-from sysid.structures.base import Structure
+from sysid.structures.dynamics import Dynamics
 from sysid.structures.model import Model
 
 INTEGRATING = 1.0005
@@ -58,7 +58,7 @@ def doubts_about(model: Model) -> Doubts:
     return Doubts(not bounded_run(model.structure, model.theta), tuple(found))
 
 
-def motion_doubts(s: Structure, theta: Array, longest: int, dt: float) -> tuple[str, ...]:
+def motion_doubts(s: Dynamics, theta: Array, longest: int, dt: float) -> tuple[str, ...]:
     """What speaks against the motion of a structure with these parameters.
 
     Args:
@@ -67,31 +67,31 @@ def motion_doubts(s: Structure, theta: Array, longest: int, dt: float) -> tuple[
         longest: samples of the longest record it was fitted to.
         dt: sample time [s].
     """
-    radius = _slowest_radius(s, theta)
     if not s.stable(theta):
+        radius = largest_radius(s, theta)
         size = "" if not np.isfinite(radius) else f" (largest pole at radius {radius:.5f})"
         return (f"its free run does not settle{size}",)
-    if not 0.0 < radius < 1.0 or not longest:
-        return ()
-    slowest = -1.0 / np.log(radius)
-    if slowest <= longest:
+    modes = s.time_constants(theta)
+    # a structure that counts as stable although it integrates, such as a position, means to
+    slowest = float(np.max(modes[np.isfinite(modes)], initial=0.0))
+    if slowest <= longest or not longest:
         return ()
     return (
         f"its slowest mode takes {slowest * dt:.4g} s, longer than the log of {longest * dt:.4g} s",
     )
 
 
-def bounded_run(s: Structure, theta: Array) -> bool:
+def bounded_run(s: Dynamics, theta: Array) -> bool:
     """Whether the free run is bounded, or grows no faster than an integrator's within a log."""
     if s.stable(theta):
         return True
-    return _slowest_radius(s, theta) < INTEGRATING
+    return largest_radius(s, theta) < INTEGRATING
 
 
-def _slowest_radius(s: Structure, theta: Array) -> float:
-    """Radius of the largest pole; infinite where an unstable structure tells of none."""
-    poles = s.properties(theta, 1.0).get("poles", [])
-    return float(max((p["abs"] for p in poles), default=float("inf")))
+def largest_radius(s: Dynamics, theta: Array) -> float:
+    """Radius of the largest pole; infinite where the structure has none to tell of."""
+    radii = np.abs(s.poles(theta))
+    return float(np.max(radii)) if len(radii) else float("inf")
 
 
 def relative_gap(name: str, value: float, best: float, samples: int, ny: int) -> float:

@@ -6,12 +6,12 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Array, Channel, Record
 from sysid.effects.base import Effect, Place
 from sysid.effects.catalogue import chain_effects, effect
 from sysid.effects.ground import Ground
-from sysid.errors import UsageError
 from sysid.fitting.problem import (
     Focus,
     Initial,
@@ -30,7 +30,7 @@ from sysid.structures.augmented.chain import (
 )
 from sysid.structures.augmented.given_base import GivenBase
 from sysid.structures.augmented.runs import ChainRuns
-from sysid.structures.base import Structure, refuse_options
+from sysid.structures.base import Structure
 
 if TYPE_CHECKING:
     from sysid.structures.outcome import Fitter
@@ -61,9 +61,9 @@ class Augmented(Structure):
     name: ClassVar[str] = "augmented"
     title: ClassVar[str] = "Augmented: a linear core with named physical effects"
     equation: ClassVar[str] = "τ ω̇ = T − ω, T = K d, with the effects in their places"
-    when: ClassVar[str] = "what sysid diagnose makes of a model that lacks an effect"
     order_names: ClassVar[tuple[str, ...]] = ("n", "nk")
     has_noise_model: ClassVar[bool] = False
+    begins_at_values: ClassVar[bool] = True
 
     order: int
     delay: int
@@ -81,14 +81,6 @@ class Augmented(Structure):
     def ny(self) -> int:
         """Number of outputs, one a track."""
         return len(self.scales)
-
-    @classmethod
-    def from_orders(
-        cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
-    ) -> "Augmented":
-        """Refused: such a structure is made by a diagnosis, not by orders."""
-        refuse_options(cls.name, options, ())
-        raise UsageError("augmented models are made by sysid diagnose, not by sysid fit")
 
     def order_values(self) -> dict[str, Any]:
         """{n, nk}."""
@@ -322,11 +314,24 @@ class Augmented(Structure):
         return y - self.errors(theta, u, y, window)
 
     def stable(self, theta: Array) -> bool:
-        """Whether the core's poles lie inside the unit circle; effects only dissipate or bound."""
-        core, _ = self.unpack(theta)
-        return all(
-            bool(np.all(np.abs(np.roots([1.0, *core.f[:, i]])) < 1.0)) for i in range(self.ny)
+        """Whether core and given model are stable; effects only dissipate or bound."""
+        base = self.given
+        return bool(np.all(np.abs(self.poles(theta)) < 1.0)) and (
+            base is None or base.structure.stable(base.theta)
         )
+
+    def poles(self, theta: Array) -> NDArray[np.complex128]:
+        """Poles of the core of every track."""
+        core, _ = self.unpack(theta)
+        roots = [np.roots([1.0, *core.f[:, i]]) for i in range(self.ny)]
+        return np.concatenate([np.zeros(0), *roots]).astype(np.complex128)
+
+    def time_constants(self, theta: Array) -> Array:
+        """Those of the core and of a given model."""
+        own, base = super().time_constants(theta), self.given
+        if base is None:
+            return own
+        return np.concatenate([own, base.structure.time_constants(base.theta)])
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
         """∂ŷ/∂θ by central differences."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Array, Channel, Record
 from sysid.fitting.problem import (
@@ -14,7 +15,7 @@ from sysid.fitting.problem import (
     Parameter,
     Problem,
 )
-from sysid.structures.base import Structure
+from sysid.structures.base import NamedStructure
 from sysid.structures.blocks.chain import BlockChain
 from sysid.structures.blocks.errors import ChainErrors
 from sysid.structures.blocks.layers import LinearLayer, StaticLayer
@@ -24,7 +25,7 @@ from sysid.structures.linear.polynomial import _pole, _text
 
 
 @dataclass(frozen=True)
-class BlockStructure(Structure):
+class BlockStructure(NamedStructure):
     """Base of the block-oriented structures: everything follows from the chain of blocks."""
 
     has_noise_model: ClassVar[bool] = False
@@ -120,13 +121,10 @@ class BlockStructure(Structure):
         """Number of states of the linear blocks."""
         return self.chain.n_states
 
-    def forgets_after(self, theta: Array) -> float:
-        """Two of the slowest time constants of the linear blocks [samples]."""
-        radii = [abs(z) for F in self.chain.denominators(theta) for z in np.roots(F)]
-        slowest = max((r for r in radii if r > 0.0), default=0.0)
-        if slowest >= 1.0:
-            return float("inf")
-        return -2.0 / float(np.log(slowest)) if slowest > 0.0 else 0.0
+    def poles(self, theta: Array) -> NDArray[np.complex128]:
+        """Poles of the linear blocks."""
+        roots = [np.roots(F) for F in self.chain.denominators(theta)]
+        return np.concatenate([np.zeros(0), *roots]).astype(np.complex128)
 
     def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
         """State that meets the first ``samples`` of y best in free run."""
@@ -222,8 +220,8 @@ class BlockStructure(Structure):
                     }
                     for i, j, _, _, B, F in layer.entries(p)
                 ]
-        found = [pole for b in blocks for pole in b["poles"]]
-        return {"stable": self.stable(theta), "poles": found, "blocks": blocks}
+        poles = [_pole(complex(z), dt) for z in self.poles(theta)]
+        return {"stable": self.stable(theta), "poles": poles, "blocks": blocks}
 
 
 def statics_to_json(statics: Sequence[Static]) -> list[dict[str, Any]]:

@@ -64,7 +64,7 @@ def by_multi_start(
         ModelError: no start gives a finite cost.
     """
     assert isinstance(structure, GreyBox)
-    structure = structure.for_record(records[0]).sampled(records[0].dt)
+    structure = structure.for_record(records[0]).sampled(records[0].dt).driven_as(records)
     bare = structure.parameters(records[0].inputs, records[0].outputs)
     given = {p.name: p for p in parameters}
     names = [p.name for p in bare]

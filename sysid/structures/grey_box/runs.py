@@ -16,6 +16,7 @@ from sysid.data.record import Array
 from sysid.fitting.compiled import compiled, jax_module
 from sysid.fitting.problem import Problem
 from sysid.structures.linear.predictor import HUGE
+from sysid.structures.recursive.probing import probes
 
 if TYPE_CHECKING:
     from sysid.structures.grey_box.structure import GreyBox
@@ -35,6 +36,15 @@ PULL = 1e-2
 open, such as the speed of a track that stands."""
 
 ROUNDS = 15
+
+LASTING = 8.0
+"""Slowest time constants in a run that tells whether it stays bounded: four in each half."""
+
+PROBE = (200, 1000)
+"""Fewest and most samples of such a run; the most where no time constant is known."""
+
+RUNAWAY = 2.5
+"""Growth from the first to the second half that is more than an integral's, which is 2."""
 
 Masks = Sequence[NDArray[np.bool_]]
 Compiled = Callable[..., Any]
@@ -155,6 +165,38 @@ def free_run(structure: "GreyBox", theta: Array, inputs: Sequence[Array], x0: Ar
         x0: initial states, (n, records).
     """
     return trajectory(structure, theta, inputs, x0)[1]
+
+
+def stays_bounded(
+    structure: "GreyBox", theta: Array, ranges: Sequence[tuple[float, float]]
+) -> bool:
+    """Whether probing runs from rest stay finite and grow no faster than an integral.
+
+    Run in NumPy, all probes side by side, for ``LASTING`` of the slowest time constants: whatever
+    settles has settled in the first half, and the integral of a constant doubles in the second.
+
+    Args:
+        structure: the grey box.
+        theta: its parameters.
+        ranges: lowest and highest value of each input.
+    """
+    modes = structure.time_constants(theta)
+    slowest = float(np.max(np.abs(modes[np.isfinite(modes)]), initial=0.0))
+    length = int(np.clip(LASTING * slowest, *PROBE)) if slowest else PROBE[1]
+    p = structure.prepared(np, structure.unpack(np, np.asarray(theta, np.float64)), structure.h)
+    inputs = probes(ranges, length)
+    x = np.zeros((structure.n_states(theta), inputs.shape[2]))
+    found = np.zeros((length, structure.ny, inputs.shape[2]))
+    with np.errstate(all="ignore"):
+        for k, u in enumerate(inputs):
+            found[k] = structure.reading(np, x, p)
+            if not np.all(np.isfinite(found[k])):
+                return False
+            x = np.asarray(structure.sample(np, x, u, p, structure.h, structure.steps))
+    # all probes together: one by itself may begin near zero by chance
+    size = np.abs(found).max(axis=2)
+    before, after = size[: length // 2].max(axis=0), size[length // 2 :].max(axis=0)
+    return bool(np.all(after <= RUNAWAY * before))
 
 
 def tangents(

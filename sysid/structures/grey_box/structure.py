@@ -22,12 +22,13 @@ from sysid.fitting.problem import (
     Parameter,
     Problem,
 )
-from sysid.structures.base import Structure, refuse_options
+from sysid.structures.base import NamedStructure, refuse_options
 from sysid.structures.grey_box.constants import Constant, Rung, Signal
 from sysid.structures.grey_box.runs import (
     GreyErrors,
     fitted_state,
     free_run,
+    stays_bounded,
     tangents,
 )
 
@@ -38,7 +39,7 @@ MAX_SUBSTEPS = 1000
 
 
 @dataclass(frozen=True)
-class GreyBox(Structure):
+class GreyBox(NamedStructure):
     """ẋ = f(x, u, p), y = g(x, p) with physical constants p; y(k) is read before u(k) acts.
 
     Subclasses give ``constants``, ``state_names``, ``rates`` (or ``advance``, for difference
@@ -50,6 +51,7 @@ class GreyBox(Structure):
         dt: sample time [s], read off the data; 0 before a fit.
         substeps: steps in a sample, 0 before a fit when it is to be chosen.
         opened: constants that are estimated although they are held by default.
+        input_range: lowest and highest value of each input in the data; empty before a fit.
     """
 
     n_inputs: int
@@ -57,6 +59,7 @@ class GreyBox(Structure):
     dt: float = 0.0
     substeps: int = 0
     opened: tuple[str, ...] = ()
+    input_range: tuple[tuple[float, float], ...] = ()
 
     order_names: ClassVar[tuple[str, ...]] = ()
     has_noise_model: ClassVar[bool] = False
@@ -126,17 +129,16 @@ class GreyBox(Structure):
         """The grey box with what it reads off a record's channels."""
         return self
 
+    def time_constants_s(self, theta: Array) -> Array:
+        """Time constants [s], one a motion, infinite for an integral; empty when unknown.
+
+        From the slowest follows how long an initial state is remembered.
+        """
+        return np.zeros(0)
+
     def time_scale(self, theta: Array) -> float:
         """Shortest time constant [s], from which the substeps follow; infinite when unknown."""
-        return float("inf")
-
-    def memory(self, theta: Array) -> float:
-        """Time after which an initial state is forgotten [s]; zero when unknown."""
-        return 0.0
-
-    def forgets_after(self, theta: Array) -> float:
-        """``memory`` in samples."""
-        return self.memory(theta) / self.dt if self.dt > 0.0 else 0.0
+        return float(np.min(self.time_constants_s(theta), initial=np.inf))
 
     # ----------------------------------------------------------------- θ and p
 
@@ -261,16 +263,18 @@ class GreyBox(Structure):
     def from_json(cls, raw: Mapping[str, Any]) -> Self:
         """Undo ``to_json``."""
         known = {f.name for f in fields(cls)}
-        given: dict[str, Any] = {
-            k: tuple(v) if isinstance(v, list) else v
-            for k, v in raw["settings"].items()
-            if k in known
-        }
+        given: dict[str, Any] = {k: _tuples(v) for k, v in raw["settings"].items() if k in known}
         return cls(int(raw["nu"]), int(raw["ny"]), **given)
 
     def sampled(self, dt: float) -> Self:
         """The same grey box for data sampled every ``dt`` seconds."""
         return replace(self, dt=dt)
+
+    def driven_as(self, records: Sequence[Record]) -> Self:
+        """The same grey box with the range of the inputs of some records."""
+        u = np.concatenate([r.u for r in records])
+        ends = zip(u.min(axis=0).tolist(), u.max(axis=0).tolist(), strict=True)
+        return replace(self, input_range=tuple(ends))
 
     # ----------------------------------------------------------------- runs
 
@@ -286,7 +290,7 @@ class GreyBox(Structure):
 
     def timeless(self) -> Self:
         """The equations alone: equal where a compilation of one serves the other."""
-        return replace(self, dt=0.0, substeps=0, opened=())
+        return replace(self, dt=0.0, substeps=0, opened=(), input_range=())
 
     def sample(
         self, xp: Any, x: Signal, u: Signal, p: Mapping[str, Signal], h: Signal, steps: Signal
@@ -345,9 +349,20 @@ class GreyBox(Structure):
         """The free run, whatever the horizon: there is no noise model."""
         return np.asarray(y - self.errors(theta, u, y, window))
 
+    def time_constants(self, theta: Array) -> Array:
+        """``time_constants_s`` in samples; nothing before the sample time is known."""
+        return self.time_constants_s(theta) / self.dt if self.dt > 0.0 else np.zeros(0)
+
     def stable(self, theta: Array) -> bool:
-        """Whether a long free run under inputs seen nowhere special stays finite."""
-        return bool(np.all(np.isfinite(theta)))
+        """Whether a long run stays finite and grows no faster than an integral would.
+
+        Judged by runs from rest under inputs that fill the range of the data (±1 when there are
+        none): random two-level inputs, fast and slow, and its two ends held.
+        """
+        if not np.all(np.isfinite(theta)):
+            return False
+        ranges = self.input_range or ((-1.0, 1.0),) * self.nu
+        return stays_bounded(self, theta, ranges)
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
         """∂ŷ/∂θ of the free run, (N, n)."""
@@ -377,6 +392,11 @@ class GreyBox(Structure):
             "states": list(self.state_names),
             "substeps": self.steps,
         }
+
+
+def _tuples(value: Any) -> Any:
+    """Lists of a file, one in another too, as tuples."""
+    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
 
 
 def _substeps(text: str) -> int:

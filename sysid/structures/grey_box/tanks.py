@@ -14,6 +14,9 @@ from sysid.structures.grey_box.structure import GreyBox
 SMALL = 1e-3
 """Head below which outflow is smoothed, as a share of the sensor's unit."""
 
+LEVEL = 1.25
+"""Level about which time constants are told: low for a sensor that counts up to ten volts."""
+
 
 @dataclass(frozen=True)
 class Tanks(GreyBox):
@@ -136,10 +139,11 @@ class Tanks(GreyBox):
         """A quarter of a sample: within one the upper tank may begin to overflow."""
         return 4.0 * self.dt
 
-    def memory(self, theta: Array) -> float:
-        """Time in which the slower tank forgets its level."""
+    def time_constants_s(self, theta: Array) -> Array:
+        """2 √h / k of both tanks, linearised about a low level h."""
         p = self.unpack(np, theta)
-        return float(2.0 * np.sqrt(5.0) / max(min(p["k1"], p["k2"]), 1e-6))
+        rates = np.maximum([float(p["k1"]), float(p["k2"])], 1e-6)
+        return np.asarray(2.0 * np.sqrt(LEVEL) / rates)
 
 
 def _outflow(xp: Any, head: Signal, exponent: Signal) -> Signal:

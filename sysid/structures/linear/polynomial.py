@@ -16,7 +16,7 @@ from sysid.fitting.problem import (
     Parameter,
     Problem,
 )
-from sysid.structures.base import Structure, refuse_options
+from sysid.structures.base import NamedStructure, refuse_options
 from sysid.structures.linear.predictor import RowErrors, RowLayout
 from sysid.structures.linear.problems import FreeRunErrors, Remaining, Stacked
 from sysid.structures.linear.transfer import TransferMatrix, adjugate, determinant
@@ -35,7 +35,7 @@ class Polynomials:
 
 
 @dataclass(frozen=True)
-class PolynomialStructure(Structure):
+class PolynomialStructure(NamedStructure):
     """Base of the four polynomial structures; each only says which polynomials it has.
 
     θ stacks, output after output, the coefficients of A, B, C, D, F in that order, each in
@@ -85,12 +85,6 @@ class PolynomialStructure(Structure):
         from sysid.structures.linear.confounded import confounded
 
         return confounded(self, records)
-
-    def forgets_after(self, theta: Array) -> float:
-        """Two of the slowest time constants [samples]."""
-        radii = np.abs(self.transfer(theta).poles())
-        slowest = float(np.min(np.abs(np.log(radii[radii > 0.0])), initial=np.inf))
-        return 2.0 / slowest if slowest > 0.0 else float("inf")
 
     def layout(self, i: int) -> RowLayout:
         """Orders of the equation of output ``i``."""
@@ -303,9 +297,9 @@ class PolynomialStructure(Structure):
         """Whether all poles of G(q) lie inside the unit circle."""
         if not np.all(np.isfinite(theta)):
             return False
-        return bool(np.all(np.abs(self._poles(theta)) < 1.0))
+        return bool(np.all(np.abs(self.poles(theta)) < 1.0))
 
-    def _poles(self, theta: Array) -> NDArray[np.complex128]:
+    def poles(self, theta: Array) -> NDArray[np.complex128]:
         """Poles of G(q); of H(q) = A⁻¹ C where there is no input."""
         if self.nu:
             return self.transfer(theta).poles()
@@ -357,7 +351,7 @@ class PolynomialStructure(Structure):
         gain = g.static_gain()
         return {
             "stable": self.stable(theta),
-            "poles": [_pole(complex(z), dt) for z in self._poles(theta)],
+            "poles": [_pole(complex(z), dt) for z in self.poles(theta)],
             "zeros": [
                 {"output": i, "input": j, "re": float(z.real), "im": float(z.imag)}
                 for i in range(self.ny)

@@ -7,14 +7,13 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.structures.narmax.runs import FreeRun
 from sysid.structures.recursive.monomials import Term
+from sysid.structures.recursive.probing import probes
 from sysid.structures.recursive.single_values import Limits
 
 RUNAWAY = 1.0
 """Range widths beyond the training range from which a probe counts as running away."""
 
 PROBE = 400
-HOLDS = (1, 3, 10, 40)
-"""Samples for which the random two-level inputs keep a level."""
 
 
 def widened(ranges: Limits, margin: float) -> Limits:
@@ -44,19 +43,13 @@ def stays_near(
         input_step: largest change of each input from one sample to the next.
     """
     run = FreeRun(rows, len(input_range), widened(output_range, RUNAWAY))
-    rng = np.random.default_rng(0)
     low, high = np.array(input_range).reshape(-1, 2).T
-    kinds = len(HOLDS) + 2
-    u = np.empty((run.before + PROBE, run.nu, kinds))
-    for k, hold in enumerate(HOLDS):
-        levels = rng.integers(0, 2, (len(u), run.nu))
-        u[:, :, k] = low + (high - low) * np.repeat(levels, hold, axis=0)[: len(u)]
-    u[:, :, -2], u[:, :, -1] = low, high
+    u = probes(input_range, run.before + PROBE)
     step = np.asarray(input_step, dtype=np.float64)[:, None]
     u[0] = np.clip(0.0, low, high)[:, None]
     for t in range(1, len(u)):
         u[t] = u[t - 1] + np.clip(u[t] - u[t - 1], -step, step)
     weights = run.weights(theta, run.input_products(u))
-    found = run.runs(weights, np.zeros((run.depth, run.ny, kinds)))[run.depth :]
+    found = run.runs(weights, np.zeros((run.depth, run.ny, u.shape[2])))[run.depth :]
     ends = np.array(run.limits)
     return bool(np.all((found > ends[:, :1]) & (found < ends[:, 1:])))

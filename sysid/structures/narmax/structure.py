@@ -14,7 +14,7 @@ from sysid.fitting.problem import (
     Parameter,
     Problem,
 )
-from sysid.structures.base import Structure, refuse_options
+from sysid.structures.base import NamedStructure, refuse_options
 from sysid.structures.narmax.options import (
     MARGIN,
     explicit_terms,
@@ -48,7 +48,7 @@ WORK = 2_000_000
 
 
 @dataclass(frozen=True)
-class NARMAX(Structure):
+class NARMAX(NamedStructure):
     """Polynomial NARMAX (thesis 3.25; Leontaritis & Billings 1985; Billings 2013).
 
     The equation of each output is a sum of monomials in past outputs, inputs and, where asked for,

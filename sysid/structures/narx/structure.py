@@ -13,7 +13,7 @@ from sysid.fitting.problem import (
     Parameter,
     Problem,
 )
-from sysid.structures.base import Structure, refuse_options
+from sysid.structures.base import NamedStructure, refuse_options
 from sysid.structures.narx import options as narx_options
 from sysid.structures.narx import words as narx_words
 from sysid.structures.narx.options import NarxOptions
@@ -27,6 +27,7 @@ from sysid.structures.narx.wavelet_network import (
 )
 from sysid.structures.orders import Orders, spread
 from sysid.structures.recursive.expressions import parse, written
+from sysid.structures.recursive.probing import probes
 from sysid.structures.recursive.regressors import (
     Row,
     Window,
@@ -47,7 +48,7 @@ PROBE = 400
 
 
 @dataclass(frozen=True)
-class NarxWavelet(Structure):
+class NarxWavelet(NamedStructure):
     """NARX: regressors, a linear part and a network of wavelets (thesis 3.26–3.30; Zhang 1997).
 
     na, nb, nk name the standard regressors of each output; expressions may be added. The map of
@@ -334,18 +335,6 @@ class NarxWavelet(Structure):
                 "regressor: beyond it the model says nothing."
             )
         return found
-
-
-def probes(ranges: Limits, length: int) -> Array:
-    """Inputs that fill their ranges: two-level, fast and slow, and both ends held, (N, nu, 6)."""
-    rng = np.random.default_rng(0)
-    low, high = np.array(ranges).T
-    u = np.empty((length, len(ranges), 6))
-    for k, hold in enumerate((1, 3, 10, 40)):
-        levels = rng.integers(0, 2, (length, len(ranges)))
-        u[:, :, k] = low + (high - low) * np.repeat(levels, hold, axis=0)[:length]
-    u[:, :, 4], u[:, :, 5] = low, high
-    return u
 
 
 def _pairs(raw: Sequence[Sequence[float]]) -> Limits:

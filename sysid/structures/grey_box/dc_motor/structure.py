@@ -217,18 +217,12 @@ class DCMotor(GreyBox):
             q["coulomb"] = q["gain"] * p["coulomb"]
         return q
 
-    def time_scale(self, theta: Array) -> float:
-        """Fastest time constant of the coupled motion over what a step may be."""
+    def time_constants_s(self, theta: Array) -> Array:
+        """Those of the coupled motion; a position keeps what its first speed was wrong by."""
         own, cross = self.motion(np, self.unpack(np, theta))["inertia"]
         matrix = np.diag(own[:, 0]) + (np.fliplr(np.eye(2)) * cross if self.ny == 2 else 0.0)
-        return float(np.min(np.linalg.eigvalsh(matrix)))
-
-    def memory(self, theta: Array) -> float:
-        """Two of the slowest time constants; a position keeps what its first speed was wrong by."""
-        if self.output == "position":
-            return float("inf")
-        own, _ = self.motion(np, self.unpack(np, theta))["inertia"]
-        return 2.0 * float(np.max(own))
+        speeds = np.linalg.eigvalsh(matrix)
+        return np.append(speeds, np.inf) if self.output == "position" else np.asarray(speeds)
 
     def stable(self, theta: Array) -> bool:
         """Whether speeds stay bounded: T positive definite; friction only dissipates.

@@ -1,0 +1,119 @@
+"""Dynamics: what runs. Parameters in, free runs, poles, time constants and equations out."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Array, Channel
+from sysid.effects.ground import Ground
+from sysid.structures.c_step import CStep
+
+
+@dataclass(frozen=True)
+class Dynamics(ABC):
+    """What runs: a difference equation whose numbers are one vector θ.
+
+        x(t+1) = f(x(t), u(t); θ),  y(t) = g(x(t), u(t); θ)
+
+    Everything is a pure function of θ. Whoever simulates, exports or judges a free run needs no
+    more than this.
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    equation: ClassVar[str]
+
+    @property
+    @abstractmethod
+    def nu(self) -> int:
+        """Number of inputs."""
+
+    @property
+    @abstractmethod
+    def ny(self) -> int:
+        """Number of outputs."""
+
+    @abstractmethod
+    def n_states(self, theta: Array) -> int:
+        """Number of states of the free run."""
+
+    def rest(self, theta: Array) -> Array:
+        """State in which nothing moves at the operating point, (n_states,)."""
+        return np.zeros(self.n_states(theta))
+
+    @abstractmethod
+    def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """(x, u) → (x⁺, y): the free run sample by sample.
+
+        Written over the namespace of its arrays, ``xp = x.__array_namespace__()``, it runs in
+        NumPy and JAX, and an exporter can record it: C needs nothing else.
+        """
+
+    def c_step(self, theta: Array) -> CStep | None:
+        """C of its own for a step; None: it is recorded from ``step``."""
+        return None
+
+    @abstractmethod
+    def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
+        """Free run from x0 (rest when None): outputs (N, ny), as ``step`` gives them."""
+
+    @abstractmethod
+    def stable(self, theta: Array) -> bool:
+        """Whether the free run is bounded for bounded inputs."""
+
+    def poles(self, theta: Array) -> NDArray[np.complex128]:
+        """Poles of the linear motion in the z plane; none where there is no such motion."""
+        return np.zeros(0, dtype=np.complex128)
+
+    def time_constants(self, theta: Array) -> Array:
+        """Samples in which each motion of its own falls to 1/e.
+
+        τ = −1 / ln |p| of the poles p: infinite for an integrator, negative for a motion that
+        grows. Empty where nothing is known.
+        """
+        radii = np.abs(self.poles(theta))
+        growth = np.log(radii[radii > 0.0])
+        found = np.full(len(growth), np.inf)
+        np.divide(-1.0, growth, out=found, where=growth != 0.0)
+        return found
+
+    @abstractmethod
+    def equations(
+        self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[str, ...]:
+        """The equations with their numbers, one line each, as a person would write them."""
+
+    @abstractmethod
+    def properties(self, theta: Array, dt: float) -> dict[str, Any]:
+        """Poles, zeros, static gain …: JSON-able facts that follow from θ, to be shown."""
+
+    def ground(self, theta: Array) -> Ground:
+        """Effects between tracks and ground: they change the pose, no output; none by default."""
+        return Ground()
+
+    @abstractmethod
+    def order_values(self) -> dict[str, Any]:
+        """Orders in their shortest form."""
+
+    def settings(self) -> dict[str, Any]:
+        """What besides orders makes the structure: options, and what was read off the data."""
+        return {}
+
+    def to_json(self) -> dict[str, Any]:
+        """{structure, orders, settings, nu, ny}: what ``from_json`` needs."""
+        return {
+            "structure": self.name,
+            "orders": self.order_values(),
+            "settings": self.settings(),
+            "nu": self.nu,
+            "ny": self.ny,
+        }
+
+    @classmethod
+    @abstractmethod
+    def from_json(cls, raw: Mapping[str, Any]) -> Self:
+        """Undo ``to_json``."""
