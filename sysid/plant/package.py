@@ -37,7 +37,13 @@ def assembled(
         test: its self-test.
         files: what exporters wrote, by name inside the package.
         usage: how to use these files, Markdown for the model card.
+
+    Raises:
+        ModelError: a name leads out of the package.
     """
+    outside = [name for name in files if not _is_inside(name)]
+    if outside:
+        raise ModelError(f"{outside[0]!r} is no name of a file in a package; mend its exporter")
     card = model_card(model, described, usage).encode("utf-8")
     covered = {selftest.NAME: selftest.to_csv(test, model).encode("utf-8"), **files}
     content = {**described, FILES: sorted(covered)}

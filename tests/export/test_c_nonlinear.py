@@ -18,6 +18,7 @@ from sysid.export.c.source import c_sources
 from sysid.export.c.step import c_step
 from sysid.export.c.traced import TRACE, Traced
 from sysid.export.package import package_files
+from sysid.fitting.compiled import jax_module
 from sysid.plant.package import CARD
 from sysid.plant.selftest import make_selftest
 from sysid.structures.augmented.given_base import GivenBase
@@ -249,6 +250,22 @@ def test_c_equals_python(tmp_path: Path, case: str) -> None:
     np.testing.assert_allclose(
         driven(programs["driver"], u), expected, rtol=0, atol=EXACT * float(np.max(moved))
     )
+
+
+@pytest.mark.parametrize(
+    "case",
+    ["narmax-products", "narx-expressions", "hw-spline", "motor", "effect-backlash", "behind-hw"],
+)
+def test_a_step_runs_in_jax_as_in_numpy(case: str) -> None:
+    jnp = jax_module().numpy
+    model = CASES[case]()
+    step = model.structure.step(model.theta)
+    rng = np.random.default_rng(1)
+    x = 0.3 * rng.normal(size=model.structure.n_states(model.theta))
+    u = rng.normal(size=len(model.inputs))
+    for found, expected in zip(step(jnp.asarray(x), jnp.asarray(u)), step(x, u), strict=True):
+        # one step: some 1e-16 of numbers of size one
+        np.testing.assert_allclose(np.asarray(found), expected, rtol=0, atol=1e-12)
 
 
 @needs_compiler

@@ -118,6 +118,12 @@ def test_a_format_that_cannot_write_a_plant_is_an_error_only_where_it_was_asked_
     assert "table/y.txt" not in card
 
 
+def test_an_exporter_writes_inside_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Table, "files", lambda self, source: {"../../y.txt": ""})
+    with pytest.raises(ModelError, match="is no name of a file in a package"):
+        package_files(robot_model("arx"), formats=["table"])
+
+
 @pytest.mark.parametrize("name", ["plant", "plant.zip"])
 def test_files_of_another_format_are_covered_by_the_hash_and_replaced(
     tmp_path: Path, name: str
