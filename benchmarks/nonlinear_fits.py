@@ -13,7 +13,7 @@ from sysid.data.record import Record
 from sysid.errors import SysidError
 from sysid.estimation.assessment.figures import Start, outputs
 from sysid.estimation.pem import fit
-from sysid.estimation.selection.contest import LINEAR, run_contest
+from sysid.estimation.selection.contest import default_structures, run_contest
 from sysid.estimation.selection.standings import Entry
 from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions
@@ -87,7 +87,7 @@ class Fitted:
 
 def structures(record: str) -> tuple[str, ...]:
     """What is tried on a record: the best linear structure, then every nonlinear one."""
-    nonlinear = [name for name in BUILT_IN if name not in LINEAR]
+    nonlinear = [name for name in BUILT_IN if not structure_class(name).linear]
     return (BEST_LINEAR, *(n for n in nonlinear if record in RIGS.get(n, (record,))))
 
 
@@ -97,7 +97,7 @@ def fitted(record: str, name: str) -> Fitted:
     asked = OPTIONS.get((record, name), {})
     options = FitOptions(structure_options=asked)
     detrend = trial.detrend
-    names = LINEAR if name == BEST_LINEAR else (name,)
+    names = default_structures(True) if name == BEST_LINEAR else (name,)
     started = process_time()
     try:
         entry = run_contest(names, trial.train, options, detrend).entries[0]

@@ -56,6 +56,7 @@ def fit(
     offsets = _offsets(structure, records, detrend)
     parameters = _constrained(structure, records[0], options)
     _check_length(structure, records, parameters)
+    # a level is the coefficient of a constant input, which only polynomials have
     if any(offsets.estimated) and isinstance(structure, PolynomialStructure):
         found = fit_with_level(structure, records, offsets, options, parameters, warm)
         if found is not None:

@@ -126,6 +126,12 @@ class NamedStructure(Structure):
     """For which machines and logs, in a few words."""
     options: ClassVar[Mapping[str, str]] = MappingProxyType({})
     """Each option that ``from_orders`` accepts, with a sentence."""
+    by_default: ClassVar[bool] = False
+    """Whether it is fitted where the user names no structure."""
+    search_cost: ClassVar[float] = 1.0
+    """Rough cost of fitting one candidate order, against others: the longest searches go first."""
+    solved_at_once: ClassVar[bool] = False
+    """Whether all candidate orders share one pass of linear algebra, so that none is a start."""
 
     @classmethod
     @abstractmethod

@@ -10,7 +10,6 @@ from sysid.data.record import Record
 from sysid.estimation.pem import fit
 from sysid.estimation.selection.contest import run_contest
 from sysid.estimation.selection.delays import choose_delay
-from sysid.estimation.selection.grid import default_grid
 from sysid.estimation.selection.orders import (
     Candidate,
     bounded_run,
@@ -184,7 +183,7 @@ def test_an_integrator_is_not_called_unstable() -> None:
 def test_a_search_ranks_as_full_fits_would() -> None:
     """Coarse descents end within a tie's width of full ones, in a fraction of the evaluations."""
     r = hold_out([motor(600, 0.1)]).train
-    for orders in default_grid("oe", 1, 1, 420, 1):
+    for orders in OE.candidate_orders(1, 1, 420, 1):
         s = OE.from_orders(orders, 1, 1)
         full, coarse = fit(s, r), fit(s, r, searching(FitOptions()))
         assert coarse.criteria["loss"] < 1.01 * full.criteria["loss"]

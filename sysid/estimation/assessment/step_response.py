@@ -128,7 +128,7 @@ def step_responses(model: Model) -> tuple[StepResponse, ...]:
         Output by output, input by input, the small steps first; nothing for a model without
         inputs, and no pair whose input cannot reach the output.
     """
-    linear = isinstance(model.structure, PolynomialStructure)
+    linear = model.structure.linear
     found = [
         answer
         for j in range(len(model.inputs))
@@ -217,7 +217,7 @@ def _levels(model: Model, j: int, share: float | None) -> tuple[float, float]:
 def _response(model: Model, theta: Array, j: int, start: float, level: float, length: int) -> Array:
     """All outputs after a step of input j, less what they were before, (length, ny)."""
     structure = model.structure
-    if isinstance(structure, PolynomialStructure):  # superposition: a step from rest
+    if structure.linear:  # superposition: a step from rest
         u = np.zeros((length, structure.nu))
         u[:, j] = level - start
         return structure.simulate(theta, u)
@@ -305,6 +305,7 @@ def _reaches(model: Model, i: int, j: int) -> bool:
 def _entry(model: Model, theta: Array, i: int, j: int) -> tuple[Array, Array] | None:
     """Numerator and denominator from input j to output i in powers of q⁻¹."""
     structure = model.structure
+    # only a matrix of polynomials has such an entry
     if not isinstance(structure, PolynomialStructure):
         return None
     for g in structure.transfer(theta).groups:
@@ -397,6 +398,7 @@ def _slowest(poles: "np.ndarray[Any, Any] | None") -> float:
 def _dead_time(model: Model, i: int, j: int, run: _Run) -> float:
     """Time before the output answers [s]: delays whose coefficients are noise count as waiting."""
     structure = model.structure
+    # coefficients that stand for single lags are those of B alone
     if not isinstance(structure, PolynomialStructure) or structure.orders.coupled:
         return run.dead
     first = structure.orders.nk[i][j]

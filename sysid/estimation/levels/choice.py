@@ -1,6 +1,6 @@
 """What a log's levels are: zero, the rest at its head, or to be estimated with the model."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,7 +13,6 @@ from sysid.data.record import Array, Record
 from sysid.data.rest import Rest, rest_head
 from sysid.errors import UsageError
 from sysid.estimation.levels.offsets import Offsets
-from sysid.estimation.selection.grid import default_grid
 from sysid.estimation.selection.orders import bounded_run
 from sysid.fitting.holdout import hold_out, longest_of, shortened
 from sysid.structures.held_out_error import free_run_error
@@ -263,11 +262,8 @@ class _Evidence:
         plain = [offsets.detrend.remove(r) for r in self.records]
         data = hold_out(plain, longest_of(self._nk))
         first = self.records[0]
-        grid: Sequence[Mapping[str, Any]] = default_grid(
-            "arx", first.nu, first.ny, data.samples, self._nk
-        )
-        made = [ARX.from_orders(o, first.nu, first.ny) for o in grid]
-        structures = [s for s in made if isinstance(s, ARX)]
+        grid = ARX.candidate_orders(first.nu, first.ny, data.samples, self._nk)
+        structures = [ARX.from_orders(o, first.nu, first.ny) for o in grid]
         if any(offsets.estimated):
             structures = [with_constant(s, offsets.estimated) for s in structures]
             data = data.of(with_ones)

@@ -68,6 +68,7 @@ def level_column(model: Model, record: Record, output: int, fitted: bool) -> Arr
         fitted: whether the model was fitted to these data.
     """
     s = model.structure
+    # a level is the coefficient of a constant input, which only polynomials have
     if not model.level.estimated or not isinstance(s, PolynomialStructure):
         return np.zeros((len(record), 0))
     wide = with_constant(s, tuple(k == output for k in range(s.ny)))

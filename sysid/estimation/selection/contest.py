@@ -14,7 +14,6 @@ from sysid.estimation.levels.choice import choose_offsets, start_of
 from sysid.estimation.levels.offsets import Offsets
 from sysid.estimation.pem import check_data, fit
 from sysid.estimation.selection.delays import ChosenDelay, chosen_delay
-from sysid.estimation.selection.grid import default_grid
 from sysid.estimation.selection.orders import (
     OrderSearch,
     bounded_run,
@@ -33,7 +32,7 @@ from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
 from sysid.structures.base import Structure
 from sysid.structures.model import Model
-from sysid.structures.registry import structure_class
+from sysid.structures.registry import structure_class, structure_classes
 
 SEARCH_SAMPLES = 12_000
 """Samples an order search looks at; the chosen orders are fitted to all of them."""
@@ -41,13 +40,14 @@ SEARCH_SAMPLES = 12_000
 PARALLEL_WORK = 400_000
 """Candidates × samples from which a second process pays for its start (about a second)."""
 
-LINEAR = ("arx", "armax", "oe", "bj")
-
-TIME_SERIES = ("ar", "arma", "ma")
-"""What is fitted to a log without inputs when the user names nothing."""
-
 ANY = "any"
 """Stands for every delay."""
+
+
+def default_structures(with_inputs: bool) -> tuple[str, ...]:
+    """What is fitted to a log with or without inputs when the user names nothing."""
+    known = structure_classes().items()
+    return tuple(n for n, c in known if c.by_default and c.takes_inputs is with_inputs)
 
 
 def structures_for(names: Sequence[str], inputs: Sequence[str]) -> tuple[str, ...]:
@@ -56,13 +56,13 @@ def structures_for(names: Sequence[str], inputs: Sequence[str]) -> tuple[str, ..
     Raises:
         UsageError: a structure needs inputs that the log has not, or has none for its inputs.
     """
-    chosen = tuple(names) or (LINEAR if inputs else TIME_SERIES)
+    chosen = tuple(names) or default_structures(bool(inputs))
     for name in chosen:
         takes = structure_class(name).takes_inputs
         if takes and not inputs:
             raise UsageError(
                 f"{name} needs an input and the log has none; choose from "
-                f"{', '.join(TIME_SERIES)}, or name the input column"
+                f"{', '.join(default_structures(False))}, or name the input column"
             )
         if inputs and not takes:
             raise UsageError(
@@ -204,7 +204,7 @@ def _may_be_judged_one_step(names: Sequence[str], options: FitOptions) -> bool:
     Only among linear structures: of nonlinear ones those without noise model would never lead, and
     what they are asked for is a simulator. So they are where simulation is the focus asked for.
     """
-    return all(name in LINEAR for name in names) and options.focus is Focus.PREDICTION
+    return all(structure_class(name).linear for name in names) and options.focus is Focus.PREDICTION
 
 
 def _offsets_and_delay(
@@ -247,12 +247,10 @@ def _fitted(
 def _grid(
     name: str, nu: int, ny: int, samples: int, nk: int | list[list[int]]
 ) -> list[dict[str, Any]]:
-    found = default_grid(name, nu, ny, samples, nk)
-    if not found and name not in LINEAR:
-        raise DataError(f"{samples} samples are too few for {name}; record more or give --orders")
-    # a record that bears no order at all still gets the lowest one: the fit itself will refuse
-    lowest = {"arx": {"na": 1}, "armax": {"na": 1, "nc": 1}, "oe": {"nf": 1}}
-    return found or [{**lowest.get(name, {"nc": 1, "nd": 1, "nf": 1}), "nb": 1, "nk": 1}]
+    found = [dict(o) for o in structure_class(name).candidate_orders(nu, ny, samples, nk)]
+    if not found:
+        raise DataError(f"{samples} samples are too few for {name}; record more or give orders")
+    return found
 
 
 def _searches(
@@ -267,23 +265,27 @@ def _searches(
     searched = [
         (name, grid)
         for name, grid in tasks
-        if len(grid) > 1 or (len(tasks) > 1 and name not in LINEAR)
+        if len(grid) > 1 or (len(tasks) > 1 and not structure_class(name).linear)
     ]
     found: dict[str, tuple[OrderSearch, float]] = {}
     failed: dict[str, str] = {}
     total = sum(len(grid) for _, grid in searched)
     work = total * max(d.samples for d, _ in data.values())
     # chains of one structure and one delay: neighbours stay together for warm starts, whether
-    # one process searches or several; ARX has no start and shares one pass of linear algebra
+    # one process searches or several; what is solved at once has no starts
     chains = [
         (name, [o for o in grid if nk in (ANY, o.get("nk"))], grid)
         for name, grid in searched
-        for nk in ([ANY] if name == "arx" else _distinct([o.get("nk") for o in grid]))
+        for nk in (
+            [ANY]
+            if structure_class(name).solved_at_once
+            else _distinct([o.get("nk") for o in grid])
+        )
     ]
     if jobs > 1 and work > PARALLEL_WORK:
         from joblib import Parallel, delayed
 
-        chains.sort(key=lambda c: -len(c[1]) * _WEIGHT.get(c[0], 1))
+        chains.sort(key=lambda c: -len(c[1]) * structure_class(c[0]).search_cost)
         outcomes = Parallel(n_jobs=jobs, return_as="generator_unordered")(
             delayed(_timed)(name, chain, grid, data[name], options, criterion)
             for name, chain, grid in chains
@@ -307,9 +309,6 @@ def _searches(
             done += len(chain)
     return found, {k: v for k, v in failed.items() if k not in found}
 
-
-_WEIGHT = {"arx": 0, "oe": 2, "armax": 2, "bj": 4}
-"""Rough cost of one candidate, to start the longest chains first."""
 
 Outcome = tuple[str, OrderSearch | str, int, float]
 

@@ -123,7 +123,7 @@ def search_orders(
             with_constant(s, estimated) for s in structures if isinstance(s, PolynomialStructure)
         ]
         data = data.of(with_ones)
-    if cls is ARX and options.focus is Focus.PREDICTION and _unconstrained(options):
+    if cls.solved_at_once and options.focus is Focus.PREDICTION and _unconstrained(options):
         found = _arx_at_once(structures, data, criterion)
         if progress:
             progress(len(grid), len(grid), f"{name}: {len(grid)} orders in one pass")

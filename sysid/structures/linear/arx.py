@@ -1,11 +1,12 @@
 """ARX: linear difference equation."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from sysid.data.record import Record
 from sysid.fitting.problem import Focus
+from sysid.structures.linear.candidates import affordable, arx_grid
 from sysid.structures.linear.polynomial import PolynomialStructure
 
 if TYPE_CHECKING:
@@ -25,6 +26,9 @@ class ARX(PolynomialStructure):
     order_names: ClassVar[tuple[str, ...]] = ("na", "nb", "nk")
     has_noise_model: ClassVar[bool] = True
     letters: ClassVar[str] = "ab"
+    by_default: ClassVar[bool] = True
+    search_cost: ClassVar[float] = 0.0
+    solved_at_once: ClassVar[bool] = True
 
     def fitter(self) -> "Fitter":
         """By linear algebra where the problem is linear."""
@@ -37,3 +41,10 @@ class ARX(PolynomialStructure):
         from sysid.structures.linear.starts import arx_starts
 
         return arx_starts(self, records, focus)
+
+    @classmethod
+    def candidate_orders(
+        cls, nu: int, ny: int, samples: int, delay: Any
+    ) -> tuple[Mapping[str, Any], ...]:
+        """Every pair of low orders."""
+        return affordable(cls, arx_grid(nu, ny, samples), nu, ny, samples, delay)

@@ -34,6 +34,8 @@ class AR(ARX):
     order_names: ClassVar[tuple[str, ...]] = ("na",)
     letters: ClassVar[str] = "a"
     takes_inputs: ClassVar[bool] = False
+    search_cost: ClassVar[float] = 1.0
+    solved_at_once: ClassVar[bool] = False
 
     @classmethod
     def candidate_orders(
@@ -54,6 +56,7 @@ class MA(ARMAX):
     order_names: ClassVar[tuple[str, ...]] = ("nc",)
     letters: ClassVar[str] = "c"
     takes_inputs: ClassVar[bool] = False
+    search_cost: ClassVar[float] = 1.0
 
     def starts(self, records: Sequence[Record], focus: Focus) -> "Warm":
         """Named starting values of θ (see ``linear.starts``)."""
@@ -80,6 +83,7 @@ class ARMA(ARMAX):
     order_names: ClassVar[tuple[str, ...]] = ("na", "nc")
     letters: ClassVar[str] = "ac"
     takes_inputs: ClassVar[bool] = False
+    search_cost: ClassVar[float] = 1.0
 
     def starts(self, records: Sequence[Record], focus: Focus) -> "Warm":
         """Named starting values of θ (see ``linear.starts``)."""
