@@ -131,7 +131,8 @@ class NamedStructure(Structure):
     search_cost: ClassVar[float] = 1.0
     """Rough cost of fitting one candidate order, against others: the longest searches go first."""
     solved_at_once: ClassVar[bool] = False
-    """Whether all candidate orders share one pass of linear algebra, so that none is a start."""
+    """Whether all candidate orders share one pass of linear algebra, so that none is a start;
+    true of ARX and what derives from it."""
 
     @classmethod
     @abstractmethod

@@ -11,7 +11,7 @@ from sysid.data.preprocess import Detrend
 from sysid.data.record import Channel, Record
 from sysid.estimation.pem import fit
 from sysid.estimation.selection import contest
-from sysid.estimation.selection.contest import run_contest
+from sysid.estimation.selection.contest import default_structures, run_contest
 from sysid.estimation.selection.orders import Candidate, OrderSearch, search_orders
 from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions
@@ -97,3 +97,18 @@ def test_orders_searched_apart_are_ranked_over_the_same_samples() -> None:
         assert apart.best.score == pytest.approx(scores[o["nk"]], abs=0.05)
     alone = search_orders("oe", grid[:1], data, options, "bic")
     assert abs(alone.best.score - scores[1]) > 1.0
+
+
+def test_what_competes_unasked_is_said_by_the_classes(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert default_structures(True) == ("arx", "armax", "oe", "bj")
+    assert default_structures(False) == ("ar", "arma", "ma")
+    monkeypatch.setattr(structure_class("tanks"), "by_default", True)
+    assert default_structures(True) == ("arx", "armax", "oe", "bj", "tanks")
+
+
+@pytest.mark.parametrize("name", sorted(default_structures(True)))
+def test_a_record_of_any_length_leaves_candidates(name: str) -> None:
+    """One that bears no order gets the lowest: the fit itself refuses it."""
+    few = structure_class(name).candidate_orders(1, 1, 5, 1)
+    assert few == (dict.fromkeys(structure_class(name).order_names, 1),)
+    assert len(structure_class(name).candidate_orders(2, 2, 2000, 1)) > 3

@@ -276,11 +276,7 @@ def _searches(
     chains = [
         (name, [o for o in grid if nk in (ANY, o.get("nk"))], grid)
         for name, grid in searched
-        for nk in (
-            [ANY]
-            if structure_class(name).solved_at_once
-            else _distinct([o.get("nk") for o in grid])
-        )
+        for nk in _delays(name, grid)
     ]
     if jobs > 1 and work > PARALLEL_WORK:
         from joblib import Parallel, delayed
@@ -351,9 +347,12 @@ def _collect(
     found[name] = (search, seconds)
 
 
-def _distinct(values: Sequence[Any]) -> list[Any]:
+def _delays(name: str, grid: Grid) -> list[Any]:
+    """The delays of a grid, each once; one stands for all where candidates are no starts."""
+    if structure_class(name).solved_at_once:
+        return [ANY]
     found: list[Any] = []
-    for v in values:
-        if v not in found:
-            found.append(v)
+    for orders in grid:
+        if orders.get("nk") not in found:
+            found.append(orders.get("nk"))
     return found
