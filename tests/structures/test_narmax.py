@@ -21,7 +21,7 @@ from sysid.structures.model import Model
 from sysid.structures.narmax.candidate_runs import CandidateRuns
 from sysid.structures.narmax.chunk_fits import ChunkFit, fit_together
 from sysid.structures.narmax.problems import ChunkedRuns, OneStep
-from sysid.structures.narmax.runs import FreeRun
+from sysid.structures.narmax.runs import PolynomialRun
 from sysid.structures.narmax.structure import NARMAX
 from sysid.structures.recursive.frols import (
     best_sizes,
@@ -30,7 +30,6 @@ from sysid.structures.recursive.frols import (
     term_gram,
 )
 from sysid.structures.recursive.monomials import (
-    Factor,
     columns,
     is_noise,
     parsed,
@@ -38,6 +37,7 @@ from sysid.structures.recursive.monomials import (
     term,
     typed_name,
 )
+from sysid.structures.recursive.signals import Signal
 from sysid.structures.registry import structure_class, structure_from_json
 
 TERMS = "y(t-1), y(t-2), u(t-1), u(t-1)*y(t-2)^2, u(t-2)^3"
@@ -134,7 +134,7 @@ def test_columns_are_the_products_of_lagged_signals() -> None:
     )
 )
 def test_a_term_is_read_back_from_its_name(factors: list[tuple[str, int, int]]) -> None:
-    t = term([Factor(*f) for f in factors])
+    t = term([Signal(*f) for f in factors])
     u, y = ([Channel(f"{k}{j}") for j in (1, 2)] for k in "uy")
     assert parsed(typed_name(t, u, y), 2, 2, 0) == t
 
@@ -169,7 +169,7 @@ def test_the_first_term_is_the_most_correlated_one() -> None:
 
 def test_a_copy_of_a_chosen_term_is_never_chosen() -> None:
     r = record(300, process=0.1)
-    y1, u1 = term([Factor("y", 0, 1)]), term([Factor("u", 0, 1)])
+    y1, u1 = term([Signal("y", 0, 1)]), term([Signal("u", 0, 1)])
     gram = term_gram([y1, u1, y1], [(r.u, r.y)], 0, 2)
     assert len(forward(gram, range(3), 3).order) == 2
 
@@ -339,7 +339,7 @@ def test_fits_together_are_fits_alone() -> None:
     found = fit_together(fits, limits, 40, 60, tolerance=1e-10)
     for each, theta in zip(fits[:2], found[:2], strict=True):
         n, bound = len(theta), np.full(len(theta), np.inf)
-        run = FreeRun((each.terms,), 1, (limits,))
+        run = PolynomialRun((each.terms,), 1, (limits,))
         problem = ChunkedRuns(run, each.data, 40, np.ones(1))
         alone = levenberg_marquardt(
             problem, each.theta, free=np.ones(n, dtype=bool), lower=-bound, upper=bound

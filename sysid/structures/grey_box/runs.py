@@ -16,7 +16,7 @@ from sysid.data.record import Array
 from sysid.fitting.compiled import compiled, jax_module
 from sysid.fitting.problem import Problem
 from sysid.structures.linear.predictor import HUGE
-from sysid.structures.recursive.probing import probes
+from sysid.structures.recursive.probing import probing_inputs
 
 if TYPE_CHECKING:
     from sysid.structures.grey_box.structure import GreyBox
@@ -184,7 +184,7 @@ def stays_bounded(
     slowest = float(np.max(np.abs(modes[np.isfinite(modes)]), initial=0.0))
     length = int(np.clip(LASTING * slowest, *PROBE)) if slowest else PROBE[1]
     p = structure.prepared(np, structure.unpack(np, np.asarray(theta, np.float64)), structure.h)
-    inputs = probes(ranges, length)
+    inputs = probing_inputs(ranges, length)
     x = np.zeros((structure.n_states(theta), inputs.shape[2]))
     found = np.zeros((length, structure.ny, inputs.shape[2]))
     with np.errstate(all="ignore"):

@@ -12,12 +12,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data.record import Array, Index
-from sysid.structures.narmax.runs import FreeRun
+from sysid.structures.narmax.runs import PolynomialRun
+from sysid.structures.recursive.chunks import Data, Piece, side_by_side
 from sysid.structures.recursive.frols import TermGram
 from sysid.structures.recursive.monomials import Term
 
 CHUNK = 150
 """Samples a run: several time constants, short enough that a bad candidate costs no more."""
+
+SHORTEST = 20
+"""Samples that a run at the end of a record needs to count: fewer tell one step ahead only."""
 
 SAMPLES = 5000
 """Samples that judge a candidate, at most; spread evenly over the data."""
@@ -27,8 +31,6 @@ AT_ONCE = 400_000
 
 GAIN = 0.005
 """Relative decrease of the squared simulation error that a further term must bring."""
-
-Data = Sequence[tuple[Array, Array]]
 
 
 class CandidateRuns:
@@ -41,31 +43,19 @@ class CandidateRuns:
     """
 
     def __init__(self, terms: Sequence[Term], data: Data, limits: tuple[float, float]) -> None:
-        run = self.run = FreeRun((tuple(terms),), data[0][0].shape[1], (limits,))
-        first = max(run.depth if run.slots else 0, run.before)
-        starts = [
-            (k, a, min(a + CHUNK, len(y)))
+        run = self.run = PolynomialRun((tuple(terms),), data[0][0].shape[1], (limits,))
+        where = [
+            Piece(k, a, min(a + CHUNK, len(y)))
             for k, (_, y) in enumerate(data)
-            for a in range(first, len(y) - 1, CHUNK)
+            for a in range(run.first, len(y) - 1, CHUNK)
         ]
-        starts = [s for s in starts if s[2] - s[1] >= min(CHUNK, 20)] or starts
+        where = [s for s in where if s.stop - s.start >= SHORTEST] or where
         most = max(SAMPLES // CHUNK, 1)
-        if len(starts) > most:
-            starts = [starts[round(k * (len(starts) - 1) / (most - 1))] for k in range(most)]
-        longest = max((b - a for _, a, b in starts), default=0)
-        batch = len(starts)
-        inputs = np.zeros((run.before + longest, run.nu, batch))
-        self.past = np.zeros((run.depth, batch))
-        self.y = np.zeros((longest, batch))
-        self.valid = np.zeros((longest, batch), dtype=bool)
-        for c, (k, a, b) in enumerate(starts):
-            u, y = data[k]
-            inputs[: run.before + b - a, :, c] = u[a - run.before : b]
-            if run.slots:
-                self.past[:, c] = y[a - run.depth : a, 0]
-            self.y[: b - a, c] = y[a:b, 0]
-            self.valid[: b - a, c] = True
-        self.inputs = run.input_products(inputs)
+        if len(where) > most:
+            where = [where[round(k * (len(where) - 1) / (most - 1))] for k in range(most)]
+        chunks = side_by_side(run, data, where)
+        self.past, self.y, self.inside = chunks.past[:, 0], chunks.y[:, 0], chunks.inside
+        self.inputs = run.input_products(chunks.u)
 
     def errors(self, theta: Array) -> Array:
         """Mean squared free-run error of each equation; theta (K, B), zero for absent terms."""
@@ -96,11 +86,11 @@ class CandidateRuns:
                 values = products[y_index] * self.inputs[t][u_index][:, None, :]
                 y = np.einsum("kb,kbc->bc", theta, values)
                 full[now] = np.fmin(np.fmax(y, low), high)
-                total += self.valid[t] * (full[now] - self.y[t]) ** 2
-        return np.asarray(total.sum(axis=1) / max(int(self.valid.sum()), 1))
+                total += self.inside[t] * (full[now] - self.y[t]) ** 2
+        return np.asarray(total.sum(axis=1) / max(int(self.inside.sum()), 1))
 
 
-def _closed(run: FreeRun, wanted: Index) -> list[int]:
+def _closed(run: PolynomialRun, wanted: Index) -> list[int]:
     """The products wanted and those they are made from, in the order of the plan."""
     found: set[int] = set()
     for m in wanted.tolist():

@@ -9,13 +9,13 @@ winner are estimated again by QR.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Index
-from sysid.structures.narmax.runs import FreeRun
+from sysid.structures.narmax.runs import PolynomialRun
+from sysid.structures.recursive.chunks import Data, Piece, pieces, side_by_side
 from sysid.structures.recursive.monomials import Term
 
 START = 1e-9
@@ -28,8 +28,6 @@ is over: steps have become too short to matter."""
 
 LOOSE = 1e-4
 """Damping below which a step that gains little means an end; a stiff one may only be short."""
-
-Data = Sequence[tuple[Array, Array]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,32 +100,21 @@ class _Batch:
         self.terms = tuple(dict.fromkeys(t for f in fits for t in f.terms))
         self.place = {t: k for k, t in enumerate(self.terms)}
         nu = fits[0].data[0][0].shape[1]
-        run = self._run = FreeRun((self.terms,), nu, (limits,))
-        first = max(run.depth if run.slots else 0, run.before)
-        pieces: list[tuple[Array, Array, int, int]] = []
+        run = self._run = PolynomialRun((self.terms,), nu, (limits,))
+        data: list[tuple[Array, Array]] = []
+        where: list[Piece] = []
         group: list[int] = []
         for k, fit in enumerate(fits):
-            for u, y in fit.data:
-                free = len(y) - first
-                if free > 0:
-                    count = max(1, round(free / length))
-                    edges = [first + round(i * free / count) for i in range(count + 1)]
-                    pieces += [(u, y, a, b) for a, b in pairwise(edges)]
-                    group += [k] * count
+            mine = pieces(run, fit.data, length)
+            where += [piece._replace(record=len(data) + piece.record) for piece in mine]
+            data += fit.data
+            group += [k] * len(mine)
         self.group: Index = np.array(group, dtype=np.int64)
-        longest = max((b - a for _, _, a, b in pieces), default=0)
-        inputs = np.zeros((run.before + longest, nu, len(pieces)))
-        self._past = np.zeros((run.depth, 1, len(pieces)))
-        self._y = np.zeros((longest, len(pieces)))
-        self._valid = np.zeros((longest, len(pieces)))
-        for c, (u, y, a, b) in enumerate(pieces):
-            inputs[: run.before + b - a, :, c] = u[a - run.before : b]
-            if run.slots:
-                self._past[:, :, c] = y[a - run.depth : a]
-            self._y[: b - a, c] = y[a:b, 0]
-            self._valid[: b - a, c] = 1.0
-        self._products = run.input_products(inputs)
-        self.samples = self._by_fit(self._valid.sum(axis=0))
+        chunks = side_by_side(run, data, where)
+        self._past, self._y = chunks.past, chunks.y[:, 0]
+        self._inside = chunks.inside.astype(np.float64)
+        self._products = run.input_products(chunks.u)
+        self.samples = self._by_fit(self._inside.sum(axis=0))
 
     def _by_fit(self, values: Array) -> Array:
         """Sums over the chunks of each fit; the chunks come first."""
@@ -156,7 +143,7 @@ class _Batch:
                 weights[0, :, m] += each[:, k] * self._products[:, q]
         full = run.runs(weights, self._past)
         with np.errstate(over="ignore", invalid="ignore"):
-            squares = self._valid * (full[run.depth :, 0] - self._y) ** 2
+            squares = self._inside * (full[run.depth :, 0] - self._y) ** 2
             cost = self._by_fit(squares.sum(axis=0))
         return weights, full, np.where(np.isfinite(cost), cost, np.inf)
 
@@ -165,8 +152,8 @@ class _Batch:
         run = self._run
         with np.errstate(over="ignore", invalid="ignore"):
             S = run.tangent(weights, self._products, full)[:, 0]
-            S = np.nan_to_num(S * self._valid[:, None], nan=0.0, posinf=0.0, neginf=0.0)
-            e = np.nan_to_num(self._valid * (self._y - full[run.depth :, 0]))
+            S = np.nan_to_num(S * self._inside[:, None], nan=0.0, posinf=0.0, neginf=0.0)
+            e = np.nan_to_num(self._inside * (self._y - full[run.depth :, 0]))
             S = np.ascontiguousarray(S.transpose(2, 1, 0))
             A = self._by_fit(S @ S.transpose(0, 2, 1))
             g = self._by_fit(np.einsum("bkl,lb->bk", S, e))

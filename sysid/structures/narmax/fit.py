@@ -22,6 +22,7 @@ from sysid.structures.narmax.term_search import search_terms
 from sysid.structures.narmax.term_trials import LADDER, Row, Trial
 from sysid.structures.orders import Orders
 from sysid.structures.outcome import FitOutcome, StartReport
+from sysid.structures.recursive.chunks import spreads
 from sysid.structures.recursive.frols import forward, term_gram
 from sysid.structures.recursive.monomials import Term, is_noise
 
@@ -71,7 +72,7 @@ def fit_narmax(
     if not isinstance(structure, NARMAX):
         raise UsageError(f"{structure.name} is not a NARMAX structure")
     _check(structure, parameters, options)
-    structure = _with_ranges(structure, records)
+    structure = structure.with_ranges(records)
     simulate = options.focus.value == "simulation"
     refine = simulate or structure.selection != "err"
     starts: list[StartReport] = []
@@ -100,20 +101,6 @@ def _check(s: NARMAX, parameters: Sequence[Parameter], options: FitOptions) -> N
             "narmax chooses its terms from the data; to hold or bound a coefficient name the "
             'terms, e.g. --option "terms=y(t-1), u(t-1), u(t-1)*y(t-1)"'
         )
-
-
-def _with_ranges(s: NARMAX, records: Sequence[Record]) -> NARMAX:
-    def ranges(signals: Sequence[Array]) -> tuple[tuple[float, float], ...]:
-        stacked = np.concatenate(signals)
-        return tuple(zip(stacked.min(axis=0).tolist(), stacked.max(axis=0).tolist(), strict=True))
-
-    changes = np.concatenate([np.abs(np.diff(r.u, axis=0)) for r in records])
-    return replace(
-        s,
-        output_range=ranges([r.y for r in records]),
-        input_range=ranges([r.u for r in records]),
-        input_step=tuple(np.max(changes, axis=0, initial=0.0).tolist()),
-    )
 
 
 def _searched(
@@ -275,8 +262,7 @@ def _over_chunks(
     """One refinement on some of the records, noise terms on all: θ and what determined it."""
     records, small = all_and_some
     data = [(r.u, r.y) for r in small]
-    scale = np.std(np.concatenate([r.y for r in small]), axis=0)
-    problem = ChunkedRuns(s.free_run(), data, chunk, np.where(scale > 0.0, scale, 1.0))
+    problem = ChunkedRuns(s.free_run(), data, chunk, spreads([r.y for r in small]))
     _, free, lower, upper = _held(parameters)
     index, theta = problem.index, start.copy()
     counted = weighted(problem, small)
@@ -356,8 +342,8 @@ def _outcome(
             null.append(spread)
         stuck += [parameters[index[k]].name for k in solution.at_bound]
     warnings = list(notes)
-    runs = [_measured_run(s, found.theta, r) for r in records]
-    shares = np.max([s.at_limits(run) for run in runs], axis=0)
+    runs = s.free_run().measured(found.theta, records)
+    shares = np.max([s.at_limits(run) for run in runs], axis=0, initial=0.0)
     for channel, share in zip(records[0].outputs, shares, strict=True):
         if share > 0.0:
             warnings.append(
@@ -382,11 +368,3 @@ def _outcome(
         starts=tuple(starts),
         warnings=tuple(warnings),
     )
-
-
-def _measured_run(s: NARMAX, theta: Array, r: Record) -> Array:
-    run = s.free_run()
-    first = max(run.depth, run.before)
-    if len(r) <= first:
-        return np.zeros((1, s.ny))
-    return run.simulate(theta, r.u[first:], run.state(r.y[:first], r.u[:first]))

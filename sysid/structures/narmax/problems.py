@@ -1,20 +1,17 @@
 """Least-squares problems of polynomial NARMAX models: one step ahead, and runs cut into chunks."""
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.data.record import Array
 from sysid.fitting.problem import Problem
-from sysid.structures.narmax.runs import FreeRun
-from sysid.structures.recursive.monomials import Term, columns, is_noise
+from sysid.structures.narmax.runs import PolynomialRun
+from sysid.structures.recursive.chunks import Data, pieces, side_by_side
+from sysid.structures.recursive.monomials import Term, columns, is_noise, lagged
 
 DIVERGED = 1e100
 """Residual reported where the recursion of past errors overflows: the solver rejects the step."""
-
-Data = Sequence[tuple[Array, Array]]
 
 
 class OneStep(Problem):
@@ -54,7 +51,7 @@ class OneStep(Problem):
         for values, e in zip(self._values, self._errors(p), strict=True):
             J = -values.copy()
             for k, lag in self._noise:
-                J[:, k] *= _shifted(e, lag)
+                J[:, k] *= lagged(e, lag)
             gains = self._gains(values, p)
             if gains:
                 with np.errstate(over="ignore", invalid="ignore"):
@@ -88,12 +85,6 @@ def _error_lag(t: Term) -> int:
     return next(f.lag for f in t if f.kind == "e")
 
 
-def _shifted(e: Array, lag: int) -> Array:
-    out = np.zeros_like(e)
-    out[lag:] = e[: max(len(e) - lag, 0)]
-    return out
-
-
 def _fed_back(plain: Array, gains: Sequence[tuple[int, Array]]) -> Array:
     """ε(t) = plain(t) − Σ g_l(t) ε(t−l); DIVERGED throughout where that runs away."""
     e: list[float] = []
@@ -112,47 +103,25 @@ def _fed_back(plain: Array, gains: Sequence[tuple[int, Array]]) -> Array:
 
 
 class ChunkedRuns(Problem):
-    """Free-run errors over stretches of the data, each started from its measured past.
-
-    Long stretches make it the simulation error; short ones keep the cost smooth where the model
-    forgets slowly (Ribeiro et al. 2020, "On the smoothness of nonlinear system identification").
-    Each output is divided by ``scale`` so that all count alike.
+    """Free-run errors over chunks of the data, each output divided by ``scale``: all count alike.
 
     Args:
         run: the equation.
         data: (u, y) of each record.
-        length: samples a stretch, about; those of one record are equally long.
+        length: samples a chunk, about; those of one record are equally long.
         scale: (ny,).
     """
 
-    def __init__(self, run: FreeRun, data: Data, length: int, scale: Array) -> None:
+    def __init__(self, run: PolynomialRun, data: Data, length: int, scale: Array) -> None:
         self._run, self._scale = run, scale
         self.index = np.unique(np.concatenate([np.zeros(0, dtype=int), *run.theta_index]))
         self.n_initial = 0
-        first = max(run.depth if run.slots else 0, run.before)
-        pieces: list[tuple[Array, Array, int, int]] = []
-        for u, y in data:
-            free = len(y) - first
-            if free > 0:
-                count = max(1, round(free / length))
-                edges = [first + round(k * free / count) for k in range(count + 1)]
-                pieces += [(u, y, a, b) for a, b in pairwise(edges)]
-        longest = max((b - a for _, _, a, b in pieces), default=0)
-        batch = len(pieces)
-        inputs = np.zeros((run.before + longest, run.nu, batch))
-        self._past = np.zeros((run.depth, run.ny, batch))
-        self._y = np.zeros((longest, run.ny, batch))
-        valid: NDArray[np.bool_] = np.zeros((batch, run.ny, longest), dtype=bool)
-        for k, (u, y, a, b) in enumerate(pieces):
-            inputs[: run.before + b - a, :, k] = u[a - run.before : b]
-            if run.slots:
-                self._past[:, :, k] = y[a - run.depth : a]
-            self._y[: b - a, :, k] = y[a:b]
-            valid[k, :, : b - a] = True
-        self._products = run.input_products(inputs)
-        self._valid = valid
-        self.lengths = tuple(b - a for _, _, a, b in pieces for _ in range(run.ny))
-        self.channels = tuple(i for _ in pieces for i in range(run.ny))
+        where = pieces(run, data, length)
+        chunks = self._chunks = side_by_side(run, data, where)
+        self._products = run.input_products(chunks.u)
+        self._inside = np.repeat(chunks.inside.T[:, None], run.ny, axis=1)
+        self.lengths = tuple(b - a for _, a, b in where for _ in range(run.ny))
+        self.channels = tuple(i for _ in where for i in range(run.ny))
         self._known: tuple[bytes, Array, Array] | None = None
 
     def _full(self, p: Array) -> tuple[Array, Array]:
@@ -161,18 +130,18 @@ class ChunkedRuns(Problem):
             theta = np.zeros(self._run.n_theta)
             theta[self.index] = p
             weights = self._run.weights(theta, self._products)
-            self._known = (key, weights, self._run.runs(weights, self._past))
+            self._known = (key, weights, self._run.runs(weights, self._chunks.past))
         return self._known[1], self._known[2]
 
     def residual(self, p: Array) -> Array:
         """(y − ŷ)/scale: chunk after chunk, output after output."""
         _, full = self._full(p)
-        e = (self._y - full[self._run.depth :]) / self._scale[:, None]
-        return np.asarray(e.transpose(2, 1, 0)[self._valid])
+        e = (self._chunks.y - full[self._run.depth :]) / self._scale[:, None]
+        return np.asarray(e.transpose(2, 1, 0)[self._inside])
 
     def jacobian(self, p: Array) -> Array:
         """∂/∂θ of it."""
         weights, full = self._full(p)
         S = self._run.tangent(weights, self._products, full) / -self._scale[:, None, None]
-        J = S[:, :, self.index].transpose(3, 1, 0, 2)[self._valid]
+        J = S[:, :, self.index].transpose(3, 1, 0, 2)[self._inside]
         return np.nan_to_num(J, nan=0.0, posinf=DIVERGED, neginf=-DIVERGED)

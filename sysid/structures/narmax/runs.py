@@ -17,23 +17,17 @@ from typing import Any
 import numpy as np
 
 from sysid.data.record import Array, Index
-from sysid.structures.recursive.monomials import (
-    Factor,
-    Term,
-    columns,
-    is_noise,
-    largest_lag,
-)
+from sysid.structures.recursive.free_run import FreeRun
+from sysid.structures.recursive.monomials import Term, columns, is_noise
+from sysid.structures.recursive.signals import Signal
 from sysid.structures.recursive.single_values import Limits, kept_inside, together
 
 BLOCK = 8192
 """Samples whose input products are held at a time."""
 
 
-class FreeRun:
+class PolynomialRun(FreeRun):
     """The terms of all outputs, sorted for fast runs; noise terms (their error is zero) left out.
-
-    The state holds y_j(t−1) … y_j(t−depth) output after output, then the inputs likewise.
 
     Args:
         terms: terms of each output; θ stacks their coefficients in this order.
@@ -42,13 +36,9 @@ class FreeRun:
     """
 
     def __init__(self, terms: Sequence[Sequence[Term]], nu: int, limits: Limits) -> None:
-        self.nu, self.ny, self.limits = nu, len(terms), limits
-        everything = [t for row in terms for t in row if not is_noise(t)]
-        self.y_depth = [largest_lag(everything, "y", j) for j in range(self.ny)]
-        self.u_depth = [largest_lag(everything, "u", j) for j in range(nu)]
-        self.depth = max(*self.y_depth, 1)
-        self.before = max([0, *self.u_depth])
-        self.n_states = sum(self.y_depth) + sum(self.u_depth)
+        super().__init__(
+            (f for row in terms for t in row if not is_noise(t) for f in t), nu, limits
+        )
         self.plan: list[tuple[int, int, int]] = []
         self.products: list[Term] = [()]
         self._place: dict[Term, int] = {(): 0}
@@ -89,23 +79,6 @@ class FreeRun:
             np.add.at(C[i], (self.u_index[i], self.y_index[i]), theta[self.theta_index[i]])
         return C
 
-    def past(self, x0: Array | None) -> tuple[Array, Array]:
-        """State → past outputs (depth, ny) and inputs (before, nu), oldest first."""
-        y, u = np.zeros((self.depth, self.ny)), np.zeros((self.before, self.nu))
-        if x0 is not None:
-            at = 0
-            for past, depths in ((y, self.y_depth), (u, self.u_depth)):
-                for j, n in enumerate(depths):
-                    past[len(past) - n :, j] = x0[at : at + n][::-1]
-                    at += n
-        return y, u
-
-    def state(self, y: Array, u: Array) -> Array:
-        """Past outputs and inputs, oldest first and at least as long as needed → state."""
-        parts = [s[len(s) - n :, j][::-1] for s, depths in ((y, self.y_depth), (u, self.u_depth))
-                 for j, n in enumerate(depths)]  # fmt: skip
-        return np.concatenate([np.zeros(0), *parts])
-
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
         """Free run for inputs (N, nu) from a state, (N, ny)."""
         past_y, past_u = self.past(x0)
@@ -134,27 +107,17 @@ class FreeRun:
 
     def stepper(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
         """(x, u) → (x⁺, y), everything looked up beforehand."""
-        starts = np.cumsum([0, *self.y_depth, *self.u_depth]).tolist()
-        y_at, u_at = starts[: self.ny], starts[self.ny : -1]
-        n = self.n_states
+        # products of signals, each one factor longer than an earlier one, number 0 being 1
+        plan = [(a, self.place(Signal("y", j, lag))) for a, j, lag in self.plan]
+        known_products: dict[Term, int] = {(): 0}
 
-        def place(f: Factor) -> int:
-            # the list that is looked up holds the state and then the inputs of now
-            if f.kind == "y":
-                return int(y_at[f.channel]) + f.lag - 1
-            return n + f.channel if f.lag == 0 else int(u_at[f.channel]) + f.lag - 1
+        def place_of(t: Term) -> int:
+            if t not in known_products:
+                plan.append((place_of(t[:-1]), self.place(t[-1])))
+                known_products[t] = len(plan)
+            return known_products[t]
 
-        plan = [(a, place(Factor("y", j, lag))) for a, j, lag in self.plan]
-        inputs: dict[Term, int] = {(): 0}
-
-        def grown(t: Term) -> int:
-            if t not in inputs:
-                a = grown(t[:-1])
-                plan.append((a, place(t[-1])))
-                inputs[t] = len(plan)
-            return inputs[t]
-
-        u_places = [grown(t) for t in self.u_terms]
+        u_places = [place_of(t) for t in self.u_terms]
         rows = [
             [
                 (float(theta[k]), int(m), u_places[q])
@@ -163,14 +126,7 @@ class FreeRun:
             ]
             for i in range(self.ny)
         ]  # fmt: skip
-        # where every entry of x⁺ stands in (x, y, u): one place along, the newest in u and y
-        source = list(range(-1, n - 1))
-        pool = ((y_at, self.y_depth, n), (u_at, self.u_depth, n + self.ny))
-        for starts, depths, first in pool:
-            for j, (at, depth) in enumerate(zip(starts, depths, strict=True)):
-                if depth:
-                    source[at] = first + j
-        limits = self.limits
+        limits, source, n = self.limits, self.shift().tolist(), self.n_states
 
         def step(x: Array, u: Array) -> tuple[Array, Array]:
             xp: Any = x.__array_namespace__()
@@ -180,9 +136,7 @@ class FreeRun:
                 products.append(products[a] * known[where])
             y = []
             for row, (low, high) in zip(rows, limits, strict=True):
-                value = 0.0
-                for c, m, q in row:
-                    value += c * products[m] * products[q]
+                value = sum((c * products[m] * products[q] for c, m, q in row), 0.0)
                 y.append(kept_inside(xp, value, low, high))
             pool = [*known[:n], *y, *known[n:]]
             after = together(xp, [pool[k] for k in source]) if source else x
@@ -202,9 +156,15 @@ class FreeRun:
             out[:, q] = value
         return out
 
-    def weights(self, theta: Array, U: Array) -> Array:
+    def weights(self, theta: Array, products: Array) -> Array:
         """w_im(t), (ny, L, n_products, B)."""
-        return np.asarray(np.einsum("lqb,iqm->ilmb", U, self.coefficients(theta), optimize=True))
+        C = self.coefficients(theta)
+        return np.asarray(np.einsum("lqb,iqm->ilmb", products, C, optimize=True))
+
+    @property
+    def width(self) -> int:
+        """Products of past outputs, for each output."""
+        return len(self.products) * self.ny
 
     def runs(self, weights: Array, past: Array) -> Array:
         """All runs at once from past outputs (depth, ny, B): (depth + L, ny, B), past included."""

@@ -1,8 +1,8 @@
 """NARMAX: a polynomial in lagged outputs, inputs and errors, its terms chosen from the data."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -14,22 +14,14 @@ from sysid.fitting.problem import (
     Parameter,
     Problem,
 )
-from sysid.structures.base import NamedStructure, refuse_options
-from sysid.structures.narmax.options import (
-    MARGIN,
-    explicit_terms,
-    margin_of,
-    require_inside,
-    selection_of,
-    whole_number,
-)
-from sysid.structures.narmax.probes import stays_near, widened
+from sysid.structures.base import refuse_options
+from sysid.structures.narmax.options import SELECTIONS, explicit_terms, require_inside
 from sysid.structures.narmax.problems import ChunkedRuns, OneStep
-from sysid.structures.narmax.runs import FreeRun
-from sysid.structures.orders import MAX_ORDER, Orders, spread
+from sysid.structures.narmax.runs import PolynomialRun
+from sysid.structures.orders import MAX_ORDER, spread
+from sysid.structures.recursive.chunks import spreads
 from sysid.structures.recursive.monomials import (
     MAX_DEGREE,
-    Factor,
     Term,
     from_json,
     pool,
@@ -37,18 +29,17 @@ from sysid.structures.recursive.monomials import (
     to_json,
     typed_name,
 )
+from sysid.structures.recursive.options import MARGIN, choice, margin, whole_number
+from sysid.structures.recursive.signals import Signal
 from sysid.structures.recursive.single_values import Limits
-from sysid.structures.recursive.state_fit import fitted_state
+from sysid.structures.recursive.structure import RecursiveStructure, ranges_from
 
 if TYPE_CHECKING:
     from sysid.structures.outcome import Fitter
 
-WORK = 2_000_000
-"""Numbers held at a time by k-step predictions."""
-
 
 @dataclass(frozen=True)
-class NARMAX(NamedStructure):
+class NARMAX(RecursiveStructure):
     """Polynomial NARMAX (thesis 3.25; Leontaritis & Billings 1985; Billings 2013).
 
     The equation of each output is a sum of monomials in past outputs, inputs and, where asked for,
@@ -59,7 +50,6 @@ class NARMAX(NamedStructure):
     about where it has seen no data.
     """
 
-    orders: Orders
     degree: int = 0
     size: int = 0
     noise_lags: int = 0
@@ -67,16 +57,14 @@ class NARMAX(NamedStructure):
     margin: float = MARGIN
     terms: tuple[tuple[Term, ...], ...] = ()
     err: tuple[tuple[float, ...], ...] = ()
-    output_range: Limits = ()
-    input_range: Limits = ()
     input_step: tuple[float, ...] = ()
 
     name: ClassVar[str] = "narmax"
     title: ClassVar[str] = "NARMAX: polynomial with selected terms"
     equation: ClassVar[str] = "y(t) = Σ θ_k Π y(t−·) Π u(t−·) Π e(t−·) + e(t)"
     when: ClassVar[str] = "smooth nonlinearities; an equation one can read"
-    order_names: ClassVar[tuple[str, ...]] = ("na", "nb", "nk")
-    has_noise_model: ClassVar[bool] = True
+    # a polynomial that has left its data by their own width does not come back
+    runaway: ClassVar[float] = 1.0
     options: ClassVar[Mapping[str, str]] = {
         "degree": "largest degree of a product, 1 to 6; the best of 1, 2 and 3 unless given",
         "terms": "number of terms of each output, or the terms themselves such as "
@@ -101,16 +89,6 @@ class NARMAX(NamedStructure):
             return ""
         return "the terms given hold none; the term constant is one"
 
-    @property
-    def nu(self) -> int:
-        """Number of inputs."""
-        return self.orders.nu
-
-    @property
-    def ny(self) -> int:
-        """Number of outputs."""
-        return self.orders.ny
-
     # ----------------------------------------------------------------- making one
 
     @classmethod
@@ -121,19 +99,24 @@ class NARMAX(NamedStructure):
         refuse_options(cls.name, options, tuple(cls.options))
         orders = spread(raw, "ab", nu, ny, cls.name)
         given = dict(options or {})
-        degree = whole_number(given, "degree", 1, MAX_DEGREE, 0)
-        noise = whole_number(given, "noise_lags", 0, MAX_ORDER, 0)
-        selection = selection_of(given)
+
+        def number(name: str, low: int, high: int) -> int:
+            return whole_number(given, name, low, high, cls.name) or 0
+
+        degree = number("degree", 1, MAX_DEGREE)
         text = given.get("terms", "").replace(" ", "")
-        explicit: tuple[tuple[Term, ...], ...] = ()
-        size = 0
-        if text and not text.isdigit():
-            explicit = explicit_terms(text, orders)
-        elif "terms" in given:
-            size = whole_number(given, "terms", 1, 1000, 0)
+        named = bool(text) and not text.isdigit()
         for i in range(ny):
             pool(orders, i, degree or 1)  # refuses pools beyond all bounds
-        return cls(orders, degree, size, noise, selection, margin_of(given), explicit)
+        return cls(
+            orders,
+            degree=degree,
+            size=number("terms", 1, 1000) if "terms" in given and not named else 0,
+            noise_lags=number("noise_lags", 0, MAX_ORDER),
+            selection=choice(given, "selection", SELECTIONS),
+            margin=margin(given),
+            terms=explicit_terms(text, orders) if named else (),
+        )
 
     @classmethod
     def candidate_orders(
@@ -150,10 +133,6 @@ class NARMAX(NamedStructure):
             return ({"na": largest, "nb": largest + 1, "nk": 0},)
         return ({"na": largest, "nb": largest, "nk": delay},)
 
-    def order_values(self) -> dict[str, Any]:
-        """Orders in their shortest form."""
-        return {name: self.orders.value(name) for name in self.order_names}
-
     def settings(self) -> dict[str, Any]:
         """Options, the terms with their error reduction ratios, and the ranges of the data."""
         return {
@@ -164,8 +143,7 @@ class NARMAX(NamedStructure):
             "margin": self.margin,
             "terms": [[to_json(t) for t in row] for row in self.terms],
             "err_percent": [list(row) for row in self.err],
-            "output_range": [list(pair) for pair in self.output_range],
-            "input_range": [list(pair) for pair in self.input_range],
+            **self.range_settings(),
             "input_step": list(self.input_step),
         }
 
@@ -176,16 +154,15 @@ class NARMAX(NamedStructure):
         plain = cls.from_orders(raw["orders"], int(raw["nu"]), int(raw["ny"]))
         found = cls(
             plain.orders,
-            int(known["degree"]),
-            int(known["size"]),
-            int(known["noise_lags"]),
-            str(known["selection"]),
-            float(known["margin"]),
-            tuple(tuple(from_json(t) for t in row) for row in known["terms"]),
-            tuple(tuple(float(v) for v in row) for row in known["err_percent"]),
-            _pairs(known["output_range"]),
-            _pairs(known["input_range"]),
-            tuple(float(v) for v in known["input_step"]),
+            degree=int(known["degree"]),
+            size=int(known["size"]),
+            noise_lags=int(known["noise_lags"]),
+            selection=str(known["selection"]),
+            margin=float(known["margin"]),
+            terms=tuple(tuple(from_json(t) for t in row) for row in known["terms"]),
+            err=tuple(tuple(float(v) for v in row) for row in known["err_percent"]),
+            input_step=tuple(float(v) for v in known["input_step"]),
+            **ranges_from(known),
         )
         require_inside(found.terms, found.orders)
         return found
@@ -197,21 +174,24 @@ class NARMAX(NamedStructure):
         """Terms of each output: the chosen ones, or all linear ones before anything was chosen."""
         return self.terms or tuple(pool(self.orders, i, 1) for i in range(self.ny))
 
-    @property
-    def limits(self) -> Limits:
-        """Lowest and highest value of each output in free run; infinite before a fit."""
-        if not self.output_range:
-            return ((-np.inf, np.inf),) * self.ny
-        return widened(self.output_range, self.margin)
+    def with_ranges(self, records: Sequence[Record]) -> Self:
+        """The structure with the range of each channel and the largest change of each input."""
+        changes = np.concatenate([np.abs(np.diff(r.u, axis=0)) for r in records])
+        step = tuple(np.max(changes, axis=0, initial=0.0).tolist())
+        return replace(super().with_ranges(records), input_step=step)
+
+    def largest_input_step(self) -> Sequence[float]:
+        """Largest change of each input from one sample to the next."""
+        return self.input_step
 
     def row_index(self, i: int) -> Index:
         """Entries of θ that belong to output ``i``."""
         sizes = [len(row) for row in self.rows]
         return np.arange(sum(sizes[:i]), sum(sizes[: i + 1]))
 
-    def free_run(self) -> FreeRun:
-        """The equations prepared for free runs."""
-        return FreeRun(self.rows, self.nu, self.limits)
+    def free_run(self, limits: Limits | None = None) -> PolynomialRun:
+        """The equations prepared for runs, kept inside ``limits``; inside its own unless given."""
+        return PolynomialRun(self.rows, self.nu, limits or self.limits)
 
     def parameters(
         self, inputs: Sequence[Channel], outputs: Sequence[Channel]
@@ -234,9 +214,9 @@ class NARMAX(NamedStructure):
         """
         data = [(r.u, r.y) for r in records]
         if focus is Focus.SIMULATION:
-            scale = np.std(np.concatenate([r.y for r in records]), axis=0)
             longest = max(len(r) for r in records)
-            return (ChunkedRuns(self.free_run(), data, longest, np.where(scale > 0, scale, 1.0)),)
+            scale = spreads([r.y for r in records])
+            return (ChunkedRuns(self.free_run(), data, longest, scale),)
         return tuple(self.one_step(i, data) for i in range(self.ny))
 
     def one_step(self, i: int, data: Sequence[tuple[Array, Array]]) -> OneStep:
@@ -255,26 +235,6 @@ class NARMAX(NamedStructure):
 
         return fit_narmax
 
-    def n_states(self, theta: Array) -> int:
-        """Past outputs and inputs that the terms hold."""
-        return self.free_run().n_states
-
-    def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
-        """State that meets the first ``samples`` of y best in free run, near steady state."""
-        run = self.free_run()
-        spans = [_span(pair) for pair in (*self.output_range, *self.input_range)]
-        if not spans:
-            spans = [float(np.ptp(s)) or 1.0 for s in (*y.T, *u.T)]
-        return fitted_state(run, theta, u, y, samples, np.array(spans) / 4.0)
-
-    def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
-        """Free run from x0, errors zero, kept inside ``limits``."""
-        return self.free_run().simulate(theta, u, x0)
-
-    def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
-        """The free run sample by sample."""
-        return self.free_run().stepper(theta)
-
     def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
         """One-step errors; they need no initial state, past errors before the record are zero."""
         out = np.full(y.shape, np.nan)
@@ -291,51 +251,18 @@ class NARMAX(NamedStructure):
         """
         if horizon == 1:
             return y - self.errors(theta, u, y, window)
-        out = np.full(y.shape, np.nan)
         e = np.nan_to_num(self.errors(theta, u, y, window))
         # known errors act like further inputs
         rows = tuple(
             tuple(
-                tuple(Factor("u", self.nu + f.channel, f.lag) if f.kind == "e" else f for f in t)
+                tuple(Signal("u", self.nu + f.channel, f.lag) if f.kind == "e" else f for f in t)
                 for t in row
             )
             for row in self.rows
         )
-        run = FreeRun(rows, self.nu + self.ny, self.limits)
+        run = PolynomialRun(rows, self.nu + self.ny, self.limits)
         driven = np.concatenate([u, e], axis=1)
-        starts = np.arange(self.first_sample(), len(y) - horizon + 1)
-        each = max(WORK // (horizon * len(run.products) * self.ny), 1)
-        for at in range(0, len(starts), each):
-            s = starts[at : at + each]
-            # windows reach before the record only where nothing is looked up
-            around = np.arange(-run.before, horizon)[:, None] + s
-            inputs = np.where(around[:, :, None] < 0, 0.0, driven[np.maximum(around, 0)])
-            inputs = inputs.transpose(0, 2, 1)
-            inputs[run.before :, self.nu :] = 0.0
-            back = np.arange(-run.depth, 0)[:, None] + s
-            past = y[np.maximum(back, 0)].transpose(0, 2, 1)
-            weights = run.weights(theta, run.input_products(inputs))
-            out[s + horizon - 1] = run.runs(weights, past)[-1].T
-        return out
-
-    def stable(self, theta: Array) -> bool:
-        """Whether the equation itself stays near its data, without help from the limits.
-
-        Judged by free runs from rest under inputs that fill the training range but change no
-        faster than they did there: random two-level inputs, fast and slow, and its two ends held.
-        None may go further beyond the training range of an output than its width.
-        With the limits every free run is bounded.
-        """
-        if not np.all(np.isfinite(theta)):
-            return False
-        if not self.output_range:
-            return True
-        return stays_near(self.rows, theta, self.output_range, self.input_range, self.input_step)
-
-    def at_limits(self, run: Array) -> Array:
-        """Share of the samples of a free run (N, ny) at which each output is held at a limit."""
-        ends = np.array(self.limits)
-        return np.asarray(np.mean((run <= ends[:, 0]) | (run >= ends[:, 1]), axis=0))
+        return run.predictions(theta, driven, y, horizon, self.first_sample(), unknown=self.ny)
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
         """∂ŷ/∂θ of one output on a record, zero where it cannot be predicted."""
@@ -398,14 +325,6 @@ class NARMAX(NamedStructure):
                 "polynomial means nothing."
             )
         return found
-
-
-def _pairs(raw: Sequence[Sequence[float]]) -> Limits:
-    return tuple((float(low), float(high)) for low, high in raw)
-
-
-def _span(pair: tuple[float, float]) -> float:
-    return pair[1] - pair[0] or 1.0
 
 
 def _unit(top: str, t: Term, inputs: Sequence[Channel], outputs: Sequence[Channel]) -> str:

@@ -12,14 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.structures.narmax.chunk_fits import ChunkFit, fit_together
 from sysid.structures.narmax.problems import ChunkedRuns
-from sysid.structures.narmax.term_trials import (
-    Fold,
-    Row,
-    Trial,
-    fit_chunks,
-    fit_folds,
-)
+from sysid.structures.narmax.term_trials import Row, Trial, fit_folds
 from sysid.structures.recursive.monomials import Term
 
 TRIED = 3
@@ -83,7 +78,8 @@ def _promising(row: Row, trial: Trial, pool: Sequence[Term]) -> list[Term]:
             room -= len(y)
     theta = np.mean(trial.theta, axis=0)
     if len(row.folds) > 1:
-        theta = fit_chunks(row, Fold(row.search, ()), trial.terms, theta, trial.chunk, 10)
+        whole = ChunkFit(trial.terms, theta, row.search)
+        (theta,) = fit_together([whole], row.limits, trial.chunk, evaluations=10)
     n = len(theta)
     problem = ChunkedRuns(row.free_run((*trial.terms, *rest)), data, trial.chunk, row.scale)
     if sum(problem.lengths) <= 2 * n:

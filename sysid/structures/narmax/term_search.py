@@ -18,7 +18,8 @@ from sysid.structures.recursive.frols import (
     forward,
     term_gram,
 )
-from sysid.structures.recursive.monomials import Term, factors_of, pool
+from sysid.structures.recursive.monomials import Term, pool
+from sysid.structures.recursive.signals import lagged_signals
 
 DEGREES = (1, 2, 3)
 """Degrees tried when none is given."""
@@ -105,7 +106,7 @@ def search_terms(row: Row, refine: bool, evaluations: int) -> tuple[Trial, list[
     if s.degree:
         return _search(row, (s.degree,), MAX_ORDER, refine, evaluations)
     found, tried = _search(row, DEGREES, MAX_ORDER, refine, evaluations)
-    count = len(factors_of(capped(s.orders, HIGH_LAGS), row.output))
+    count = len(lagged_signals(capped(s.orders, HIGH_LAGS), row.output))
     if comb(count + HIGH, HIGH) <= HIGH_POOL and found.error > ENOUGH:
         other, more = _search(row, (HIGH,), HIGH_LAGS, refine, evaluations)
         tried = tried + more

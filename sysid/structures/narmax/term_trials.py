@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
 from sysid.fitting.holdout import hold_out
-from sysid.fitting.solvers import levenberg_marquardt
 from sysid.structures.narmax.chunk_fits import ChunkFit, fit_together
-from sysid.structures.narmax.probes import stays_near
-from sysid.structures.narmax.problems import ChunkedRuns
-from sysid.structures.narmax.runs import FreeRun
+from sysid.structures.narmax.runs import PolynomialRun
 from sysid.structures.narmax.structure import NARMAX
-from sysid.structures.recursive.monomials import Factor, Term, term
+from sysid.structures.recursive.free_run import ranges, widened
+from sysid.structures.recursive.monomials import Term, term
+from sysid.structures.recursive.one_output import OneOutput
+from sysid.structures.recursive.probing import stays_near
 
 SHORT = 1500
 """Samples below which every fifth block is held out in turn."""
@@ -74,15 +74,15 @@ class Row:
 
     def __init__(self, structure: NARMAX, output: int, records: Sequence[Record]) -> None:
         self.structure, self.output = structure, output
-        self.others = [j for j in range(structure.ny) if j != output]
+        self.view = OneOutput(output, structure.nu, structure.ny)
         self.limits = structure.limits[output]
-        self.whole = [self._view(r) for r in records]
+        self.whole = [self.view.data(r) for r in records]
         if sum(len(r) for r in records) < SHORT:
             self.folds = [self._fold(records, k) for k in range(FOLDS)]
             self.search = self.whole
         else:
             data = hold_out(records)
-            self.folds = [Fold([self._view(r) for r in data.train], data.counted)]
+            self.folds = [Fold([self.view.data(r) for r in data.train], data.counted)]
             self.search = self.folds[0].train
         self.levels = [
             _levels(np.concatenate([r.u[:, j] for r in records])) for j in range(structure.nu)
@@ -97,9 +97,6 @@ class Row:
         self.spread = spread if spread > 0.0 else 1.0
         power = float(np.mean(np.concatenate([y for _, y in self.whole]) ** 2))
         self.scale = np.array([np.sqrt(power) if power > 0.0 else 1.0])
-
-    def _view(self, r: Record) -> tuple[Array, Array]:
-        return np.hstack([r.u, r.y[:, self.others]]), r.y[:, [self.output]]
 
     def _fold(self, records: Sequence[Record], k: int) -> Fold:
         """Blocks k, k + FOLDS … held out, so that every fold covers the operating range."""
@@ -127,43 +124,29 @@ class Row:
 
     def inward(self, t: Term) -> Term:
         """A term of the structure in this row's view."""
-        nu = self.structure.nu
-        return term([
-            f if f.kind == "u"
-            else Factor("y", 0, f.lag) if f.channel == self.output
-            else Factor("u", nu + self.others.index(f.channel), f.lag)
-            for f in t
-        ])  # fmt: skip
+        return term([self.view.inward(f) for f in t])
 
     def outward(self, t: Term) -> Term:
         """Undo ``inward``."""
-        nu = self.structure.nu
-        return term([
-            Factor("y", self.output, f.lag) if f.kind == "y"
-            else f if f.channel < nu
-            else Factor("y", self.others[f.channel - nu], f.lag)
-            for f in t
-        ])  # fmt: skip
+        return term([self.view.outward(f) for f in t])
 
-    def free_run(self, terms: Sequence[Term]) -> FreeRun:
+    def free_run(self, terms: Sequence[Term]) -> PolynomialRun:
         """This row's equation alone."""
-        return FreeRun((tuple(terms),), self.whole[0][0].shape[1], (self.limits,))
+        return PolynomialRun((tuple(terms),), self.view.nu, (self.limits,))
 
     def stays_near(self, trial: "Trial") -> bool:
         """Whether the equation stays near its data under probing inputs, in every fold."""
-        us = np.concatenate([u for u, _ in self.whole])
-        steps = np.concatenate([np.abs(np.diff(u, axis=0)) for u, _ in self.whole])
-        inputs = tuple(zip(us.min(axis=0).tolist(), us.max(axis=0).tolist(), strict=True))
-        outputs = (self.structure.output_range[self.output],)
-        largest = np.max(steps, axis=0, initial=0.0).tolist()
-        return all(
-            stays_near((trial.terms,), theta, outputs, inputs, largest) for theta in trial.theta
-        )
+        us = [u for u, _ in self.whole]
+        steps = np.concatenate([np.abs(np.diff(u, axis=0)) for u in us])
+        far = widened((self.structure.output_range[self.output],), self.structure.runaway)
+        run = PolynomialRun((trial.terms,), self.view.nu, far)
+        largest = np.max(steps, axis=0, initial=0.0)
+        return all(stays_near(run, theta, ranges(us), largest) for theta in trial.theta)
 
     def held_out_error(self, terms: Sequence[Term], thetas: Sequence[Array]) -> float:
         """Free-run error on the held-out samples, by fold in runs through the whole records."""
         run = self.free_run(terms)
-        first = max(run.depth if run.slots else 0, run.before)
+        first = run.first
         total = 0.0
         for fold, theta in zip(self.folds, thetas, strict=True):
             for (u, y), counted in zip(self.whole, fold.counted, strict=True):
@@ -232,24 +215,3 @@ def fit_folds(
     found = fit_together(fits, row.limits, chunk, evaluations)
     n = len(row.folds)
     return [tuple(found[k : k + n]) for k in range(0, len(found), n)]
-
-
-def fit_chunks(
-    row: Row, fold: Fold, terms: Sequence[Term], theta: Array, chunk: int, evaluations: int
-) -> Array:
-    """Coefficients fitted to free runs of ``chunk`` samples."""
-    problem = ChunkedRuns(row.free_run(terms), fold.train, chunk, row.scale)
-    n = len(theta)
-    if sum(problem.lengths) <= n:
-        return theta
-    free, bound = np.ones(n, dtype=bool), np.full(n, np.inf)
-    found = levenberg_marquardt(
-        problem,
-        theta,
-        free=free,
-        lower=-bound,
-        upper=bound,
-        max_evaluations=evaluations,
-        tolerance=1e-5,
-    )
-    return found.p

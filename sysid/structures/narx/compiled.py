@@ -13,7 +13,7 @@ network through every step for every parameter, some twenty times slower.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 from sysid.structures.narx.wavelet_network import (
     KINDS,
@@ -23,12 +23,31 @@ from sysid.structures.narx.wavelet_network import (
     split,
     value,
 )
-from sysid.structures.recursive.chunks import Chunks
-from sysid.structures.recursive.expressions import Signal, evaluate, signals
-from sysid.structures.recursive.regressors import Row, lag_of
+from sysid.structures.recursive.expressions import evaluate, signals
+from sysid.structures.recursive.regressors import Row
+from sysid.structures.recursive.signals import Signal
 
 Values = Any
 """An array of jax.numpy."""
+
+
+class WeightedChunks(NamedTuple):
+    """Stretches of data side by side, and what each error counts.
+
+    Attributes:
+        u, past, y: as in ``Chunks``.
+        weight: what each error counts, 0 where a stretch has ended, (L, ny, B).
+        restart: where the run begins anew from the measured past, (L, B): shorter runs without
+            another shape to compile.
+        limits: lowest and highest output, (ny, 2).
+    """
+
+    u: Values
+    past: Values
+    y: Values
+    weight: Values
+    restart: Values
+    limits: Values
 
 
 @dataclass(frozen=True)
@@ -77,10 +96,7 @@ def chunk_functions(shape: Shape) -> ChunkFunctions:
     kind, ny, before = KINDS[shape.kind], len(shape.rows), shape.before
     counts = [size(*s) for s in shape.sizes]
     ends = [sum(counts[:i]) for i in range(ny + 1)]
-    found = sorted(
-        {s for row in shape.rows for e in row for s in signals(e)},
-        key=lambda s: (s.kind, s.channel, lag_of(s)),
-    )
+    found = sorted({s for row in shape.rows for e in row for s in signals(e)})
     inputs = [s for s in found if s.kind == "u"]
     slots = [s for s in found if s.kind == "y"]
 
@@ -89,7 +105,7 @@ def chunk_functions(shape: Shape) -> ChunkFunctions:
 
     def input_signals(u: Values) -> Values:
         length = u.shape[0] - before
-        taken = [u[before - lag_of(s) :][:length, s.channel] for s in inputs]
+        taken = [u[before - s.lag :][:length, s.channel] for s in inputs]
         return jnp.stack(taken, axis=1) if taken else jnp.zeros((length, 0, u.shape[2]))
 
     def regressors(row: Row, ys: dict[Signal, Values], us: Values) -> Values:
@@ -100,7 +116,7 @@ def chunk_functions(shape: Shape) -> ChunkFunctions:
 
         return jnp.stack([evaluate(e, lookup, jnp) for e in row], axis=-1)
 
-    def runs(theta: Values, frames: list[Frame], data: Chunks) -> tuple[Values, Values]:
+    def runs(theta: Values, frames: list[Frame], data: WeightedChunks) -> tuple[Values, Values]:
         """ŷ (L, ny, B) and the past outputs it was computed from, (L, slots, B)."""
         weights = parts(theta)
 
@@ -108,7 +124,7 @@ def chunk_functions(shape: Shape) -> ChunkFunctions:
             ys, measured = carry
             us, y_now, restart = now
             ys = jnp.where(restart, measured, ys)
-            known = {s: ys[-lag_of(s), s.channel] for s in slots}
+            known = {s: ys[-s.lag, s.channel] for s in slots}
             found = [
                 value(jnp, kind, f, w, regressors(row, known, us))
                 for row, f, w in zip(shape.rows, frames, weights, strict=True)
@@ -122,13 +138,13 @@ def chunk_functions(shape: Shape) -> ChunkFunctions:
         found: tuple[Values, Values] = jax.lax.scan(sample, (data.past, data.past), xs)[1]
         return found
 
-    def outputs(theta: Values, frames: list[Frame], data: Chunks) -> Values:
+    def outputs(theta: Values, frames: list[Frame], data: WeightedChunks) -> Values:
         return runs(theta, frames, data)[0]
 
-    def residual(theta: Values, frames: list[Frame], data: Chunks) -> Values:
+    def residual(theta: Values, frames: list[Frame], data: WeightedChunks) -> Values:
         return ((data.y - outputs(theta, frames, data)) * data.weight).ravel()
 
-    def jacobian(theta: Values, frames: list[Frame], data: Chunks) -> Values:
+    def jacobian(theta: Values, frames: list[Frame], data: WeightedChunks) -> Values:
         run, used = runs(theta, frames, data)
         batch = run.shape[2]
         us, weights = input_signals(data.u), parts(theta)
@@ -148,7 +164,7 @@ def chunk_functions(shape: Shape) -> ChunkFunctions:
             new, pull, restart = now
             S = jnp.where(restart[:, None], 0.0, S)
             for k, s in enumerate(slots):
-                new = new + pull[:, k, :, None] * S[-lag_of(s), s.channel]
+                new = new + pull[:, k, :, None] * S[-s.lag, s.channel]
             return jnp.concatenate([S[1:], new[None]]), new
 
         out = jnp.stack(explicit, axis=1)

@@ -14,7 +14,7 @@ from sysid.fitting.robust import weighted
 from sysid.fitting.solvers import Solution, levenberg_marquardt
 from sysid.fitting.uncertainty import uncertainty
 from sysid.structures.base import Structure
-from sysid.structures.narx.problems import FreeRuns, OneStepRow, spreads
+from sysid.structures.narx.problems import FreeRuns, OneStepRow
 from sysid.structures.narx.search import (
     RUNGS,
     SHORT,
@@ -32,6 +32,7 @@ from sysid.structures.narx.structure import NarxWavelet
 from sysid.structures.narx.wavelet_frame import least_squares
 from sysid.structures.narx.wavelet_network import RowDesign
 from sysid.structures.outcome import FitOutcome, StartReport
+from sysid.structures.recursive.chunks import spreads
 
 SEARCH_SAMPLES = 8_000
 """Samples that choose products and units; what they amount to comes from all of them."""
@@ -85,7 +86,7 @@ def fit_narx(
     if not isinstance(structure, NarxWavelet):
         raise UsageError(f"{structure.name} is not a NARX structure")
     _check(structure, records, options)
-    s = with_ranges(structure, records)
+    s = structure.with_ranges(records)
     data = hold_out(shortened(records, SEARCH_SAMPLES))
     refine = _rungs(s, options)
     winners: list[Trial] = []
@@ -123,18 +124,6 @@ def _check(s: NarxWavelet, records: Sequence[Record], options: FitOptions) -> No
             f"{records[0].name}: {sum(len(r) for r in records)} samples are too few for a "
             "narx-wavelet model with these lags; record more or lower na and nb"
         )
-
-
-def with_ranges(s: NarxWavelet, records: Sequence[Record]) -> NarxWavelet:
-    """The structure with the lowest and highest value of each channel."""
-
-    def ranges(signals: Sequence[Array]) -> tuple[tuple[float, float], ...]:
-        stacked = np.concatenate(signals)
-        return tuple(zip(stacked.min(axis=0).tolist(), stacked.max(axis=0).tolist(), strict=True))
-
-    return replace(
-        s, output_range=ranges([r.y for r in records]), input_range=ranges([r.u for r in records])
-    )
 
 
 def _rungs(s: NarxWavelet, options: FitOptions) -> tuple[int, ...]:
@@ -259,7 +248,8 @@ def _outcome(
     estimates: Sequence[Estimate],
     starts: Sequence[StartReport],
 ) -> FitOutcome:
-    runs = [_free_runs(s, e.theta, records) for e in estimates]
+    run = s.free_run(compiled_from=COMPILED_FROM)
+    runs = [run.measured(e.theta, records) for e in estimates]
     errors = [_error(s, records, found) for found in runs]
     # least squares stays a candidate to the end; a refined model wins by its free run
     best = int(np.argmin(errors))
@@ -324,17 +314,6 @@ def _worth(s: NarxWavelet, chosen: Estimate, free: Array) -> tuple[Array, Array]
             spread[index[which]] = direction
             null.append(spread)
     return covariance, np.array(null).T if null else np.zeros((n, 0))
-
-
-def _free_runs(s: NarxWavelet, theta: Array, records: Sequence[Record]) -> list[Array]:
-    """Free runs through whole records from their first measured samples."""
-    run = s.free_run()
-    first = run.window.first
-    return [
-        run.simulate(theta, r.u[first:], run.state(r.y[:first], r.u[:first]), COMPILED_FROM)
-        for r in records
-        if len(r) > first
-    ]
 
 
 def _error(s: NarxWavelet, records: Sequence[Record], runs: Sequence[Array]) -> float:

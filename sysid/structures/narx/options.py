@@ -9,10 +9,10 @@ import numpy as np
 from sysid.errors import UsageError
 from sysid.structures.narx.wavelet_network import DEGREE, KINDS, RowDesign
 from sysid.structures.orders import Orders
-from sysid.structures.recursive.regressors import MAX_REGRESSORS, Row, standard
-from sysid.structures.recursive.single_values import Limits
+from sysid.structures.recursive.options import MARGIN, choice, margin, whole_number
+from sysid.structures.recursive.regressors import MAX_REGRESSORS, Row
+from sysid.structures.recursive.signals import lagged_signals
 
-MARGIN = 0.15
 MAX_UNITS = 200
 SUBSETS = ("auto", "each", "pairs", "outputs", "all")
 
@@ -73,7 +73,7 @@ def read(given: Mapping[str, str]) -> NarxOptions:
         UsageError: one of them is not what it must be.
     """
     units = _whole(given, "units", 0, MAX_UNITS)
-    estimator = _choice(given, "estimator", tuple(KINDS), "wavelet")
+    estimator = choice(given, "estimator", tuple(KINDS))
     if estimator == "polynomial":
         if units:
             raise UsageError("--option units: the polynomial estimator has none; leave it out")
@@ -83,42 +83,16 @@ def read(given: Mapping[str, str]) -> NarxOptions:
         estimator,
         units,
         _whole(given, "degree", 1, DEGREE),
-        _choice(given, "network", SUBSETS, "auto"),
+        choice(given, "network", SUBSETS),
         refine,
         _whole(given, "starts", 1, 16) or 3,
         _whole(given, "seed", 0, 2**31 - 1) or 0,
-        _share(given, "margin", MARGIN),
+        margin(given),
     )
 
 
 def _whole(given: Mapping[str, str], name: str, low: int, high: int) -> int | None:
-    text = given.get(name, "auto").strip()
-    if text == "auto":
-        return None
-    if not text.isdecimal() or not low <= int(text) <= high:
-        raise UsageError(
-            f"--option {name}={text}: narx-wavelet needs a whole number from {low} to {high}, or "
-            "auto"
-        )
-    return int(text)
-
-
-def _choice(given: Mapping[str, str], name: str, known: Sequence[str], default: str) -> str:
-    text = given.get(name, default).strip()
-    if text not in known:
-        raise UsageError(f"--option {name}={text}: choose one of {', '.join(known)}")
-    return text
-
-
-def _share(given: Mapping[str, str], name: str, default: float) -> float:
-    text = given.get(name, str(default))
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0.0 <= value <= 10.0:
-        raise UsageError(f"--option {name}={text}: give a share from 0 to 10, such as 0.15")
-    return value
+    return whole_number(given, name, low, high, "narx-wavelet")
 
 
 def check_regressors(orders: Orders, customs: Sequence[Row]) -> None:
@@ -128,7 +102,7 @@ def check_regressors(orders: Orders, customs: Sequence[Row]) -> None:
         UsageError: there are such.
     """
     for i in range(orders.ny):
-        count = len(standard(orders, i)) + (len(customs[i]) if customs else 0)
+        count = len(lagged_signals(orders, i)) + (len(customs[i]) if customs else 0)
         if count == 0:
             raise UsageError(f"--orders: output {i + 1} has no regressor; raise na or nb")
         if count > MAX_REGRESSORS:
@@ -136,13 +110,6 @@ def check_regressors(orders: Orders, customs: Sequence[Row]) -> None:
                 f"--orders: output {i + 1} would have {count} regressors, at most "
                 f"{MAX_REGRESSORS} are possible; lower na and nb"
             )
-
-
-def widened(ranges: Limits, margin: float) -> Limits:
-    """Each range with ``margin`` times its width added on either side."""
-    return tuple(
-        (low - margin * (high - low), high + margin * (high - low)) for low, high in ranges
-    )
 
 
 # ----------------------------------------------------------------------------- designs

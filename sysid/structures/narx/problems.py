@@ -1,23 +1,14 @@
 """Least-squares problems of NARX models: one step ahead, and free runs over chunks of the data."""
 
-from collections.abc import Iterator, Sequence
-from itertools import pairwise
-
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.data.record import Array, Index
 from sysid.fitting.problem import Problem
-from sysid.structures.narx.compiled import Shape, chunk_functions
+from sysid.structures.narx.compiled import Shape, WeightedChunks, chunk_functions
 from sysid.structures.narx.run import NarxRun
 from sysid.structures.narx.wavelet_network import gradients, value
-from sysid.structures.recursive.chunks import Chunks
+from sysid.structures.recursive.chunks import Chunks, Data, pieces, side_by_side, spreads
 from sysid.structures.recursive.regressors import columns
-
-Data = Sequence[tuple[Array, Array]]
-
-WORK = 200_000
-"""Runs × samples that k-step predictions advance at a time."""
 
 
 class OneStepRow(Problem):
@@ -30,7 +21,7 @@ class OneStepRow(Problem):
     """
 
     def __init__(self, run: NarxRun, output: int, data: Data) -> None:
-        first = run.window.first
+        first = run.first
         self.index = run.theta_index[output]
         self.n_initial = 0
         self.lengths = tuple(max(len(y) - first, 0) for _, y in data)
@@ -81,16 +72,18 @@ class FreeRuns(Problem):
     ) -> None:
         self.index: Index = np.arange(run.n_theta)
         self.n_initial = 0
-        self._pieces = pieces(run, data, length)
+        where = pieces(run, data, length)
         self._scale = spreads([y for _, y in data])
-        self._chunks, self._valid = chunked(run, data, self._pieces, self._scale)
+        chunks = side_by_side(run, data, where)
+        self._chunks = weighted_chunks(run, chunks, self._scale)
+        self._inside = np.repeat(chunks.inside.T[:, None], run.ny, axis=1)
         self._functions = chunk_functions(compiled_shape(run))
         self._frames = [d.frame() for d in run.designs]
         drawn = np.zeros(0, dtype=int) if pull is None else np.flatnonzero(pull)
         self._drawn, self._pull = drawn, np.zeros(0) if pull is None else pull[drawn]
         self._centre = np.zeros(0) if centre is None else centre[drawn]
-        self.lengths = tuple(b - a for _, a, b in self._pieces for _ in range(run.ny))
-        self.channels = tuple(i for _ in self._pieces for i in range(run.ny))
+        self.lengths = tuple(b - a for _, a, b in where for _ in range(run.ny))
+        self.channels = tuple(i for _ in where for i in range(run.ny))
 
     @property
     def samples(self) -> int:
@@ -101,74 +94,21 @@ class FreeRuns(Problem):
         """(y − ŷ)/spread: chunk after chunk, output after output; then what draws."""
         found = np.asarray(self._functions.runs(p, self._frames, self._chunks))
         e = (self._chunks.y - found) / self._scale[:, None]
-        data = e.transpose(2, 1, 0)[self._valid]
+        data = e.transpose(2, 1, 0)[self._inside]
         return np.concatenate([data, self._pull * (p[self._drawn] - self._centre)])
 
     def jacobian(self, p: Array) -> Array:
         """∂/∂θ of it."""
         J = np.asarray(self._functions.slopes(p, self._frames, self._chunks))
         length, ny, batch = self._chunks.y.shape
-        J = J.reshape(length, ny, batch, -1).transpose(2, 1, 0, 3)[self._valid]
+        J = J.reshape(length, ny, batch, -1).transpose(2, 1, 0, 3)[self._inside]
         draw = np.zeros((len(self._drawn), len(p)))
         draw[np.arange(len(self._drawn)), self._drawn] = self._pull
         return np.concatenate([J, draw])
 
 
-def spreads(ys: Sequence[Array]) -> Array:
-    """Standard deviation of each output over all records, 1 where it does not move, (ny,)."""
-    found = np.std(np.concatenate(ys), axis=0)
-    return np.where(found > 0.0, found, 1.0)
-
-
-def pieces(run: NarxRun, data: Data, length: int) -> list[tuple[int, int, int]]:
-    """(record, from, to) of chunks of about ``length`` samples that cover the data."""
-    first = run.window.first
-    found = []
-    for k, (_, y) in enumerate(data):
-        free = len(y) - first
-        if free > 0:
-            count = max(1, round(free / length))
-            edges = [first + round(j * free / count) for j in range(count + 1)]
-            found += [(k, a, b) for a, b in pairwise(edges) if b > a]
-    return found
-
-
-def chunked(
-    run: NarxRun,
-    data: Data,
-    where: Sequence[tuple[int, int, int]],
-    scale: Array,
-    longest: int | None = None,
-) -> tuple[Chunks, NDArray[np.bool_]]:
-    """Chunks of ``longest`` samples side by side, and which samples (B, ny, L) are theirs."""
-    longest = longest or max((b - a for _, a, b in where), default=0)
-    batch, ny = len(where), run.ny
-    u = np.zeros((run.before + longest, run.nu, batch))
-    past = np.zeros((run.depth, ny, batch))
-    y = np.zeros((longest, ny, batch))
-    valid: NDArray[np.bool_] = np.zeros((batch, ny, longest), dtype=bool)
-    for k, (record, a, b) in enumerate(where):
-        inputs, outputs = data[record]
-        u[: run.before + b - a, :, k] = inputs[a - run.before : b]
-        if run.window.feeds_back:
-            past[:, :, k] = outputs[a - run.depth : a]
-        y[: b - a, :, k] = outputs[a:b]
-        valid[k, :, : b - a] = True
-    weight = valid.transpose(2, 1, 0) / scale[:, None]
-    restart = np.zeros((longest, batch), dtype=bool)
-    return Chunks(u, past, y, weight, restart, np.array(run.limits)), valid
-
-
-def windows(
-    run: NarxRun, theta: Array, u: Array, y: Array, horizon: int
-) -> Iterator[tuple[Index, Array]]:
-    """(samples, predictions there) of free runs of ``horizon`` steps started at every sample."""
-    starts = np.arange(run.window.first, len(y) - horizon + 1)
-    each = max(WORK // horizon, 1)
-    for at in range(0, len(starts), each):
-        s = starts[at : at + each]
-        # windows reach before the record only where nothing is looked up
-        around = np.maximum(np.arange(-run.before, horizon)[:, None] + s, 0)
-        back = np.maximum(np.arange(-run.depth, 0)[:, None] + s, 0)
-        inputs, past = u[around].transpose(0, 2, 1), y[back].transpose(0, 2, 1)
-        yield s + horizon - 1, run.runs((theta, inputs), past)[-1].T
+def weighted_chunks(run: NarxRun, chunks: Chunks, scale: Array) -> WeightedChunks:
+    """The chunks as compiled runs take them, errors divided by ``scale`` (ny,)."""
+    weight = chunks.inside[:, None, :] / scale[:, None]
+    restart = np.zeros(chunks.inside.shape, dtype=bool)
+    return WeightedChunks(chunks.u, chunks.past, chunks.y, weight, restart, np.array(run.limits))

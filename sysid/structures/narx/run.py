@@ -18,22 +18,17 @@ from sysid.structures.narx.wavelet_network import (
     RowDesign,
     value,
 )
-from sysid.structures.recursive.expressions import FLOATS, Signal, evaluate
-from sysid.structures.recursive.regressors import (
-    Row,
-    Window,
-    columns,
-    holds_output,
-    lag_of,
-    scalar,
-)
+from sysid.structures.recursive.expressions import FLOATS, evaluate, signals
+from sysid.structures.recursive.free_run import FreeRun
+from sysid.structures.recursive.regressors import Row, columns, holds_output, scalar
+from sysid.structures.recursive.signals import Signal
 from sysid.structures.recursive.single_values import Limits, kept_inside, together
 
 LONG = 20_000
 """Samples from which a run is compiled: importing and compiling then cost less than they save."""
 
 
-class NarxRun:
+class NarxRun(FreeRun):
     """The maps of all outputs, prepared for runs. θ stacks the rows' parameters.
 
     Args:
@@ -42,6 +37,7 @@ class NarxRun:
         estimator: kind of its units, a name of KINDS.
         nu: number of inputs.
         limits: bounds of each output.
+        compiled_from: samples from which one run is compiled.
     """
 
     def __init__(
@@ -51,37 +47,23 @@ class NarxRun:
         estimator: str,
         nu: int,
         limits: Limits,
+        compiled_from: int = LONG,
     ) -> None:
-        self.rows, self.designs, self.limits = tuple(rows), tuple(designs), limits
+        super().__init__((s for row in rows for e in row for s in signals(e)), nu, limits)
+        self.rows, self.designs = tuple(rows), tuple(designs)
         self.estimator, self.kind = estimator, KINDS[estimator]
-        self.window = Window(rows, nu)
-        w = self.window
-        self.nu, self.ny, self.n_states = nu, w.ny, w.n_states
-        self.depth, self.before = w.depth, w.before
-        self.y_depth, self.u_depth = w.y_depth, w.u_depth
+        self._compiled_from = compiled_from
         edges = np.cumsum([0, *(d.n for d in designs)])
         self.theta_index: list[Index] = [np.arange(a, b) for a, b in pairwise(edges.tolist())]
         self.n_theta = int(edges[-1])
 
-    # ----------------------------------------------------------------- states
-
-    def past(self, x0: Array | None) -> tuple[Array, Array]:
-        """State → past outputs (depth, ny) and inputs (before, nu), oldest first."""
-        return self.window.past(x0)
-
-    def state(self, y: Array, u: Array) -> Array:
-        """Past outputs and inputs, oldest first and at least as long as needed → state."""
-        return self.window.state(y, u)
-
     # ----------------------------------------------------------------- one run
 
-    def simulate(
-        self, theta: Array, u: Array, x0: Array | None = None, compiled_from: int = LONG
-    ) -> Array:
-        """Free run for inputs (N, nu) from a state, (N, ny); compiled from so many samples."""
-        if not self.window.feeds_back:
+    def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
+        """Free run for inputs (N, nu) from a state, (N, ny)."""
+        if not self.feeds_back:
             return self._static(theta, u, x0)
-        if len(u) >= compiled_from:
+        if len(u) >= self._compiled_from:
             return self._compiled(theta, u, x0)
         point = Point(self, theta)
         past_y, past_u = self.past(x0)
@@ -90,7 +72,7 @@ class NarxRun:
         blank = np.zeros((len(driven), ny))
         x = np.hstack([columns(row, driven, blank) for row in self.rows])[start:]
         every = [e for row in self.rows for e in row]
-        plain = [(k, e.channel - lag_of(e) * ny) for k, e in enumerate(every)
+        plain = [(k, e.channel - e.lag * ny) for k, e in enumerate(every)
                  if isinstance(e, Signal) and e.kind == "y"]  # fmt: skip
         mixed = [(k, e) for k, e in enumerate(every)
                  if not isinstance(e, Signal) and holds_output(e)]  # fmt: skip
@@ -125,29 +107,18 @@ class NarxRun:
 
     def stepper(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
         """(x, u) → (x⁺, y), everything looked up beforehand."""
-        point, window = Point(self, theta), self.window
+        point = Point(self, theta)
         every = [e for row in self.rows for e in row]
         simple = all(isinstance(e, Signal) for e in every)
-        places = np.array([window.place(e) if isinstance(e, Signal) else 0 for e in every])
-        each = [scalar(e, window.place) for e in every]
-        source, limits = window.shift(), self.limits
-        frames = [d.frame() for d in self.designs]
-        weights = [d.weights(theta[i]) for d, i in zip(self.designs, self.theta_index, strict=True)]
+        places = np.array([self.place(e) if isinstance(e, Signal) else 0 for e in every])
+        each = [scalar(e, self.place) for e in every]
+        source, limits = self.shift(), self.limits
 
         def step(x: Array, u: Array) -> tuple[Array, Array]:
             xp: Any = x.__array_namespace__()
             known: Any = xp.concatenate([x, u])
             if xp is not np:
-                found = [
-                    value(
-                        xp,
-                        self.kind,
-                        f,
-                        w,
-                        xp.stack([evaluate(e, lambda s: known[window.place(s)], xp) for e in row]),
-                    )
-                    for row, f, w in zip(self.rows, frames, weights, strict=True)
-                ]
+                found = self._values_at(xp, theta, known)
             elif simple:
                 found = point(known[places])
             else:
@@ -159,15 +130,28 @@ class NarxRun:
 
         return step
 
+    def _values_at(self, xp: Any, theta: Array, known: Any) -> list[Any]:
+        """The maps of all outputs where ``known`` holds the state and the inputs of now."""
+        found = []
+        for row, d, index in zip(self.rows, self.designs, self.theta_index, strict=True):
+            x = xp.stack([evaluate(e, lambda s: known[self.place(s)], xp) for e in row])
+            found.append(value(xp, self.kind, d.frame(), d.weights(theta[index]), x))
+        return found
+
     # ----------------------------------------------------------------- many runs at once
 
     def input_products(self, u: Array) -> Array:
         """The inputs themselves, (before + L, nu, B): nothing is to be prepared."""
         return u
 
-    def weights(self, theta: Array, u: Array) -> tuple[Array, Array]:
+    def weights(self, theta: Array, products: Array) -> tuple[Array, Array]:
         """What ``runs`` needs."""
-        return theta, u
+        return theta, products
+
+    @property
+    def width(self) -> int:
+        """Regressors and what the units see of them, for the largest output."""
+        return max(d + K * q for d, _, K, q in (x.sizes for x in self.designs))
 
     def runs(self, weights: tuple[Array, Array], past: Array) -> Array:
         """All runs at once from past outputs (depth, ny, B): (depth + L, ny, B), past included."""
@@ -184,8 +168,8 @@ class NarxRun:
 
                 def lookup(s: Signal, t: int = t) -> Array:
                     if s.kind == "y":
-                        return np.asarray(full[t + depth - lag_of(s), s.channel])
-                    return np.asarray(u[t + self.before - lag_of(s), s.channel])
+                        return np.asarray(full[t + depth - s.lag, s.channel])
+                    return np.asarray(u[t + self.before - s.lag, s.channel])
 
                 for i, (row, frame, w, low, high) in enumerate(maps):
                     x = np.empty((batch, len(row)))
@@ -215,8 +199,8 @@ BLOCK = 8192
 def _looked_up(flat: list[float], u: Array, at: int, ny: int) -> Callable[[Signal], float]:
     def lookup(s: Signal) -> float:
         if s.kind == "y":
-            return flat[s.channel - lag_of(s) * ny]
-        return float(u[at - lag_of(s), s.channel])
+            return flat[s.channel - s.lag * ny]
+        return float(u[at - s.lag, s.channel])
 
     return lookup
 
@@ -237,7 +221,7 @@ def _long_run(
             us = jnp.concatenate([us[1:], now[None]])
 
             def lookup(s: Signal) -> Any:
-                return ys[-lag_of(s), s.channel] if s.kind == "y" else us[-1 - lag_of(s), s.channel]
+                return ys[-s.lag, s.channel] if s.kind == "y" else us[-1 - s.lag, s.channel]
 
             found = [
                 value(jnp, kind, f, w, jnp.stack([evaluate(e, lookup, jnp) for e in row]))

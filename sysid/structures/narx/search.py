@@ -21,7 +21,7 @@ from sysid.structures.narx.wavelet_frame import (
     separate,
 )
 from sysid.structures.narx.wavelet_network import DEGREE, RowDesign
-from sysid.structures.recursive.expressions import Signal
+from sysid.structures.recursive.signals import Signal
 
 RUNGS = (50, 500)
 """Chunk lengths of the refinement, each started from the last."""

@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Array, Index, Record
+from sysid.data.record import Array, Index
 from sysid.errors import Termination
 from sysid.fitting.holdout import HoldOut
 from sysid.fitting.solvers import many_starts
-from sysid.structures.narx.compiled import Shape, chunk_functions
-from sysid.structures.narx.problems import chunked, pieces, spreads
+from sysid.structures.narx.compiled import Shape, WeightedChunks, chunk_functions
+from sysid.structures.narx.problems import weighted_chunks
 from sysid.structures.narx.run import NarxRun
 from sysid.structures.narx.structure import NarxWavelet
 from sysid.structures.narx.wavelet_network import (
@@ -31,9 +31,11 @@ from sysid.structures.narx.wavelet_network import (
     split,
 )
 from sysid.structures.narx.words import shapes
-from sysid.structures.recursive.chunks import Chunks
-from sysid.structures.recursive.expressions import Signal, replaced
+from sysid.structures.recursive.chunks import Piece, pieces, side_by_side, spreads
+from sysid.structures.recursive.expressions import replaced
+from sysid.structures.recursive.one_output import OneOutput
 from sysid.structures.recursive.regressors import columns
+from sysid.structures.recursive.signals import Signal
 
 LANES = 12
 """Maps judged side by side."""
@@ -124,11 +126,11 @@ class RowRuns:
         self.estimator = structure.options_given.estimator
         self.largest = largest
         self.structure, self.output = structure, output
-        self.others = [j for j in range(structure.ny) if j != output]
-        self.row = tuple(replaced(e, self._inward) for e in structure.rows[output])
+        self.view = OneOutput(output, structure.nu, structure.ny)
+        self.row = tuple(replaced(e, Signal, self.view.inward) for e in structure.rows[output])
         self.limits = (structure.limits[output],)
-        self.train = [self.view(r) for r in data.train]
-        self.whole = [self.view(r) for r in data.whole]
+        self.train = [self.view.data(r) for r in data.train]
+        self.whole = [self.view.data(r) for r in data.whole]
         self.counted: Sequence[NDArray[np.bool_]] = [
             m & ~r.left_out[:, output] for m, r in zip(data.counted, data.whole, strict=True)
         ]
@@ -136,7 +138,7 @@ class RowRuns:
         held = np.concatenate([y[m, 0] for (_, y), m in zip(self.whole, self.counted, strict=True)])
         spread = float(np.std(held)) if len(held) else 0.0
         self.spread = spread if spread > 0.0 else 1.0
-        first = self.run(RowDesign.plain(len(self.row))).window.first
+        first = self.run(RowDesign.plain(len(self.row))).first
         self.first = first
         self.fitted = [
             (~m if data.held else m | True) & ~r.left_out[:, output]
@@ -150,21 +152,9 @@ class RowRuns:
             [y[first:, 0][k] for (_, y), k in zip(self.train, used, strict=True)]
         )
 
-    def _inward(self, s: Signal) -> Signal:
-        if s.kind == "u":
-            return s
-        if s.channel == self.output:
-            return Signal("y", 0, s.lag)
-        return Signal("u", self.structure.nu + self.others.index(s.channel), s.lag)
-
-    def view(self, r: Record) -> tuple[Array, Array]:
-        """The record as this row sees it."""
-        return np.hstack([r.u, r.y[:, self.others]]), r.y[:, [self.output]]
-
     def run(self, design: RowDesign) -> NarxRun:
         """This row alone with some map."""
-        nu = self.structure.nu + len(self.others)
-        return NarxRun((self.row,), (design,), self.estimator, nu, self.limits)
+        return NarxRun((self.row,), (design,), self.estimator, self.view.nu, self.limits)
 
     def sizes(self, d: RowDesign) -> Array:
         """Typical size of each parameter: a step of one of them moves the output by its spread."""
@@ -193,7 +183,8 @@ class RowRuns:
         plain = self.run(RowDesign.plain(len(self.row)))
         where = pieces(plain, self.whole, 10**9)
         longest = STRETCH * rounded(-(-max(b - a for _, a, b in where) // STRETCH))
-        chunks, _ = chunked(plain, self.whole, where, np.ones(1), longest)
+        chunks = side_by_side(plain, self.whole, where, longest)
+        data = weighted_chunks(plain, chunks, np.ones(1))
         weight = np.zeros_like(chunks.y)
         for k, (record, a, b) in enumerate(where):
             weight[: b - a, 0, k] = self.counted[record][a:b]
@@ -203,7 +194,7 @@ class RowRuns:
             some = trials[at : at + LANES]
             # every call has as many lanes: one compilation
             padded = Padded([*some, *[some[0]] * (LANES - len(some))], self)
-            runs = _batch_runs(padded.shape(self))(padded.theta, padded.frames, chunks)
+            runs = _batch_runs(padded.shape(self))(padded.theta, padded.frames, data)
             square = np.sum(((np.asarray(runs) - chunks.y) * weight) ** 2, axis=(1, 2, 3))
             errors = np.sqrt(square / count) / self.spread
             found += [
@@ -262,7 +253,7 @@ class RowRuns:
             next((n for n in VIEW_STEPS if seen <= n < q), q),
         )
 
-    def _chunks(self, chunk: int) -> Chunks:
+    def _chunks(self, chunk: int) -> WeightedChunks:
         """Runs of about ``chunk`` samples over what is to be fitted, errors weighted to 1/√N.
 
         Longer stretches side by side, with restarts inside: only the weights and the restarts
@@ -271,16 +262,17 @@ class RowRuns:
         """
         plain = self.run(RowDesign.plain(len(self.row)))
         where = [
-            (k, at, min(at + STRETCH, b))
+            Piece(k, at, min(at + STRETCH, b))
             for k, a, b in pieces(plain, self.whole, 10**9)
             for at in range(a, b, STRETCH)
         ]
         if len(where) > STRETCHES:
             where = [where[k] for k in np.linspace(0, len(where) - 1, STRETCHES).astype(int)]
-        empty = [(0, self.first, self.first)] * (rounded(len(where)) - len(where))
+        empty = [Piece(0, self.first, self.first)] * (rounded(len(where)) - len(where))
         where += empty
-        chunks, valid = chunked(plain, self.whole, where, self.scale, STRETCH)
-        used = valid.transpose(2, 1, 0).copy()
+        stretches = side_by_side(plain, self.whole, where, STRETCH)
+        chunks = weighted_chunks(plain, stretches, self.scale)
+        used = stretches.inside[:, None].copy()
         restart = chunks.restart.copy()
         for k, (record, a, b) in enumerate(where):
             fitted = self.fitted[record][a:b]
@@ -296,7 +288,7 @@ def rounded(count: int) -> int:
     return next((n for n in SIZES if n >= count), 1 << (count - 1).bit_length())
 
 
-def thinned(chunks: Chunks) -> tuple[Chunks, Index, Array]:
+def thinned(chunks: WeightedChunks) -> tuple[WeightedChunks, Index, Array]:
     """At most ROWS errors, evenly spread, that stand for all of them.
 
     Returns:

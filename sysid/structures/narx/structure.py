@@ -1,6 +1,6 @@
 """NARX with a nonlinearity estimator: the thesis's accepted structure, and its relatives."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -13,42 +13,31 @@ from sysid.fitting.problem import (
     Parameter,
     Problem,
 )
-from sysid.structures.base import NamedStructure, refuse_options
+from sysid.structures.base import refuse_options
 from sysid.structures.narx import options as narx_options
 from sysid.structures.narx import words as narx_words
 from sysid.structures.narx.options import NarxOptions
-from sysid.structures.narx.problems import FreeRuns, OneStepRow, windows
-from sysid.structures.narx.run import NarxRun
+from sysid.structures.narx.problems import FreeRuns, OneStepRow
+from sysid.structures.narx.run import LONG, NarxRun
 from sysid.structures.narx.wavelet_network import (
     KINDS,
     Kind,
     RowDesign,
     gradients,
 )
-from sysid.structures.orders import Orders, spread
+from sysid.structures.orders import spread
 from sysid.structures.recursive.expressions import parse, written
-from sysid.structures.recursive.probing import probes
-from sysid.structures.recursive.regressors import (
-    Row,
-    Window,
-    columns,
-    custom,
-    standard,
-)
+from sysid.structures.recursive.regressors import Row, columns, custom
+from sysid.structures.recursive.signals import lagged_signals
 from sysid.structures.recursive.single_values import Limits
-from sysid.structures.recursive.state_fit import fitted_state
+from sysid.structures.recursive.structure import RecursiveStructure, ranges_from
 
 if TYPE_CHECKING:
     from sysid.structures.outcome import Fitter
 
-RUNAWAY = 3.0
-"""Range widths beyond the training range from which a probe counts as running away."""
-
-PROBE = 400
-
 
 @dataclass(frozen=True)
-class NarxWavelet(NamedStructure):
+class NarxWavelet(RecursiveStructure):
     """NARX: regressors, a linear part and a network of wavelets (thesis 3.26–3.30; Zhang 1997).
 
     na, nb, nk name the standard regressors of each output; expressions may be added. The map of
@@ -59,12 +48,9 @@ class NarxWavelet(NamedStructure):
     and so is every output kept: the model says nothing about where it has seen no data.
     """
 
-    orders: Orders
     options_given: NarxOptions = field(default_factory=NarxOptions)
     customs: tuple[Row, ...] = ()
     designs: tuple[RowDesign, ...] = ()
-    output_range: Limits = ()
-    input_range: Limits = ()
 
     name: ClassVar[str] = "narx-wavelet"
     title: ClassVar[str] = "NARX with a wavelet network"
@@ -72,20 +58,15 @@ class NarxWavelet(NamedStructure):
         "y(t) = y₀ + L x(t) + Σ p_k Π x(t) + Σ a_k f(b_k (x(t) Q − c_k)) + e(t)"
     )
     when: ClassVar[str] = "friction, dead zones, saturation: nonlinearities of unknown form"
-    order_names: ClassVar[tuple[str, ...]] = ("na", "nb", "nk")
-    has_noise_model: ClassVar[bool] = True
+    # products and units see their regressors clipped: what leaves the data comes back more often
+    runaway: ClassVar[float] = 3.0
     has_losses: ClassVar[bool] = False  # linear algebra over thousands of units
     options: ClassVar[Mapping[str, str]] = narx_options.OPTIONS
 
     @property
-    def nu(self) -> int:
-        """Number of inputs."""
-        return self.orders.nu
-
-    @property
-    def ny(self) -> int:
-        """Number of outputs."""
-        return self.orders.ny
+    def margin(self) -> float:
+        """How far outside its training range an output may go, as a share of that range."""
+        return self.options_given.margin
 
     @property
     def kind(self) -> Kind:
@@ -104,7 +85,7 @@ class NarxWavelet(NamedStructure):
         given = dict(options or {})
         customs = custom(given["regressors"], orders) if "regressors" in given else ()
         narx_options.check_regressors(orders, customs)
-        return cls(orders, narx_options.read(given), customs)
+        return cls(orders, options_given=narx_options.read(given), customs=customs)
 
     @classmethod
     def candidate_orders(
@@ -121,18 +102,13 @@ class NarxWavelet(NamedStructure):
             return (own, {"na": [[1] * ny] * ny, "nb": 1, "nk": delay})
         return tuple({"na": n, "nb": n, "nk": delay} for n in range(min(2, largest), largest + 1))
 
-    def order_values(self) -> dict[str, Any]:
-        """Orders in their shortest form."""
-        return {name: self.orders.value(name) for name in self.order_names}
-
     def settings(self) -> dict[str, Any]:
         """Options, custom regressors, and what the fit read off the data."""
         return {
             "options": self.options_given.to_json(),
             "regressors": [[written(e) for e in row] for row in self.customs],
             "designs": [narx_options.design_to_json(d) for d in self.designs],
-            "output_range": [list(pair) for pair in self.output_range],
-            "input_range": [list(pair) for pair in self.input_range],
+            **self.range_settings(),
         }
 
     @classmethod
@@ -142,11 +118,10 @@ class NarxWavelet(NamedStructure):
         customs = tuple(tuple(parse(e, nu, ny) for e in row) for row in known["regressors"])
         found = cls(
             spread(raw["orders"], "ab", nu, ny, cls.name),
-            NarxOptions.from_json(known["options"]),
-            customs,
-            tuple(narx_options.design_from_json(d) for d in known["designs"]),
-            _pairs(known["output_range"]),
-            _pairs(known["input_range"]),
+            options_given=NarxOptions.from_json(known["options"]),
+            customs=customs,
+            designs=tuple(narx_options.design_from_json(d) for d in known["designs"]),
+            **ranges_from(known),
         )
         narx_options.check_designs(found.rows, found.designs)
         return found
@@ -157,27 +132,18 @@ class NarxWavelet(NamedStructure):
     def rows(self) -> tuple[Row, ...]:
         """Regressors of each output: standard ones, then custom ones."""
         extra = self.customs or ((),) * self.ny
-        return tuple((*standard(self.orders, i), *extra[i]) for i in range(self.ny))
+        return tuple((*lagged_signals(self.orders, i), *extra[i]) for i in range(self.ny))
 
     @property
     def maps(self) -> tuple[RowDesign, ...]:
         """What else makes each row; linear before a fit."""
         return self.designs or tuple(RowDesign.plain(len(row)) for row in self.rows)
 
-    @property
-    def limits(self) -> Limits:
-        """Lowest and highest value of each output in free run; infinite before a fit."""
-        if not self.output_range:
-            return ((-np.inf, np.inf),) * self.ny
-        return narx_options.widened(self.output_range, self.options_given.margin)
-
-    def row_index(self, i: int) -> Index:
-        """Entries of θ that belong to output ``i``."""
-        return self.free_run().theta_index[i]
-
-    def free_run(self) -> NarxRun:
-        """The maps prepared for runs."""
-        return NarxRun(self.rows, self.maps, self.options_given.estimator, self.nu, self.limits)
+    def free_run(self, limits: Limits | None = None, compiled_from: int = LONG) -> NarxRun:
+        """The maps prepared for runs, kept inside ``limits``; inside its own unless given."""
+        estimator = self.options_given.estimator
+        kept = limits or self.limits
+        return NarxRun(self.rows, self.maps, estimator, self.nu, kept, compiled_from)
 
     def parameters(
         self, inputs: Sequence[Channel], outputs: Sequence[Channel]
@@ -202,10 +168,6 @@ class NarxWavelet(NamedStructure):
             return (FreeRuns(run, data, max(len(r) for r in records)),)
         return tuple(OneStepRow(run, i, data) for i in range(self.ny))
 
-    def first_sample(self) -> int:
-        """First sample whose regressors lie inside the record."""
-        return Window(self.rows, self.nu).first
-
     # ----------------------------------------------------------------- runs
 
     def fitter(self) -> "Fitter":
@@ -213,25 +175,6 @@ class NarxWavelet(NamedStructure):
         from sysid.structures.narx.fit import fit_narx
 
         return fit_narx
-
-    def n_states(self, theta: Array) -> int:
-        """Past outputs and inputs that the regressors hold."""
-        return Window(self.rows, self.nu).n_states
-
-    def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
-        """State that meets the first ``samples`` of y best in free run, near steady state."""
-        spans = [high - low or 1.0 for low, high in (*self.output_range, *self.input_range)]
-        if not spans:
-            spans = [float(np.ptp(s)) or 1.0 for s in (*y.T, *u.T)]
-        return fitted_state(self.free_run(), theta, u, y, samples, np.array(spans) / 4.0)
-
-    def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
-        """Free run from x0, kept inside ``limits``."""
-        return self.free_run().simulate(theta, u, x0)
-
-    def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
-        """The free run sample by sample."""
-        return self.free_run().stepper(theta)
 
     def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
         """One-step errors; they need no initial state."""
@@ -247,33 +190,7 @@ class NarxWavelet(NamedStructure):
         """k-step-ahead predictions: free runs of k steps from the measured past, everywhere."""
         if horizon == 1:
             return y - self.errors(theta, u, y, window)
-        out = np.full(y.shape, np.nan)
-        for at, found in windows(self.free_run(), theta, u, y, horizon):
-            out[at] = found
-        return out
-
-    def stable(self, theta: Array) -> bool:
-        """Whether the maps themselves stay near their data, without help from the limits.
-
-        Judged by free runs from rest under inputs that fill the training range: random two-level
-        inputs, fast and slow, and its two ends held. None may go further beyond the training range
-        of an output than three times its width. With the limits every free run is bounded.
-        """
-        if not np.all(np.isfinite(theta)):
-            return False
-        if not self.output_range:
-            return True
-        wide = narx_options.widened(self.output_range, RUNAWAY)
-        run = NarxRun(self.rows, self.maps, self.options_given.estimator, self.nu, wide)
-        u = probes(self.input_range, run.before + PROBE)
-        found = run.runs((theta, u), np.zeros((run.depth, self.ny, u.shape[2])))[run.depth :]
-        ends = np.array(wide)
-        return bool(np.all((found > ends[:, :1]) & (found < ends[:, 1:])))
-
-    def at_limits(self, run: Array) -> Array:
-        """Share of the samples of a free run (N, ny) at which each output is held at a limit."""
-        ends = np.array(self.limits)
-        return np.asarray(np.mean((run <= ends[:, 0]) | (run >= ends[:, 1]), axis=0))
+        return self.free_run().predictions(theta, u, y, horizon, self.first_sample())
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
         """∂ŷ/∂θ of one output on a record, zero where it cannot be predicted.
@@ -335,7 +252,3 @@ class NarxWavelet(NamedStructure):
                 "regressor: beyond it the model says nothing."
             )
         return found
-
-
-def _pairs(raw: Sequence[Sequence[float]]) -> Limits:
-    return tuple((float(low), float(high)) for low, high in raw)

@@ -5,9 +5,9 @@
     sign    := '-' sign | power
     power   := atom ('^' digits)?
     atom    := number | signal | name '(' sum (',' sum)* ')' | '(' sum ')' | '|' sum '|'
-    signal  := ('y' | 'u') digits? ('(' 't' ('-' digits)? ')')?
+    signal  := ('y' | 'u' | 'e') digits? ('(' 't' ('-' digits)? ')')?
 
-Read by recursive descent into a tree of three kinds of node; nothing is ever executed as code.
+Read by recursive descent into a tree of four kinds of node; nothing is ever executed as code.
 Every expression is finite for finite signals: only numbers divide, exponents are whole numbers,
 the root is that of the positive part and the exponential is capped.
 """
@@ -17,10 +17,11 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, TypeVar
 
 from sysid.errors import UsageError
 from sysid.structures.orders import MAX_ORDER
+from sysid.structures.recursive.signals import Signal
 
 MAX_TEXT = 300
 MAX_DEPTH = 30
@@ -36,12 +37,11 @@ class Number:
 
 
 @dataclass(frozen=True)
-class Signal:
-    """Output (``y``) or input (``u``) of a channel, ``lag`` samples ago; None: every usual lag."""
+class EveryLag:
+    """A signal written without a time: it stands for each lag that the orders name in turn."""
 
     kind: str
     channel: int
-    lag: int | None
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Call:
     args: "tuple[Expression, ...]"
 
 
-Expression = Number | Signal | Call
+Expression = Number | Signal | EveryLag | Call
 Values = Any
 """A number, or an array of numpy or jax.numpy."""
 
@@ -94,7 +94,7 @@ _OPERATORS: Mapping[str, Callable[..., Values]] = {
 }
 
 _TOKEN = re.compile(r"\s*(\d+\.?\d*(?:[eE][+-]?\d+)?|[^\W\d]\w*|[-+*/^(),|])")
-_SIGNAL = re.compile(r"([yu])(\d*)")
+_SIGNAL = re.compile(r"([yue])(\d*)")
 
 
 def evaluate(e: Expression, lookup: Callable[[Signal], Values], xp: Any) -> Values:
@@ -103,6 +103,8 @@ def evaluate(e: Expression, lookup: Callable[[Signal], Values], xp: Any) -> Valu
         return e.value
     if isinstance(e, Signal):
         return lookup(e)
+    if isinstance(e, EveryLag):
+        raise ValueError(f"{e} has no lag")
     if e.name == "^":
         exponent = e.args[1]
         assert isinstance(exponent, Number)
@@ -123,20 +125,32 @@ def signals(e: Expression) -> Iterator[Signal]:
             yield from signals(a)
 
 
-def replaced(e: Expression, change: Callable[[Signal], Signal]) -> Expression:
-    """The expression with other signals in the places of its own."""
-    if isinstance(e, Signal):
+def without_time(e: Expression) -> Iterator[EveryLag]:
+    """Every signal in it that has no time, from left to right."""
+    if isinstance(e, EveryLag):
+        yield e
+    elif isinstance(e, Call):
+        for a in e.args:
+            yield from without_time(a)
+
+
+Leaf = TypeVar("Leaf", Signal, EveryLag)
+
+
+def replaced(e: Expression, kind: type[Leaf], change: Callable[[Leaf], Expression]) -> Expression:
+    """The expression with something else in the places of its leaves of one kind."""
+    if isinstance(e, kind):
         return change(e)
     if isinstance(e, Call):
-        return Call(e.name, tuple(replaced(a, change) for a in e.args))
+        return Call(e.name, tuple(replaced(a, kind, change) for a in e.args))
     return e
 
 
-def _generic(s: Signal) -> str:
+def _generic(s: Signal | EveryLag) -> str:
     return f"{s.kind}{s.channel + 1}"
 
 
-def written(e: Expression, name: Callable[[Signal], str] = _generic) -> str:
+def written(e: Expression, name: Callable[[Signal | EveryLag], str] = _generic) -> str:
     """The expression as text that ``parse`` reads back; ``name`` gives the signals' names."""
     return _written(e, name, 0)
 
@@ -144,12 +158,12 @@ def written(e: Expression, name: Callable[[Signal], str] = _generic) -> str:
 _LEVEL = {"+": 1, "-": 1, "*": 2, "/": 2, "minus": 3, "^": 4}
 
 
-def _written(e: Expression, name: Callable[[Signal], str], level: int) -> str:
+def _written(e: Expression, name: Callable[[Signal | EveryLag], str], level: int) -> str:
     if isinstance(e, Number):
         return repr(e.value)
+    if isinstance(e, EveryLag):
+        return name(e)
     if isinstance(e, Signal):
-        if e.lag is None:
-            return name(e)
         return f"{name(e)}(t)" if e.lag == 0 else f"{name(e)}(t-{e.lag})"
     own = _LEVEL.get(e.name, 9)
     if e.name == "abs":
@@ -171,22 +185,47 @@ def _written(e: Expression, name: Callable[[Signal], str], level: int) -> str:
 # ----------------------------------------------------------------------------- reading
 
 
-def parse(text: str, nu: int, ny: int) -> Expression:
+EXAMPLES: Mapping[str, str] = {
+    "regressors": "|u(t-1)|, y(t-1)*sign(u(t-1))",
+    "terms": 'products such as "y(t-1)^2*u2(t-1)", or constant',
+}
+"""What may be written in each option that holds expressions."""
+
+
+def cannot_read(option: str, text: str, why: str) -> UsageError:
+    """The one sentence about an expression that cannot be read."""
+    return UsageError(
+        f"--option {option}: cannot read {text.strip()!r}: {why}; write for example "
+        f"{EXAMPLES[option]}"
+    )
+
+
+def parse(
+    text: str, nu: int, ny: int, option: str = "regressors", error_of: int | None = None
+) -> Expression:
     """Read one expression; y and u without a number are the first channel.
+
+    Args:
+        text: the expression.
+        nu, ny: inputs and outputs that there are.
+        option: the option that holds it, for sentences about what is wrong.
+        error_of: output whose past errors e may occur, e without a number being those; none where
+            None.
 
     Raises:
         UsageError: the text is no expression, or names a signal that is not there.
     """
     if len(text) > MAX_TEXT:
         raise UsageError(
-            f"--option regressors: an expression of {len(text)} characters is longer than "
+            f"--option {option}: an expression of {len(text)} characters is longer than "
             f"{MAX_TEXT}; split it"
         )
-    reader = _Reader(text, nu, ny)
+    reader = _Reader(text, {"u": nu, "y": ny, "e": 0 if error_of is None else ny}, option)
+    reader.first["e"] = error_of or 0
     found = reader.sum(0)
     if reader.now is not None:
         raise reader.error(f"nothing can follow before {reader.now!r}")
-    if not any(True for _ in signals(found)):
+    if not any(True for _ in (*signals(found), *without_time(found))):
         raise reader.error("it holds no signal; use y(t-1), u(t-1) …")
     return found
 
@@ -194,8 +233,9 @@ def parse(text: str, nu: int, ny: int) -> Expression:
 class _Reader:
     """Recursive descent over the tokens of one expression."""
 
-    def __init__(self, text: str, nu: int, ny: int) -> None:
-        self.text, self.count = text, {"y": ny, "u": nu}
+    def __init__(self, text: str, count: Mapping[str, int], option: str) -> None:
+        self.text, self.count, self.option = text, count, option
+        self.first = dict.fromkeys(count, 0)
         self.tokens: list[str] = []
         at = 0
         while at < len(text.rstrip()):
@@ -211,10 +251,7 @@ class _Reader:
         return self.tokens[self.at] if self.at < len(self.tokens) else None
 
     def error(self, why: str) -> UsageError:
-        return UsageError(
-            f"--option regressors: cannot read {self.text.strip()!r}: {why}; write for example "
-            "|u(t-1)|, y(t-1)*sign(u(t-1))"
-        )
+        return cannot_read(self.option, self.text, why)
 
     def take(self, token: str) -> None:
         if self.now != token:
@@ -258,7 +295,9 @@ class _Reader:
             self.at += 1
             exponent = self.next()
             if not exponent.isdigit() or not 1 <= int(exponent) <= MAX_POWER:
-                raise self.error(f"the exponent {exponent!r} is no whole number to {MAX_POWER}")
+                raise self.error(
+                    f"the exponent {exponent!r} is no whole number of at most {MAX_POWER}"
+                )
             found = Call("^", (found, Number(float(exponent))))
         return found
 
@@ -300,12 +339,12 @@ class _Reader:
         return Call(name, tuple(args))
 
     def signal(self, kind: str, number: str, token: str) -> Expression:
-        channel = int(number or 1) - 1
+        channel = int(number) - 1 if number else self.first[kind]
         if not 0 <= channel < self.count[kind]:
-            what = "outputs" if kind == "y" else "inputs"
+            what = {"u": "inputs", "y": "outputs", "e": "past errors"}[kind]
             raise self.error(f"{token!r} is not there, the log has {self.count[kind]} {what}")
         if self.now != "(":
-            return Signal(kind, channel, None)
+            return EveryLag(kind, channel)
         self.at += 1
         if self.next() != "t":
             raise self.error(f"after {token} only a time such as (t-1) can follow")
@@ -317,6 +356,6 @@ class _Reader:
                 raise self.error(f"the lag {digits!r} is no whole number to {MAX_ORDER}")
             lag = int(digits)
         self.take(")")
-        if kind == "y" and lag == 0:
+        if kind != "u" and lag == 0:
             raise self.error(f"{token}(t) is what the equation is to give; lag it")
         return Signal(kind, channel, lag)

@@ -4,48 +4,42 @@ A term is a product of factors such as y(t−1), u₂(t−3) or e(t−1); the em
 constant. Its value at time t is the product of the lagged samples (Billings 2013, eq. 2.8).
 """
 
-import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations_with_replacement
 from math import comb
-from typing import NamedTuple
 
 import numpy as np
 
 from sysid.data.record import Array, Channel
 from sysid.errors import UsageError
 from sysid.structures.orders import Orders
+from sysid.structures.recursive.expressions import (
+    Call,
+    Expression,
+    Number,
+    cannot_read,
+    parse,
+)
+from sysid.structures.recursive.signals import Signal, lagged_signals
 
 MAX_POOL = 2500
 """Candidate terms an output: beyond it the products outgrow the data that could tell them apart."""
 
 
-class Factor(NamedTuple):
-    """One lagged signal: kind ``y``, ``u`` or ``e``, its channel, its lag in samples."""
+MAX_DEGREE = 6
+"""Largest degree of a term: beyond it products of float64 readings span too many decades."""
 
-    kind: str
-    channel: int
-    lag: int
-
-
-Term = tuple[Factor, ...]
+Term = tuple[Signal, ...]
 """A product of factors in ascending order; () is the constant."""
 
 
-def term(factors: Sequence[Factor]) -> Term:
+def _place(f: Signal) -> tuple[int, int, int]:
+    return "yue".index(f.kind), f.channel, f.lag
+
+
+def term(factors: Sequence[Signal]) -> Term:
     """The product of these factors in the one order in which terms are compared and printed."""
-    return tuple(sorted(factors, key=lambda f: ("yue".index(f.kind), f.channel, f.lag)))
-
-
-def factors_of(orders: Orders, output: int) -> tuple[Factor, ...]:
-    """The lagged signals that the equation of ``output`` may use."""
-    past = [Factor("y", j, k) for j, n in enumerate(orders.na[output]) for k in range(1, n + 1)]
-    around = [
-        Factor("u", j, orders.nk[output][j] + k)
-        for j, n in enumerate(orders.nb[output])
-        for k in range(n)
-    ]
-    return (*past, *around)
+    return tuple(sorted(factors, key=_place))
 
 
 def pool(orders: Orders, output: int, degree: int) -> tuple[Term, ...]:
@@ -54,7 +48,7 @@ def pool(orders: Orders, output: int, degree: int) -> tuple[Term, ...]:
     Raises:
         UsageError: there are more than MAX_POOL of them.
     """
-    factors = factors_of(orders, output)
+    factors = sorted(lagged_signals(orders, output), key=_place)
     size = comb(len(factors) + degree, degree)
     if size > MAX_POOL:
         raise UsageError(
@@ -71,22 +65,17 @@ def noise_pool(orders: Orders, output: int, lags: int, degree: int) -> tuple[Ter
 
     Every noise term holds one error only, so that the predictor is linear in the past errors.
     """
-    errors = [Factor("e", output, k) for k in range(1, lags + 1)]
+    errors = [Signal("e", output, k) for k in range(1, lags + 1)]
     single: list[Term] = [(e,) for e in errors]
     if degree < 2:
         return tuple(single)
-    return (*single, *(term((f, e)) for e in errors for f in factors_of(orders, output)))
+    around = sorted(lagged_signals(orders, output), key=_place)
+    return (*single, *(term((f, e)) for e in errors for f in around))
 
 
 def is_noise(t: Term) -> bool:
     """Whether a term holds a past error."""
     return any(f.kind == "e" for f in t)
-
-
-def largest_lag(terms: Sequence[Term], kind: str, channel: int) -> int:
-    """The largest lag of one signal in these terms, 0 where it does not occur."""
-    lags = [f.lag for t in terms for f in t if f.kind == kind and f.channel == channel]
-    return max(lags, default=0)
 
 
 def columns(terms: Sequence[Term], u: Array, y: Array, e: Array | None = None) -> Array:
@@ -117,14 +106,7 @@ def lagged(x: Array, lag: int) -> Array:
 _SUPERSCRIPT = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def _powers(t: Term) -> list[tuple[Factor, int]]:
-    found: dict[Factor, int] = {}
-    for f in t:
-        found[f] = found.get(f, 0) + 1
-    return list(found.items())
-
-
-def channel_name(f: Factor, inputs: Sequence[Channel], outputs: Sequence[Channel]) -> str:
+def channel_name(f: Signal, inputs: Sequence[Channel], outputs: Sequence[Channel]) -> str:
     """The signal's name: its channel's, ``e`` with the output's name for errors."""
     if f.kind == "u":
         return inputs[f.channel].name
@@ -135,25 +117,23 @@ def channel_name(f: Factor, inputs: Sequence[Channel], outputs: Sequence[Channel
 
 def typed_name(t: Term, inputs: Sequence[Channel], outputs: Sequence[Channel]) -> str:
     """``y(t-1)^2*u(t-1)``: the term as a parameter is called; the constant is ``constant``."""
-    parts = []
-    for f, power in _powers(t):
-        when = "t" if f.lag == 0 else f"t-{f.lag}"
-        raised = "" if power == 1 else f"^{power}"
-        parts.append(f"{channel_name(f, inputs, outputs)}({when}){raised}")
-    return "*".join(parts) or "constant"
+    parts = _written(t, inputs, outputs, "-")
+    return "*".join(f"{s}^{power}" if power > 1 else s for s, power in parts) or "constant"
 
 
 def printed(t: Term, inputs: Sequence[Channel], outputs: Sequence[Channel]) -> str:
     """``y(t−1)²·u(t−1)``: the term as a person would write it; empty for the constant."""
-    parts = []
-    for f, power in _powers(t):
-        when = "t" if f.lag == 0 else f"t−{f.lag}"
-        raised = "" if power == 1 else str(power).translate(_SUPERSCRIPT)
-        parts.append(f"{channel_name(f, inputs, outputs)}({when}){raised}")
-    return "·".join(parts)
+    parts = _written(t, inputs, outputs, "−")
+    return "·".join(s + str(power).translate(_SUPERSCRIPT) * (power > 1) for s, power in parts)
 
 
-_FACTOR = re.compile(r"([yue])(\d*)\(t(?:-(\d+))?\)(?:\^(\d+))?")
+def _written(
+    t: Term, inputs: Sequence[Channel], outputs: Sequence[Channel], minus: str
+) -> Iterator[tuple[str, int]]:
+    """Each signal as text, and its power."""
+    for f in dict.fromkeys(t):
+        when = "t" if f.lag == 0 else f"t{minus}{f.lag}"
+        yield f"{channel_name(f, inputs, outputs)}({when})", t.count(f)
 
 
 def parsed(text: str, nu: int, ny: int, output: int) -> Term:
@@ -162,38 +142,32 @@ def parsed(text: str, nu: int, ny: int, output: int) -> Term:
     Raises:
         UsageError: the text is no such product, or names a channel that is not there.
     """
-    if text == "constant":
+    if text.strip() == "constant":
         return ()
-    found: list[Factor] = []
-    for part in text.split("*"):
-        match = _FACTOR.fullmatch(part)
-        if match is None:
-            raise UsageError(
-                f"--option terms: cannot read {part!r} in {text!r}; write products such as "
-                '"y(t-1)^2*u2(t-1)", or constant'
-            )
-        kind, number, lag, power = match.groups()
-        channel = output if kind == "e" and not number else int(number or 1) - 1
-        f = Factor(kind, channel, int(lag or 0))
-        if not 0 <= channel < (nu if kind == "u" else ny):
-            raise UsageError(f"--option terms: {part!r} names a channel that is not there")
-        if f.kind != "u" and f.lag == 0:
-            raise UsageError(f"--option terms: {part!r} is what the equation is to give; lag it")
-        found += [f] * int(power or 1)
+    found = list(_factors(parse(text, nu, ny, "terms", output), text))
     if len(found) > MAX_DEGREE:
         raise UsageError(
             f"--option terms: {text!r} has degree {len(found)}, at most {MAX_DEGREE} is kept"
         )
-    if sum(f.kind == "e" for f in found) > 1 or any(
-        f.kind == "e" and f.channel != output for f in found
-    ):
+    errors = [f for f in found if f.kind == "e"]
+    if len(errors) > 1 or any(f.channel != output for f in errors):
         raise UsageError(
             f"--option terms: {text!r} must hold at most one past error, the output's own"
         )
     return term(found)
 
 
-MAX_DEGREE = 6
+def _factors(e: Expression, text: str) -> Iterator[Signal]:
+    """The signals whose product an expression is."""
+    if isinstance(e, Signal):
+        yield e
+    elif isinstance(e, Call) and e.name == "*":
+        for a in e.args:
+            yield from _factors(a, text)
+    elif isinstance(e, Call) and e.name == "^" and isinstance(e.args[1], Number):
+        yield from list(_factors(e.args[0], text)) * int(e.args[1].value)
+    else:
+        raise cannot_read("terms", text, "it is no product of signals with a time")
 
 
 def to_json(t: Term) -> list[list[object]]:
@@ -207,5 +181,5 @@ def from_json(raw: Sequence[Sequence[object]]) -> Term:
     for kind, channel, lag in raw:
         if kind not in ("y", "u", "e"):
             raise ValueError(f"unknown signal {kind!r} in a term")
-        found.append(Factor(str(kind), int(str(channel)), int(str(lag))))
+        found.append(Signal(str(kind), int(str(channel)), int(str(lag))))
     return term(found)

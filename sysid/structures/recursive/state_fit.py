@@ -1,51 +1,9 @@
 """The initial state of a nonlinear free run that meets the head of a record."""
 
-from collections.abc import Sequence
-from typing import Any, Protocol
-
 import numpy as np
 
 from sysid.data.record import Array
-
-
-class BatchRun(Protocol):
-    """Equations whose free runs from many states can be advanced at once.
-
-    Attributes:
-        ny: number of outputs.
-        n_states: length of a state.
-        depth, before: past outputs and inputs a run needs.
-        y_depth, u_depth: the same by channel; a state stacks them.
-    """
-
-    ny: int
-    n_states: int
-    depth: int
-    before: int
-
-    @property
-    def y_depth(self) -> Sequence[int]:
-        """Past outputs in the state, by output."""
-
-    @property
-    def u_depth(self) -> Sequence[int]:
-        """Past inputs in the state, by input."""
-
-    def state(self, y: Array, u: Array) -> Array:
-        """Past outputs and inputs → state."""
-
-    def past(self, x0: Array | None) -> tuple[Array, Array]:
-        """State → past outputs and inputs."""
-
-    def input_products(self, u: Array) -> Any:
-        """What of inputs (before + L, nu, B) can be known before the runs."""
-
-    def weights(self, theta: Array, U: Any) -> Any:
-        """The same with the parameters."""
-
-    def runs(self, weights: Any, past: Array) -> Array:
-        """All runs from past outputs (depth, ny, B): (depth + L, ny, B)."""
-
+from sysid.structures.recursive.free_run import FreeRun
 
 PULL = 1e-2
 """Weight of the prior against one sample: it decides only what the head leaves open."""
@@ -55,7 +13,7 @@ ROUNDS = 15
 
 
 def fitted_state(
-    run: BatchRun, theta: Array, u: Array, y: Array, samples: int, spread: Array
+    run: FreeRun, theta: Array, u: Array, y: Array, samples: int, spread: Array
 ) -> Array:
     """State whose free run meets the first samples of y best.
 
@@ -85,8 +43,7 @@ def fitted_state(
         pasts = [run.past(s) for s in states.T]
         past = np.stack([p for p, _ in pasts], axis=2)
         before = np.stack([q for _, q in pasts], axis=2)
-        weights = run.weights(theta, run.input_products(np.concatenate([before, head])))
-        found = run.runs(weights, past)[run.depth :]
+        found = run.driven(theta, np.concatenate([before, head]), past)
         e = (found - y[:k, :, None]) / out[:, None]
         pull = PULL * (states - prior[:, None]) / scale[:, None]
         return np.concatenate([e.reshape(k * run.ny, n + 1), pull])

@@ -1,0 +1,85 @@
+"""Options of recursive structures as users type them: numbers, shares, choices, lists by output."""
+
+from collections.abc import Mapping, Sequence
+
+from sysid.errors import UsageError
+
+MARGIN = 0.15
+"""How far beyond its training range an output may go in free run, as a share of that range: a
+little, because a log seldom holds the very largest answer, and a map says nothing further out."""
+
+Given = Mapping[str, str]
+
+
+def whole_number(given: Given, name: str, low: int, high: int, structure: str) -> int | None:
+    """An option that is a whole number; None where it is not given or ``auto``.
+
+    Raises:
+        UsageError: it is no number, or out of range.
+    """
+    text = given.get(name, "auto").strip()
+    if text == "auto":
+        return None
+    if not text.isdecimal() or not low <= int(text) <= high:
+        raise UsageError(
+            f"--option {name}={text}: {structure} needs a whole number from {low} to {high}, or "
+            "auto"
+        )
+    return int(text)
+
+
+def choice(given: Given, name: str, known: Sequence[str]) -> str:
+    """An option that is one of some words, the first unless given; UsageError for another."""
+    text = given.get(name, known[0]).strip()
+    if text not in known:
+        raise UsageError(f"--option {name}={text}: choose one of {', '.join(known)}")
+    return text
+
+
+def margin(given: Given) -> float:
+    """The option ``margin``, MARGIN unless given; UsageError when it is no sensible share."""
+    text = given.get("margin", str(MARGIN))
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value <= 10.0:
+        raise UsageError(f"--option margin={text}: give a share from 0 to 10, such as {MARGIN}")
+    return value
+
+
+def by_output(text: str, name: str, ny: int, *, one_for_all: bool) -> list[list[str]]:
+    """The entries of each output: outputs divided by semicolons, entries by commas.
+
+    Args:
+        text: the option's value; commas inside parentheses divide nothing, empty entries go.
+        name: the option, for the sentence.
+        ny: number of outputs.
+        one_for_all: whether one group may serve all outputs.
+
+    Raises:
+        UsageError: the number of groups is not that of outputs.
+    """
+    groups = text.split(";")
+    if len(groups) == 1 and one_for_all:
+        groups *= ny
+    if len(groups) != ny:
+        also = " or give one group for all" if one_for_all else ""
+        raise UsageError(
+            f"--option {name} names those of {len(groups)} outputs but there are {ny}; divide the "
+            f"outputs by ;{also}"
+        )
+    return [_entries(group) for group in groups]
+
+
+def _entries(group: str) -> list[str]:
+    """Pieces between commas that are outside all parentheses."""
+    parts, depth, piece = [], 0, ""
+    for c in group:
+        depth += (c == "(") - (c == ")")
+        if c == "," and depth == 0:
+            parts.append(piece)
+            piece = ""
+        else:
+            piece += c
+    return [p for p in (*parts, piece) if p.strip()]
