@@ -36,15 +36,15 @@ class Entry:
 
 ENTRIES = (
     *(Entry(name) for name in ("tanks", "generator", "tacho", "damper", "ced-low", "ced-high")),
-    Entry("silverbox", "na=3 nb=3 nk=0", {"estimator": "polynomial", "degree": "3"}),
+    Entry("silverbox", "na=3 nb=3 nk=0", {"units": "0", "degree": "3"}),
     Entry("hoop", "na=2 nb=2 nk=0", {"network": "pairs", "degree": "3"}),
     Entry("ced-high", "na=3 nb=3 nk=1"),
     Entry("ced-low", "na=3 nb=3 nk=1"),
     Entry("tanks", "na=3 nb=3 nk=1"),
     Entry("hoop"),
-    Entry("generator", "na=2 nb=2 nk=1", {"estimator": "polynomial"}),
+    Entry("generator", "na=2 nb=2 nk=1", {"units": "0"}),
     Entry("damper", "na=4 nb=4 nk=0", {"estimator": "neural"}),
-    Entry("silverbox", "na=2 nb=2 nk=0", {"estimator": "polynomial", "degree": "3"}),
+    Entry("silverbox", "na=2 nb=2 nk=0", {"units": "0", "degree": "3"}),
     Entry("robot"),
     Entry("robot", "na=1 nb=1 nk=1"),
     Entry("robot", "na=1,1;1,1 nb=1 nk=1"),

@@ -264,6 +264,19 @@ def test_noise_terms_make_coloured_errors_white_and_the_process_unbiased() -> No
     )
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_terms_never_make_the_predictor_run_away(seed: int) -> None:
+    # noise of the sensor alone: its best model lies at the edge of what can be inverted
+    r = record(600, sensor=0.1, seed=seed)
+    plain = fitted(r, selection="err", degree="3")
+    noisy = fitted(r, selection="err", degree="3", noise_lags="2")
+    errors = [m.structure.errors(m.theta, r.u, r.y, 0)[2:] for m in (plain, noisy)]
+    assert any(name.endswith("e(t-1)") for name in names(noisy))
+    assert noisy.termination.good
+    # noise terms are added to the terms of the plain model
+    assert np.sum(errors[1] ** 2) < np.sum(errors[0] ** 2)
+
+
 def test_several_outputs_are_fitted_together() -> None:
     rng = np.random.default_rng(8)
     s = replace(coupled(), output_range=(), input_range=(), input_step=())

@@ -196,7 +196,9 @@ def _one_step(
         problem = weighted(s.one_step(i, data), records)
         index = problem.index
         p = theta[index].copy()
-        p[free[index]] = _linear(problem, p, free[index])
+        # noise terms begin at zero: without errors known the output itself would stand for them
+        process = free[index] & np.array([not is_noise(t) for t in s.rows[i]])
+        p[process] = _linear(problem, p, process)
         p = np.clip(p, lower[index], upper[index])
         huber = huber_widths(problem, problem.residual(p)) if options.robust else None
         found = levenberg_marquardt(
@@ -209,7 +211,7 @@ def _one_step(
 
 
 def _linear(problem: Problem, p: Array, free: Array) -> Array:
-    """Least squares by QR of the columns scaled to unit norm, noise terms at zero error."""
+    """Least squares by QR of the columns scaled to unit norm, entries that are not free as in p."""
     held = np.where(free, 0.0, p)
     J, e = problem.jacobian(held)[:, free], problem.residual(held)
     norms = np.linalg.norm(J, axis=0)

@@ -12,6 +12,7 @@ import numpy as np
 
 from sysid.data.record import Array, Record
 from sysid.structures.narmax.structure import NARMAX
+from sysid.structures.recursive.frols import bic_size, forward, gram_beyond
 from sysid.structures.recursive.monomials import (
     Term,
     columns,
@@ -61,11 +62,11 @@ def _chosen(
     kept: tuple[Term, ...] = ()
     for _ in range(ROUNDS):
         noise = _values(pool, data, errors, first, output)
-        order, sizes = _ordered(Phi, noise, target)
-        if not sizes:
+        order = _selected(Phi, noise, target)
+        if not order:
             return ()
-        chosen = tuple(pool[k] for k in order[:sizes])
-        both = np.hstack([Phi, noise[:, order[:sizes]]])
+        chosen = tuple(pool[k] for k in order)
+        both = np.hstack([Phi, noise[:, order]])
         errors = target - both @ _solve(both, target)
         power = float(errors @ errors)
         if not power <= RUNAWAY * plain:
@@ -76,31 +77,14 @@ def _chosen(
     return kept
 
 
-def _ordered(Phi: Array, noise: Array, target: Array) -> tuple[list[int], int]:
-    """Noise terms by error reduction ratio after the process terms, and how many BIC keeps."""
-    Q, _ = np.linalg.qr(Phi / np.maximum(np.linalg.norm(Phi, axis=0), 1e-300))
-    left = noise - Q @ (Q.T @ noise)
-    e = target - Q @ (Q.T @ target)
-    before = np.maximum(np.linalg.norm(noise, axis=0), 1e-300)
+def _selected(Phi: Array, noise: Array, target: Array) -> list[int]:
+    """Noise terms by error reduction ratio after the process terms, as many as BIC keeps."""
     samples = len(target)
-    power = [float(e @ e)]
-    order: list[int] = []
-    for _ in range(min(left.shape[1], max(samples // 20, 1))):
-        size = np.linalg.norm(left, axis=0)
-        usable = size > 1e-6 * before
-        usable[order] = False
-        if not usable.any():
-            break
-        gain = np.where(usable, (left.T @ e) ** 2 / np.maximum(size, 1e-300) ** 2, -1.0)
-        pick = int(np.argmax(gain))
-        q = left[:, pick] / size[pick]
-        left = left - np.outer(q, q @ left)
-        e = e - q * (q @ e)
-        order.append(pick)
-        power.append(float(e @ e))
-    n = np.arange(len(power))
-    score = samples * np.log(np.maximum(power, 1e-300)) + n * np.log(samples)
-    return order, int(np.argmin(score))
+    gram, usable, _ = gram_beyond(Phi, noise, target)
+    path = forward(gram, usable, max(samples // 20, 1))
+    count = bic_size([1.0, *path.unexplained()], samples) - 1
+    kept: list[int] = path.order[:count].tolist()
+    return kept
 
 
 def _values(

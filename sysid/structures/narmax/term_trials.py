@@ -140,8 +140,8 @@ class Row:
         steps = np.concatenate([np.abs(np.diff(u, axis=0)) for u in us])
         far = widened((self.structure.output_range[self.output],), self.structure.runaway)
         run = PolynomialRun((trial.terms,), self.view.nu, far)
-        largest = np.max(steps, axis=0, initial=0.0)
-        return all(stays_near(run, theta, ranges(us), largest) for theta in trial.theta)
+        inside, largest = ranges(us), np.max(steps, axis=0, initial=0.0)
+        return all(stays_near(run, theta, inside, largest) for theta in trial.theta)
 
     def held_out_error(self, terms: Sequence[Term], thetas: Sequence[Array]) -> float:
         """Free-run error on the held-out samples, by fold in runs through the whole records."""

@@ -17,9 +17,9 @@ MAX_UNITS = 200
 SUBSETS = ("auto", "each", "pairs", "outputs", "all")
 
 OPTIONS: Mapping[str, str] = {
-    "estimator": "wavelet, piecewise-constant, fourier, neural, or polynomial for none of them; "
-    "wavelet unless given",
-    "units": f"number of units of each output, 0 to {MAX_UNITS}; chosen on the data unless given",
+    "estimator": "kind of unit: wavelet, piecewise-constant, fourier, neural; wavelet unless given",
+    "units": f"number of units of each output, 0 to {MAX_UNITS} (0: products of regressors only); "
+    "chosen on the data unless given",
     "degree": f"largest degree of products of regressors, 1 to {DEGREE}; chosen on the data "
     "unless given",
     "regressors": 'expressions added to the lags, such as "|u(t-1)|, y*sign(u)" (outputs divided '
@@ -60,6 +60,8 @@ class NarxOptions:
     def from_json(raw: Mapping[str, Any]) -> "NarxOptions":
         """Undo ``to_json``."""
         known = {f.name: raw[f.name] for f in fields(NarxOptions)}
+        if known["estimator"] == "polynomial":  # of 0.1.0: no units, whatever kind they had been
+            known["estimator"] = "wavelet"
         found = NarxOptions(**known)
         if found.estimator not in KINDS:
             raise ValueError(f"unknown estimator {found.estimator!r}")
@@ -72,16 +74,10 @@ def read(given: Mapping[str, str]) -> NarxOptions:
     Raises:
         UsageError: one of them is not what it must be.
     """
-    units = _whole(given, "units", 0, MAX_UNITS)
-    estimator = choice(given, "estimator", tuple(KINDS))
-    if estimator == "polynomial":
-        if units:
-            raise UsageError("--option units: the polynomial estimator has none; leave it out")
-        units = 0
     refine = 0 if given.get("refine", "").strip() == "none" else _whole(given, "refine", 2, 100_000)
     return NarxOptions(
-        estimator,
-        units,
+        choice(given, "estimator", tuple(KINDS)),
+        _whole(given, "units", 0, MAX_UNITS),
         _whole(given, "degree", 1, DEGREE),
         choice(given, "network", SUBSETS),
         refine,

@@ -15,7 +15,7 @@ import numpy as np
 
 from sysid.data.record import Array, Index
 from sysid.structures.narx.wavelet_network import KINDS, RowDesign, seen
-from sysid.structures.recursive.frols import Path, TermGram, forward
+from sysid.structures.recursive.frols import Path, forward, gram_beyond
 
 POOL = 400
 """Candidate products at most."""
@@ -38,9 +38,6 @@ SMALL = 0.02
 
 LIKELY = 0.5
 """Usual amplitude of a unit or product in spreads of the output."""
-
-NOTHING = 1e-10
-"""Share of a candidate's power that the linear part must leave for it to be of use."""
 
 RIDGE = 1e-7
 """Ridge on columns of unit norm: amplitudes of neighbouring units must not cancel each other."""
@@ -322,22 +319,11 @@ def _ordered(
     fixed = [np.ones((len(z), 1)), z]
     if len(given):
         fixed.append(np.asarray(given))
-    base = np.concatenate(fixed, axis=1)
-    Q, R = np.linalg.qr(base)
-    Q = Q[:, np.abs(np.diag(R)) > 1e-10 * np.abs(R).max(initial=1e-300)]
     # what the linear part explains is taken out first: it is always there
-    taken = Q.T @ candidates.values
-    target = y - Q @ (Q.T @ y)
-    whole = np.diag(candidates.products)
-    products = candidates.products - taken.T @ taken
-    left = np.maximum(np.diag(products), 0.0)
-    usable = left > NOTHING * whole
-    norms = np.sqrt(np.where(usable, left, 1.0))
-    products = products / np.outer(norms, norms)
-    right = (candidates.values.T @ target) / norms
-    gram = TermGram((), norms, products, right, float(target @ target), len(y))
-    path = forward(gram, np.flatnonzero(usable).tolist(), min(most, len(y) // 4))
-    return path.order.tolist(), cross_validated_size(path, Q.shape[1], len(y))
+    given_columns = np.concatenate(fixed, axis=1)
+    gram, usable, rank = gram_beyond(given_columns, candidates.values, y, candidates.products)
+    path = forward(gram, usable, min(most, len(y) // 4))
+    return path.order.tolist(), cross_validated_size(path, rank, len(y))
 
 
 def cross_validated_size(path: Path, given: int, samples: int) -> int:

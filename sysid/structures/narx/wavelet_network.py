@@ -128,10 +128,6 @@ KINDS: Mapping[str, Kind] = {
         "wavelet", "dilation", "centre", True, _moved, _radial, _radial_slopes,
         "scaling functions and wavelets of a dyadic frame, then moved and stretched",
     ),
-    "polynomial": Kind(
-        "unit", "dilation", "centre", True, _moved, _radial, _radial_slopes,
-        "products of regressors up to the degree, no units",
-    ),
     "piecewise-constant": Kind(
         "cell", "inverse_width", "centre", False, _moved, _box, _box_slopes,
         "boxes of a dyadic grid, constant on each",

@@ -25,6 +25,9 @@ DEPENDENT = 1e-10
 """A candidate with less than this share of its power left is a combination of the chosen ones."""
 
 
+NOTHING = 1e-10
+"""Share of a candidate's power that terms which are there anyway must leave for it to be of use."""
+
 EXTRA = 8
 """Terms beyond the wanted number from which terms are then left out."""
 
@@ -78,6 +81,36 @@ def term_gram(
     return TermGram(
         tuple(terms), norms, gram / np.outer(norms, norms), right / norms, power, samples
     )
+
+
+def gram_beyond(
+    given: Array, values: Array, target: Array, products: Array | None = None
+) -> tuple[TermGram, list[int], int]:
+    """Gram matrix of what candidates add to columns that are there anyway.
+
+    Args:
+        given: columns that are there anyway, (N, G).
+        values: candidates, (N, K).
+        target: the output, (N,).
+        products: valuesᵀ values, where they are known.
+
+    Returns:
+        The Gram matrix of the candidates' parts orthogonal to the given columns, candidates of
+        which enough is left to be of use, and the rank of the given columns.
+    """
+    norms = np.linalg.norm(given, axis=0)
+    Q, R = np.linalg.qr(given / np.where(norms > 0.0, norms, 1.0))
+    Q = Q[:, np.abs(np.diag(R)) > DEPENDENT * np.abs(R).max(initial=1e-300)]
+    taken = Q.T @ values
+    rest = target - Q @ (Q.T @ target)
+    whole = values.T @ values if products is None else products
+    part = whole - taken.T @ taken
+    left = np.maximum(np.diag(part), 0.0)
+    usable = left > NOTHING * np.diag(whole)
+    norms = np.sqrt(np.where(usable, left, 1.0))
+    part, right = part / np.outer(norms, norms), values.T @ rest / norms
+    gram = TermGram((), norms, part, right, float(rest @ rest), len(target))
+    return gram, np.flatnonzero(usable).tolist(), Q.shape[1]
 
 
 @dataclass(frozen=True, eq=False)
