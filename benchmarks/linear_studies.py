@@ -17,7 +17,7 @@ from references import ONE, Array, Row, accumulate_arx, bare_search
 from sysid.data.record import Record
 from sysid.estimation.pem import fit
 from sysid.fitting.problem import Focus, Initial
-from sysid.fitting.solvers import levenberg_marquardt
+from sysid.fitting.solvers import Descent, levenberg_marquardt
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.registry import structure_class
 
@@ -148,7 +148,9 @@ def search_stage(case: Case, record: Record, start: Array) -> float:
     (problem,) = case.form().problems([record], Focus.PREDICTION, Initial.ZERO, False)
     nowhere = np.full(len(start), np.inf)
     free = np.ones(len(start), dtype=bool)
-    return levenberg_marquardt(problem, start, free=free, lower=-nowhere, upper=nowhere).cost
+    return levenberg_marquardt(
+        problem, start, Descent(free=free, lower=-nowhere, upper=nowhere)
+    ).cost
 
 
 def long_arx(ledger: Ledger) -> list[list[str]]:

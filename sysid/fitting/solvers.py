@@ -1,4 +1,4 @@
-"""Numerical solvers behind one door: the only importer of scipy.optimize and jaxopt."""
+"""Numerical solvers behind one door: the only importer of jaxopt."""
 
 import warnings
 from collections.abc import Callable
@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array
 from sysid.errors import Termination
-from sysid.fitting.bounded_marquardt import bounded_marquardt
-from sysid.fitting.marquardt import marquardt
+from sysid.fitting.marquardt import Conditions, Method, loss, marquardt, products
 from sysid.fitting.problem import Problem
 
 TOLERANCE = 1e-9
@@ -44,29 +43,13 @@ class Solution:
     at_bound: tuple[int, ...] = ()
 
 
-def levenberg_marquardt(
-    problem: Problem,
-    p0: Array,
-    *,
-    free: Array,
-    lower: Array,
-    upper: Array,
-    huber: Array | None = None,
-    max_evaluations: int = 200,
-    tolerance: float = TOLERANCE,
-    patience: int | None = None,
-    regular: bool = False,
-) -> Solution:
-    """Minimise ½‖r(p)‖² over the free entries of p.
+@dataclass(frozen=True, eq=False)
+class Descent:
+    """How a problem is minimised.
 
-    Levenberg-Marquardt (Moré 1978); with bounds or the Huber loss SciPy's bounded trust region
-    instead, or normal equations within the bounds where the problem is ``regular``.
-
-    Args:
-        problem: residuals and Jacobian.
-        p0: start, fixed entries included.
+    Attributes:
         free: mask of the entries to estimate.
-        lower, upper: bounds of all entries.
+        lower, upper: bounds of all entries, infinite where there are none.
         huber: threshold of the Huber loss for each residual, (M,), or None for the quadratic loss.
         max_evaluations: limit on residual evaluations.
         tolerance: relative tolerance on cost and step.
@@ -74,60 +57,83 @@ def levenberg_marquardt(
             ``tolerance``; None for the solver's own criteria alone. Along directions that the
             data hardly show these go on for long without any gain.
         regular: every parameter has a prior among the residuals, so that the Jacobian's squared
-            condition does no harm; not with the Huber loss.
+            condition does no harm and normal equations serve; not with the Huber loss.
+        method: which step an iteration takes.
     """
+
+    free: Array
+    lower: Array
+    upper: Array
+    huber: Array | None = None
+    max_evaluations: int = 200
+    tolerance: float = TOLERANCE
+    patience: int | None = None
+    regular: bool = False
+    method: Method = Method.LEVENBERG_MARQUARDT
+
+    def conditions(self) -> Conditions:
+        """What the iteration has to obey, for the free entries."""
+        lower, upper = self.lower[self.free], self.upper[self.free]
+        bounded = bool(np.isfinite(lower).any() or np.isfinite(upper).any())
+        return Conditions(
+            self.tolerance,
+            self.max_evaluations,
+            lower if bounded else None,
+            upper if bounded else None,
+            self.huber,
+            self.method,
+        )
+
+
+def levenberg_marquardt(problem: Problem, p0: Array, how: Descent) -> Solution:
+    """Minimise ½‖r(p)‖², or Huber's loss, over the free entries of p, within bounds.
+
+    Args:
+        problem: residuals and Jacobian.
+        p0: start, fixed entries included.
+        how: what is free, bounds, loss, tolerances and method.
+    """
+    free = how.free
     if not free.any():
-        return _ended(problem, p0, Termination.NO_FREE_PARAMETERS, 1, huber)
+        return _ended(problem, p0, Termination.NO_FREE_PARAMETERS, 1, how.huber)
     p = p0.copy()
 
     def full(x: Array) -> Array:
         p[free] = x
         return p
 
-    bounded = bool(np.any(np.isfinite(lower[free])) or np.any(np.isfinite(upper[free])))
-    start = p0[free]
-    plain = not bounded and huber is None
-    if regular and huber is None:
-        start = np.clip(start, lower[free], upper[free])
-    elif not plain:
-        start = _inside(start, lower[free], upper[free])
-
     best = _Best()
 
     def residual(x: Array) -> Array:
         r = problem.residual(full(x))
-        if patience is not None:
-            best.add(x, loss(r, huber), tolerance, patience)
+        if how.patience is not None:
+            best.add(x, loss(r, how.huber), how.tolerance, how.patience)
         return r
 
     known: dict[bytes, Array] = {}
 
     def jacobian(x: Array) -> Array:
-        # SciPy may ask again at the solution, and so do we: one evaluation serves all
-        key = x.tobytes()
-        if key not in known:
-            known.clear()
-            known[key] = problem.jacobian(full(x))
-        return known[key] if free.all() else known[key][:, free]
+        # we ask again at the solution: one evaluation serves both
+        known.clear()
+        known[x.tobytes()] = J = problem.jacobian(full(x))
+        return J if free.all() else J[:, free]
 
+    lower, upper = how.lower[free], how.upper[free]
+    normal = products(jacobian) if how.regular and how.huber is None else None
     try:
         with np.errstate(over="ignore", invalid="ignore"):
-            search = marquardt if plain else _trust_region(lower[free], upper[free], huber)
-            if regular and huber is None:
-                search = _regular(lower[free], upper[free])
-            x, evaluations, termination = search(
-                residual, start, jacobian, tolerance, max_evaluations
+            x, evaluations, termination = marquardt(
+                residual, np.clip(p0[free], lower, upper), jacobian, how.conditions(), normal
             )
     except _StalledError:
         x, evaluations, termination = best.x, best.evaluations, Termination.CONVERGED_COST
     end = p0.copy()
     end[free] = x
     where = np.flatnonzero(free)
-    stuck = tuple(int(k) for k in where[_touching(x, lower[free], upper[free])])
+    stuck = tuple(int(k) for k in where[_touching(x, lower, upper)])
     if stuck and termination.good:
         termination = Termination.AT_BOUND
-    J = known.get(x.tobytes())
-    return _ended(problem, end, termination, evaluations, huber, stuck, J)
+    return _ended(problem, end, termination, evaluations, how.huber, stuck, known.get(x.tobytes()))
 
 
 class _StalledError(Exception):
@@ -152,89 +158,6 @@ class _Best:
             raise _StalledError
 
 
-Function = Callable[[Array], Array]
-Search = Callable[[Function, Array, Function, float, int], tuple[Array, int, Termination]]
-"""(residual, start, Jacobian, tolerance, limit) → where it ended, evaluations, why."""
-
-
-def _regular(lower: Array, upper: Array) -> Search:
-    """Normal equations within bounds."""
-
-    def search(
-        residual: Function, start: Array, jacobian: Function, tolerance: float, limit: int
-    ) -> tuple[Array, int, Termination]:
-        return bounded_marquardt(residual, start, jacobian, (lower, upper), tolerance, limit)
-
-    return search
-
-
-def _trust_region(lower: Array, upper: Array, huber: Array | None) -> Search:
-    """SciPy's bounded trust region, with the Huber loss where a threshold is given."""
-
-    def search(
-        residual: Function, start: Array, jacobian: Function, tolerance: float, limit: int
-    ) -> tuple[Array, int, Termination]:
-        from scipy.optimize import least_squares
-
-        found = least_squares(
-            residual,
-            start,
-            jac=jacobian,
-            bounds=(lower, upper),
-            method="trf",
-            x_scale="jac",
-            loss="linear" if huber is None else _huber_loss(huber),
-            ftol=tolerance,
-            xtol=tolerance,
-            gtol=1e-14,
-            max_nfev=limit,
-        )
-        ended = _ENDINGS.get(int(found.status), Termination.MAX_ITERATIONS)
-        return found.x, int(found.nfev), ended
-
-    return search
-
-
-def loss(r: Array, huber: Array | None) -> float:
-    """½‖r‖², or Huber's Σ ρ(r): ½ r² up to the width k, then k (|r| − k/2)."""
-    if huber is None:
-        return 0.5 * float(r @ r)
-    size = np.abs(r)
-    return float(np.sum(np.where(size <= huber, 0.5 * size**2, huber * (size - 0.5 * huber))))
-
-
-def half_square(r: Array) -> float:
-    """½‖r‖², infinite where it overflows."""
-    with np.errstate(over="ignore"):
-        return 0.5 * float(r @ r)
-
-
-def _huber_loss(width: Array) -> Any:
-    """z = r² → (ρ, ρ', ρ'') of 2ρ(r), one width a residual, as SciPy takes it."""
-
-    def rho(z: Array) -> Array:
-        size = np.sqrt(np.maximum(z, 1e-300))
-        inside = size <= width
-        return np.array(
-            [
-                np.where(inside, z, 2.0 * width * size - width**2),
-                np.where(inside, 1.0, width / size),
-                np.where(inside, 0.0, -0.5 * width / np.maximum(size, width) ** 3),
-            ]
-        )
-
-    return rho
-
-
-_ENDINGS = {
-    0: Termination.MAX_ITERATIONS,
-    1: Termination.CONVERGED_GRADIENT,
-    2: Termination.CONVERGED_COST,
-    3: Termination.CONVERGED_STEP,
-    4: Termination.CONVERGED_COST,
-}
-
-
 def _ended(
     problem: Problem,
     p: Array,
@@ -255,13 +178,6 @@ def _ended(
         termination = Termination.DIVERGED
     J = problem.jacobian(p) if jacobian is None else jacobian
     return Solution(p, cost, r, J, weights, termination, evaluations, at_bound)
-
-
-def _inside(x: Array, lower: Array, upper: Array) -> Array:
-    """``x`` moved strictly inside its bounds, as the trust region needs it."""
-    width = np.where(np.isfinite(upper - lower), upper - lower, 1.0)
-    margin = 1e-6 * width
-    return np.minimum(np.maximum(x, lower + margin), upper - margin)
 
 
 def _touching(x: Array, lower: Array, upper: Array) -> NDArray[np.bool_]:

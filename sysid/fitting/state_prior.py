@@ -19,8 +19,9 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.fitting.marquardt import loss
 from sysid.fitting.problem import Problem
-from sysid.fitting.solvers import Solution, loss
+from sysid.fitting.solvers import Solution
 
 ROUNDS = 4
 """Descents at most while the errors, from which the prior's weight comes, still fall."""

@@ -8,6 +8,7 @@ from scipy.special import fdtri
 
 from sysid.data.record import Array, Index, Record
 from sysid.errors import DataError, ModelError, Termination
+from sysid.fitting.marquardt import loss
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import (
     Focus,
@@ -16,7 +17,7 @@ from sysid.fitting.problem import (
     Problem,
 )
 from sysid.fitting.robust import UNBOUNDED, huber_widths, weighted
-from sysid.fitting.solvers import Solution, half_square, levenberg_marquardt
+from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
 from sysid.fitting.state_prior import (
     PriorStates,
     RunawayStatesError,
@@ -125,7 +126,7 @@ class Search:
     ) -> tuple[Part, list[StartReport]]:
         base = self._given(theta, theta, ())
         zero, estimated = zero.given(base), estimated.given(base)
-        costs = [half_square(zero.residual(zero.initial_guess(t))) for t in candidates]
+        costs = [loss(zero.residual(zero.initial_guess(t))) for t in candidates]
         order = sorted(range(len(costs)), key=lambda k: costs[k])
         self._check_equations(zero)
         huber = self._huber_width(zero, candidates[order[0]])
@@ -135,7 +136,7 @@ class Search:
         points = [self._with_states(problem, t) for t in candidates]
         if problem.n_initial or len(self._levels(problem)):
             # what states and levels explain says nothing about a start
-            costs = [half_square(problem.residual(p)) for p in points]
+            costs = [loss(problem.residual(p)) for p in points]
             order = sorted(range(len(costs)), key=lambda k: costs[k])
         runs = {order[0]: self._descend(problem, points[order[0]], huber)}
         # further searches where the best start is not clearly ahead or its search failed
@@ -212,13 +213,15 @@ class Search:
             return levenberg_marquardt(
                 chosen,
                 start,
-                free=self._free(problem, states),
-                lower=lower,
-                upper=upper,
-                huber=width,
-                max_evaluations=self.options.limit(),
-                tolerance=self.options.precision(),
-                patience=self.options.patience,
+                Descent(
+                    free=self._free(problem, states),
+                    lower=lower,
+                    upper=upper,
+                    huber=width,
+                    max_evaluations=self.options.limit(),
+                    tolerance=self.options.precision(),
+                    patience=self.options.patience,
+                ),
             )
 
         if not (states and problem.n_initial):

@@ -74,7 +74,7 @@ def test_the_odd_track_is_named(left: float, right: float, side: str) -> None:
     told = found(driven(wandering(), odd), driven(wandering(seed=6), odd, seed=2))
     assert [e.id for e in told.effects] == ["radius-mismatch"]
     assert told.effects[0].parameters[0].name == f"rho[{side}]"
-    assert f"The {side} track" in told.effects[0].sentence
+    assert f"The {side} side" in told.effects[0].sentence
     np.testing.assert_allclose(
         told.ground.parameters["radius-mismatch"]["rho"], [left, right], atol=0.004
     )

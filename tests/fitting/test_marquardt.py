@@ -5,10 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.optimize import leastsq
+from scipy.optimize import least_squares, leastsq
 
 from sysid.errors import Termination
-from sysid.fitting.marquardt import marquardt
+from sysid.fitting.marquardt import Conditions, Method, marquardt, products
 
 Array = NDArray[np.float64]
 Function = Callable[[Array], Array]
@@ -77,7 +77,7 @@ PROBLEMS: dict[str, tuple[Function, Function, Array]] = {
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_reaches_the_cost_of_minpack_in_as_many_evaluations(name: str) -> None:
     residual, slope, start = PROBLEMS[name]
-    x, evaluations, termination = marquardt(residual, start, slope, TOLERANCE, 500)
+    x, evaluations, termination = marquardt(residual, start, slope, Conditions(TOLERANCE, 500))
     theirs, _, facts, _, _ = leastsq(
         residual,
         start,
@@ -99,7 +99,9 @@ def test_reaches_the_cost_of_minpack_in_as_many_evaluations(name: str) -> None:
 def test_a_linear_problem_takes_one_step() -> None:
     rng = np.random.default_rng(4)
     A, b = rng.standard_normal((40, 5)), rng.standard_normal(40)
-    x, evaluations, _ = marquardt(lambda x: A @ x - b, np.zeros(5), lambda x: A, 1e-9, 50)
+    x, evaluations, _ = marquardt(
+        lambda x: A @ x - b, np.zeros(5), lambda x: A, Conditions(1e-9, 50)
+    )
     np.testing.assert_allclose(x, np.linalg.lstsq(A, b, rcond=None)[0], atol=1e-12)
     assert evaluations <= 3  # the start, the solution, and a step that confirms it
 
@@ -108,7 +110,9 @@ def test_a_direction_without_information_is_not_walked() -> None:
     rng = np.random.default_rng(5)
     a, b = rng.standard_normal(40), rng.standard_normal(40)
     A = np.column_stack([a, a, np.zeros(40)])
-    x, _, termination = marquardt(lambda x: A @ x - b, np.full(3, 7.0), lambda x: A, 1e-9, 50)
+    x, _, termination = marquardt(
+        lambda x: A @ x - b, np.full(3, 7.0), lambda x: A, Conditions(1e-9, 50)
+    )
     assert termination.good
     np.testing.assert_allclose(x[0] + x[1], a @ b / (a @ a), atol=1e-12)
     np.testing.assert_allclose(x[[0, 2]] - x[[1, 2]], [0.0, 0.0], atol=1e-12)
@@ -127,7 +131,7 @@ def test_a_direction_without_information_is_not_walked() -> None:
     ids=["flat", "solved", "not a number", "no minimum"],
 )  # fmt: skip
 def test_endings(residual: Function, slope: Function, expected: str) -> None:
-    _, evaluations, termination = marquardt(residual, np.array([0.5]), slope, 1e-12, 8)
+    _, evaluations, termination = marquardt(residual, np.array([0.5]), slope, Conditions(1e-12, 8))
     assert termination is Termination[expected]
     assert evaluations <= 8
 
@@ -141,7 +145,85 @@ def test_a_step_into_overflow_is_taken_back() -> None:
     def slope(x: Array) -> Array:
         return np.array([[0.05], [0.0]])  # twenty times too flat: the step overshoots
 
-    x, _, termination = marquardt(residual, np.array([0.0]), slope, 1e-9, 200)
+    x, _, termination = marquardt(residual, np.array([0.0]), slope, Conditions(1e-9, 200))
     assert abs(x[0]) < 5.0
     assert abs(x[0] - 1.0) < 1.0
     assert termination is not Termination.DIVERGED
+
+
+def damped(x: Array) -> Array:
+    """A decay with a weak prior on both parameters."""
+    return np.concatenate([x[0] * np.exp(-x[1] * T) - DECAY, 1e-3 * x])
+
+
+def damped_slope(x: Array) -> Array:
+    return np.concatenate([decay_slope(x), 1e-3 * np.eye(2)])
+
+
+@pytest.mark.parametrize("summed", [False, True])
+@pytest.mark.parametrize("highest", [np.inf, 1.0])
+def test_the_minimum_within_bounds_is_that_of_scipy(highest: float, summed: bool) -> None:
+    lower, upper = np.zeros(2), np.array([highest, np.inf])
+    start, c = np.array([0.5, 0.5]), Conditions(1e-12, 60, lower, upper)
+    normal = products(damped_slope) if summed else None
+    x, _, ended = marquardt(damped, start, damped_slope, c, normal)
+    wanted = least_squares(damped, start, damped_slope, bounds=(lower, upper), xtol=1e-15)
+    # the cost is flat to first order: parameters are known to the root of its tolerance
+    np.testing.assert_allclose(x, wanted.x, atol=1e-5)
+    assert ended.good
+    assert np.all((x >= lower) & (x <= upper))
+
+
+@pytest.mark.parametrize("bounded", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_hubers_loss_has_the_minimum_of_scipy(seed: int, bounded: bool) -> None:
+    """Every tenth value is an outlier; both losses are 2 Σ ρ(r/k) k²."""
+    rng = np.random.default_rng(seed)
+    y = 3.0 * np.exp(-0.1 * T) + 0.02 * rng.standard_normal(len(T))
+    y[::10] += rng.standard_normal(6)
+    width = 0.03
+
+    def error(x: Array) -> Array:
+        return np.asarray(x[0] * np.exp(-x[1] * T) - y)
+
+    limits = (np.zeros(2), np.array([2.9, 1.0])) if bounded else (None, None)
+    c = Conditions(1e-12, 100, *limits, huber=np.full(len(y), width))
+    x, evaluations, ended = marquardt(error, np.array([1.0, 0.5]), decay_slope, c)
+    wanted = least_squares(
+        error,
+        np.array([1.0, 0.5]),
+        decay_slope,
+        bounds=limits if bounded else (-np.inf, np.inf),
+        loss="huber",
+        f_scale=width,
+        xtol=1e-15,
+        ftol=1e-15,
+        gtol=1e-12,
+    )
+    np.testing.assert_allclose(x, wanted.x, rtol=1e-5)
+    assert ended.good
+    assert evaluations < 60
+
+
+@pytest.mark.parametrize("method", list(Method))
+def test_every_method_reaches_the_minimum(method: Method) -> None:
+    """Gradient iterations take long and end early in a valley, the others do not."""
+    start, c = np.array([2.0, 0.2]), Conditions(1e-10, 2000, method=method)
+    x, evaluations, ended = marquardt(decay, start, decay_slope, c)
+    best, few, _ = marquardt(decay, start, decay_slope, Conditions(1e-12, 100))
+    assert ended.good
+    np.testing.assert_allclose(x, best, rtol=1e-2 if method is Method.GRADIENT else 1e-6)
+    if method is Method.GRADIENT:
+        assert evaluations > 2 * few
+
+
+def test_a_parameter_that_is_hardly_felt_cannot_run_away() -> None:
+    def error(x: Array) -> Array:
+        return np.array([x[0] + 1e-9 * x[1] - 1.0, 1e-9 * x[1] + 1.0])
+
+    J = np.array([[1.0, 1e-9], [0.0, 1e-9]])
+    c = Conditions(1e-9, 4, least_scale=np.array([0.0, 1e-2]))
+    held, *_ = marquardt(error, np.zeros(2), lambda x: J, c)
+    loose, *_ = marquardt(error, np.zeros(2), lambda x: J, Conditions(1e-9, 4))
+    assert abs(held[1]) < 1e-3 * abs(loose[1])
+    np.testing.assert_allclose(held[0], 1.0, atol=1e-3)

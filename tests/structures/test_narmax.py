@@ -16,7 +16,7 @@ from sysid.estimation.assessment.figures import Start, outputs
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial, Problem
-from sysid.fitting.solvers import levenberg_marquardt
+from sysid.fitting.solvers import Descent, levenberg_marquardt
 from sysid.structures.model import Model
 from sysid.structures.narmax.candidate_runs import CandidateRuns
 from sysid.structures.narmax.chunk_fits import ChunkFit, fit_together
@@ -355,7 +355,7 @@ def test_fits_together_are_fits_alone() -> None:
         run = PolynomialRun((each.terms,), 1, (limits,))
         problem = ChunkedRuns(run, each.data, 40, np.ones(1))
         alone = levenberg_marquardt(
-            problem, each.theta, free=np.ones(n, dtype=bool), lower=-bound, upper=bound
+            problem, each.theta, Descent(free=np.ones(n, dtype=bool), lower=-bound, upper=bound)
         )
         # both stop within 1e-9 of the lowest cost: 3e-5 in the coefficients, times conditioning
         np.testing.assert_allclose(theta, alone.p, rtol=0, atol=1e-3)

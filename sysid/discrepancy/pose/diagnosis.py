@@ -276,9 +276,10 @@ def _allowed(c: Candidate, chosen: Sequence[Candidate]) -> bool:
 
 
 def _score(fitted: Fitted) -> float:
-    """N ln V + k ln N."""
+    """N ln V + k ln N, to a digit that no search decides: what is the same thing said in two ways
+    (one radius smaller, the other larger, beside radii that are estimated) comes in order."""
     n = sum(e.size for e in (*fitted.white.estimation, *fitted.white.held))
-    return n * math.log(max(fitted.cost, 1e-300)) + len(fitted.free) * math.log(n)
+    return round(n * math.log(max(fitted.cost, 1e-300)) + len(fitted.free) * math.log(n), 2)
 
 
 def _ranking(

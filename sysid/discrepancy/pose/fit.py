@@ -13,7 +13,7 @@ from sysid.discrepancy.search.evidence import Errors
 from sysid.effects.catalogue import effect
 from sysid.effects.ground import Ground
 from sysid.fitting.problem import Problem
-from sysid.fitting.solvers import levenberg_marquardt
+from sysid.fitting.solvers import Descent, levenberg_marquardt
 from sysid.vehicle.kinematics import Geometry
 
 LEFT, RIGHT = 0, 1
@@ -255,10 +255,12 @@ class PoseSearch:
         best = levenberg_marquardt(
             self.estimation.freeing(free),
             np.array([s.start if k in free else s.null for k, s in enumerate(SLOTS)]),
-            free=mask,
-            lower=np.array([s.lower for s in SLOTS]),
-            upper=np.array([s.upper for s in SLOTS]),
-            max_evaluations=30,
+            Descent(
+                free=mask,
+                lower=np.array([s.lower for s in SLOTS]),
+                upper=np.array([s.upper for s in SLOTS]),
+                max_evaluations=30,
+            ),
         )
         J = best.jacobian[:, list(free)]
         variance = max(float(np.mean(best.residual**2)), 1.0)

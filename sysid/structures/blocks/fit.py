@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from sysid.data.record import Array, Record
+from sysid.fitting.marquardt import Conditions, loss, marquardt
 from sysid.structures.blocks.chain import BlockChain
 from sysid.structures.blocks.errors import ChainErrors, output_scales
 from sysid.structures.blocks.layers import StaticLayer
@@ -113,76 +113,32 @@ def descend(
     """Levenberg-Marquardt on the fitted samples from p0 (θ, or θ and initial states).
 
     The normal equations are summed experiment by experiment, so that 10⁵ samples of 40 parameters
-    cost 50 ms a step; Marquardt's damping is steered as Nielsen (1999) does. Their condition is
-    that of J squared, which the damping bears; the last search works on J itself.
+    cost 50 ms a step. Their condition is that of J squared, which the damping bears; the last
+    search works on J itself. An initial state that is felt next to nothing, within a dead zone or
+    where a sensor saturates, would run away with every step, and no other entry could move: it
+    counts as if it were felt a little.
     """
     problem = data.problem(chain) if problem is None else problem
     missing = len(p0) < chain.n + problem.n_initial
     p = data.with_states(chain, p0) if missing else p0.copy()
     free = np.ones(len(p), dtype=bool)
     free[list(held_entries)] = False
-    r = problem.residual(p)
-    cost, spent, damping, growth = _half_square(r), 1, 1e-3, 2.0
-    fresh, gram, gradient = True, np.zeros((0, 0)), np.zeros(0)
     sizes = np.concatenate([np.full(chain.n, np.inf), problem.state_sizes(p)])[free]
-    while spent < evaluations:
-        if fresh:
-            full, slope = problem.normal_equations(p, r)
-            gram, gradient = full[np.ix_(free, free)], slope[free]
-            if not (np.all(np.isfinite(gram)) and np.all(np.isfinite(gradient))):
-                break
-            scale = _steps_scale(gram, cost, sizes)
-            gram, gradient = gram / np.outer(scale, scale), gradient / scale
-        step = -_solved(gram, damping, gradient)
-        trial = p.copy()
-        trial[free] += step / scale
-        foreseen = float(step @ (damping * step - gradient)) / 2.0
-        e = problem.residual(trial)
-        new, spent = _half_square(e), spent + 1
-        fresh = new < cost
-        if fresh:
-            ratio = (cost - new) / max(foreseen, 1e-300)
-            gained = (cost - new) / max(cost, 1e-300)
-            p, r, cost = trial, e, new
-            damping *= max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3)
-            growth = 2.0
-            if gained < tolerance and foreseen < tolerance * max(cost, 1e-300):
-                break
-        else:
-            if foreseen < 0.01 * tolerance * cost or damping > 1e12:
-                break
-            damping, growth = damping * growth, growth * 2.0
+
+    def full(x: Array) -> Array:
+        out = p.copy()
+        out[free] = x
+        return out
+
+    def normal(x: Array, r: Array) -> tuple[Array, Array]:
+        gram, slope = problem.normal_equations(full(x), r)
+        return gram[np.ix_(free, free)], slope[free]
+
+    conditions = Conditions(tolerance, evaluations, least_scale=FELT_STATE / sizes)
+    x, spent, _ = marquardt(lambda x: problem.residual(full(x)), p[free], None, conditions, normal)
+    p = full(x)
     held = data.held_error(chain, p) if any(m.any() for m in data.held) else float("nan")
-    return Fitted(chain, p, cost, held, spent)
-
-
-def _steps_scale(gram: Array, cost: float, sizes: Array) -> Array:
-    """What divides each entry's step: how much it is felt, of initial states at least a little.
-
-    One that is felt next to nothing, within a dead zone or where a sensor saturates, would
-    otherwise run away with every step, and no other entry could move.
-
-    Args:
-        gram: JᵀJ, (n, n).
-        cost: ½‖r‖².
-        sizes: range of each entry that is an initial state, infinite for the others, (n,).
-    """
-    felt = np.maximum(np.sqrt(np.diag(gram)), FELT_STATE * np.sqrt(2.0 * cost) / sizes)
-    return np.where(felt > 0.0, felt, 1.0)
-
-
-def _solved(gram: Array, damping: float, gradient: Array) -> Array:
-    """(gram + damping I)⁻¹ gradient for a gram with a unit diagonal."""
-    eye = np.eye(len(gram))
-    try:
-        return np.asarray(cho_solve(cho_factor(gram + damping * eye), gradient))
-    except np.linalg.LinAlgError:
-        return np.asarray(cho_solve(cho_factor(gram + (damping + 1e-8) * eye), gradient))
-
-
-def _half_square(r: Array) -> float:
-    with np.errstate(over="ignore"):
-        return 0.5 * float(r @ r)
+    return Fitted(chain, p, loss(problem.residual(p)), held, spent)
 
 
 def abscissae(chain: BlockChain) -> list[int]:

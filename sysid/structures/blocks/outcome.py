@@ -7,10 +7,11 @@ import numpy as np
 
 from sysid.data.record import Array, Record
 from sysid.errors import DataError, ModelError, Termination
+from sysid.fitting.marquardt import loss
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Initial, Parameter
 from sysid.fitting.robust import huber_widths
-from sysid.fitting.solvers import Solution, half_square, levenberg_marquardt
+from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
 from sysid.fitting.uncertainty import uncertainty
 from sysid.structures.blocks.errors import ChainErrors
 from sysid.structures.blocks.fit import (
@@ -156,7 +157,7 @@ class _Last:
         problem, p = self.moving, self.data.with_states(self.structure.chain, theta)
         if self.options.initial is Initial.ZERO:
             problem, p = self.rest, theta
-        before = half_square(problem.residual(p))
+        before = loss(problem.residual(p))
         if self._bounded:
             found = self._searched(problem, p)
             return before, Fitted(
@@ -211,13 +212,15 @@ class _Last:
         return levenberg_marquardt(
             problem,
             p[: n + states],
-            free=free,
-            lower=lower,
-            upper=upper,
-            huber=huber,
-            max_evaluations=self.options.limit(),
-            tolerance=self.options.precision(SETTLED),
-            patience=PATIENCE,
+            Descent(
+                free=free,
+                lower=lower,
+                upper=upper,
+                huber=huber,
+                max_evaluations=self.options.limit(),
+                tolerance=self.options.precision(SETTLED),
+                patience=PATIENCE,
+            ),
         )
 
     def _at_rest(self, found: Solution) -> Solution | None:
@@ -233,7 +236,7 @@ class _Last:
             return self._searched(self.rest, found.p[:n])
         # at the same θ: a search from rest would find less
         left = max(2.0 * found.cost, 1e-300)
-        if 2.0 * half_square(r) > 4.0 * left:
+        if 2.0 * loss(r) > 4.0 * left:
             return None
         rest = self._searched(self.rest, found.p[:n])
         ratio = (2.0 * rest.cost - left) / k / (left / dof)

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from sysid.data.record import Array, Record
 from sysid.errors import ModelError, Termination
 from sysid.fitting.holdout import shortened
+from sysid.fitting.marquardt import loss
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Initial, Parameter
-from sysid.fitting.solvers import Solution, half_square, levenberg_marquardt, many_starts
+from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt, many_starts
 from sysid.structures.grey_box.runs import GreyErrors, Masks, scan
 from sysid.structures.grey_box.structure import GreyBox
 from sysid.structures.outcome import StartReport
@@ -100,12 +101,14 @@ class Setting:
         return levenberg_marquardt(
             problem,
             p0,
-            free=np.concatenate([free, np.ones(problem.n_initial, dtype=bool)]),
-            lower=np.concatenate([self.lower, -none]),
-            upper=np.concatenate([self.upper, none]),
-            huber=huber,
-            max_evaluations=evaluations,
-            tolerance=COARSE if kept is not None else self.options.precision(),
+            Descent(
+                free=np.concatenate([free, np.ones(problem.n_initial, dtype=bool)]),
+                lower=np.concatenate([self.lower, -none]),
+                upper=np.concatenate([self.upper, none]),
+                huber=huber,
+                max_evaluations=evaluations,
+                tolerance=COARSE if kept is not None else self.options.precision(),
+            ),
         )
 
 
@@ -323,5 +326,5 @@ def _thinned(r: Record, every: int) -> Record:
 
 def cost_of(r: Array) -> float:
     """½‖r‖², infinite where the run diverged."""
-    value = half_square(r)
+    value = loss(r)
     return value if value < DIVERGED else float("inf")

@@ -11,7 +11,7 @@ from sysid.fitting.holdout import shortened
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter, Problem
 from sysid.fitting.robust import huber_widths, weighted
-from sysid.fitting.solvers import Solution, levenberg_marquardt
+from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
 from sysid.fitting.uncertainty import uncertainty
 from sysid.structures.base import Structure
 from sysid.structures.held_out_error import free_run_error
@@ -202,9 +202,12 @@ def _one_step(
         p = np.clip(p, lower[index], upper[index])
         huber = huber_widths(problem, problem.residual(p)) if options.robust else None
         found = levenberg_marquardt(
-            problem, p, free=free[index], lower=lower[index], upper=upper[index], huber=huber,
-            max_evaluations=options.limit(),
-        )  # fmt: skip
+            problem,
+            p,
+            Descent(
+                free[index], lower[index], upper[index], huber, max_evaluations=options.limit()
+            ),
+        )
         theta[index] = found.p
         solved.append((problem, found))
     return Estimate(theta, tuple(solved), "least squares")
@@ -271,12 +274,14 @@ def _over_chunks(
     solution = levenberg_marquardt(
         counted,
         theta[index],
-        free=free[index],
-        lower=lower[index],
-        upper=upper[index],
-        huber=huber_widths(counted, counted.residual(theta[index])) if options.robust else None,
-        max_evaluations=options.limit(FINAL_EVALUATIONS),
-        tolerance=options.precision(1e-7),
+        Descent(
+            free=free[index],
+            lower=lower[index],
+            upper=upper[index],
+            huber=huber_widths(counted, counted.residual(theta[index])) if options.robust else None,
+            max_evaluations=options.limit(FINAL_EVALUATIONS),
+            tolerance=options.precision(1e-7),
+        ),
     )
     theta[index] = solution.p
     solved: list[tuple[Problem, Solution]] = [(problem, solution)]
@@ -286,10 +291,15 @@ def _over_chunks(
             one = weighted(s.one_step(i, [(r.u, r.y) for r in records]), records)
             where = one.index
             after = levenberg_marquardt(
-                one, theta[where], free=free[where] & noise, lower=lower[where],
-                upper=upper[where],
-                huber=huber_widths(one, one.residual(theta[where])) if options.robust else None,
-            )  # fmt: skip
+                one,
+                theta[where],
+                Descent(
+                    free[where] & noise,
+                    lower[where],
+                    upper[where],
+                    huber_widths(one, one.residual(theta[where])) if options.robust else None,
+                ),
+            )
             theta[where] = after.p
             solved.append((one, after))
     return theta, Estimate(theta, tuple(solved), f"refined over {chunk} samples{words}")

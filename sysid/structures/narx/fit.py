@@ -11,7 +11,7 @@ from sysid.fitting.holdout import HoldOut, hold_out, shortened
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter, Problem
 from sysid.fitting.robust import weighted
-from sysid.fitting.solvers import Solution, levenberg_marquardt
+from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
 from sysid.fitting.uncertainty import uncertainty
 from sysid.structures.base import Structure
 from sysid.structures.narx.problems import FreeRuns, OneStepRow
@@ -221,11 +221,10 @@ def _together(
         np.concatenate([getattr(b, name) for b in bounds]) for name in ("lower", "upper", "free")
     )
     found = levenberg_marquardt(
-        problem, np.clip(theta, lower, upper), free=free, lower=lower, upper=upper,
+        problem, np.clip(theta, lower, upper), Descent(free=free, lower=lower, upper=upper,
         max_evaluations=options.limit(ROUNDS if samples < SHORT else FEWER_ROUNDS),
         tolerance=options.precision(TOLERANCE),
-        regular=True,
-    )  # fmt: skip
+        regular=True,))  # fmt: skip
     return Estimate(
         found.p, ((problem, found, bare.samples),), f"refined over {chunk} samples",
         found.evaluations,
