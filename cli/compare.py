@@ -12,18 +12,19 @@ from sysid.errors import UsageError
 from sysid.workspace.logs import StoredData, as_fitted
 from sysid.workspace.store import StoredModel, Workspace
 
-from . import reading, render, targets
+from . import fit_options, reading, render, targets
 from .fit_report import residual_words
 
 if TYPE_CHECKING:
     from sysid.data.finding import Finding
     from sysid.data.reading.read_options import ReadOptions
     from sysid.data.record import Record
+    from sysid.estimation.assessment.findings import Policy
     from sysid.estimation.selection.comparison import Ranked, Ranking
     from sysid.estimation.selection.cross_validation import CrossValidation
 
 
-@reading.composed(read=reading.read_options)
+@reading.composed(policy=fit_options.judging, read=reading.read_options)
 def compare(
     models: Annotated[
         list[str] | None,
@@ -42,21 +43,6 @@ def compare(
         list[Path] | None,
         typer.Option("--val", metavar="LOG", help="Log to judge on. Again for more."),
     ] = None,
-    skip: Annotated[
-        int, typer.Option("--skip", metavar="N", min=0, help="Leave the first N samples out.")
-    ] = 0,
-    initial_state: Annotated[
-        str,
-        typer.Option(
-            "--initial-state",
-            metavar="HOW",
-            help="Start of the free run: estimated, measured or zero.",
-        ),
-    ] = "estimated",
-    horizon: Annotated[
-        list[int] | None,
-        typer.Option("--horizon", metavar="K", min=2, help="Also show the K-step prediction."),
-    ] = None,
     folds: Annotated[
         int | None,
         typer.Option(
@@ -70,6 +56,7 @@ def compare(
         Path | None, typer.Option("--plot", metavar="FILE", help="Draw the ranking: .svg or .png.")
     ] = None,
     *,
+    policy: "Policy",
     read: "ReadOptions",
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
     json: reading.Json = False,
@@ -77,16 +64,12 @@ def compare(
     """Rank the models of the workspace by one criterion, on equal terms."""
     from sysid.criteria.table import known_name
     from sysid.data.finding import notes, warned
-    from sysid.estimation.assessment.figures import Start
-    from sysid.estimation.assessment.findings import Policy
     from sysid.estimation.selection.comparison import compare as rank
 
     criteria = known_name(criteria)
     targets.check_picture(plot)
     place = Workspace(workspace)
     stored = [place.load(i) for i in dict.fromkeys(models)] if models else place.all()
-    start = Start(reading.choice(initial_state, [s.value for s in Start], "--initial-state"))
-    policy = Policy(start, skip, tuple(sorted(set(horizon or []))))
     with render.progress("Comparing"):
         data = StoredData()
         contenders = [data.contender(s) for s in stored]

@@ -15,13 +15,17 @@ from .fit_report import show
 if TYPE_CHECKING:
     from sysid.data.preparation import Preparation
     from sysid.data.reading.read_options import ReadOptions
+    from sysid.estimation.assessment.findings import Policy
     from sysid.estimation.identify import Identification, Request
-
-_FITTING = "Fitting"
-_JUDGING = "Judging"
+    from sysid.fitting.options import FitOptions
 
 
-@reading.composed(steps=reading.preparation, read=reading.read_options)
+@reading.composed(
+    options=fit_options.estimation,
+    policy=fit_options.judging,
+    steps=reading.preparation,
+    read=reading.read_options,
+)
 def fit(
     logs: reading.Logs,
     structure: Annotated[
@@ -29,7 +33,7 @@ def fit(
         typer.Option(
             "--structure",
             metavar="NAME",
-            rich_help_panel=_FITTING,
+            rich_help_panel=fit_options.FITTING,
             help="oe, narx-wavelet …; several as a,b. The four linear ones unless given.",
         ),
     ] = None,
@@ -38,7 +42,7 @@ def fit(
         typer.Option(
             "--orders",
             metavar="TEXT",
-            rich_help_panel=_FITTING,
+            rich_help_panel=fit_options.FITTING,
             help='"na=2 nb=2 nk=1", matrices "na=1,0;0,1", ranges "na=1:4"; '
             '"arx: na=2 nb=2; oe: nb=2 nf=2". Searched unless given.',
         ),
@@ -48,7 +52,7 @@ def fit(
         typer.Option(
             "--val",
             metavar="LOG",
-            rich_help_panel=_JUDGING,
+            rich_help_panel=fit_options.JUDGING,
             help="Log to judge on; never used to choose anything. Again for more.",
         ),
     ] = None,
@@ -57,25 +61,16 @@ def fit(
         typer.Option(
             "--split",
             metavar="SHARE",
-            rich_help_panel=_JUDGING,
+            rich_help_panel=fit_options.JUDGING,
             help="Fit on this share of each log, judge on the rest, e.g. 0.7.",
         ),
     ] = None,
-    focus: Annotated[
-        str,
-        typer.Option(
-            "--focus",
-            metavar="WHAT",
-            rich_help_panel=_FITTING,
-            help="Minimise errors of prediction or of simulation.",
-        ),
-    ] = "prediction",
     criteria: Annotated[
         str,
         typer.Option(
             "--criteria",
             metavar="NAME",
-            rich_help_panel=_FITTING,
+            rich_help_panel=fit_options.FITTING,
             help="What ranks orders and structures: fit, aic, bic, fpe …",
         ),
     ] = "fit",
@@ -84,102 +79,10 @@ def fit(
         typer.Option(
             "--detrend",
             metavar="HOW",
-            rich_help_panel=_FITTING,
+            rich_help_panel=fit_options.FITTING,
             help="Levels: auto, none, level (estimated with the model), mean or linear (removed).",
         ),
     ] = "auto",
-    initial: Annotated[
-        str,
-        typer.Option(
-            "--initial",
-            metavar="HOW",
-            rich_help_panel=_FITTING,
-            help="Initial states in the fit: auto, zero, estimated or backcast.",
-        ),
-    ] = "auto",
-    fix: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--fix",
-            metavar="NAME=VALUE",
-            rich_help_panel=_FITTING,
-            help="Hold a parameter at a value, e.g. a1=-0.9.",
-        ),
-    ] = None,
-    bound: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--bound",
-            metavar="NAME=LOW:HIGH",
-            rich_help_panel=_FITTING,
-            help="Keep a parameter between bounds, e.g. a1=-1:0.",
-        ),
-    ] = None,
-    option: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--option",
-            metavar="NAME=VALUE",
-            rich_help_panel=_FITTING,
-            help="Option of the structure; `sysid structures NAME` lists them.",
-        ),
-    ] = None,
-    robust: Annotated[
-        bool,
-        typer.Option("--robust", rich_help_panel=_FITTING, help="Find outliers, leave them out."),
-    ] = False,
-    stable: Annotated[
-        bool,
-        typer.Option("--stable", rich_help_panel=_FITTING, help="Admit only stable models."),
-    ] = False,
-    max_iterations: Annotated[
-        int | None,
-        typer.Option(
-            "--max-iterations",
-            metavar="N",
-            min=1,
-            rich_help_panel=_FITTING,
-            help="Longest search from one start; 200 for most structures.",
-        ),
-    ] = None,
-    tolerance: Annotated[
-        float | None,
-        typer.Option(
-            "--tolerance",
-            metavar="X",
-            rich_help_panel=_FITTING,
-            help="Relative change of error and step at which a search has converged, e.g. 1e-9.",
-        ),
-    ] = None,
-    initial_state: Annotated[
-        str,
-        typer.Option(
-            "--initial-state",
-            metavar="HOW",
-            rich_help_panel=_JUDGING,
-            help="Start of the free run in the figures: estimated, measured or zero.",
-        ),
-    ] = "estimated",
-    skip: Annotated[
-        int,
-        typer.Option(
-            "--skip",
-            metavar="N",
-            min=0,
-            rich_help_panel=_JUDGING,
-            help="Leave the first N samples out of the error figures.",
-        ),
-    ] = 0,
-    horizon: Annotated[
-        list[int] | None,
-        typer.Option(
-            "--horizon",
-            metavar="K",
-            min=2,
-            rich_help_panel=_JUDGING,
-            help="Also show the K-step prediction. Again for more.",
-        ),
-    ] = None,
     plot: Annotated[
         Path | None,
         typer.Option("--plot", metavar="FILE", help="Draw the best model: .svg or .png."),
@@ -188,6 +91,8 @@ def fit(
         int, typer.Option("--jobs", metavar="N", min=1, help="Processes for the search.")
     ] = 2,
     *,
+    options: "FitOptions",
+    policy: "Policy",
     steps: "Preparation",
     read: "ReadOptions",
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
@@ -201,25 +106,16 @@ def fit(
     from sysid.estimation.identify import Request
 
     targets.check_picture(plot)
-    origin = {"files": [str(p.resolve()) for p in logs], "read": read.to_json()}
-    options = fit_options.estimation(
-        focus,
-        initial,
-        fix or [],
-        bound or [],
-        option or [],
-        origin | {"prepare": steps.to_json()},
-        max_iterations,
-        tolerance,
-    )
+    files = [str(p.resolve()) for p in logs]
+    origin = {"files": files, "read": read.to_json(), "prepare": steps.to_json()}
     request = Request(
         structures=fit_options.structures(structure),
         orders=orders,
-        options=replace(options, robust=robust, stable=stable),
+        options=replace(options, extra=origin),
         detrend=detrend,
         criterion=criteria,
         split=split,
-        policy=fit_options.judging(initial_state, skip, horizon or []),
+        policy=policy,
         jobs=jobs,
     )
     found, notes = _identify(logs, val or [], read, steps, request)

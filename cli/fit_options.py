@@ -1,8 +1,9 @@
-"""The options of ``sysid fit`` as the library takes them."""
+"""The options that say how to fit and how to judge, declared once, as the library takes them."""
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from sysid.errors import UsageError
 
@@ -12,6 +13,10 @@ if TYPE_CHECKING:
     from sysid.estimation.assessment.findings import Policy
     from sysid.fitting.options import FitOptions
 
+FITTING = "Fitting"
+JUDGING = "Judging"
+"""Panels of the help."""
+
 
 def structures(text: str | None) -> tuple[str, ...]:
     """``--structure arx,oe`` as names; none where the option is not given."""
@@ -19,30 +24,94 @@ def structures(text: str | None) -> tuple[str, ...]:
 
 
 def estimation(
-    focus: str,
-    initial: str,
-    fix: Sequence[str],
-    bound: Sequence[str],
-    option: Sequence[str],
-    origin: Mapping[str, Any],
-    max_iterations: int | None = None,
-    tolerance: float | None = None,
+    focus: Annotated[
+        str,
+        typer.Option(
+            "--focus",
+            metavar="WHAT",
+            rich_help_panel=FITTING,
+            help="Minimise errors of prediction or of simulation.",
+        ),
+    ] = "prediction",
+    initial: Annotated[
+        str,
+        typer.Option(
+            "--initial",
+            metavar="HOW",
+            rich_help_panel=FITTING,
+            help="Initial states in the fit: auto, zero, estimated or backcast.",
+        ),
+    ] = "auto",
+    fix: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fix",
+            metavar="NAME=VALUE",
+            rich_help_panel=FITTING,
+            help="Hold a parameter at a value, e.g. a1=-0.9.",
+        ),
+    ] = None,
+    bound: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--bound",
+            metavar="NAME=LOW:HIGH",
+            rich_help_panel=FITTING,
+            help="Keep a parameter between bounds, e.g. a1=-1:0.",
+        ),
+    ] = None,
+    option: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--option",
+            metavar="NAME=VALUE",
+            rich_help_panel=FITTING,
+            help="Option of the structure; `sysid structures NAME` lists them.",
+        ),
+    ] = None,
+    robust: Annotated[
+        bool,
+        typer.Option("--robust", rich_help_panel=FITTING, help="Find outliers, leave them out."),
+    ] = False,
+    stable: Annotated[
+        bool,
+        typer.Option("--stable", rich_help_panel=FITTING, help="Admit only stable models."),
+    ] = False,
+    method: Annotated[
+        str,
+        typer.Option(
+            "--method",
+            metavar="NAME",
+            rich_help_panel=FITTING,
+            help="Iterations of the search: levenberg-marquardt, gauss-newton or gradient.",
+        ),
+    ] = "levenberg-marquardt",
+    max_iterations: Annotated[
+        int | None,
+        typer.Option(
+            "--max-iterations",
+            metavar="N",
+            min=1,
+            rich_help_panel=FITTING,
+            help="Longest search from one start; 200 for most structures.",
+        ),
+    ] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            "--tolerance",
+            metavar="X",
+            rich_help_panel=FITTING,
+            help="Relative change of error and step at which a search has converged, e.g. 1e-9.",
+        ),
+    ] = None,
 ) -> "FitOptions":
-    """How to fit.
-
-    Args:
-        focus, initial: words of ``--focus`` and ``--initial``.
-        fix: ``NAME=VALUE`` each.
-        bound: ``NAME=LOW:HIGH`` each.
-        option: ``NAME=VALUE`` each, for the structure to read.
-        origin: where the data come from, stored with the model.
-        max_iterations: limit of each search, None for the structure's own.
-        tolerance: relative change at which a search has converged, None for the structure's own.
+    """How to fit, as every option of it says.
 
     Raises:
         UsageError: an option cannot be read.
     """
-    from sysid.errors import UsageError
+    from sysid.fitting.marquardt import Method
     from sysid.fitting.options import FitOptions
     from sysid.fitting.problem import Focus, Initial
 
@@ -51,16 +120,48 @@ def estimation(
     return FitOptions(
         focus=Focus(reading.choice(focus, [f.value for f in Focus], "--focus")),
         initial=Initial(reading.choice(initial, [i.value for i in Initial], "--initial")),
-        fixed=dict(_fixed(item) for item in fix),
-        bounds=dict(_bounded(item) for item in bound),
-        structure_options=dict(_pair(item, "--option", "units=20") for item in option),
+        robust=robust,
+        stable=stable,
+        fixed=dict(_fixed(item) for item in fix or []),
+        bounds=dict(_bounded(item) for item in bound or []),
         max_evaluations=max_iterations,
         tolerance=tolerance,
-        extra=dict(origin),
+        method=Method(reading.choice(method, [m.value for m in Method], "--method")),
+        structure_options=dict(_pair(item, "--option", "units=20") for item in option or []),
     )
 
 
-def judging(initial_state: str, skip: int, horizons: Sequence[int]) -> "Policy":
+def judging(
+    initial_state: Annotated[
+        str,
+        typer.Option(
+            "--initial-state",
+            metavar="HOW",
+            rich_help_panel=JUDGING,
+            help="Start of the free run in the figures: estimated, measured or zero.",
+        ),
+    ] = "estimated",
+    skip: Annotated[
+        int,
+        typer.Option(
+            "--skip",
+            metavar="N",
+            min=0,
+            rich_help_panel=JUDGING,
+            help="Leave the first N samples out of the error figures.",
+        ),
+    ] = 0,
+    horizon: Annotated[
+        list[int] | None,
+        typer.Option(
+            "--horizon",
+            metavar="K",
+            min=2,
+            rich_help_panel=JUDGING,
+            help="Also show the K-step prediction. Again for more.",
+        ),
+    ] = None,
+) -> "Policy":
     """How figures are made.
 
     Raises:
@@ -70,7 +171,7 @@ def judging(initial_state: str, skip: int, horizons: Sequence[int]) -> "Policy":
     from sysid.estimation.assessment.findings import Policy
 
     start = reading.choice(initial_state, [s.value for s in Start], "--initial-state")
-    return Policy(Start(start), skip, tuple(sorted(set(horizons))))
+    return Policy(Start(start), skip, tuple(sorted(set(horizon or []))))
 
 
 def _fixed(item: str) -> tuple[str, float]:

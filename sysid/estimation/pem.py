@@ -261,6 +261,7 @@ def _model(
                 "initial": options.initial.value,
                 "loss": "huber" if options.robust else "quadratic",
                 "stable": options.stable,
+                "method": options.method.value,
                 "left_out": int(sum(np.sum(o.found) for o in outliers)),
                 "initial_states_estimated": n_states,
                 **options.extra,

@@ -52,9 +52,6 @@ SHORTEST = 1e-8
 GROWTH = 10.0
 """One step takes a number at most so many times as far from its only bound, or as near to it."""
 
-NEAR = 1e-9
-"""A number stands on its only bound where what is between them changes ‖r‖ by less than this."""
-
 EPS = float(np.finfo(np.float64).eps)
 
 Function = Callable[[Array], Array]
@@ -176,8 +173,7 @@ class _Search:
         share, taken, ended = 1.0, False, None
         while not taken and ended is None:
             q, damping = self._proposed(steps, share)
-            felt = self._scale / (self._norm or 1.0)
-            trial = self._box.cut(self.x + q / self._scale, self.x, felt)
+            trial = self._box.cut(self.x + q / self._scale, self.x)
             if self._box.bounded:
                 q = (trial - self.x) * self._scale
             r = self._residual(trial)
@@ -233,7 +229,7 @@ class _Box:
         self._lower = -np.inf if lower is None else lower
         self._upper = np.inf if upper is None else upper
 
-    def cut(self, trial: Array, x: Array, felt: Array) -> Array:
+    def cut(self, trial: Array, x: Array) -> Array:
         """The nearest point within the bounds and within reach of x.
 
         A number with one bound has no size but its distance from it: one step multiplies or
@@ -246,8 +242,8 @@ class _Box:
         below, above = self._lower, self._upper
         with np.errstate(invalid="ignore"):  # of infinite bounds; their reach is not taken
             up, down = x - below, above - x
-            floor = np.isfinite(below) & np.isinf(above) & (up * felt > NEAR)
-            roof = np.isinf(below) & np.isfinite(above) & (down * felt > NEAR)
+            floor = np.isfinite(below) & np.isinf(above) & (up > 0.0)
+            roof = np.isinf(below) & np.isfinite(above) & (down > 0.0)
             low = np.where(floor, below + up / GROWTH, np.where(roof, above - GROWTH * down, below))
             high = np.where(
                 floor, below + GROWTH * up, np.where(roof, above - down / GROWTH, above)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from sysid.fitting.marquardt import Method
 from sysid.fitting.problem import Focus, Initial
 from sysid.fitting.solvers import TOLERANCE
 
@@ -26,6 +27,7 @@ class FitOptions:
         tolerance: relative change of cost and step at which a search has converged; None for
             what is usual with the structure.
         patience: evaluations without such a change after which it is given up, None for never.
+        method: iterations of the search: Levenberg-Marquardt, Gauss-Newton or gradient.
         structure_options: options of the structure itself, as text.
         extra: facts to keep in the model's provenance (how the files were read …).
     """
@@ -39,6 +41,7 @@ class FitOptions:
     max_evaluations: int | None = None
     tolerance: float | None = None
     patience: int | None = None
+    method: Method = Method.LEVENBERG_MARQUARDT
     structure_options: Mapping[str, str] = field(default_factory=dict)
     extra: Mapping[str, object] = field(default_factory=dict)
 

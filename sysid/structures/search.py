@@ -221,6 +221,7 @@ class Search:
                     max_evaluations=self.options.limit(),
                     tolerance=self.options.precision(),
                     patience=self.options.patience,
+                    method=self.options.method,
                 ),
             )
 

@@ -23,6 +23,7 @@ import numpy as np
 
 from sysid.data.filtering import lfilter, lfilter_zi
 from sysid.data.record import Array
+from sysid.fitting.marquardt import Conditions, loss, marquardt
 from sysid.structures.blocks.layers import Layer, LinearLayer, StaticLayer
 from sysid.structures.linear.predictor import roots_inside
 
@@ -30,8 +31,11 @@ FORGOTTEN = 1e-24
 """Size to which an impulse decays before its further course is taken for zero. Left to itself it
 ends in denormal numbers, which cost forty times as much as others in every product."""
 
-STATE_STEPS = 8
-"""Gauss-Newton steps for an initial state: a start from the steady state needs three or four."""
+STATE_STEPS = 15
+"""Runs for an initial state; a start from the steady state needs three or four."""
+
+STATE_TOLERANCE = 1e-12
+"""What a state gains beyond this is rounding."""
 
 
 @dataclass(frozen=True)
@@ -247,7 +251,7 @@ class BlockChain:
     def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
         """State with which the first ``samples`` of y are met best in free run.
 
-        Gauss-Newton with halved steps from the steady state of the first input and from rest;
+        Levenberg-Marquardt from the steady state of the first input and from rest;
         for a sensor without sign also from the mirror image of what these give.
         """
         samples = min(samples, len(y))
@@ -269,38 +273,21 @@ class BlockChain:
         return any(stage.kind == "abs" for s in statics for stage in s.stages)
 
     def _descended(self, theta: Array, u: Array, y: Array, x: Array) -> tuple[float, Array]:
-        """(sum of squares, state) after Gauss-Newton; NaN in y is left out."""
+        """(sum of squares, state) of the best run from near x; NaN in y is left out."""
         target = y.T
         known = np.isfinite(target)
 
-        def cost(x: Array) -> float:
-            e = (target - self.run(theta, u, x).T)[known]
-            total = float(e @ e)
-            return total if np.isfinite(total) else np.inf
+        def error(x: Array) -> Array:
+            return np.asarray((self.run(theta, u, x).T - target)[known])
 
-        best = cost(x)
-        for _ in range(STATE_STEPS):
-            if not np.isfinite(best) or not known.any():
-                break
-            run, D = self.tangents(theta, u, x, states=True, parameters=False)
-            J = np.concatenate([d[:, k] for d, k in zip(D, known, strict=True)], axis=1).T
-            if not np.all(np.isfinite(J)):
-                break
-            scale = np.linalg.norm(J, axis=0)
-            scale[scale == 0.0] = 1.0
-            move = np.linalg.lstsq(J / scale, (target - run)[known], rcond=1e-9)[0] / scale
-            factor, trial = 1.0, np.inf
-            while factor > 1e-3:
-                trial = cost(x + factor * move)
-                if trial < best:
-                    break
-                factor *= 0.5
-            if not trial < best:
-                break
-            gained, best, x = best - trial, trial, x + factor * move
-            if gained <= 1e-12 * best:
-                break
-        return best, x
+        def slopes(x: Array) -> Array:
+            _, D = self.tangents(theta, u, x, states=True, parameters=False)
+            return np.concatenate([d[:, k] for d, k in zip(D, known, strict=True)], axis=1).T
+
+        if known.any():
+            x, *_ = marquardt(error, x, slopes, Conditions(STATE_TOLERANCE, STATE_STEPS))
+        total = 2.0 * loss(error(x))
+        return total if np.isfinite(total) else np.inf, x
 
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
         """(x, u) → (x⁺, y), over whatever array namespace x and u are of."""

@@ -220,6 +220,7 @@ class _Last:
                 max_evaluations=self.options.limit(),
                 tolerance=self.options.precision(SETTLED),
                 patience=PATIENCE,
+                method=self.options.method,
             ),
         )
 

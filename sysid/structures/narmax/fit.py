@@ -281,6 +281,7 @@ def _over_chunks(
             huber=huber_widths(counted, counted.residual(theta[index])) if options.robust else None,
             max_evaluations=options.limit(FINAL_EVALUATIONS),
             tolerance=options.precision(1e-7),
+            method=options.method,
         ),
     )
     theta[index] = solution.p

@@ -221,10 +221,18 @@ def _together(
         np.concatenate([getattr(b, name) for b in bounds]) for name in ("lower", "upper", "free")
     )
     found = levenberg_marquardt(
-        problem, np.clip(theta, lower, upper), Descent(free=free, lower=lower, upper=upper,
-        max_evaluations=options.limit(ROUNDS if samples < SHORT else FEWER_ROUNDS),
-        tolerance=options.precision(TOLERANCE),
-        regular=True,))  # fmt: skip
+        problem,
+        np.clip(theta, lower, upper),
+        Descent(
+            free=free,
+            lower=lower,
+            upper=upper,
+            max_evaluations=options.limit(ROUNDS if samples < SHORT else FEWER_ROUNDS),
+            tolerance=options.precision(TOLERANCE),
+            regular=True,
+            method=options.method,
+        ),
+    )
     return Estimate(
         found.p, ((problem, found, bare.samples),), f"refined over {chunk} samples",
         found.evaluations,
