@@ -1,6 +1,6 @@
 """Write everything in ``reports/`` that the workbench itself makes: the tour, pictures, tables.
 
-    python benchmarks/make_reports.py [tour|missions|measured|published ...]
+    python benchmarks/make_reports.py [tour|missions|measured|published|methods ...]
 
 All of them unless some are named. Nothing in these files depends on the time, the place or the
 load of the machine, so a second run writes the same bytes. Tables of measured records are left as
@@ -20,17 +20,18 @@ REPORTS = Path(__file__).resolve().parent.parent / "reports"
 Writer = Callable[[Path], Mapping[str, str]]
 """Draws pictures into a folder and returns the texts that belong there by file name."""
 
-NAMES = ("tour", "missions", "measured", "published")
+NAMES = ("tour", "missions", "measured", "published", "methods")
 
 
 def writers() -> dict[str, Writer]:
     """The writer of each report; imports NumPy, which must find the number of threads set."""
     import measured_report
+    import methods_report
     import mission_report
     import published_report
     import tour_report
 
-    modules = (tour_report, mission_report, measured_report, published_report)
+    modules = (tour_report, mission_report, measured_report, published_report, methods_report)
     return dict(zip(NAMES, (m.write for m in modules), strict=True))
 
 

@@ -28,6 +28,7 @@ MADE_BY: dict[str, tuple[str, str]] = {
     "missions.md": ("mission_report.py", "make reports"),
     "structures_on_data.md": ("measured_report.py", "make reports"),
     "published_figures.md": ("published_report.py", "make reports"),
+    "methods.md": ("methods_report.py", "make reports"),
     "coverage.md": ("study_coverage.py", "make study"),
     "residual_tests.md": ("study_residual_tests.py", "make study"),
     "robust.md": ("study_robust.py", "make study"),
