@@ -15,7 +15,7 @@ from sysid.estimation.levels.estimated_level import fit_with_level
 from sysid.estimation.levels.offsets import Offsets
 from sysid.estimation.robust_fit import bounded_errors, fitter
 from sysid.fitting.options import FitOptions
-from sysid.fitting.problem import Initial, Parameter
+from sysid.fitting.problem import Focus, Initial, Parameter
 from sysid.structures.base import Structure
 from sysid.structures.head import head_window as head_window
 from sysid.structures.linear.polynomial import PolynomialStructure
@@ -157,7 +157,16 @@ def check_data(records: Sequence[Record]) -> None:
 def _constrained(
     structure: Structure, record: Record, options: FitOptions
 ) -> tuple[Parameter, ...]:
-    """The structure's parameters with the user's bounds and fixed values."""
+    """The structure's parameters with the user's bounds and fixed values.
+
+    Raises:
+        UsageError: they do not fit the structure, or its free run has nothing to run on.
+    """
+    if not structure.takes_inputs and options.focus is Focus.SIMULATION:
+        raise UsageError(
+            f"{structure.name} has no input, so that its free run from rest stays at zero; fit it "
+            "with the focus on prediction"
+        )
     parameters = structure.parameters(record.inputs, record.outputs)
     names = [p.name for p in parameters]
     for name in (*options.fixed, *options.bounds):

@@ -330,19 +330,6 @@ def test_parameters_of_a_dead_zone_lie_within_their_errors() -> None:
             assert p.std_error < 0.01
 
 
-@pytest.mark.parametrize(("name", "kind", "orders", "options"), TRUTHS[:1] + TRUTHS[3:])
-def test_scaling_channels_changes_nothing(
-    name: str, kind: str, orders: dict[str, int], options: dict[str, str]
-) -> None:
-    record = simulated(kind)
-    scaled = replace(record, u=record.u * 2e4, y=record.y * 1e-3, sha256="")
-    s = structure_class(name).from_orders(orders, 1, 1, options)
-    one, other = fit(s, [record], FitOptions()), fit(s, [scaled], FitOptions())
-    run, scaled_run = one.simulate(record.u), other.simulate(scaled.u) * 1e3
-    # both searches end within their tolerance of the same minimum
-    np.testing.assert_allclose(scaled_run, run, atol=2e-4 * np.std(run))
-
-
 def test_several_records_share_one_model() -> None:
     whole = simulated("dead-zone", 2400)
     parts = [whole.rows(0, 800), whole.rows(900, 1500), whole.rows(1700, 2400)]

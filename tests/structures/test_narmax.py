@@ -203,17 +203,6 @@ def test_recovers_its_own_truth_without_noise() -> None:
         assert found[p.name] == pytest.approx(value, abs=1e-8)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_recovers_its_own_truth_in_equation_noise(seed: int) -> None:
-    model = fit(structure(wide=False, selection="err"), [record(3000, process=0.1, seed=seed)])
-    truth = dict(zip([p.name for p in structure().parameters([Channel("u")], [Channel("y")])],
-                     TRUTH, strict=True))  # fmt: skip
-    for row in model.parameter_table():
-        # 4 standard errors: 6e-5 a coefficient
-        assert abs(row.value - truth[row.name]) < 4.0 * row.std_error
-    assert model.termination is Termination.CLOSED_FORM
-
-
 def test_simulation_focus_recovers_the_truth_in_sensor_noise_where_least_squares_is_biased() -> (
     None
 ):
@@ -526,15 +515,6 @@ def test_invariant_to_the_channels_scale(selection: str) -> None:
     assert one.structure.rows == other.structure.rows
     # the solvers' tolerances are relative but their paths are not bit for bit alike
     np.testing.assert_allclose(other.simulate(scaled.u), b * one.simulate(r.u), atol=1e-5)
-
-
-def test_several_records_are_one_fit() -> None:
-    first, second = record(300, seed=1), record(250, seed=2)
-    model = fit(structure(wide=False), [first, second])
-    found = dict(zip([p.name for p in model.parameters], model.theta, strict=True))
-    for p, value in zip(structure().parameters([Channel("u")], [Channel("y")]), TRUTH, strict=True):
-        assert found[p.name] == pytest.approx(value, abs=1e-8)
-    assert len(model.initial_states) == 2
 
 
 def test_the_same_answer_on_every_run() -> None:

@@ -313,16 +313,6 @@ def test_channel_scaling_changes_nothing() -> None:
     )
 
 
-def test_several_records_are_one_estimate() -> None:
-    options = {**SMALL, "refine": "none"}
-    r = simulated(900, noise=0.01)
-    parts = [r.rows(0, 450), r.rows(450, 900)]
-    both = fit(made(options), parts)
-    assert missed(both, simulated(seed=9)) < 0.06
-    again = fit(made(options), parts)
-    np.testing.assert_array_equal(both.theta, again.theta)
-
-
 def test_everything_is_fitted_at_last() -> None:
     r = simulated(700)
     s = made(SMALL).with_ranges([r])

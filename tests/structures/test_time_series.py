@@ -12,6 +12,8 @@ from sysid.errors import SysidError, UsageError
 from sysid.estimation.identify import Request, identify
 from sysid.estimation.pem import fit
 from sysid.export.package import write_package
+from sysid.fitting.options import FitOptions
+from sysid.fitting.problem import Focus
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
 
@@ -171,3 +173,13 @@ def test_a_signal_is_told_by_what_it_swings_at(
 )
 def test_a_unit_of_the_file_is_spoken_of_by_what_it_counts(unit: str, word: str) -> None:
     assert Channel("c", "rad", 0.1, unit).file_words == word
+
+
+@pytest.mark.parametrize("name", ["ar", "ma", "arma"])
+def test_a_signal_without_inputs_has_no_free_run_to_fit(name: str) -> None:
+    y = np.random.default_rng(2).standard_normal((200, 1))
+    structure = structure_class(name).from_orders(
+        dict.fromkeys(structure_class(name).order_names, 1), 0, 1
+    )
+    with pytest.raises(UsageError, match=r"no input.*prediction"):
+        fit(structure, [Record(np.zeros((200, 0)), y, 0.1)], FitOptions(focus=Focus.SIMULATION))

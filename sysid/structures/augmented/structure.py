@@ -316,9 +316,9 @@ class Augmented(Structure):
     def stable(self, theta: Array) -> bool:
         """Whether core and given model are stable; effects only dissipate or bound."""
         base = self.given
-        return bool(np.all(np.abs(self.poles(theta)) < 1.0)) and (
-            base is None or base.structure.stable(base.theta)
-        )
+        if not np.all(np.isfinite(theta)) or np.any(np.abs(self.poles(theta)) >= 1.0):
+            return False
+        return base is None or base.structure.stable(base.theta)
 
     def poles(self, theta: Array) -> NDArray[np.complex128]:
         """Poles of the core of every track."""
