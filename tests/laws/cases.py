@@ -131,7 +131,7 @@ def _polynomial(
 
 def _narx() -> Case:
     """A line with one product, solved directly."""
-    options = {"estimator": "polynomial", "degree": "2", "refine": "none"}
+    options = {"degree": "2", "units": "0", "refine": "none"}
     plain = NarxWavelet.from_orders({"na": 1, "nb": 1, "nk": 1}, 1, 1, options)
     design = RowDesign((0.0,) * 2, (1.0,) * 2, (-4.0,) * 2, (4.0,) * 2, ((0, 1),))
     truth = replace(
