@@ -1,1 +1,1 @@
-"""From a structure and records to a Model: PEM, starts, solvers, uncertainty, orders."""
+"""What serves all structures: the one entry to fits, choosing, levels of a log, judging a model."""

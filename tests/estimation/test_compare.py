@@ -10,7 +10,7 @@ from command_line import robot_log, run
 from sysid.criteria.table import BUILT_IN
 from sysid.data.record import Record
 from sysid.errors import Termination
-from sysid.estimation.pem import FitOptions, fit
+from sysid.estimation.pem import fit
 from sysid.estimation.selection.comparison import Contender, compare
 from sysid.estimation.selection.soundness import (
     Doubts,
@@ -18,6 +18,7 @@ from sysid.estimation.selection.soundness import (
     leader,
     relative_gap,
 )
+from sysid.fitting.options import FitOptions
 from sysid.structures.registry import structure_class
 
 Capture = pytest.CaptureFixture[str]

@@ -19,9 +19,11 @@ from sysid.criteria.fit import fit_percent, rmse
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.errors import DataError, ModelError, Termination, UsageError
-from sysid.estimation.pem import FitOptions, fit, head_window
+from sysid.estimation.pem import fit
 from sysid.fitting import normal_equations as ne
+from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial
+from sysid.structures.head import head_window
 from sysid.structures.linear.output_error import pole_grid, reflected
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class

@@ -12,7 +12,8 @@ from sysid.data.io import read_logs
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Record
 from sysid.errors import Termination
-from sysid.estimation.pem import FitOptions, fit
+from sysid.estimation.pem import fit
+from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Initial
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class

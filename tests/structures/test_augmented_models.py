@@ -15,8 +15,9 @@ from sysid.data.io import read_logs
 from sysid.data.reading.read_options import ReadOptions
 from sysid.effects.catalogue import chain_effects
 from sysid.errors import ModelError
-from sysid.estimation.pem import FitOptions, fit
+from sysid.estimation.pem import fit
 from sysid.estimation.selection import cross_validation
+from sysid.fitting.options import FitOptions
 from sysid.structures.augmented.structure import Augmented
 from sysid.structures.base import Structure
 from sysid.structures.model import Model

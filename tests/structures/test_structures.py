@@ -12,7 +12,8 @@ from polynomial_cases import SYSTEMS, System
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import ModelError, UsageError
-from sysid.estimation.pem import FitOptions, fit
+from sysid.estimation.pem import fit
+from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial, Problem
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.linear.predictor import HUGE

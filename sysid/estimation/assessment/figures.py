@@ -20,7 +20,7 @@ from sysid.estimation.levels.states import (
     level_column,
     uncertain_columns,
 )
-from sysid.estimation.pem import head_window
+from sysid.structures.head import head_window
 from sysid.structures.model import Model
 
 JACOBIAN_NUMBERS = 20_000_000

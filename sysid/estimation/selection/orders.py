@@ -11,14 +11,14 @@ from sysid.criteria.information import loss_of
 from sysid.criteria.table import Loss
 from sysid.data.record import Array, Record
 from sysid.errors import DataError, ModelError
-from sysid.estimation.pem import fit_prepared, head_window
+from sysid.estimation.pem import fit_prepared
 from sysid.estimation.robust_fit import bounded_errors, outliers_of
-from sysid.estimation.selection.soundness import bounded_run as bounded_run
-from sysid.estimation.selection.soundness import motion_doubts, relative_gap
+from sysid.estimation.selection.soundness import bounded_run, motion_doubts, relative_gap
 from sysid.fitting.holdout import HoldOut, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
 from sysid.structures.base import Structure
+from sysid.structures.head import head_window
 from sysid.structures.held_out_error import free_run_error
 from sysid.structures.linear.arx import ARX
 from sysid.structures.linear.arx_at_once import promising, solved_at_once
