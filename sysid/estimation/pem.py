@@ -17,6 +17,7 @@ from sysid.estimation.robust_fit import bounded_errors, fitter
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial, Parameter
 from sysid.structures.base import Structure
+from sysid.structures.head import head_window
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.model import Model, Provenance, Source
 from sysid.structures.outcome import FitOutcome

@@ -16,10 +16,10 @@ from sysid.estimation.pem import check_data, fit
 from sysid.estimation.selection.delays import ChosenDelay, chosen_delay
 from sysid.estimation.selection.orders import (
     OrderSearch,
-    bounded_run,
     ranked,
     search_orders,
 )
+from sysid.estimation.selection.soundness import bounded_run
 from sysid.estimation.selection.standings import Entry, in_order, reason
 from sysid.fitting.holdout import (
     HoldOut,
