@@ -330,14 +330,24 @@ class Search:
 
     def _valued(self, problem: Problem, solution: Solution) -> Part:
         free = self._free(problem, self.options.initial is not Initial.BACKCAST)
-        which = np.flatnonzero(free)
-        value = uncertainty(
-            solution.jacobian[:, which],
-            solution.residual,
-            tuple(zip(problem.channels, problem.lengths, strict=True)),
-            solution.weights,
-        )
-        return Part(problem, solution, which, value)
+        return valued(problem, solution, np.flatnonzero(free))
+
+
+def valued(problem: Problem, solution: Solution, which: Index, samples: int | None = None) -> Part:
+    """A solved problem with the uncertainty of what it determined.
+
+    Args:
+        problem, solution: as they are.
+        which: entries of the solution's p that were free.
+        samples: errors of the data, which come first; all where None.
+    """
+    value = uncertainty(
+        solution.jacobian[:samples, which],
+        solution.residual[:samples],
+        tuple(zip(problem.channels, problem.lengths, strict=True)),
+        solution.weights[:samples],
+    )
+    return Part(problem, solution, which, value)
 
 
 def assembled(parts: Sequence[Part], n: int) -> tuple[Array, Array]:
@@ -380,7 +390,7 @@ def by_search(
         covariance,
         null,
         n_states=sum(int(np.sum(p.free >= len(p.problem.index))) for p in parts),
-        termination=_worst([p.solution.termination for p in parts]),
+        termination=worst([p.solution.termination for p in parts]),
         at_bound=stuck,
         starts=starts,
     )
@@ -395,6 +405,7 @@ def _with_open(more: Array, covariance: Array, null: Array) -> tuple[Array, Arra
     return with_infinite(covariance, more), np.column_stack([*fresh, *more.T])
 
 
-def _worst(endings: Sequence[Termination]) -> Termination:
+def worst(endings: Sequence[Termination]) -> Termination:
+    """The ending that says most about what went wrong."""
     order = list(Termination)
     return max(endings, key=order.index)

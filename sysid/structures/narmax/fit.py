@@ -1,7 +1,7 @@
 """Fitting polynomial NARMAX models: terms chosen on a hold-out, coefficients on all of the data."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,37 +12,23 @@ from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter, Problem
 from sysid.fitting.robust import huber_widths, weighted
 from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
-from sysid.fitting.uncertainty import uncertainty
 from sysid.structures.base import Structure
 from sysid.structures.held_out_error import free_run_error
 from sysid.structures.narmax.noise_terms import with_noise_terms
 from sysid.structures.narmax.problems import ChunkedRuns
 from sysid.structures.narmax.structure import NARMAX
 from sysid.structures.narmax.term_search import search_terms
-from sysid.structures.narmax.term_trials import LADDER, Row, Trial
+from sysid.structures.narmax.term_trials import LADDER, Row
 from sysid.structures.orders import Orders
 from sysid.structures.outcome import FitOutcome, StartReport
 from sysid.structures.recursive.chunks import spreads
 from sysid.structures.recursive.frols import forward, term_gram
 from sysid.structures.recursive.monomials import Term, is_noise
-
-SEARCH_SAMPLES = 8_000
-"""Samples that choose the terms; coefficients come from all of them."""
-
-RUN_SAMPLES = 40_000
-"""Samples over which free runs are refined, at most."""
+from sysid.structures.recursive.trials import RUN_SAMPLES, SEARCH_SAMPLES, Estimate, start_report
+from sysid.structures.search import assembled, valued, worst
 
 SEARCH_EVALUATIONS = 20
 FINAL_EVALUATIONS = 60
-
-
-@dataclass(frozen=True, eq=False)
-class Estimate:
-    """Coefficients of the whole structure with the problems that determined them."""
-
-    theta: Array
-    solved: tuple[tuple[Problem, Solution], ...]
-    how: str
 
 
 def fit_narmax(
@@ -128,7 +114,9 @@ def _searched(
         theta = np.mean(found.theta, axis=0).tolist()
         known.append(dict(zip(rows[-1], theta, strict=True)))
         chunk = max(chunk, found.chunk)
-        starts += [_report(channel.name, t) for t in sorted(tried, key=lambda t: t.error)]
+        starts += [
+            start_report(channel.name, t.how, t.error) for t in sorted(tried, key=lambda t: t.error)
+        ]
     orders = _without_lag_zero(s.orders, rows)
     return replace(s, orders=orders, terms=tuple(rows)), chunk, starts, known
 
@@ -145,11 +133,6 @@ def _without_lag_zero(orders: Orders, rows: Sequence[tuple[Term, ...]]) -> Order
             if delay == 0 and nb[i][j] > 1 and j not in used:
                 nb[i][j], nk[i][j] = nb[i][j] - 1, 1
     return replace(orders, nb=tuple(map(tuple, nb)), nk=tuple(map(tuple, nk)))
-
-
-def _report(output: str, t: Trial) -> StartReport:
-    error = t.error if np.isfinite(t.error) else None
-    return StartReport(output, t.how, error, error, 1)
 
 
 def _with_err(s: NARMAX, records: Sequence[Record]) -> NARMAX:
@@ -191,7 +174,7 @@ def _one_step(
     data = [(r.u, r.y) for r in records]
     fixed, free, lower, upper = _held(parameters)
     theta = np.where(free, 0.0, fixed)
-    solved = []
+    solved: list[tuple[Problem, Solution, int]] = []
     for i in range(s.ny):
         problem = weighted(s.one_step(i, data), records)
         index = problem.index
@@ -209,7 +192,7 @@ def _one_step(
             ),
         )
         theta[index] = found.p
-        solved.append((problem, found))
+        solved.append((problem, found, sum(problem.lengths)))
     return Estimate(theta, tuple(solved), "least squares")
 
 
@@ -285,7 +268,7 @@ def _over_chunks(
         ),
     )
     theta[index] = solution.p
-    solved: list[tuple[Problem, Solution]] = [(problem, solution)]
+    solved: list[tuple[Problem, Solution, int]] = [(problem, solution, sum(problem.lengths))]
     for i, row in enumerate(s.rows):
         noise = np.array([is_noise(t) for t in row])
         if noise.any():
@@ -302,7 +285,7 @@ def _over_chunks(
                 ),
             )
             theta[where] = after.p
-            solved.append((one, after))
+            solved.append((one, after, sum(one.lengths)))
     return theta, Estimate(theta, tuple(solved), f"refined over {chunk} samples{words}")
 
 
@@ -313,11 +296,7 @@ def _chosen(
     counted = [r.counted for r in records]
     errors = [free_run_error(s, e.theta, records, counted, options.robust) for e in estimates]
     simulate = options.focus.value == "simulation"
-    starts = [
-        StartReport("all", f"all data, {e.how}", None, error if np.isfinite(error) else None,
-                    sum(solution.evaluations for _, solution in e.solved))
-        for e, error in zip(estimates, errors, strict=True)
-    ]  # fmt: skip
+    starts = [e.report(error) for e, error in zip(estimates, errors, strict=True)]
     order = range(1 if simulate and len(estimates) > 1 else 0, len(estimates))
     return estimates[min(order, key=lambda k: errors[k])], starts
 
@@ -330,54 +309,32 @@ def _outcome(
     starts: Sequence[StartReport],
     notes: Sequence[str],
 ) -> FitOutcome:
-    n = len(found.theta)
-    covariance = np.zeros((n, n))
-    null: list[Array] = []
     _, free, _, _ = _held(parameters)
-    stuck: list[str] = []
-    for problem, solution in found.solved:
-        index = problem.index
-        mine = free[index].copy()
-        if len(found.solved) > s.ny or isinstance(found.solved[0][0], ChunkedRuns):
-            noise = np.array([is_noise(t) for row in s.rows for t in row])
-            mine = mine & (~noise[index] if isinstance(problem, ChunkedRuns) else noise[index])
-        which = np.flatnonzero(mine)
-        if not len(which):
-            continue
-        stretches = tuple(zip(problem.channels, problem.lengths, strict=True))
-        value = uncertainty(
-            solution.jacobian[:, which], solution.residual, stretches, solution.weights
-        )
-        covariance[np.ix_(index[which], index[which])] = value.covariance
-        for direction in value.null.T:
-            spread = np.zeros(n)
-            spread[index[which]] = direction
-            null.append(spread)
-        stuck += [parameters[index[k]].name for k in solution.at_bound]
-    warnings = list(notes)
+    noise = np.array([is_noise(t) for row in s.rows for t in row])
+    alternate = any(isinstance(problem, ChunkedRuns) for problem, _, _ in found.solved)
+    parts, stuck = [], []
+    for problem, solution, samples in found.solved:
+        mine = free[problem.index]
+        if alternate:  # free runs determine the process, one step ahead follow the noise terms
+            mine = mine & (noise[problem.index] != isinstance(problem, ChunkedRuns))
+        if mine.any():
+            parts.append(valued(problem, solution, np.flatnonzero(mine), samples))
+            stuck += [parameters[problem.index[k]].name for k in solution.at_bound]
+    covariance, null = assembled(parts, len(found.theta))
     runs = s.free_run().measured(found.theta, records)
-    shares = np.max([s.at_limits(run) for run in runs], axis=0, initial=0.0)
-    for channel, share in zip(records[0].outputs, shares, strict=True):
-        if share > 0.0:
-            warnings.append(
-                f"In free run {channel.name} is held at the limit of its range at "
-                f"{100.0 * share:.2g} % of the samples of one record: there the polynomial runs "
-                "away; lower the degree or the number of terms."
-            )
-    endings = [solution.termination for _, solution in found.solved]
-    order = list(Termination)
-    linear = not any(is_noise(t) for row in s.rows for t in row)
-    ending = max(endings, key=order.index)
-    if linear and found.how == "least squares" and not stuck and ending.good:
+    advice = "there the polynomial runs away; lower the degree or the number of terms"
+    endings = [solution.termination for _, solution, _ in found.solved]
+    ending = worst(endings)
+    if not noise.any() and found.how == "least squares" and not stuck and ending.good:
         ending = Termination.CLOSED_FORM
     return FitOutcome(
         s,
         parameters,
         found.theta,
         covariance,
-        np.array(null).T if null else np.zeros((n, 0)),
+        null,
         termination=ending,
         at_bound=tuple(stuck),
         starts=tuple(starts),
-        warnings=tuple(warnings),
+        warnings=(*notes, *s.limit_warnings(runs, records[0].outputs, advice)),
     )

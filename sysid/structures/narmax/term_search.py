@@ -20,6 +20,7 @@ from sysid.structures.recursive.frols import (
 )
 from sysid.structures.recursive.monomials import Term, pool
 from sysid.structures.recursive.signals import lagged_signals
+from sysid.structures.recursive.trials import as_good_as
 
 DEGREES = (1, 2, 3)
 """Degrees tried when none is given."""
@@ -164,9 +165,7 @@ def best(row: Row, trials: Sequence[Trial]) -> Trial:
     order = sorted(trials, key=lambda t: t.error)
     worst = MUCH_WORSE * order[0].error
     sound = next((t for t in order if t.error <= worst and row.stays_near(t)), None)
-    limit = (1.0 + row.tie) * (sound or order[0]).error
-    close = [t for t in order if t.error <= limit] or order
-    for t in sorted(close, key=lambda t: (len(t.terms), t.error)):
+    for t in as_good_as((sound or order[0]).error, order, row.tie):
         if sound is None or row.stays_near(t):
             return t
     return order[0]

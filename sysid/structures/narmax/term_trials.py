@@ -15,15 +15,13 @@ from sysid.structures.recursive.free_run import ranges, widened
 from sysid.structures.recursive.monomials import Term, term
 from sysid.structures.recursive.one_output import OneOutput
 from sysid.structures.recursive.probing import stays_near
+from sysid.structures.recursive.trials import TIE
 
 SHORT = 1500
 """Samples below which every fifth block is held out in turn."""
 
 BLOCKS = 10
 FOLDS = 5
-
-TIE = 0.01
-"""Held-out errors closer than this are the same; the fewer terms win."""
 
 USUAL = 0.97
 """Share of the samples that an input's levels account for."""
@@ -49,6 +47,11 @@ class Trial:
     error: float
     how: str
     chunk: int = 0
+
+    @property
+    def size(self) -> int:
+        """Number of terms."""
+        return len(self.terms)
 
 
 @dataclass(frozen=True, eq=False)

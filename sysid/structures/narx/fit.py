@@ -1,7 +1,7 @@
 """Fitting NARX networks: each output's map is chosen on a hold-out, then all is refined."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter, Problem
 from sysid.fitting.robust import weighted
 from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
-from sysid.fitting.uncertainty import uncertainty
 from sysid.structures.base import Structure
 from sysid.structures.narx.problems import FreeRuns, OneStepRow
 from sysid.structures.narx.search import (
@@ -33,12 +32,8 @@ from sysid.structures.narx.wavelet_frame import least_squares
 from sysid.structures.narx.wavelet_network import RowDesign
 from sysid.structures.outcome import FitOutcome, StartReport
 from sysid.structures.recursive.chunks import spreads
-
-SEARCH_SAMPLES = 8_000
-"""Samples that choose products and units; what they amount to comes from all of them."""
-
-RUN_SAMPLES = 40_000
-"""Samples over which free runs are refined at last, at most."""
+from sysid.structures.recursive.trials import RUN_SAMPLES, SEARCH_SAMPLES, Estimate, start_report
+from sysid.structures.search import assembled, valued, worst
 
 ROUNDS, FEWER_ROUNDS = 20, 14
 """Evaluations on all data; the second where there are at least SHORT samples."""
@@ -47,16 +42,6 @@ TOLERANCE = 1e-6
 
 COMPILED_FROM = 2_000
 """Samples from which the free runs at last are compiled: JAX is loaded anyway."""
-
-
-@dataclass(frozen=True, eq=False)
-class Estimate:
-    """θ of the whole structure, and the problems that determined its rows."""
-
-    theta: Array
-    solved: tuple[tuple[Problem, Solution, int], ...]
-    how: str
-    evaluations: int
 
 
 def fit_narx(
@@ -107,7 +92,10 @@ def fit_narx(
                 "lower the orders or check the data"
             )
         winners.append(best)
-        starts += [_report(channel.name, t) for t in sorted(tried, key=lambda t: t.error)]
+        starts += [
+            start_report(channel.name, t.how, t.error, t.evaluations)
+            for t in sorted(tried, key=lambda t: t.error)
+        ]
     s = replace(s, designs=tuple(t.design for t in winners))
     estimates = _on_all_data(s, records, options, winners)
     return _outcome(s, records, estimates, starts)
@@ -143,11 +131,6 @@ def _rungs(s: NarxWavelet, options: FitOptions) -> tuple[int, ...]:
     return (*(r for r in RUNGS if r < asked), asked)
 
 
-def _report(output: str, t: Trial) -> StartReport:
-    error = t.error if np.isfinite(t.error) else None
-    return StartReport(output, t.how, error, error, t.evaluations)
-
-
 # ------------------------------------------------------------------------------ all data
 
 
@@ -163,7 +146,7 @@ def _on_all_data(
     for i, theta in enumerate(plain):
         ahead = weighted(OneStepRow(run, i, [(r.u, r.y) for r in records]), records)
         solved.append((ahead, _evaluated(ahead, theta), sum(ahead.lengths)))
-    found = [Estimate(np.concatenate(plain), tuple(solved), "least squares", 1)]
+    found = [Estimate(np.concatenate(plain), tuple(solved), "least squares")]
     if not any(t.chunk for t in winners):
         return found
     start = [t.theta if t.chunk else linear for t, linear in zip(winners, plain, strict=True)]
@@ -233,10 +216,8 @@ def _together(
             method=options.method,
         ),
     )
-    return Estimate(
-        found.p, ((problem, found, bare.samples),), f"refined over {chunk} samples",
-        found.evaluations,
-    )  # fmt: skip
+    how = f"refined over {chunk} samples"
+    return Estimate(found.p, ((problem, found, bare.samples),), how)
 
 
 def _evaluated(problem: Problem, theta: Array) -> Solution:
@@ -261,29 +242,29 @@ def _outcome(
     # least squares stays a candidate to the end; a refined model wins by its free run
     best = int(np.argmin(errors))
     chosen = estimates[best]
-    reports = [
-        StartReport("all", f"all data, {e.how}", None, error if np.isfinite(error) else None,
-                    e.evaluations)
-        for e, error in zip(estimates, errors, strict=True)
-    ]  # fmt: skip
+    reports = [e.report(error) for e, error in zip(estimates, errors, strict=True)]
     parameters = _held(s, records, chosen.theta)
     free = np.array([p.fixed is None for p in parameters])
-    covariance, null = _worth(s, chosen, free)
+    parts = [
+        valued(problem, solution, np.flatnonzero(free[problem.index]), samples)
+        for problem, solution, samples in chosen.solved
+    ]
+    covariance, null = assembled(parts, len(free))
     low, high = (np.array([getattr(p, k) for p in parameters]) for k in ("lower", "upper"))
     width = np.where(np.isfinite(high - low), high - low, 1.0)
     near = free & ((chosen.theta <= low + 1e-6 * width) | (chosen.theta >= high - 1e-6 * width))
     endings = [solution.termination for _, solution, _ in chosen.solved]
-    order = list(Termination)
+    advice = "lower the orders or the number of units"
     return FitOutcome(
         s,
         parameters,
         chosen.theta,
         covariance,
         null,
-        termination=max(endings, key=order.index),
+        termination=worst(endings),
         at_bound=tuple(p.name for p, hit in zip(parameters, near, strict=True) if hit),
         starts=(*starts, *reports),
-        warnings=_warnings(s, records, runs[best]),
+        warnings=s.limit_warnings(runs[best], records[0].outputs, advice),
     )
 
 
@@ -299,30 +280,6 @@ def _held(s: NarxWavelet, records: Sequence[Record], theta: Array) -> tuple[Para
     )
 
 
-def _worth(s: NarxWavelet, chosen: Estimate, free: Array) -> tuple[Array, Array]:
-    """Covariance of θ and directions without information."""
-    n = len(free)
-    covariance, null, at = np.zeros((n, n)), [], 0
-    for problem, solution, samples in chosen.solved:
-        # rows are solved one by one, each numbered from 0, or all together
-        index = at + np.arange(len(solution.p))
-        at += len(solution.p)
-        which = np.flatnonzero(free[index])
-        stretches = tuple(zip(problem.channels, problem.lengths, strict=True))
-        value = uncertainty(
-            solution.jacobian[:samples, which],
-            solution.residual[:samples],
-            stretches,
-            solution.weights[:samples],
-        )
-        covariance[np.ix_(index[which], index[which])] = value.covariance
-        for direction in value.null.T:
-            spread = np.zeros(n)
-            spread[index[which]] = direction
-            null.append(spread)
-    return covariance, np.array(null).T if null else np.zeros((n, 0))
-
-
 def _error(s: NarxWavelet, records: Sequence[Record], runs: Sequence[Array]) -> float:
     """Root mean square of free-run errors over the spread of the outputs."""
     first = s.first_sample()
@@ -333,13 +290,3 @@ def _error(s: NarxWavelet, records: Sequence[Record], runs: Sequence[Array]) -> 
         e = e[np.concatenate([r.counted[first:] for r in records])]
         found = float(np.sqrt(np.mean(e**2)))
     return found if np.isfinite(found) else float("inf")
-
-
-def _warnings(s: NarxWavelet, records: Sequence[Record], runs: Sequence[Array]) -> tuple[str, ...]:
-    shares = np.max([s.at_limits(r) for r in runs], axis=0, initial=0.0)
-    return tuple(
-        f"In free run {channel.name} is held at the limit of its range at {100.0 * share:.2g} % of "
-        "the samples of one record: lower the orders or the number of units."
-        for channel, share in zip(records[0].outputs, shares, strict=True)
-        if share > 0.0
-    )

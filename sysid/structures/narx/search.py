@@ -22,6 +22,7 @@ from sysid.structures.narx.wavelet_frame import (
 )
 from sysid.structures.narx.wavelet_network import DEGREE, RowDesign
 from sysid.structures.recursive.signals import Signal
+from sysid.structures.recursive.trials import as_good_as
 
 RUNGS = (50, 500)
 """Chunk lengths of the refinement, each started from the last."""
@@ -44,9 +45,6 @@ DIMENSIONS = {"each": 1, "pairs": 2, "outputs": 3, "all": 4}
 
 PAIRED = 8
 """Regressors among which pairs are looked for at most."""
-
-TIE = 0.01
-"""Held-out errors closer than this are the same; the fewer parameters win."""
 
 
 def search_row(row: RowRuns, rungs: Sequence[int], simulate: bool) -> tuple[Trial, list[Trial]]:
@@ -82,9 +80,7 @@ def largest(s: NarxWavelet) -> tuple[int, int, int]:
 
 def best(trials: Sequence[Trial]) -> Trial:
     """The smallest of those that are as good as the best."""
-    limit = (1.0 + TIE) * min(t.error for t in trials)
-    close = [t for t in trials if t.error <= limit] or list(trials)
-    return min(close, key=lambda t: (t.n, t.error))
+    return as_good_as(min(t.error for t in trials), trials)[0]
 
 
 def chosen(trials: Sequence[Trial], count: int) -> list[Trial]:
@@ -110,23 +106,21 @@ def one_step_trials(row: RowRuns) -> list[Trial]:
         terms: tuple[tuple[int, ...], ...] = ()
         if degree == 1:
             if not given.units:
-                found.append(_trial(row, plain, None, "linear", 1))
+                found.append(_trial(row, plain, None, "linear"))
         else:
             pool = select_products(plain, row.x, row.y, degree, max(PRODUCTS))
             sizes = sorted({n for n in PRODUCTS if n < pool.most} | {min(pool.most, max(PRODUCTS))})
             for n in sizes if not given.units else ():
                 if n:
                     design = replace(plain, terms=pool.terms[:n])
-                    found.append(
-                        _trial(row, design, None, f"degree {degree}, {n} products", degree)
-                    )
+                    found.append(_trial(row, design, None, f"degree {degree}, {n} products"))
             terms = pool.terms[: min(pool.most, BELOW)]
             if not terms:
                 continue
         if given.units != 0:
             found += _networks(row, terms, degree, books)
     if not found:
-        found.append(_trial(row, plain, None, "linear", 1))
+        found.append(_trial(row, plain, None, "linear"))
     return found
 
 
@@ -172,7 +166,7 @@ def _networks(
             if n:
                 full, units = s.leading(design, n)
                 words = f"degree {degree}, {n} units over {name}"
-                found.append(_trial(row, full, units, words, degree))
+                found.append(_trial(row, full, units, words))
     return found
 
 
@@ -195,7 +189,7 @@ def groups(regressors: Sequence[int], size: int) -> list[tuple[int, ...]]:
     return list(combinations(regressors, min(size, len(regressors))))
 
 
-def _trial(row: RowRuns, design: RowDesign, units: Units | None, how: str, degree: int) -> Trial:
+def _trial(row: RowRuns, design: RowDesign, units: Units | None, how: str) -> Trial:
     nothing: tuple[Array, Array, Array] = (np.zeros(0), np.zeros((0, 0)), np.zeros(0))
     theta = least_squares(design, row.estimator, row.x, row.y, units or nothing)
-    return Trial(design, theta, np.inf, how, degree)
+    return Trial(design, theta, np.inf, how)

@@ -75,7 +75,6 @@ class Trial:
         design, theta: the map.
         error: free-run error on the held-out data relative to the output's spread.
         how: where it came from, in words.
-        degree: of its products (1: none).
         chunk: samples of free run it was refined over; 0 for least squares.
         evaluations: iterations spent on it.
         termination: how its refinement ended.
@@ -85,13 +84,12 @@ class Trial:
     theta: Array
     error: float
     how: str
-    degree: int = 1
     chunk: int = 0
     evaluations: int = 1
     termination: Termination = Termination.CLOSED_FORM
 
     @property
-    def n(self) -> int:
+    def size(self) -> int:
         """Parameters that count."""
         return int(np.sum(np.concatenate([np.ones(1), self.theta != 0.0])))
 

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from sysid.data.record import Array, Index, Record
+from sysid.data.record import Array, Channel, Index, Record
 from sysid.structures.base import NamedStructure
 from sysid.structures.orders import Orders
 from sysid.structures.recursive.free_run import FreeRun, ranges, widened
@@ -82,6 +82,18 @@ class RecursiveStructure(NamedStructure):
         """Share of the samples of a free run (N, ny) at which each output is held at a limit."""
         ends = np.array(self.limits)
         return np.asarray(np.mean((run <= ends[:, 0]) | (run >= ends[:, 1]), axis=0))
+
+    def limit_warnings(
+        self, runs: Sequence[Array], outputs: Sequence[Channel], advice: str
+    ) -> tuple[str, ...]:
+        """Sentences about outputs that free runs (N, ny) hold at a limit, with what to do."""
+        shares = np.max([self.at_limits(run) for run in runs], axis=0, initial=0.0)
+        return tuple(
+            f"In free run {channel.name} is held at the limit of its range at "
+            f"{100.0 * share:.2g} % of the samples of one record: {advice}."
+            for channel, share in zip(outputs, shares, strict=True)
+            if share > 0.0
+        )
 
     def row_index(self, i: int) -> Index:
         """Entries of θ that belong to output ``i``."""
