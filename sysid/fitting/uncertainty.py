@@ -32,12 +32,14 @@ class Uncertainty:
             columns scaled to unit norm, so that units do not decide who takes part.
         coloured: whether the sandwich form was used because the residuals are coloured.
         variance: residual variance per degree of freedom.
+        plain: diagonal of (JᵀJ)⁻¹, (n,), where the data hold information.
     """
 
     covariance: Array
     null: Array
     coloured: bool
     variance: float
+    plain: Array
 
 
 def uncertainty(
@@ -102,7 +104,7 @@ def uncertainty(
         is_white = True
     null = Vt[~keep].T
     covariance = with_infinite(covariance, null)
-    return Uncertainty(covariance, null, not is_white, variance)
+    return Uncertainty(covariance, null, not is_white, variance, np.diag(inverse))
 
 
 def sandwich(half: Array, columns: Sequence[Array], errors: Sequence[Array]) -> Array:

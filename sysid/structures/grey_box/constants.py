@@ -22,6 +22,7 @@ class Constant:
         spread: starts vary it by about this factor (a constant of either sign: by this share).
         each: whether every output has its own.
         words: what it is.
+        jumps: whether runs change by jumps or kinks with it, so that slopes do not tell its error.
     """
 
     name: str
@@ -33,6 +34,7 @@ class Constant:
     spread: float = 3.0
     each: bool = False
     words: str = ""
+    jumps: bool = False
 
 
 @dataclass(frozen=True)

@@ -81,6 +81,7 @@ def shape(m: "DCMotor") -> tuple[Constant, ...]:
             1.5,
             each["breakaway"],
             "friction at standstill over sliding friction",
+            jumps=True,
         ),
         Constant(
             "stribeck",
@@ -92,6 +93,7 @@ def shape(m: "DCMotor") -> tuple[Constant, ...]:
             3.0,
             each["stribeck"],
             "speed at which half of the extra friction is gone",
+            jumps=True,
         ),
         Constant(
             "limit",

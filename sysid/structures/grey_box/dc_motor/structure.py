@@ -265,7 +265,11 @@ class DCMotor(GreyBox):
             p["offset"] = np.mean(load) if "offset" in self.shared else load
             p["stribeck"] = _stribeck_scale(records, self.output == "position")
             found.append((words, self.pack(p)))
-        return tuple(found)
+        if self.held(["breakaway"]):
+            return tuple(found)
+        # without extra friction at standstill its speed has no slope, and a search runs away
+        extra = Rung("extra friction at standstill", ("breakaway", "stribeck"))
+        return tuple((w, t) for w, g in found for t in self.rung_starts(g, extra, records))
 
     def state_guess(self, theta: Array, u: Array, y: Array) -> Array:
         """First outputs; of positions also their slope over the head."""
