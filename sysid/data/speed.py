@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid.data.checks.impulse import long_regression
+from sysid.data.impulse import long_regression
 from sysid.data.record import Array, Record
 from sysid.errors import DataError
 

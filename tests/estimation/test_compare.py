@@ -12,7 +12,7 @@ from sysid.data.record import Record
 from sysid.errors import Termination
 from sysid.estimation.pem import fit
 from sysid.estimation.selection.comparison import Contender, compare
-from sysid.estimation.selection.soundness import (
+from sysid.estimation.soundness import (
     Doubts,
     doubts_about,
     leader,

@@ -12,10 +12,10 @@ from sysid.estimation.selection.contest import run_contest
 from sysid.estimation.selection.delays import choose_delay
 from sysid.estimation.selection.orders import (
     Candidate,
-    bounded_run,
     ranked,
     searching,
 )
+from sysid.estimation.soundness import bounded_run
 from sysid.fitting.holdout import hold_out, shortened, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.structures.held_out_error import free_run_error

@@ -12,7 +12,7 @@ from sysid.data.checks.far_delay import (
     first_seen,
     longest_delay,
 )
-from sysid.data.checks.impulse import (
+from sysid.data.impulse import (
     LongRegression,
     bic,
     chance,

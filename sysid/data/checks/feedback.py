@@ -28,7 +28,12 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from sysid.data.checks.far_delay import NEAR, far_lags, first_seen
-from sysid.data.checks.impulse import (
+from sysid.data.checks.reference import (
+    answers_beside_reference,
+    followed_difference,
+    with_reference,
+)
+from sysid.data.impulse import (
     MAX_SAMPLES,
     LongRegression,
     chance,
@@ -37,11 +42,6 @@ from sysid.data.checks.impulse import (
     long_regression,
     regressors,
     wald,
-)
-from sysid.data.checks.reference import (
-    answers_beside_reference,
-    followed_difference,
-    with_reference,
 )
 from sysid.data.record import Array, Record
 from sysid.errors import DataError

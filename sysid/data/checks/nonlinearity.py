@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from sysid.data.checks.far_delay import NEAR, far_lags, first_seen
-from sysid.data.checks.impulse import chosen_order, regressors
+from sysid.data.impulse import chosen_order, regressors
 from sysid.data.record import Array, Record
 from sysid.errors import DataError
 

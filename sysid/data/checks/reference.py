@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 from scipy.special import chdtrc
 
-from sysid.data.checks.impulse import clipped, regressors
+from sysid.data.impulse import clipped, regressors
 from sysid.data.record import Array, Record
 
 ANSWER = 8

@@ -7,7 +7,7 @@ import numpy as np
 from sysid.criteria.verdicts import ResidualReport, ResidualTest
 from sysid.errors import Termination
 from sysid.estimation.assessment.figures import Figures
-from sysid.estimation.selection.soundness import INTEGRATING, largest_radius, motion_doubts
+from sysid.estimation.soundness import INTEGRATING, largest_radius, motion_doubts
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.model import Model, unvisited
 

@@ -13,7 +13,7 @@ from sysid.data.record import Array, Record
 from sysid.data.rest import Rest, rest_head
 from sysid.errors import UsageError
 from sysid.estimation.levels.offsets import Offsets
-from sysid.estimation.selection.soundness import bounded_run
+from sysid.estimation.soundness import bounded_run
 from sysid.fitting.holdout import hold_out, longest_of, shortened
 from sysid.structures.held_out_error import free_run_error
 from sysid.structures.linear import closed_form

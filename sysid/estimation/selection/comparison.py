@@ -13,7 +13,7 @@ from sysid.errors import ModelError
 from sysid.estimation.assessment.figures import residual_tests
 from sysid.estimation.assessment.findings import DataFigures, Policy, figures_on
 from sysid.estimation.assessment.robust_judging import judged_errors
-from sysid.estimation.selection.soundness import doubts_about, leader, relative_gap
+from sysid.estimation.soundness import doubts_about, leader, relative_gap
 from sysid.fitting.holdout import CLOSE
 from sysid.structures.model import Model
 

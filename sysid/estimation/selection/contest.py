@@ -19,8 +19,8 @@ from sysid.estimation.selection.orders import (
     ranked,
     search_orders,
 )
-from sysid.estimation.selection.soundness import bounded_run
 from sysid.estimation.selection.standings import Entry, in_order, reason
+from sysid.estimation.soundness import bounded_run
 from sysid.fitting.holdout import (
     HoldOut,
     hold_out,

@@ -13,7 +13,7 @@ from sysid.data.record import Array, Record
 from sysid.errors import DataError, ModelError
 from sysid.estimation.pem import fit_prepared
 from sysid.estimation.robust_fit import bounded_errors, outliers_of
-from sysid.estimation.selection.soundness import bounded_run, motion_doubts, relative_gap
+from sysid.estimation.soundness import bounded_run, motion_doubts, relative_gap
 from sysid.fitting.holdout import HoldOut, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus

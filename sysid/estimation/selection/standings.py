@@ -10,7 +10,7 @@ from sysid.criteria.information import loss_of, on_common_samples
 from sysid.data.record import Record
 from sysid.estimation.assessment.robust_judging import judged_errors
 from sysid.estimation.selection.orders import OrderSearch
-from sysid.estimation.selection.soundness import bounded_run, doubts_about, relative_gap
+from sysid.estimation.soundness import bounded_run, doubts_about, relative_gap
 from sysid.fitting.options import FitOptions
 from sysid.structures.held_out_error import free_run_error
 from sysid.structures.model import Model

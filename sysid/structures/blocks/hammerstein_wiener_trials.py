@@ -7,6 +7,7 @@ import numpy as np
 
 from sysid.data.record import Record
 from sysid.structures.blocks.bla import linear_starts
+from sysid.structures.blocks.changed_statics import with_statics
 from sysid.structures.blocks.fit import (
     ChainData,
     Fitted,
@@ -16,7 +17,6 @@ from sysid.structures.blocks.fit import (
 )
 from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
 from sysid.structures.blocks.sign_recovery import signed_starts
-from sysid.structures.blocks.static.change import with_statics
 from sysid.structures.blocks.static.functions import IDENTITY, Static, parse_static
 from sysid.structures.orders import Orders, orders_text
 

@@ -16,6 +16,7 @@ from sysid.fitting.holdout import hold_out, shortened, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter
 from sysid.structures.base import Structure
+from sysid.structures.blocks.changed_statics import with_statics
 from sysid.structures.blocks.fit import (
     ChainData,
     abscissae,
@@ -23,7 +24,6 @@ from sysid.structures.blocks.fit import (
     outer_abscissae,
 )
 from sysid.structures.blocks.outcome import finished
-from sysid.structures.blocks.static.change import with_statics
 from sysid.structures.blocks.static.functions import Static, parse_static
 from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
 from sysid.structures.blocks.wiener_hammerstein_starts import Candidate, ranked_starts

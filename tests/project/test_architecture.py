@@ -1,0 +1,209 @@
+"""The shape of the code: no circles, lazy imports and registries included, and small rooms."""
+
+import ast
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PLACES = {"sysid": ROOT / "sysid", "sysid_cli": ROOT / "cli"}
+
+MOST_FILES = 20
+"""Files of its own that a folder may hold: as many as a reader keeps apart."""
+
+MOST_LINES = 500
+
+ALLOWED = {
+    ("sysid.structures.registry", "sysid.structures.augmented"): "an augmented model may hold a "
+    "model of any structure, which the registry reads again",
+    ("sysid.discrepancy.diagnosis", "sysid.discrepancy.pose"): "a diagnosis holds what the pose "
+    "and the proof found, and these judge a diagnosis",
+    ("sysid.discrepancy.diagnosis", "sysid.discrepancy.proof"): "as above",
+    ("sysid.discrepancy.proof", "sysid.discrepancy.pose"): "a mission is proven by its pose, and "
+    "what the pose explains is proven like any explanation",
+}
+"""Imports that would close a circle, each with its reason."""
+
+PLACE = re.compile(r"[a-z_][\w.]*:[A-Za-z_]\w*")
+"""``module:object`` as registries write it."""
+
+
+@cache
+def modules() -> Mapping[str, Path]:
+    """Every module by its dotted name; a package stands for its ``__init__``."""
+    found = {}
+    for name, folder in PLACES.items():
+        for path in sorted(folder.rglob("*.py")):
+            parts = (name, *path.relative_to(folder).with_suffix("").parts)
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def is_package(module: str) -> bool:
+    return modules()[module].name == "__init__.py"
+
+
+def package_of(module: str) -> str:
+    return module if is_package(module) else module.rpartition(".")[0]
+
+
+def node_of(module: str) -> str:
+    """The package of a module; the module itself where its package holds others.
+
+    A package that holds families may have one file above them (the registry) and one below (what
+    all of them are), which is no circle.
+    """
+    package = package_of(module)
+    inner = any(is_package(m) and m.startswith(f"{package}.") for m in modules())
+    return module if inner else package
+
+
+def imported(module: str) -> Iterator[str]:
+    """Modules that a module imports when it runs, at any depth, and those its strings name."""
+    tree = ast.parse(modules()[module].read_text(encoding="utf-8"))
+    for node in running(tree):
+        if isinstance(node, ast.Import):
+            yield from (resolved(a.name) for a in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            start = node.module or ""
+            if node.level:
+                base = package_of(module).split(".")
+                start = ".".join([*base[: len(base) - node.level + 1], *filter(None, [start])])
+            for a in node.names:
+                yield resolved(f"{start}.{a.name}")
+        elif isinstance(node, ast.Constant) and PLACE.fullmatch(str(node.value)):
+            place = str(node.value).partition(":")[0]
+            yield resolved(place)
+            # a registry may leave out the packages around it
+            parts = package_of(module).split(".")
+            for k in range(1, len(parts) + 1):
+                yield resolved(".".join([*parts[:k], place]), whole=True)
+
+
+def running(node: ast.AST) -> Iterator[ast.AST]:
+    """All nodes but those that only a type checker reads."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
+            continue
+        yield child
+        yield from running(child)
+
+
+def resolved(name: str, whole: bool = False) -> str:
+    """The longest beginning of a dotted name that is a module of ours; empty if none is."""
+    parts = name.split(".")
+    for k in range(len(parts), 0, -1):
+        if ".".join(parts[:k]) in modules():
+            return ".".join(parts[:k]) if k == len(parts) or not whole else ""
+    return ""
+
+
+def graph() -> dict[str, dict[str, str]]:
+    """Node → nodes it needs, with one import that shows it."""
+    found: dict[str, dict[str, str]] = {}
+    for module in modules():
+        mine = found.setdefault(node_of(module), {})
+        for other in imported(module):
+            if other and node_of(other) != node_of(module):
+                mine.setdefault(node_of(other), f"{module} imports {other}")
+    return found
+
+
+def circles(edges: Mapping[str, Mapping[str, str]]) -> list[list[str]]:
+    """Groups of nodes each of which reaches all others of its group (Tarjan 1972)."""
+    order: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[list[str]] = []
+
+    def visit(v: str) -> None:
+        order[v] = low[v] = len(order)
+        stack.append(v)
+        for w in edges.get(v, {}):
+            if w not in order:
+                visit(w)
+                low[v] = min(low[v], low[w])
+            elif w in stack:
+                low[v] = min(low[v], order[w])
+        if low[v] == order[v]:
+            group = []
+            while not group or group[-1] != v:
+                group.append(stack.pop())
+            if len(group) > 1:
+                found.append(sorted(group))
+
+    for v in edges:
+        if v not in order:
+            visit(v)
+    return found
+
+
+def test_no_packages_need_each_other_not_even_lazily() -> None:
+    """Within one package a class and its fit may know each other: a reader holds both at once."""
+    edges = graph()
+    for a, b in ALLOWED:
+        assert b in edges[a], f"{a} no longer needs {b}: take it off the list"
+        del edges[a][b]
+    said = [
+        f"{a} → {b}: {edges[a][b]}"
+        for group in circles(edges)
+        if len({package_of(node) for node in group}) > 1
+        for a in group
+        for b in group
+        if b in edges[a]
+    ]
+    assert not said, "packages in a circle:\n" + "\n".join(said)
+
+
+def test_the_walk_sees_lazy_imports_and_registries() -> None:
+    """A test of the test: what lies inside a function or a string is found, too."""
+    assert "sysid.structures.search" in set(imported("sysid.structures.base"))
+    assert "sysid.structures.blocks.hammerstein_wiener" in set(
+        imported("sysid.structures.registry")
+    )
+    assert circles({"a": {"b": ""}, "b": {"c": ""}, "c": {"a": ""}, "d": {"a": ""}}) == [
+        ["a", "b", "c"]
+    ]
+
+
+@pytest.mark.parametrize("package", [m for m in modules() if is_package(m)])
+def test_a_folder_holds_few_files(package: str) -> None:
+    files = [p for p in modules()[package].parent.glob("*.py") if p.name != "__init__.py"]
+    assert len(files) <= MOST_FILES, f"{package} holds {len(files)} files"
+
+
+LONGER = {
+    "tests/cli/test_bad_input.py",
+    "tests/cli/test_cli_base.py",
+    "tests/data/test_data_io.py",
+    "tests/discrepancy/test_hidden_effects.py",
+    "tests/estimation/test_estimation.py",
+    "tests/mission/test_mission.py",
+    "tests/structures/test_narmax.py",
+    "tests/structures/test_structures.py",
+}
+"""Files of tests that are longer: tables of cases with the laws on them, still to be parted."""
+
+
+def test_no_file_is_long() -> None:
+    places = ("sysid", "cli", "tests", "benchmarks", "datasets", "docs", "examples")
+    long = {
+        str(path.relative_to(ROOT))
+        for place in places
+        for path in (ROOT / place).rglob("*.py")
+        if len(path.read_text(encoding="utf-8").splitlines()) > MOST_LINES
+    }
+    assert long == LONGER, (
+        f"over {MOST_LINES} lines: {sorted(long - LONGER)}; no longer so: {sorted(LONGER - long)}"
+    )
+
+
+def test_every_package_is_in_the_wheel() -> None:
+    listed = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    names = set(listed["tool"]["setuptools"]["packages"])
+    there = {m for m in modules() if is_package(m)} | {"sysid_datasets"}
+    assert names == there, f"differ: {sorted(names ^ there)}"
