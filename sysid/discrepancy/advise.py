@@ -1,6 +1,6 @@
 """Next experiments: command schedules that a robot can run and that tell what this log cannot.
 
-``schedules.py`` holds the candidate programmes. For one effect its own programme is written. For a
+An effect names the programmes that show it; for one effect its first is written. For a
 tie the tied models are run on the programmes of all of them, and the one on which they differ most
 against the noise is taken.
 """
@@ -13,11 +13,11 @@ import numpy as np
 from sysid.data.record import Array, Record
 from sysid.discrepancy.diagnosis import Experiment
 from sysid.discrepancy.pose.windows import track_channels
-from sysid.discrepancy.schedules import Row, programme, programmes_of
 from sysid.discrepancy.search.named_sets import Node
 from sysid.discrepancy.search.naming import NamingSearch
 from sysid.discrepancy.search.supermodel import prepare
-from sysid.effects.catalogue import catalogue
+from sysid.effects.catalogue import about, is_known
+from sysid.effects.programmes import Programme, Row
 
 CLEAR = 1.0
 """Models that differ by so many noise standard deviations (RMS) are told apart at a glance."""
@@ -44,34 +44,32 @@ def experiment_between(
     """
     ids = tuple(tied)
     record = search.estimation[0]
-    names = list(dict.fromkeys(name for id in ids for name in programmes_of(id)))
-    best, least = names[0], -1.0
-    for name in names:
-        apart = _apart(search, list(tied.values()), programme(name), floor, (scales, delay))
+    programmes = list(dict.fromkeys(p for id in ids for p in about(id).programmes))
+    best, least = programmes[0], -1.0
+    for programme in programmes:
+        apart = _apart(search, list(tied.values()), programme.rows, floor, (scales, delay))
         if apart > least * 1.1:
-            best, least = name, apart
+            best, least = programme, apart
     purpose = f"To tell {_listed(ids)} apart: {_lower(_words(best, record))}"
     if least >= 0.0:
         clear = "clear" if least > CLEAR else "enough" if least > FAINT else "hardly enough"
         purpose += f" The models then differ by {least:.2g} times the noise, which is {clear}."
-    return _written(purpose, ids, programme(best), record, scales)
+    return _written(purpose, ids, best.rows, record, scales)
 
 
 def next_experiments(
     record: Record, scales: Array, undetectable: Sequence[str], most: int = 3
 ) -> tuple[Experiment, ...]:
     """Schedules for effects that the log cannot show; effects of one programme share it."""
-    grouped: dict[str, list[str]] = {}
+    grouped: dict[Programme, list[str]] = {}
     one_way = bool(all(np.min(record.u, axis=0) >= 0.0)) and not record.is_robot_log
     for id in undetectable:
-        if one_way and id in NEED_REVERSALS:
-            continue  # an actuator without a negative side cannot show them
-        if id in catalogue() or id in _SAMPLES:
-            grouped.setdefault(programmes_of(id)[0], []).append(id)
+        if is_known(id) and not (one_way and about(id).reverses):
+            grouped.setdefault(about(id).programmes[0], []).append(id)
     found = []
-    for name, ids in sorted(grouped.items(), key=lambda item: -len(item[1]))[:most]:
-        purpose = f"This log cannot show {_listed(ids)}; {_lower(_words(name, record))}"
-        found.append(_written(purpose, tuple(ids), programme(name), record, scales))
+    for programme, ids in sorted(grouped.items(), key=lambda item: -len(item[1]))[:most]:
+        purpose = f"This log cannot show {_listed(ids)}; {_lower(_words(programme, record))}"
+        found.append(_written(purpose, tuple(ids), programme.rows, record, scales))
     return tuple(found)
 
 
@@ -149,44 +147,8 @@ def _lower(text: str) -> str:
     return text[:1].lower() + text[1:]
 
 
-NEED_REVERSALS = ("direction-asymmetry", "viscous-asymmetry", "backlash", "unsigned-speed")
-"""Effects that only commands of both signs can show."""
-
-
-def _words(name: str, record: Record) -> str:
+def _words(programme: Programme, record: Record) -> str:
     """What a programme does, in words that fit the log."""
     if track_channels(record) is None:
-        return _PLAIN.get(name, _WORDS[name])
-    return _WORDS[name]
-
-
-_SAMPLES = ("quantisation", "held-telemetry", "dropouts")
-"""What the samples themselves show, beside the effects of the catalogue."""
-
-_WORDS = {
-    "staircase": "climb a slow staircase through zero in both directions, both sides in turn.",
-    "levels": "step to many levels in both directions, with rests between.",
-    "one_and_other": "hold one side at a constant command while the other steps, then swap.",
-    "repeat": "run the same short sequence at the beginning and at the end of a long run.",
-    "hot": "drive hard for 40 s between two equal test sequences, then rest and test again.",
-    "reversals": "reverse often, at several speeds and at irregular instants.",
-    "ramps": "ramp up slowly from rest and down to rest again, in both directions.",
-    "coasting": "let go from several speeds, and step down to lower ones for comparison.",
-    "cruise": "hold several constant speeds for a long time.",
-    "top": "step to the highest commands, in small and in large steps.",
-    "turns": "drive straight, turn at several radii, and turn on the spot, in both directions.",
-    "rests": "rest for ten seconds between equal steps in both directions.",
-}
-
-_PLAIN = {
-    "staircase": "climb a slow staircase through the whole range of the input and down again.",
-    "levels": "step to many levels over the whole range of the input, with rests between.",
-    "one_and_other": "hold one input constant while the other steps, then swap.",
-    "reversals": "step up and down often, by several heights and at irregular instants.",
-    "ramps": "ramp up slowly from zero and down to zero again.",
-    "coasting": "switch off from several levels, and step down to lower ones for comparison.",
-    "cruise": "hold several constant levels for a long time.",
-    "top": "step to the largest inputs, in small and in large steps.",
-    "hot": "drive hard for 40 s between two equal test sequences, then rest and test again.",
-}
-"""The same for logs that are no robot's."""
+        return programme.plain or programme.words
+    return programme.words

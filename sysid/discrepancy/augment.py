@@ -14,18 +14,16 @@ from sysid.discrepancy.diagnosis import Value
 from sysid.discrepancy.search.batched_search import information
 from sysid.discrepancy.search.evidence import effective_samples
 from sysid.discrepancy.search.named_sets import Interval, Node
-from sysid.effects.catalogue import CHANGED, effect
+from sysid.effects.catalogue import CHANGED, LEVEL, effect
 from sysid.errors import Termination
 from sysid.structures.augmented.structure import Augmented
 from sysid.structures.model import Model, Provenance, Source
 from sysid.version import __version__
 
-DRY = ("coulomb-friction", "stiction")
-
 
 def effects_of(base: Base, node: Node) -> tuple[str, ...]:
     """The effects of the augmented structure: the base's level, then the accepted ones."""
-    level = ("load-bias",) if base.level else ()
+    level = (LEVEL.id,) if base.level else ()
     return (*level, *(id for id in node.effects if id != CHANGED.id))
 
 
@@ -66,14 +64,15 @@ def values_of(
     unit = base.search.estimation[0].outputs[0].unit
     covariance = covariance_of(base, node) if node.free else np.zeros((0, 0))
     at = {slot: i for i, slot in enumerate(node.free)}
-    units = {p.name: p.unit for p in effect(id).parameters} if id != CHANGED.id else {}
+    numbers = {p.name: p for p in effect(id).parameters} if id != CHANGED.id else {}
     found = []
     for k in m.of(id):
         slot = m.slots[k]
         tag = "" if slot.track < 0 else f"[{names[slot.track]}]"
         if k not in at and id != CHANGED.id and node.q[k] == slot.null and slot.track >= 0:
             continue
-        value, words = float(node.q[k]), units.get(slot.name, "").replace("speed", unit)
+        number = numbers.get(slot.name)
+        value, words = float(node.q[k]), number.unit.replace("speed", unit) if number else ""
         told = (intervals or {}).get(k)
         if told is None:
             error = float(np.sqrt(max(covariance[at[k], at[k]], 0.0))) if k in at else None
@@ -84,8 +83,8 @@ def values_of(
         found[-1] = replace(found[-1], in_file=_in_file(base, found[-1], slot.track))
         if not found[-1].visited:
             continue
-        if id in DRY and slot.name in ("level", "excess"):
-            # dry friction as the command that it takes: what a person with a robot turns up
+        if number is not None and number.as_command:
+            # as the command that just overcomes it: what a person with a robot turns up
             full = float(full_drive(base.parts.estimation)[slot.track]) / abs(
                 node.q[m.place["core", "gain", slot.track]]
             )

@@ -8,12 +8,13 @@ from sysid.data.record import Array, Record
 from sysid.discrepancy.pose.geometry import GeometryEstimate
 from sysid.discrepancy.proof.localise import Region
 from sysid.discrepancy.proof.verify import Gap
+from sysid.effects.samples import DROPOUTS, HELD_TELEMETRY, QUANTISATION
 from sysid.structures.model import Model
 
 OF_THE_LOG = {
-    "quantisation": "its readings are coarse",
-    "held-telemetry": "its telemetry is held",
-    "dropouts": "some readings are lost",
+    QUANTISATION.id: "its readings are coarse",
+    HELD_TELEMETRY.id: "its telemetry is held",
+    DROPOUTS.id: "some readings are lost",
 }
 """What the samples themselves show: a matter of sensor and log, that no model lacks."""
 

@@ -13,6 +13,7 @@ from sysid.discrepancy.samples import SampleEffects
 from sysid.discrepancy.search.named_sets import Named, Naming
 from sysid.effects.base import Effect
 from sysid.effects.catalogue import about
+from sysid.effects.samples import DROPOUTS, HELD_TELEMETRY, QUANTISATION
 
 NEAR, APART = 0.005, 0.02
 """Shares of full drive: what an end of an interval is rounded to, and a gap between commands that
@@ -68,20 +69,19 @@ def _by_sign(e: Effect, values: Sequence[Value]) -> str:
 
 
 def indistinct_edges(base: Base, naming: Naming, records: Sequence[Record]) -> tuple[str, ...]:
-    """What a dead zone's numbers lack where no command lies between the edges that explain the log.
+    """What an edge on the command's axis lacks where no command lies between its possible places.
 
-    Then only jump less width is told, by commands beyond the edge.
+    Of a dead zone only jump less width is then known, by commands beyond the edge.
     """
     model, found = base.search.model, []
     scales = base.scales
     u = np.concatenate([r.u for r in records]) / scales
+    edges = {(e.id, p.name): p.edge for e in model.effects for p in e.parameters}
     for k, told in naming.intervals.items():
         slot = model.slots[k]
-        if slot.owner != "dead-zone" or slot.name == "jump" or not told.visited:
+        sign = edges.get((slot.owner, slot.name), 0)
+        if not sign or not told.visited or told.low is None or told.high is None:
             continue
-        if told.low is None or told.high is None:
-            continue
-        sign = 1.0 if slot.name == "plus" else -1.0
         d = np.unique(np.round(sign * u[:, min(slot.track, u.shape[1] - 1)], 6))
         inside = d[(d > told.low + NEAR) & (d < told.high - NEAR)]
         if len(inside) or told.high - told.low < APART:
@@ -94,8 +94,7 @@ def indistinct_edges(base: Base, naming: Naming, records: Sequence[Record]) -> t
         ends = " and ".join(f"{sign * v * scales[i]:.4g}" for v in (below[-1], above[0]))
         found.append(
             f"{name} has no command between {ends}{f' {unit}' if unit else ''}: where in between "
-            f"the dead zone ends, and how far it then jumps, this log cannot tell; it tells the "
-            "difference of both."
+            f"{about(slot.owner).between_edges}"
         )
     return tuple(found)
 
@@ -106,8 +105,8 @@ def sample_effects(found: SampleEffects) -> tuple[NamedEffect, ...]:
     if found.coarse:
         effects.append(
             NamedEffect(
-                "quantisation",
-                "sensor",
+                QUANTISATION.id,
+                QUANTISATION.stage,
                 tuple(c.output for c in found.coarse),
                 tuple(Value(f"step[{c.output}]", c.step, None, "") for c in found.coarse),
                 0.0,
@@ -120,8 +119,8 @@ def sample_effects(found: SampleEffects) -> tuple[NamedEffect, ...]:
     if found.held:
         effects.append(
             NamedEffect(
-                "held-telemetry",
-                "sensor",
+                HELD_TELEMETRY.id,
+                HELD_TELEMETRY.stage,
                 tuple(c.output for c in found.held),
                 tuple(Value(f"period[{c.output}]", c.seconds, None, "s") for c in found.held),
                 0.0,
@@ -134,8 +133,8 @@ def sample_effects(found: SampleEffects) -> tuple[NamedEffect, ...]:
     if found.lost:
         effects.append(
             NamedEffect(
-                "dropouts",
-                "sensor",
+                DROPOUTS.id,
+                DROPOUTS.stage,
                 tuple(dict.fromkeys(c.output for c in found.lost)),
                 tuple(Value(f"share[{c.output}]", c.share, None, "") for c in found.lost),
                 0.0,

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from sysid.data.reading.held import refreshes
 from sysid.data.record import Array, Record
+from sysid.effects.samples import DROPOUTS, HELD_TELEMETRY, QUANTISATION
 
 Mask = NDArray[np.bool_]
 
@@ -116,9 +117,9 @@ class SampleEffects:
     def ids(self) -> tuple[str, ...]:
         """Ids of the catalogue that were found."""
         found = {
-            "quantisation": self.coarse,
-            "held-telemetry": self.held,
-            "dropouts": self.lost,
+            QUANTISATION.id: self.coarse,
+            HELD_TELEMETRY.id: self.held,
+            DROPOUTS.id: self.lost,
         }
         return tuple(id for id, outputs in found.items() if outputs)
 
@@ -182,7 +183,7 @@ def smallest_named(records: Sequence[Record]) -> dict[str, float | None]:
         size = float(np.quantile(np.abs(np.concatenate(series)), 0.95))
         steps.append(max(COARSE * reading_noise(series), VISIBLE * size))
     share = max(FEWEST, FEWEST_SHARE * total) / max(total, 1)
-    return {"quantisation": float(np.mean(steps)), "dropouts": float(share)}
+    return {QUANTISATION.id: float(np.mean(steps)), DROPOUTS.id: float(share)}
 
 
 def reading_noise(series: Sequence[Array]) -> float:

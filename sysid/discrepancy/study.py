@@ -28,8 +28,9 @@ from sysid.discrepancy.search.intervals import intervals_of
 from sysid.discrepancy.search.named_sets import Naming, Node
 from sysid.discrepancy.search.naming import Progress
 from sysid.discrepancy.search.slopes import slopes
-from sysid.effects.base import Effect
-from sysid.effects.catalogue import CHANGED, chain_effects
+from sysid.effects.base import Effect, StartsFrom
+from sysid.effects.catalogue import CHANGED, about, chain_effects, ground_effects
+from sysid.effects.samples import DROPOUTS, QUANTISATION
 from sysid.errors import DataError, SysidError
 from sysid.structures.model import Model
 
@@ -187,7 +188,7 @@ class Study:
 
         A sensor without a sign is seen in the readings; what remains beside it does not refute it.
         """
-        signless = any(n.id == "unsigned-speed" for n in naming.named)
+        signless = any(about(n.id).starts_from is StartsFrom.SIGNS for n in naming.named)
         if not naming.named or (signless and may_lack_sign(self.base.parts.estimation)):
             return naming
         served = np.any([n.touched for n in naming.named], axis=0)
@@ -327,14 +328,14 @@ class Study:
     ) -> dict[str, float | None]:
         single = self.base.parts.estimation[0].ny == 1
         rest = [e.id for e in chain_effects() if e.id not in named and not (single and e.couples)]
-        rest += [id for id in ("quantisation", "dropouts") if id not in named]
+        rest += [e.id for e in (QUANTISATION, DROPOUTS) if e.id not in named]
         if self.base.level:
-            rest = [id for id in rest if id not in ("load-bias", "sensor-bias")]
+            rest = [id for id in rest if not about(id).level]
         found = detectable(self.base.search, naming.final, rest)
         if told is not None:
             found |= {k: v for k, v in told.detectable.items() if k not in named}
         elif not single:
-            found |= dict.fromkeys(("track-slip", "radius-mismatch", "track-width"))
+            found |= dict.fromkeys(e.id for e in ground_effects())
         return found
 
     def _next(self, naming: Naming, unseen: dict[str, float | None]) -> tuple[Experiment, ...]:
@@ -344,7 +345,7 @@ class Study:
             for n in naming.named
             if len(n.rivals) > 1 and CHANGED.id not in n.rivals
         ]
-        vehicle = ("track-slip", "radius-mismatch", "track-width")
+        vehicle = {e.id for e in ground_effects()}
         blind = [id for id, size in unseen.items() if size is None and id not in vehicle]
         more = next_experiments(first, self.scales, blind) if first.is_robot_log or blind else ()
         return (*found, *more)

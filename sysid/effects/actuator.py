@@ -4,6 +4,17 @@ from collections.abc import Mapping
 from typing import Any
 
 from sysid.effects.base import Context, Effect, EffectParameter, Past, Place, Signal, State
+from sysid.effects.programmes import (
+    COASTING,
+    HOT,
+    LEVELS,
+    ONE_AND_OTHER,
+    RAMPS,
+    REPEAT,
+    REVERSALS,
+    STAIRCASE,
+    TOP,
+)
 
 P = Mapping[str, Signal]
 
@@ -85,10 +96,28 @@ EFFECTS = (
         "The command takes effect later than the model thinks.",
         "Every response starts late by the same time, at all levels.",
         "Steps at irregular instants.",
-        (EffectParameter("delay", "s", 0.0, 0.0, float(DELAY_LINE), (1.5, 6.0), "dt", kinks=True),),
+        (
+            EffectParameter(
+                "delay",
+                "s",
+                0.0,
+                0.0,
+                float(DELAY_LINE),
+                (1.5, 6.0),
+                "dt",
+                kinks=True,
+                at_null=True,
+                at_limit=True,
+            ),
+        ),
         _delay,
         states=DELAY_LINE,
         on_past=_delay_on,
+        programmes=(
+            REVERSALS,
+            LEVELS,
+        ),
+        beyond_a_sample=True,
     ),
     Effect(
         "input-saturation",
@@ -104,6 +133,11 @@ EFFECTS = (
         ),
         _saturation,
         ties=("sensor-saturation",),
+        programmes=(
+            TOP,
+            LEVELS,
+        ),
+        weakens=True,
     ),
     Effect(
         "dead-zone",
@@ -114,12 +148,33 @@ EFFECTS = (
         "It stands while the command is small; steady speed is a line that misses zero.",
         "A slow staircase through zero in both directions.",
         (
-            EffectParameter("plus", "drive", 0.0, 0.0, 0.8, (0.08, 0.2, 0.4), "drive", jumps=True),
-            EffectParameter("minus", "drive", 0.0, 0.0, 0.8, (0.08, 0.2, 0.4), "drive", jumps=True),
+            EffectParameter(
+                "plus",
+                "drive",
+                0.0,
+                0.0,
+                0.8,
+                (0.08, 0.2, 0.4),
+                "drive",
+                jumps=True,
+                edge=1,
+                at_null=True,
+            ),
+            EffectParameter(
+                "minus", "drive", 0.0, 0.0, 0.8, (0.08, 0.2, 0.4), "drive", jumps=True, edge=-1
+            ),
             EffectParameter("jump", "drive", 0.0, 0.0, 0.8, (0.0, 0.0, 0.0), "drive", jumps=True),
         ),
         _dead_zone,
         ties=("coulomb-friction", "stiction"),
+        programmes=(
+            STAIRCASE,
+            RAMPS,
+            COASTING,
+        ),
+        weakens=True,
+        between_edges="the dead zone ends, and how far it then jumps, this log cannot "
+        "tell; it tells the difference of both.",
     ),
     Effect(
         "concave-gain",
@@ -133,6 +188,12 @@ EFFECTS = (
         _concave,
         ties=("supply-sag",),
         opposite="The harder it is driven, the more it answers to every further step.",
+        programmes=(
+            LEVELS,
+            ONE_AND_OTHER,
+            COASTING,
+        ),
+        weakens=True,
     ),
     Effect(
         "direction-asymmetry",
@@ -144,6 +205,11 @@ EFFECTS = (
         "Steps of equal size in both directions.",
         (EffectParameter("rho", "", 1.0, 0.3, 3.0, (0.85, 1.15), "one"),),
         _direction,
+        programmes=(
+            LEVELS,
+            COASTING,
+        ),
+        reverses=True,
     ),
     Effect(
         "supply-sag",
@@ -157,6 +223,10 @@ EFFECTS = (
         _sag,
         shared=True,
         ties=("concave-gain",),
+        programmes=(
+            ONE_AND_OTHER,
+            LEVELS,
+        ),
     ),
     Effect(
         "battery-discharge",
@@ -169,6 +239,10 @@ EFFECTS = (
         (EffectParameter("loss", "1/s", 0.0, 0.0, 0.02, (0.0005, 0.002), "one"),),
         _battery,
         shared=True,
+        programmes=(
+            REPEAT,
+            HOT,
+        ),
     ),
     Effect(
         "rate-limit",
@@ -185,6 +259,10 @@ EFFECTS = (
         ),
         _rate_limit,
         states=1,
+        programmes=(
+            TOP,
+            REVERSALS,
+        ),
     ),
     Effect(
         "actuator-lag",
@@ -199,5 +277,10 @@ EFFECTS = (
         _lagging,
         states=1,
         ties=("sensor-lag",),
+        programmes=(
+            REVERSALS,
+            TOP,
+        ),
+        beyond_a_sample=True,
     ),
 )

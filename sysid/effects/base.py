@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
+from sysid.effects.programmes import LEVELS, REVERSALS, Programme
+
 Signal = Any
 """An array of the namespace ``xp`` in use (numpy or jax.numpy), one entry a track."""
 
@@ -20,6 +22,28 @@ class Place(Enum):
     READING = "reading"
     POSE = "pose"
     SAMPLES = "samples"
+
+
+class StartsFrom(Enum):
+    """What the search for an effect starts from; all but the first are read off the data."""
+
+    LISTED = "the starting values of its parameters"
+    CLIP_LEVEL = "the level at which readings pile up, for its first parameter"
+    WAVES = (
+        "the strongest waves of the errors over the wheel's angle, for its first four parameters: "
+        "cosine, sine, waves a rad, and 1 where the angle is the wheel's, 0 where the readings'"
+    )
+    SIGNS = "cores fitted to readings whose signs are recovered, which it is taken to have lost"
+
+
+class Length(Enum):
+    """What another length of the vehicle does just as well as an effect between tracks and ground.
+
+    Where the lengths are estimated from the pose, such an effect is none.
+    """
+
+    RADIUS = "r"
+    TRACK_DISTANCE = "B"
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +94,12 @@ class EffectParameter:
         kinks: whether a run's slope in it jumps where a sample passes an edge: its interval is
             read off the likelihood, not off slopes.
         jumps: the same where the run itself jumps.
+        at_null: whether it may stay at its null value where others show the effect; else an effect
+            whose first parameter a search leaves there is not named.
+        at_limit: whether it may end on the other bound, which is the method's and not physics.
+        edge: +1 or −1 for an edge on the axis of the command, upward or downward: between two
+            neighbouring commands of a log nothing tells where it lies.
+        as_command: whether it is also shown as the command that just overcomes it.
     """
 
     name: str
@@ -83,6 +113,10 @@ class EffectParameter:
     stepwise: bool = False
     kinks: bool = False
     jumps: bool = False
+    at_null: bool = False
+    at_limit: bool = False
+    edge: int = 0
+    as_command: bool = False
 
 
 Step = Callable[[Any, Signal, State, Mapping[str, Signal], Context], tuple[Signal, State]]
@@ -94,6 +128,16 @@ Constants = Callable[[Any, Mapping[str, Signal], float, Signal], dict[str, Signa
 
 Past = Callable[[Signal, Signal], Signal]
 """(signal over a record, whole samples a track) → the signal so much earlier."""
+
+InNumbers = Callable[[float, float, int], str]
+"""(value, standard error, side: 0 left, 1 right, −1 both) → sentence."""
+
+
+def nothing(
+    xp: Any, signal: Signal, state: State, parameters: Mapping[str, Signal], context: Context
+) -> tuple[Signal, State]:
+    """The step of an effect that is no step of the chain."""
+    return signal, state
 
 
 @dataclass(frozen=True)
@@ -123,9 +167,26 @@ class Effect:
             a first reading says of the speed.
         ties: effects that many logs cannot tell from it.
         rare: whether one of these is rather named where a log cannot tell.
-        couples: whether it ties tracks to each other, so that a single one cannot have it.
+        couples: whether it ties tracks to each other: a single one cannot have it, and the search
+            moves the numbers of all tracks together, because those of one change the others' runs.
         opposite: the sentence where the first number lies below its null value, for an effect that
             then does the opposite; empty where the sentence holds on both sides.
+        programmes: commands that show it, the best first.
+        starts_from: what the search for it starts from.
+        weakens: whether a base without it has a smaller gain instead, so that the search starts
+            from a larger one, too.
+        level: whether it shifts torque or reading by a constant, which a base with a level of its
+            own holds already: it is then not offered.
+        beyond_a_sample: whether it only shifts or smooths in time: below one sample it is how the
+            log was sampled (a difference over a sample is half of one late) and is not named.
+        reverses: whether only commands of both signs can show it, so that an actuator without a
+            negative side is not asked to.
+        wave: its parameters that are the cosine and the sine of a wave, whose phase is another in
+            every record; None for an effect without one.
+        between_edges: what a log does not tell where no command lies between the possible places
+            of an ``edge``, as the end of a sentence.
+        length: between tracks and ground, the length that its parameter scales; None for none.
+        in_numbers: between tracks and ground, the sentence with its number.
     """
 
     id: str
@@ -148,3 +209,13 @@ class Effect:
     rare: bool = False
     couples: bool = False
     opposite: str = ""
+    programmes: tuple[Programme, ...] = (LEVELS, REVERSALS)
+    starts_from: StartsFrom = StartsFrom.LISTED
+    weakens: bool = False
+    level: bool = False
+    beyond_a_sample: bool = False
+    reverses: bool = False
+    wave: tuple[str, str] | None = None
+    between_edges: str = ""
+    length: Length | None = None
+    in_numbers: InNumbers | None = None

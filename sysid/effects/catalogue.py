@@ -2,10 +2,12 @@
 
 from functools import cache
 
-from sysid.effects import actuator, motor, sensor, vehicle
-from sysid.effects.base import Effect, Place
+from sysid.effects import actuator, motor, samples, sensor, vehicle
+from sysid.effects.base import Effect, Place, nothing
+from sysid.effects.conformance import fault
+from sysid.effects.programmes import LEVELS, REPEAT
 from sysid.errors import UsageError
-from sysid.extensions import loaded, points
+from sysid.extensions import loaded, points, unusable
 
 CHANGED = Effect(
     "changed-parameter",
@@ -17,14 +19,25 @@ CHANGED = Effect(
     "Every response is larger, smaller, faster or slower by one factor.",
     "Steps of several sizes, on the log of the model and on this one.",
     (),
-    lambda xp, signal, state, parameters, context: (signal, state),
+    nothing,
+    programmes=(LEVELS, REPEAT),
 )
 """Competes with the effects when a model is given; it changes the model's own core."""
 
+_WITHOUT_STEP = {e.id: e for e in (CHANGED, *samples.EFFECTS)}
+
+LEVEL = motor.LOAD_BIAS
+"""What gives a base a level of its own, where zero of the log is no physical zero."""
+
 
 def about(id: str) -> Effect:
-    """The effect called ``id``, or the changed parameter."""
-    return CHANGED if id == CHANGED.id else effect(id)
+    """The effect called ``id``, one of the samples or the changed parameter included."""
+    return _WITHOUT_STEP.get(id) or effect(id)
+
+
+def is_known(id: str) -> bool:
+    """Whether ``about`` knows the effect."""
+    return id in _WITHOUT_STEP or id in catalogue()
 
 
 @cache
@@ -32,12 +45,21 @@ def catalogue() -> dict[str, Effect]:
     """Effects that have a step, by id; other packages add theirs as ``sysid.effects``.
 
     Quantisation, held telemetry and dropouts are read off the samples and have no step.
+
+    Raises:
+        UsageError: an effect of another package cannot be used.
     """
     found = {e.id: e for e in (*actuator.EFFECTS, *motor.EFFECTS, *sensor.EFFECTS)}
     found |= {e.id: e for e in vehicle.EFFECTS}
     for point in points("sysid.effects").values():
-        effect: Effect = loaded(point, "effect")
-        found.setdefault(effect.id, effect)
+        effect = loaded(point, "effect")
+        if not isinstance(effect, Effect):
+            raise unusable(point, "effect", "is no sysid.effects.base.Effect")
+        if effect.id in found or effect.id in _WITHOUT_STEP:
+            raise unusable(point, "effect", f"has the name of another one, {effect.id}")
+        if wrong := fault(effect):
+            raise unusable(point, "effect", wrong)
+        found[effect.id] = effect
     return found
 
 
@@ -60,6 +82,11 @@ def chain_effects() -> tuple[Effect, ...]:
     """
     found = [e for e in catalogue().values() if e.place not in (Place.POSE, Place.SAMPLES)]
     return tuple(sorted(found, key=_rank))
+
+
+def ground_effects() -> tuple[Effect, ...]:
+    """Those that act between tracks and ground, in the order in which they act."""
+    return tuple(e for e in catalogue().values() if e.place is Place.POSE)
 
 
 def _rank(e: Effect) -> tuple[int, int]:

@@ -6,7 +6,19 @@ Torque is counted in units of steady speed: τ ω̇ = T − ω with T = K d.
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, State
+from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, StartsFrom, State
+from sysid.effects.programmes import (
+    COASTING,
+    CRUISE,
+    HOT,
+    LEVELS,
+    ONE_AND_OTHER,
+    RAMPS,
+    REPEAT,
+    RESTS,
+    REVERSALS,
+    STAIRCASE,
+)
 
 P = Mapping[str, Signal]
 
@@ -193,6 +205,24 @@ def _ripple(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, Sta
 
 _GAPS = (0.15, 0.6, 2.0) * 3
 
+LOAD_BIAS = Effect(
+    "load-bias",
+    "motor",
+    Place.TORQUE,
+    "T → T − b",
+    "A constant load pulls one way.",
+    "Without command it creeps, or equal commands of either sign reach different speeds.",
+    "Equal steps in both directions and rests.",
+    (EffectParameter("load", "speed", 0.0, -0.8, 0.8, (0.05, -0.05), "speed"),),
+    _bias,
+    ties=("sensor-bias",),
+    programmes=(
+        RESTS,
+        COASTING,
+    ),
+    level=True,
+)
+
 EFFECTS = (
     Effect(
         "cross-coupling",
@@ -206,6 +236,10 @@ EFFECTS = (
         _coupling,
         couples=True,
         opposite="One side's torque helps the other through the body.",
+        programmes=(
+            ONE_AND_OTHER,
+            REVERSALS,
+        ),
     ),
     Effect(
         "thermal-fade",
@@ -223,6 +257,10 @@ EFFECTS = (
         _warming,
         states=1,
         at_rest=_cold,
+        programmes=(
+            HOT,
+            REPEAT,
+        ),
     ),
     Effect(
         "quadratic-drag",
@@ -236,6 +274,10 @@ EFFECTS = (
         _drag,
         ties=("concave-gain",),
         rare=True,
+        programmes=(
+            LEVELS,
+            COASTING,
+        ),
     ),
     Effect(
         "viscous-asymmetry",
@@ -247,19 +289,13 @@ EFFECTS = (
         "Steps of equal size in both directions.",
         (EffectParameter("ratio", "", 1.0, 0.4, 2.5, (0.85, 1.2), "one"),),
         _viscous,
+        programmes=(
+            LEVELS,
+            COASTING,
+        ),
+        reverses=True,
     ),
-    Effect(
-        "load-bias",
-        "motor",
-        Place.TORQUE,
-        "T → T − b",
-        "A constant load pulls one way.",
-        "Without command it creeps, or equal commands of either sign reach different speeds.",
-        "Equal steps in both directions and rests.",
-        (EffectParameter("load", "speed", 0.0, -0.8, 0.8, (0.05, -0.05), "speed"),),
-        _bias,
-        ties=("sensor-bias",),
-    ),
+    LOAD_BIAS,
     Effect(
         "coulomb-friction",
         "motor",
@@ -268,10 +304,28 @@ EFFECTS = (
         "Dry friction: a constant resistance while moving, standstill below it.",
         "It stands at small commands and stops sooner than it should.",
         "A slow staircase through zero, and coasting from speed.",
-        (EffectParameter("level", "speed", 0.0, 0.0, 3.0, (0.05, 0.15, 0.3), "speed", kinks=True),),
+        (
+            EffectParameter(
+                "level",
+                "speed",
+                0.0,
+                0.0,
+                3.0,
+                (0.05, 0.15, 0.3),
+                "speed",
+                kinks=True,
+                as_command=True,
+            ),
+        ),
         _coulomb,
         holds=lambda p: p["level"],
         ties=("stiction", "dead-zone"),
+        programmes=(
+            STAIRCASE,
+            COASTING,
+            RAMPS,
+        ),
+        weakens=True,
     ),
     Effect(
         "stiction",
@@ -282,13 +336,31 @@ EFFECTS = (
         "It starts with a jump at a higher command than the one at which it stops.",
         "Slow ramps up from rest and down to rest.",
         (
-            EffectParameter("level", "speed", 0.0, 0.0, 3.0, (0.04, 0.1), "speed", kinks=True),
-            EffectParameter("excess", "speed", 0.0, 0.0, 1.5, (0.08, 0.15), "speed", kinks=True),
+            EffectParameter(
+                "level",
+                "speed",
+                0.0,
+                0.0,
+                3.0,
+                (0.04, 0.1),
+                "speed",
+                kinks=True,
+                at_null=True,
+                as_command=True,
+            ),
+            EffectParameter(
+                "excess", "speed", 0.0, 0.0, 1.5, (0.08, 0.15), "speed", kinks=True, as_command=True
+            ),
             EffectParameter("speed", "speed", 0.1, 0.01, 0.35, (0.05, 0.15), "speed", kinks=True),
         ),
         _stiction,
         holds=lambda p: p["level"] + p["excess"],
         ties=("coulomb-friction",),
+        programmes=(
+            RAMPS,
+            STAIRCASE,
+        ),
+        weakens=True,
     ),
     Effect(
         "inertial-coupling",
@@ -303,6 +375,10 @@ EFFECTS = (
         _together,
         shared=True,
         couples=True,
+        programmes=(
+            ONE_AND_OTHER,
+            REVERSALS,
+        ),
     ),
     Effect(
         "coast-asymmetry",
@@ -315,6 +391,10 @@ EFFECTS = (
         (EffectParameter("ratio", "", 1.0, 0.2, 6.0, (0.6, 1.8), "one"),),
         _coast,
         ties=("freewheel",),
+        programmes=(
+            COASTING,
+            LEVELS,
+        ),
     ),
     Effect(
         "freewheel",
@@ -340,6 +420,10 @@ EFFECTS = (
         states=1,
         at_rest=_last_command,
         ties=("coast-asymmetry",),
+        programmes=(
+            COASTING,
+            LEVELS,
+        ),
     ),
     Effect(
         "backlash",
@@ -363,6 +447,11 @@ EFFECTS = (
         _loose,
         states=2,
         at_rest=_touching,
+        programmes=(
+            REVERSALS,
+            RAMPS,
+        ),
+        reverses=True,
     ),
     Effect(
         "speed-ripple",
@@ -379,5 +468,11 @@ EFFECTS = (
             EffectParameter("of_wheel", "", 1.0, 0.0, 1.0, (1.0, 0.0), choice=True),
         ),
         _ripple,
+        programmes=(
+            CRUISE,
+            LEVELS,
+        ),
+        starts_from=StartsFrom.WAVES,
+        wave=("cosine", "sine"),
     ),
 )

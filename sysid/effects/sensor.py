@@ -3,7 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, State
+from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, StartsFrom, State
+from sysid.effects.programmes import COASTING, LEVELS, RESTS, REVERSALS, TOP
 
 P = Mapping[str, Signal]
 
@@ -48,6 +49,11 @@ EFFECTS = (
         _lagging,
         states=2,
         ties=("actuator-lag",),
+        programmes=(
+            REVERSALS,
+            TOP,
+        ),
+        beyond_a_sample=True,
     ),
     Effect(
         "unsigned-speed",
@@ -59,6 +65,12 @@ EFFECTS = (
         "Reversals.",
         (EffectParameter("on", "", 0.0, 0.0, 1.0, (1.0,), choice=True),),
         _unsigned,
+        programmes=(
+            REVERSALS,
+            LEVELS,
+        ),
+        reverses=True,
+        starts_from=StartsFrom.SIGNS,
     ),
     Effect(
         "sensor-saturation",
@@ -71,6 +83,11 @@ EFFECTS = (
         (EffectParameter("limit", "speed", 1e6, 0.1, 2.0, (0.7, 0.9), "speed", choice=True),),
         _saturation,
         ties=("input-saturation",),
+        programmes=(
+            TOP,
+            COASTING,
+        ),
+        starts_from=StartsFrom.CLIP_LEVEL,
     ),
     Effect(
         "sensor-bias",
@@ -84,5 +101,10 @@ EFFECTS = (
         _bias,
         undone=lambda y, p: y - p["bias"],
         ties=("load-bias",),
+        programmes=(
+            RESTS,
+            COASTING,
+        ),
+        level=True,
     ),
 )

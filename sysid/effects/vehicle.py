@@ -6,7 +6,8 @@ Forward speed v = r(ω_L + ω_R)/2 and yaw rate ψ̇ = r(ω_R − ω_L)/B before
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, State
+from sysid.effects.base import Context, Effect, EffectParameter, Length, Place, Signal, State
+from sysid.effects.programmes import TURNS
 
 P = Mapping[str, Signal]
 
@@ -27,6 +28,27 @@ def _width(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, Stat
     return mean + p["ratio"] * (w - mean), s
 
 
+def _slip_in_numbers(value: float, error: float, side: int) -> str:
+    return (
+        f"Wheels or tracks slip where the robot turns: on the spot they lose "
+        f"{100 * value:.3g} ± {100 * error:.2g} % of their way."
+    )
+
+
+def _radius_in_numbers(value: float, error: float, side: int) -> str:
+    return (
+        f"The {('left', 'right')[side]} side rolls {value:.4g} ± {error:.2g} times as far a turn "
+        "as its radius says, so that equal wheel speeds drive a circle."
+    )
+
+
+def _width_in_numbers(value: float, error: float, side: int) -> str:
+    return (
+        f"Every turn is {value:.4g} ± {error:.2g} times what the distance B says: left "
+        f"and right act at {1.0 / value:.4g} B."
+    )
+
+
 EFFECTS = (
     Effect(
         "track-slip",
@@ -40,6 +62,8 @@ EFFECTS = (
         _slip,
         shared=True,
         ties=("track-width",),
+        programmes=(TURNS,),
+        in_numbers=_slip_in_numbers,
     ),
     Effect(
         "radius-mismatch",
@@ -51,6 +75,9 @@ EFFECTS = (
         "Long straight runs.",
         (EffectParameter("rho", "", 1.0, 0.7, 1.4, (0.95, 1.05), "one"),),
         _radius,
+        programmes=(TURNS,),
+        length=Length.RADIUS,
+        in_numbers=_radius_in_numbers,
     ),
     Effect(
         "track-width",
@@ -64,5 +91,8 @@ EFFECTS = (
         _width,
         shared=True,
         ties=("track-slip",),
+        programmes=(TURNS,),
+        length=Length.TRACK_DISTANCE,
+        in_numbers=_width_in_numbers,
     ),
 )

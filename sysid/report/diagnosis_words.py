@@ -19,6 +19,7 @@ from sysid.discrepancy.diagnosis import (
 )
 from sysid.discrepancy.proof.localise import Region
 from sysid.effects.catalogue import effect
+from sysid.effects.samples import DROPOUTS, QUANTISATION
 from sysid.estimation.assessment.figures import Figures
 
 CLEAR = 0.01
@@ -117,7 +118,7 @@ def _fit(traces: Sequence[Trace], i: int, *, after: bool) -> float:
     return 100.0 * (1.0 - float(np.linalg.norm(y - run)) / spread) if spread > 0 else math.nan
 
 
-_SIZES = {"quantisation": "speed", "dropouts": "of the readings"}
+_SIZES = {QUANTISATION.id: "speed", DROPOUTS.id: "of the readings"}
 """Units of what is no effect of the catalogue's chain."""
 
 

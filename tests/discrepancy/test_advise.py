@@ -13,15 +13,16 @@ from sysid.discrepancy.advise import (
     sampled,
 )
 from sysid.discrepancy.base_model import plain_base
-from sysid.discrepancy.schedules import PROGRAMMES_OF, programme
-from sysid.effects.catalogue import catalogue, effect
+from sysid.effects.catalogue import CHANGED, catalogue, effect
+from sysid.effects.programmes import LEVELS
 
 RECORD, _ = logged("steps", 3, "white", 1200)
 SLOW = replace(RECORD, u=np.rint(0.3 * RECORD.u), sha256="")
 
 
 def test_every_effect_has_a_programme() -> None:
-    assert PROGRAMMES_OF.keys() >= {*catalogue(), "changed-parameter"}
+    for e in (*catalogue().values(), CHANGED):
+        assert e.programmes, e.id
 
 
 @pytest.mark.parametrize("id", [*catalogue(), "quantisation", "held-telemetry", "dropouts"])
@@ -43,7 +44,7 @@ def test_every_effect_has_a_schedule_a_robot_can_run(id: str) -> None:
 
 
 def test_a_schedule_is_sampled_as_the_robot_would_run_it() -> None:
-    rows = programme("levels")
+    rows = LEVELS.rows
     u = sampled(rows, RECORD, SCALES)
     assert len(u) == round(rows[-1][0] / RECORD.dt) + 1
     assert u[0].tolist() == [0.0, 0.0]

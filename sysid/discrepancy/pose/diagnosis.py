@@ -29,18 +29,18 @@ from sysid.discrepancy.pose.evidence import (
 )
 from sysid.discrepancy.pose.fit import (
     BOTH_RADII,
-    CANDIDATES,
-    LENGTHS,
-    SCALE,
-    SLOTS,
     SPEED_OFFSET,
-    WIDTH,
     Candidate,
     Fitted,
     PoseProblem,
     PoseSearch,
+    distance_slot,
+    every_candidate,
+    every_slot,
     geometry_of,
     ground_of,
+    lengths,
+    radius_slot,
 )
 from sysid.discrepancy.pose.geometry import GeometryEstimate, contradicted, in_one_frame
 from sysid.discrepancy.pose.windows import (
@@ -53,6 +53,8 @@ from sysid.discrepancy.pose.windows import (
 )
 from sysid.discrepancy.proof.verify import Gap
 from sysid.discrepancy.search.evidence import PROVEN, Evidence
+from sysid.effects.base import Length
+from sysid.effects.catalogue import effect
 from sysid.effects.ground import Ground
 from sysid.vehicle.kinematics import Geometry
 
@@ -173,7 +175,7 @@ def _diagnosed(
     estimate: GeometryEstimate | None,
 ) -> PoseDiagnosis:
     """What is missing with these lengths, which are fitted too where they are estimates."""
-    always = LENGTHS if estimate is not None else ()
+    always = lengths() if estimate is not None else ()
     noise = increments_noise((*tracks, *others), geometry)
     first = _searched(tracks, others, noise, geometry, always)
     second = replace(noise, factor=_factor(first[2]))
@@ -224,7 +226,7 @@ def _grown(
     ranking: tuple[tuple[str, float], ...] = ()
     current = base
     while len(chosen) < MOST_EFFECTS:
-        rivals = [c for c in CANDIDATES if _allowed(c, (*search.always, *chosen))]
+        rivals = [c for c in every_candidate() if _allowed(c, (*search.always, *chosen))]
         fits = [(c, search.fit([*chosen, c])) for c in rivals]
         fits.sort(key=lambda item: _score(item[1]))
         if not steps:
@@ -251,7 +253,7 @@ def _grown(
     for step in steps[:-1]:
         rest = [c for c in chosen if c is not step.candidate]
         without = search.fit(rest)
-        if not evidence_of(without, current, len(CANDIDATES)).significant:
+        if not evidence_of(without, current, len(every_candidate())).significant:
             chosen, current = rest, without
     return [s for s in steps if s.candidate in chosen], current, ranking
 
@@ -259,7 +261,8 @@ def _grown(
 def _away(c: Candidate, fitted: Fitted) -> bool:
     """Whether a candidate's numbers, or one of several, are away from doing nothing."""
     return any(
-        abs(fitted.q[k] - SLOTS[k].null) > AWAY * (fitted.std_error(k) or 0.0) for k in c.slots
+        abs(fitted.q[k] - every_slot()[k].null) > AWAY * (fitted.std_error(k) or 0.0)
+        for k in c.slots
     )
 
 
@@ -270,9 +273,8 @@ def _late(evidence: Evidence) -> bool:
 
 def _allowed(c: Candidate, chosen: Sequence[Candidate]) -> bool:
     """Both radii and their common scale are two numbers together, not three."""
-    radii = {"radius-mismatch left", "radius-mismatch right", BOTH_RADII}
-    taken = {x.key for x in chosen}
-    return c.key not in taken and not (c.key in radii and len(radii & taken) == 2)
+    radii = sum(x.length is Length.RADIUS for x in chosen)
+    return c not in chosen and not (c.length is Length.RADIUS and radii == 2)
 
 
 def _score(fitted: Fitted) -> float:
@@ -325,57 +327,54 @@ def _told(
 def _beside(estimate: GeometryEstimate, final: Fitted) -> GeometryEstimate:
     """The lengths as fitted together with the effects; what the pose does not tell stays."""
     r, B = estimate.geometry.r, estimate.geometry.B
-    scale, turn = float(final.q[SCALE]), float(final.q[WIDTH])
+    at_radius, at_distance = radius_slot(), distance_slot()
+    scale, turn = float(final.q[at_radius]), float(final.q[at_distance])
     r_error, b_error = estimate.std_errors
     if r_error is not None:
-        r, r_error = r * scale, r * math.hypot(final.std_error(SCALE) or 0.0, BESIDE)
+        r, r_error = r * scale, r * math.hypot(final.std_error(at_radius) or 0.0, BESIDE)
     if b_error is not None:
         B = B / turn
-        b_error = B * math.hypot((final.std_error(WIDTH) or 0.0) / turn, BESIDE)
+        b_error = B * math.hypot((final.std_error(at_distance) or 0.0) / turn, BESIDE)
     return replace(estimate, geometry=Geometry(r, B), std_errors=(r_error, b_error))
 
 
 def _named(step: _Step, final: Fitted) -> NamedEffect:
     c, e = step.candidate, step.evidence
-    slot = c.slots[0]
-    value, error = float(final.q[slot]), final.std_error(slot)
-    side = SLOTS[slot].side
-    parameter = SLOTS[slot].name + ("" if side < 0 else ("[left]", "[right]")[side])
+    side = every_slot()[c.slots[0]].side
+    tag = "" if side < 0 else ("[left]", "[right]")[side]
+    units = {p.name: p.unit.replace("speed", "rad/s") for p in effect(c.id).parameters}
+    values = tuple(
+        Value(f"{s.name}{tag}", float(final.q[k]), final.std_error(k), units[s.name])
+        for k, s in ((k, every_slot()[k]) for k in c.slots)
+    )
     return NamedEffect(
         id=c.id,
         stage=_STAGE,
         channels=CHANNELS,
-        parameters=(Value(parameter, value, error, ""),),
+        parameters=values,
         delta_bic=e.delta_bic,
         p_value=e.p_value,
         heldout_gain=1.0 - e.ratio,
         indistinguishable=tuple(dict.fromkeys(t.id for t in step.ties if t.id)),
-        sentence=_sentence(c.id, value, error or 0.0, side),
+        sentence=_sentence(c.id, values[0].value, values[0].std_error or 0.0, side),
     )
 
 
 def _sentence(id: str, value: float, error: float, side: int) -> str:
-    if id == "track-slip":
-        return (
-            f"Wheels or tracks slip where the robot turns: on the spot they lose "
-            f"{100 * value:.3g} ± {100 * error:.2g} % of their way."
-        )
-    if id == "track-width":
-        return (
-            f"Every turn is {value:.4g} ± {error:.2g} times what the distance B says: left "
-            f"and right act at {1.0 / value:.4g} B."
-        )
-    return (
-        f"The {('left', 'right')[side]} side rolls {value:.4g} ± {error:.2g} times as far a turn "
-        "as its radius says, so that equal wheel speeds drive a circle."
-    )
+    e = effect(id)
+    if e.in_numbers is not None:
+        return e.in_numbers(value, error, side)
+    p = e.parameters[0]
+    where = "" if side < 0 else f" on the {('left', 'right')[side]}"
+    unit = f" {p.unit.replace('speed', 'rad/s')}" if p.unit else ""
+    return f"{e.sentence} Here {p.name} {value:.4g} ± {error:.2g}{unit}{where}."
 
 
 def _std_errors(final: Fitted, always: Sequence[Candidate]) -> dict[str, dict[str, Array]]:
     found: dict[str, dict[str, Array]] = {}
     lengths = {k for c in always for k in c.slots}
     for k in final.free:
-        slot = SLOTS[k]
+        slot = every_slot()[k]
         if slot.owner in (BOTH_RADII, SPEED_OFFSET) or k in lengths:
             continue
         both = found.setdefault(slot.owner, {}).setdefault(slot.name, np.zeros(2))
@@ -394,7 +393,7 @@ def _detectable(search: PoseSearch, final: Fitted) -> dict[str, float | None]:
     r = search.estimation.residual(final.q)
     variance = float(np.mean(r**2))
     found: dict[str, float | None] = {}
-    for c in CANDIDATES:
+    for c in every_candidate():
         if not c.id:
             continue
         power = float(np.sum(J[:, c.slots[0]] ** 2))
@@ -402,7 +401,7 @@ def _detectable(search: PoseSearch, final: Fitted) -> dict[str, float | None]:
         if power > 0 and c not in search.always:  # a length that is estimated hides it
             seen = SHOWN * math.sqrt(variance / power)
             needed = math.sqrt((PROVEN**-2 - 1.0) * variance * len(r) / power)
-            slot = SLOTS[c.slots[0]]
+            slot = every_slot()[c.slots[0]]
             size = max(seen, needed)
             size = size if size < max(slot.upper - slot.null, slot.null - slot.lower) else None
         if c.id not in found or (size or math.inf) > (found[c.id] or math.inf):
@@ -420,12 +419,15 @@ def _warnings(search: PoseSearch, final: Fitted, steps: Sequence[_Step]) -> tupl
             f"{search.estimation.geometry.r:g} m: set vehicle.r in the mission."
         )
     if SPEED_OFFSET in keys:
+        left, right = (
+            v for s, v in zip(every_slot(), final.q, strict=True) if s.owner == SPEED_OFFSET
+        )
         said.append(
             "The pose says that the speed sensors read "
-            f"{final.q[5]:.3g} and {final.q[6]:.3g} rad/s (left, right) at rest: take that off "
+            f"{left:.3g} and {right:.3g} rad/s (left, right) at rest: take that off "
             "the readings."
         )
-    if {"radius-mismatch left", "radius-mismatch right"} <= keys:
+    if sum(bool(s.candidate.id) and s.candidate.length is Length.RADIUS for s in steps) == 2:
         said.append("Neither side has the radius given: check vehicle.r.")
     for s in steps:
         unnamed = [t.key for t in s.ties if not t.id]

@@ -1,8 +1,8 @@
 """Maximum likelihood of vehicle effects from increments of the pose of known noise."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -10,7 +10,8 @@ from sysid.criteria.coloured import coloured_gram
 from sysid.data.record import Array, Index
 from sysid.discrepancy.pose.windows import CHANNELS, Noise, Track
 from sysid.discrepancy.search.evidence import Errors
-from sysid.effects.catalogue import effect
+from sysid.effects.base import Effect, EffectParameter, Length
+from sysid.effects.catalogue import ground_effects
 from sysid.effects.ground import Ground
 from sysid.fitting.problem import Problem
 from sysid.fitting.solvers import Descent, levenberg_marquardt
@@ -28,8 +29,8 @@ class Slot:
         name: of the parameter.
         side: track it belongs to, −1 where both share it.
         null, lower, upper: value at which it does nothing, and bounds.
-        start: where a search begins; the increments are all but linear in every number, so
-            that one start serves.
+        starts: where a search begins. The increments are all but linear in the number of an
+            effect that has one only, so that its first start serves.
     """
 
     owner: str
@@ -38,25 +39,46 @@ class Slot:
     null: float
     lower: float
     upper: float
-    start: float
-
-
-def _of_effect(id: str, sides: Sequence[int]) -> tuple[Slot, ...]:
-    p = effect(id).parameters[0]
-    return tuple(Slot(id, p.name, s, p.null, p.lower, p.upper, p.starts[0]) for s in sides)
+    starts: tuple[float, ...]
 
 
 BOTH_RADII = "both-radii"
 SPEED_OFFSET = "speed-offset"
-SLOTS = (
-    *_of_effect("track-slip", (-1,)),
-    *_of_effect("radius-mismatch", (LEFT, RIGHT)),
-    *_of_effect("track-width", (-1,)),
-    Slot(BOTH_RADII, "scale", -1, 1.0, 0.5, 2.0, 0.95),
-    *(Slot(SPEED_OFFSET, "offset", s, 0.0, -5.0, 5.0, 0.0) for s in (LEFT, RIGHT)),
+COMPETITORS = (
+    Slot(BOTH_RADII, "scale", -1, 1.0, 0.5, 2.0, (0.95,)),
+    *(Slot(SPEED_OFFSET, "offset", s, 0.0, -5.0, 5.0, (0.0,)) for s in (LEFT, RIGHT)),
 )
-"""Every number; those of the last two owners compete with the effects so that a radius that the
-geometry has wrong, or a sensor that does not read zero at rest, lends its name to none."""
+"""Numbers that compete with the effects, so that a radius that the geometry has wrong, or a sensor
+that does not read zero at rest, lends its name to none."""
+
+
+@cache
+def every_slot() -> tuple[Slot, ...]:
+    """The numbers of every effect between tracks and ground, then the ``COMPETITORS``."""
+    of_effects = (
+        Slot(e.id, p.name, side, p.null, p.lower, p.upper, _starts(e, p))
+        for e in ground_effects()
+        for side in _sides(e)
+        for p in e.parameters
+    )
+    return (*of_effects, *COMPETITORS)
+
+
+def _starts(e: Effect, p: EffectParameter) -> tuple[float, ...]:
+    return p.starts[:1] if len(e.parameters) == 1 else p.starts
+
+
+def _sides(e: Effect) -> tuple[int, ...]:
+    return (-1,) if e.shared else (LEFT, RIGHT)
+
+
+def _at(owner: str, side: int | None = None) -> tuple[int, ...]:
+    """The slots of an owner, on one side where one is named."""
+    return tuple(
+        k
+        for k, s in enumerate(every_slot())
+        if s.owner == owner and (side is None or s.side == side)
+    )
 
 
 @dataclass(frozen=True)
@@ -66,50 +88,72 @@ class Candidate:
     Attributes:
         key: unique.
         id: effect, empty for what competes without being one.
-        slots: its entries of ``SLOTS``.
+        slots: its entries of ``every_slot``.
+        length: the length of the vehicle that it changes, None for none.
     """
 
     key: str
     id: str
     slots: tuple[int, ...]
+    length: Length | None = None
 
 
-CANDIDATES = (
-    Candidate("track-slip", "track-slip", (0,)),
-    Candidate("radius-mismatch left", "radius-mismatch", (1,)),
-    Candidate("radius-mismatch right", "radius-mismatch", (2,)),
-    Candidate("track-width", "track-width", (3,)),
-    Candidate(BOTH_RADII, "", (4,)),
-    Candidate(SPEED_OFFSET, "", (5, 6)),
-)
+@cache
+def every_candidate() -> tuple[Candidate, ...]:
+    """Every effect, side by side where the sides have numbers of their own, and what competes."""
+    of_effects = (
+        Candidate(
+            e.id if side < 0 else f"{e.id} {('left', 'right')[side]}",
+            e.id,
+            _at(e.id, side),
+            e.length,
+        )
+        for e in ground_effects()
+        for side in _sides(e)
+    )
+    both = Candidate(BOTH_RADII, "", _at(BOTH_RADII), Length.RADIUS)
+    return (*of_effects, both, Candidate(SPEED_OFFSET, "", _at(SPEED_OFFSET)))
 
 
-LENGTHS = tuple(c for c in CANDIDATES if c.key in ("track-width", BOTH_RADII))
-"""What belongs to the vehicle's geometry where that is estimated."""
+def lengths() -> tuple[Candidate, ...]:
+    """What belongs to the vehicle's geometry where that is estimated: what both sides share."""
+    return tuple(
+        c for c in every_candidate() if c.length and all(every_slot()[k].side < 0 for k in c.slots)
+    )
 
 
 def ground_of(q: Array, always: Sequence[Candidate] = ()) -> Ground:
     """The effects whose numbers are off their null values, but for what ``always`` is free."""
-    found: dict[str, dict[str, Array]] = {}
     lengths = {k for c in always for k in c.slots}
-    for k, (slot, value) in enumerate(zip(SLOTS, q, strict=True)):
-        if slot.owner in (BOTH_RADII, SPEED_OFFSET) or value == slot.null or k in lengths:
-            continue
-        both = found.setdefault(slot.owner, {}).setdefault(slot.name, np.full(2, slot.null))
-        if slot.side < 0:
-            both[:] = value
-        else:
-            both[slot.side] = value
+    mine = [
+        (s, v)
+        for k, (s, v) in enumerate(zip(every_slot(), q, strict=True))
+        if s not in COMPETITORS and k not in lengths
+    ]
+    acting = {s.owner for s, v in mine if v != s.null}
+    found: dict[str, dict[str, Array]] = {}
+    for slot, value in mine:
+        if slot.owner in acting:
+            both = found.setdefault(slot.owner, {}).setdefault(slot.name, np.full(2, slot.null))
+            both[:] = value if slot.side < 0 else np.where(np.arange(2) == slot.side, value, both)
     return Ground(tuple(found), found)
 
 
-WIDTH, SCALE = 3, 4
-"""Slots of the track distance and of the common scale of both radii."""
+@cache
+def radius_slot() -> int:
+    """The slot of the common scale of both radii."""
+    return _at(BOTH_RADII)[0]
+
+
+@cache
+def distance_slot() -> int:
+    """The slot of the effect that is another track distance: B over the one as the robot turns."""
+    return next(c.slots[0] for c in lengths() if c.length is Length.TRACK_DISTANCE)
 
 
 def geometry_of(q: Array, geometry: Geometry) -> Geometry:
     """The geometry with the common scale of both radii."""
-    return Geometry(geometry.r * float(q[SCALE]), geometry.B)
+    return Geometry(geometry.r * float(q[radius_slot()]), geometry.B)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +198,7 @@ class PoseProblem(Problem):
     tracks: tuple[Track, ...]
     geometry: Geometry
     noise: Noise
-    free: tuple[int, ...] = tuple(range(len(SLOTS)))
+    free: tuple[int, ...] = field(default_factory=lambda: tuple(range(len(every_slot()))))
 
     @cached_property
     def _measured(self) -> tuple[Array, ...]:
@@ -167,7 +211,7 @@ class PoseProblem(Problem):
     @property
     def index(self) -> Index:  # type: ignore[override]
         """All of θ."""
-        return np.arange(len(SLOTS))
+        return np.arange(len(every_slot()))
 
     @property
     def n_initial(self) -> int:  # type: ignore[override]
@@ -192,7 +236,11 @@ class PoseProblem(Problem):
 
     def errors(self, q: Array) -> tuple[Array, ...]:
         """Measured less predicted, (W, 3) of each record [m, m, rad]."""
-        ground, geometry, offset = ground_of(q), geometry_of(q, self.geometry), q[5:7]
+        ground, geometry, offset = (
+            ground_of(q),
+            geometry_of(q, self.geometry),
+            q[list(_at(SPEED_OFFSET))],
+        )
         return tuple(
             m - t.predicted(ground, geometry, offset)
             for m, t in zip(self._measured, self.tracks, strict=True)
@@ -208,9 +256,9 @@ class PoseProblem(Problem):
 
     def jacobian(self, p: Array) -> Array:
         """Central differences in the free numbers; other columns are zero."""
-        J = np.zeros((sum(self.lengths), len(SLOTS)))
+        J = np.zeros((sum(self.lengths), len(every_slot())))
         for k in self.free:
-            h = 1e-5 * max(SLOTS[k].upper - SLOTS[k].lower, 1.0)
+            h = 1e-5 * max(every_slot()[k].upper - every_slot()[k].lower, 1.0)
             up, down = p.copy(), p.copy()
             up[k] += h
             down[k] -= h
@@ -250,18 +298,26 @@ class PoseSearch:
         """
         free = tuple(sorted(k for c in (*self.always, *candidates) for k in c.slots))
         keys = tuple(c.key for c in candidates)
-        mask = np.zeros(len(SLOTS), dtype=bool)
+        slots = every_slot()
+        mask = np.zeros(len(slots), dtype=bool)
         mask[list(free)] = True
-        best = levenberg_marquardt(
-            self.estimation.freeing(free),
-            np.array([s.start if k in free else s.null for k, s in enumerate(SLOTS)]),
-            Descent(
-                free=mask,
-                lower=np.array([s.lower for s in SLOTS]),
-                upper=np.array([s.upper for s in SLOTS]),
-                max_evaluations=30,
-            ),
+        nulls = np.array([s.null for s in slots])
+        how = Descent(
+            free=mask,
+            lower=np.array([s.lower for s in slots]),
+            upper=np.array([s.upper for s in slots]),
+            max_evaluations=30,
         )
+        problem, tries = self.estimation.freeing(free), [len(slots[k].starts) for k in free]
+        fits = [
+            levenberg_marquardt(
+                problem,
+                np.where(mask, [s.starts[min(j, len(s.starts) - 1)] for s in slots], nulls),
+                how,
+            )
+            for j in range(max(tries, default=1))
+        ]
+        best = min(fits, key=lambda f: float(np.sum(f.residual**2)))
         J = best.jacobian[:, list(free)]
         variance = max(float(np.mean(best.residual**2)), 1.0)
         parts = self.estimation.errors(best.p), self.held.errors(best.p)

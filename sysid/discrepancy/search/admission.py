@@ -7,6 +7,7 @@ from sysid.data.record import Array
 from sysid.discrepancy.search.evidence import difference
 from sysid.discrepancy.search.named_sets import Node
 from sysid.discrepancy.search.supermodel import SuperModel
+from sysid.effects.base import StartsFrom
 from sysid.effects.catalogue import CHANGED, about
 
 TIE = 1.02
@@ -20,15 +21,10 @@ MOST_ABSORBED = (3.0, 20.0)
 factors: small commands that hardly leave a dead zone make it far too small."""
 
 
-LATE = ("input-delay", "actuator-lag", "sensor-lag")
-"""Effects that only shift or smooth in time: below one sample they are how the log was sampled and
-differenced (a difference over a sample is half of one late), no part of the machine."""
-
-
 def beyond_a_sample(model: SuperModel, id: str, q: Array) -> NDArray[np.bool_]:
     """Tracks on which an effect is later than sampling itself makes it, (tracks,)."""
     found = np.ones(model.tracks, dtype=bool)
-    if id in LATE:
+    if about(id).beyond_a_sample:
         for k in model.of(id):
             if model.slots[k].track >= 0:
                 found[model.slots[k].track] = q[k] > model.dt
@@ -40,17 +36,17 @@ def admissible(model: SuperModel, origin: Array, node: Node) -> bool:
     id = node.effects[-1]
     mine = [k for k in node.free if model.slots[k].owner == id]
     gains = [k for k in node.free if model.slots[k].name == "gain"]
-    if id not in ("unsigned-speed", CHANGED.id) and "unsigned-speed" not in node.effects:
+    anew = id == CHANGED.id or any(about(e).starts_from is StartsFrom.SIGNS for e in node.effects)
+    if not anew:  # else the base says nothing of the core
         moved = np.abs(node.q[gains] / origin[gains])
         if np.any((moved < 1.0 / MOST_ABSORBED[0]) | (moved > MOST_ABSORBED[1])):
             return False
-    if id in ("unsigned-speed", "sensor-saturation", CHANGED.id):
-        return True  # no number is searched, or the core's own are
-    if id == "input-delay":
-        return bool(beyond_a_sample(model, id, node.q).any())
+    if not mine:
+        return True  # no number of its own is searched: it is read off the data, or the core's are
     if not beyond_a_sample(model, id, node.q).any():
         return False
     first = about(id).parameters[0].name
+    numbers = {p.name: p for p in about(id).parameters}
     inside = []
     for k in mine:
         slot = model.slots[k]
@@ -58,7 +54,9 @@ def admissible(model: SuperModel, origin: Array, node: Node) -> bool:
         value = node.q[k]
         on_bound = min(value - slot.lower, slot.upper - value) < 1e-3 * width
         if slot.null in (slot.lower, slot.upper) and abs(value - slot.null) < 1e-3 * width:
-            on_bound = slot.name == first and id not in ("dead-zone", "stiction")
+            on_bound = slot.name == first and not numbers[slot.name].at_null
+        elif numbers[slot.name].at_limit:
+            on_bound = False
         inside.append((not on_bound, abs(value - slot.null) > 0.02 * slot.scale))
     return all(a for a, _ in inside) and any(b for _, b in inside)
 

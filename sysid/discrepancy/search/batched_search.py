@@ -44,10 +44,9 @@ class _Lane:
     columns: tuple[tuple[int, ...], ...]
 
 
-def _lane(model: SuperModel, free: Sequence[int]) -> _Lane:
-    owners = {model.slots[k].owner for k in free}
+def _lane(model: SuperModel, q: Array, free: Sequence[int]) -> _Lane:
     everything = tuple(range(model.tracks))
-    if any(model.slots[k].track < 0 for k in free) or "cross-coupling" in owners:
+    if model.joined(q, free):
         return _Lane(((tuple(free), everything),), tuple((k,) for k in free))
     rows = [tuple(k for k in free if model.slots[k].track == i) for i in everything]
     groups = tuple((row, (i,)) for i, row in zip(everything, rows, strict=True) if row)
@@ -80,7 +79,8 @@ def search(
     Returns:
         (q (lanes, slots), cost (lanes, tracks)).
     """
-    state = _Search(model, data, [_lane(model, f) for f in free], q0.copy(), flat)
+    lanes = [_lane(model, q, f) for q, f in zip(q0, free, strict=True)]
+    state = _Search(model, data, lanes, q0.copy(), flat)
     for _ in range(iterations):
         active = np.flatnonzero(~state.resting.all(axis=1))
         if not len(active):

@@ -24,8 +24,8 @@ from sysid.discrepancy.search.supermodel import (
     SuperModel,
     prepare,
 )
-from sysid.effects.base import Effect
-from sysid.effects.catalogue import about
+from sysid.effects.base import Effect, StartsFrom
+from sysid.effects.catalogue import LEVEL, about
 
 SHORTLIST = 9
 FIRST_STEPS, MORE_STEPS, FULL_STEPS = 2, 4, 14
@@ -44,7 +44,7 @@ PROMISING = 0.95
 """A candidate is fitted in full when its first steps bring some track's cost below this share."""
 
 PHASES = 24
-"""Phases of a ripple that are tried on a record of its own."""
+"""Phases of a wave that are tried on a record of its own."""
 
 
 class CandidateSearch:
@@ -79,7 +79,7 @@ class CandidateSearch:
         self.data = prepare(self.estimation, scales, delay, mine)
         rows = len(self.data.drive)
         self.held_data = prepare(self.held, scales, delay, theirs, rows)
-        owners = ("core", "load-bias") if level else ("core",)
+        owners = ("core", LEVEL.id) if level else ("core",)
         core = tuple(k for k, s in enumerate(model.slots) if s.owner in owners)
         self.core = () if fixed_core else core
         self.origin = model.null
@@ -110,15 +110,23 @@ class CandidateSearch:
         return data.split(np.where(data.weight > 0.0, data.y - run, np.nan))
 
     def in_phase(self, q: Array, effects: Sequence[str]) -> Array:
-        """The ripple's phase belongs to a record: turned to suit the held-out one."""
-        if "speed-ripple" not in effects or self.held == self.estimation:
+        """A wave's phase belongs to a record: turned to suit the held-out one."""
+        if self.held == self.estimation:
             return q
+        for id in effects:
+            wave = about(id).wave
+            if wave is not None:
+                q = self._turned(q, id, wave)
+        return q
+
+    def _turned(self, q: Array, id: str, wave: tuple[str, str]) -> Array:
+        """The wave of an effect (its cosine and sine) in the phase of the held-out record."""
         rows = np.repeat(q[None], PHASES, axis=0)
         for j in range(PHASES):
             turn = 2.0 * np.pi * j / PHASES
             for i in range(self.model.tracks):
-                a = self.model.place["speed-ripple", "cosine", i]
-                b = self.model.place["speed-ripple", "sine", i]
+                a = self.model.place[id, wave[0], i]
+                b = self.model.place[id, wave[1], i]
                 rows[j, a] = q[a] * np.cos(turn) - q[b] * np.sin(turn)
                 rows[j, b] = q[a] * np.sin(turn) + q[b] * np.cos(turn)
         data = self.held_data
@@ -146,7 +154,7 @@ class CandidateSearch:
         for e in effects:
             if e.id in (*node.effects, *node.excluded):
                 continue
-            if self.level and e.id in ("load-bias", "sensor-bias"):
+            if self.level and e.level:
                 continue
             for row in starts_of(self.model, e, node.q, errors, self.data, not self.core):
                 lanes.append(row)
@@ -154,7 +162,7 @@ class CandidateSearch:
         if not lanes:
             return []
         q, cost = self._search(node, np.array(lanes), owners, FIRST_STEPS)
-        core = [k for k, e in enumerate(owners) if e.id == "unsigned-speed"]
+        core = [k for k, e in enumerate(owners) if e.starts_from is StartsFrom.SIGNS]
         if core:  # a whole core is found anew, from starts far apart
             q[core], cost[core] = self._search(node, q[core], [owners[k] for k in core], FULL_STEPS)
         tried = list({e.id: e for e in owners}.values())
@@ -238,7 +246,7 @@ class CandidateSearch:
 
     def _joined(self, q: Array, cost: Array, e: Effect) -> Array:
         """The best start; track by track where the effect is each track's own."""
-        if e.shared or e.id == "cross-coupling":
+        if e.shared or e.couples:
             return np.asarray(q[int(np.argmin(cost.sum(axis=1)))])
         return best_tracks(self.model, q, cost)
 
@@ -263,7 +271,7 @@ class CandidateSearch:
             if slot.track >= 0 and not served[slot.track]:
                 out[k] = before.q[k]
         free = (*before.free, *free_slots(self.model, e, np.flatnonzero(served).tolist()))
-        if "cross-coupling" in (*before.effects, e.id):  # what one track loses, the other feels
+        if self.model.coupled(out, free):  # what one track loses, the other feels
             rows, _ = refined(self.model, out[None], [free], self.data, POLISH)
             out = rows[0]
         found = self.node((*before.effects, e.id), out, free, served)

@@ -213,4 +213,4 @@ def _size(search: NamingSearch, e: Effect, severity: float, steepest: Array) -> 
         value = _value(slot.null, slot.lower, upper, model.starts(e)[0][k], severity)
         values.append(value if _is_limit(first) else abs(value - slot.null))
     size = float(np.mean(values))
-    return max(size, model.dt) if e.id == "input-delay" else size
+    return max(size, model.dt) if e.beyond_a_sample else size

@@ -111,8 +111,7 @@ class _Walk:
         self.best = np.zeros(self.model.tracks)
         self.best_row = node.q.copy()
         self.moves = self._seen(slots)
-        joined = any(self.model.slots[k].track < 0 for k in node.free)
-        self.joined = joined or "cross-coupling" in node.effects
+        self.joined = self.model.joined(node.q, node.free)
         names: dict[tuple[object, ...], list[int]] = {}
         for k in self.moves:
             s = self.model.slots[k]

@@ -16,7 +16,7 @@ from sysid.discrepancy.search.named_sets import (
     Node,
 )
 from sysid.discrepancy.search.starts import repeats_at_top
-from sysid.effects.base import Effect
+from sysid.effects.base import Effect, StartsFrom
 from sysid.effects.catalogue import about
 
 MOST_EFFECTS = 4
@@ -140,14 +140,15 @@ class NamingSearch(CandidateSearch):
 
         It comes first: it needs no inference, and what else is named has to go with it.
         """
-        data, id = self.data, "sensor-saturation"
+        data = self.data
         clipped = [
             repeats_at_top(data.y[data.weight[:, i] > 0.0, i]) for i in range(self.model.tracks)
         ]
-        seen = next((j for j in judged if j.id == id and j.evidence.accepted), None)
+        clips = {e.id for e in self.model.effects if e.starts_from is StartsFrom.CLIP_LEVEL}
+        seen = next((j for j in judged if j.id in clips and j.evidence.accepted), None)
         if seen is None or not any(clipped):
             return best
-        q = best.q.copy()
+        q, id = best.q.copy(), seen.id
         for k in self.model.of(id):
             q[k] = seen.node.q[k]
         rest = tuple(e for e in best.effects if e != id)

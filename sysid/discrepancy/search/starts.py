@@ -6,7 +6,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.discrepancy.search.supermodel import Data, SuperModel
-from sysid.effects.base import Effect
+from sysid.effects.base import Effect, StartsFrom
 from sysid.effects.catalogue import CHANGED
 from sysid.structures.blocks.sign_recovery import LAGS, recovered
 
@@ -21,9 +21,6 @@ REPEATED = 0.004
 
 LINES = np.geomspace(0.3, 20.0, 240)
 """Waves a rad of wheel angle that are looked for in the errors."""
-
-WEAKENING = ("dead-zone", "input-saturation", "coulomb-friction", "stiction", "concave-gain")
-"""Effects that a plain base has absorbed in its gain: starts with a larger one, too."""
 
 
 def starts_of(
@@ -50,19 +47,20 @@ def starts_of(
 
 
 def _starts_of(model: SuperModel, e: Effect, q: Array, errors: Array, data: Data) -> list[Array]:
-    if e.id == "unsigned-speed":
-        return _signless(model, e, q, data)
-    if e.id == "sensor-saturation":
-        return _from_pile_up(model, e, q, data)
-    if e.id == "speed-ripple":
-        return _from_waves(model, e, q, errors, data)
+    match e.starts_from:
+        case StartsFrom.SIGNS:
+            return _signless(model, e, q, data)
+        case StartsFrom.CLIP_LEVEL:
+            return _from_pile_up(model, e, q, data)
+        case StartsFrom.WAVES:
+            return _from_waves(model, e, q, errors, data)
     found = []
     for values in model.starts(e):
         row = q.copy()
         for slot, value in values.items():
             row[slot] = value
         found.append(row)
-    if e.id in WEAKENING:
+    if e.weakens:
         found += [_stronger(model, row) for row in found]
     return found
 
@@ -92,7 +90,7 @@ def _signless(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]
 
     One start for each first guess of the signs, track by track (see ``sign_recovery``).
     """
-    found = []
+    found, first = [], e.parameters[0]
     for lag in LAGS:
         row = q.copy()
         for i in range(model.tracks):
@@ -114,14 +112,14 @@ def _signless(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]
                 row[model.place["core", f"f{k + 1}", i]] = float(A[k + 1])
             for k in range(1, model.order):
                 row[model.place["core", f"b{k + 1}", i]] = float(B[k]) / gain
-            row[model.place[e.id, "on", i]] = 1.0
+            row[model.place[e.id, first.name, i]] = first.starts[0]
         found.append(row)
     return found + (_ringing(model, e, q, data) if model.order == 3 else [])
 
 
 def _ringing(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]:
     """Third-order cores with a resonance, where signs that change fast cannot be put back."""
-    found = []
+    found, first = [], e.parameters[0]
     for turn in (0.3, 0.6, 1.0):
         for radius in (0.9, 0.97):
             for real in (0.85, 0.96):
@@ -135,7 +133,7 @@ def _ringing(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]:
                         row[model.place["core", f"f{k + 1}", i]] = float(f[k + 1])
                     for k in range(1, 3):
                         row[model.place["core", f"b{k + 1}", i]] = 0.0
-                    row[model.place[e.id, "on", i]] = 1.0
+                    row[model.place[e.id, first.name, i]] = first.starts[0]
                 found.append(row)
     return found
 
@@ -149,7 +147,7 @@ def _from_pile_up(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Ar
         return []
     row = q.copy()
     for i, level in enumerate(levels):
-        slot = model.place[e.id, "limit", i]
+        slot = model.place[e.id, e.parameters[0].name, i]
         if np.isfinite(level):
             row[slot] = min(level, model.slots[slot].upper)
     return [row, _stronger(model, row), _stronger(model, row, 1.8)]
@@ -220,13 +218,9 @@ def _from_waves(model: SuperModel, e: Effect, q: Array, errors: Array, data: Dat
             row = q.copy()
             for i in range(model.tracks):
                 line, cosine, sine = waves[i][rank]
-                for name, value in (
-                    ("cosine", cosine),
-                    ("sine", sine),
-                    ("per_turn", line),
-                    ("of_wheel", of_wheel),
-                ):
-                    row[model.place[e.id, name, i]] = value
+                numbers = (cosine, sine, line, of_wheel)
+                for p, value in zip(e.parameters, numbers, strict=True):
+                    row[model.place[e.id, p.name, i]] = value
             found.append(row)
     return found
 

@@ -236,6 +236,24 @@ class SuperModel:
         owner = "core" if owner == CHANGED.id else owner
         return tuple(k for k, s in enumerate(self.slots) if s.owner == owner)
 
+    def joined(self, q: Array, free: Sequence[int]) -> bool:
+        """Whether tracks feel each other's numbers: they share some, or an effect couples them.
+
+        Args:
+            q: all slots, (slots,).
+            free: those that are moved.
+        """
+        return any(self.slots[k].track < 0 for k in free) or self.coupled(q, free)
+
+    def coupled(self, q: Array, free: Sequence[int]) -> bool:
+        """Whether an effect that couples tracks acts, or may once the free slots are moved."""
+        return any(k in free or q[k] != self.slots[k].null for k in self._coupling)
+
+    @cached_property
+    def _coupling(self) -> tuple[int, ...]:
+        owners = {e.id for e in self.effects if e.couples}
+        return tuple(k for k, s in enumerate(self.slots) if s.owner in owners)
+
     def starts(self, e: Effect) -> list[dict[int, float]]:
         """Starting values of an effect on all tracks: slot → value."""
         found = []

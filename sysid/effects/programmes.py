@@ -1,66 +1,39 @@
 """Programmes of commands that show one kind of effect each, as shares of the largest command.
 
 A programme is a list of rows (time [s], left share, right share); each holds until the next. All
-begin with a second of rest, end at rest, and last at most two minutes.
+begin with a second of rest, end at rest, and last at most two minutes. An effect names those that
+show it (``Effect.programmes``); one of another package may bring a programme of its own.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 Row = tuple[float, float, float]
 Block = tuple[float, float, float]
 """(seconds, left share, right share)."""
 
 LONGEST = 120.0
-
-PROGRAMMES_OF: dict[str, tuple[str, ...]] = {
-    "dead-zone": ("staircase", "ramps", "coasting"),
-    "input-saturation": ("top", "levels"),
-    "concave-gain": ("levels", "one_and_other", "coasting"),
-    "direction-asymmetry": ("levels", "coasting"),
-    "input-delay": ("reversals", "levels"),
-    "rate-limit": ("top", "reversals"),
-    "actuator-lag": ("reversals", "top"),
-    "supply-sag": ("one_and_other", "levels"),
-    "battery-discharge": ("repeat", "hot"),
-    "backlash": ("reversals", "ramps"),
-    "coulomb-friction": ("staircase", "coasting", "ramps"),
-    "stiction": ("ramps", "staircase"),
-    "quadratic-drag": ("levels", "coasting"),
-    "load-bias": ("rests", "coasting"),
-    "coast-asymmetry": ("coasting", "levels"),
-    "freewheel": ("coasting", "levels"),
-    "viscous-asymmetry": ("levels", "coasting"),
-    "cross-coupling": ("one_and_other", "reversals"),
-    "inertial-coupling": ("one_and_other", "reversals"),
-    "thermal-fade": ("hot", "repeat"),
-    "speed-ripple": ("cruise", "levels"),
-    "track-slip": ("turns",),
-    "radius-mismatch": ("turns",),
-    "track-width": ("turns",),
-    "sensor-lag": ("reversals", "top"),
-    "unsigned-speed": ("reversals", "levels"),
-    "sensor-saturation": ("top", "coasting"),
-    "sensor-bias": ("rests", "coasting"),
-    "changed-parameter": ("levels", "repeat"),
-    "quantisation": ("cruise",),
-    "held-telemetry": ("reversals",),
-    "dropouts": ("cruise",),
-}
-"""Programmes that show each effect, the best first."""
+"""Longest programme [s]."""
 
 
-def programmes_of(id: str) -> tuple[str, ...]:
-    """Names of the programmes for an effect; ``levels`` for effects of other packages."""
-    return PROGRAMMES_OF.get(id, ("levels", "reversals"))
+@dataclass(frozen=True)
+class Programme:
+    """Commands that show an effect.
 
-
-def programme(name: str) -> tuple[Row, ...]:
-    """Rows of a programme.
-
-    Raises:
-        KeyError: there is none of that name.
+    Attributes:
+        words: what it does, as an order to a robot with two sides.
+        blocks: what is driven, one block after the other.
+        plain: the same words for a log that is no robot's; ``words`` where empty.
     """
-    return _rows(_PROGRAMMES[name]())
+
+    words: str
+    blocks: Callable[[], Sequence[Block]]
+    plain: str = ""
+
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        """The blocks on a clock, what would last longer than ``LONGEST`` left out."""
+        return _rows(self.blocks())
 
 
 def _rows(blocks: Sequence[Block]) -> tuple[Row, ...]:
@@ -172,17 +145,59 @@ def _rests() -> list[Block]:
     return [*blocks, (10.0, 0.0, 0.0)]
 
 
-_PROGRAMMES: dict[str, Callable[[], list[Block]]] = {
-    "staircase": _staircase,
-    "levels": _levels,
-    "one_and_other": _one_and_other,
-    "repeat": _repeat,
-    "hot": _hot,
-    "reversals": _reversals,
-    "ramps": _ramps,
-    "coasting": _coasting,
-    "cruise": _cruise,
-    "top": _top,
-    "turns": _turns,
-    "rests": _rests,
-}
+STAIRCASE = Programme(
+    "climb a slow staircase through zero in both directions, both sides in turn.",
+    _staircase,
+    "climb a slow staircase through the whole range of the input and down again.",
+)
+LEVELS = Programme(
+    "step to many levels in both directions, with rests between.",
+    _levels,
+    "step to many levels over the whole range of the input, with rests between.",
+)
+ONE_AND_OTHER = Programme(
+    "hold one side at a constant command while the other steps, then swap.",
+    _one_and_other,
+    "hold one input constant while the other steps, then swap.",
+)
+REPEAT = Programme(
+    "run the same short sequence at the beginning and at the end of a long run.",
+    _repeat,
+)
+HOT = Programme(
+    "drive hard for 40 s between two equal test sequences, then rest and test again.",
+    _hot,
+)
+REVERSALS = Programme(
+    "reverse often, at several speeds and at irregular instants.",
+    _reversals,
+    "step up and down often, by several heights and at irregular instants.",
+)
+RAMPS = Programme(
+    "ramp up slowly from rest and down to rest again, in both directions.",
+    _ramps,
+    "ramp up slowly from zero and down to zero again.",
+)
+COASTING = Programme(
+    "let go from several speeds, and step down to lower ones for comparison.",
+    _coasting,
+    "switch off from several levels, and step down to lower ones for comparison.",
+)
+CRUISE = Programme(
+    "hold several constant speeds for a long time.",
+    _cruise,
+    "hold several constant levels for a long time.",
+)
+TOP = Programme(
+    "step to the highest commands, in small and in large steps.",
+    _top,
+    "step to the largest inputs, in small and in large steps.",
+)
+TURNS = Programme(
+    "drive straight, turn at several radii, and turn on the spot, in both directions.",
+    _turns,
+)
+RESTS = Programme(
+    "rest for ten seconds between equal steps in both directions.",
+    _rests,
+)

@@ -1,0 +1,42 @@
+"""Effects that are seen in the samples themselves: they have no step, and no model holds them."""
+
+from sysid.effects.base import Effect, Place, nothing
+from sysid.effects.programmes import CRUISE, REVERSALS
+
+QUANTISATION = Effect(
+    "quantisation",
+    "sensor",
+    Place.SAMPLES,
+    "y → q round(y/q)",
+    "The readings come in steps.",
+    "All readings lie on a grid that is coarser than their noise.",
+    "Several constant speeds.",
+    (),
+    nothing,
+    programmes=(CRUISE,),
+)
+HELD_TELEMETRY = Effect(
+    "held-telemetry",
+    "sensor",
+    Place.SAMPLES,
+    "y(k) = y(k − 1) between refreshes",
+    "The sensor is slower than the log.",
+    "Readings repeat until the next one comes.",
+    "Fast reversals.",
+    (),
+    nothing,
+    programmes=(REVERSALS,),
+)
+DROPOUTS = Effect(
+    "dropouts",
+    "sensor",
+    Place.SAMPLES,
+    "y → 0, or the reading before, in bursts",
+    "Some readings are lost.",
+    "Readings jump to zero and back, or stand still while the speed moves on.",
+    "Several constant speeds.",
+    (),
+    nothing,
+    programmes=(CRUISE,),
+)
+EFFECTS = (QUANTISATION, HELD_TELEMETRY, DROPOUTS)
