@@ -9,18 +9,6 @@ from . import reading, render
 if TYPE_CHECKING:
     from sysid.structures.base import NamedStructure
 
-_ORDERS = {
-    "na": "past outputs in the equation",
-    "nb": "input coefficients",
-    "nc": "order of the noise's numerator",
-    "nd": "order of the noise's denominator",
-    "nf": "order of the denominator of each input",
-    "nk": "input delay in samples (0: acts at once)",
-    "nb1": "input coefficients of the first block",
-    "nf1": "order of the first block's denominator",
-}
-
-
 _TABLES = {
     "orders": ("name", "meaning", "default"),
     "options": ("name", "meaning"),
@@ -73,42 +61,13 @@ def _facts(cls: "type[NamedStructure]") -> dict[str, Any]:
         "orders": [
             {
                 "name": n,
-                "meaning": _ORDERS.get(n, ""),
+                "meaning": cls.order_words.get(n, ""),
                 "default": "1" if n == "nk" else "searched unless --orders gives it",
             }
             for n in cls.order_names
         ],
         "options": [{"name": n, "meaning": text} for n, text in cls.options.items()],
-        "constants": _constants(cls),
+        "constants": [dict(c) for c in cls.constant_words()],
         "focus": ["prediction", "simulation"],
         "example": f'--orders "{orders}"' if orders else "",
     }
-
-
-def _constants(cls: "type[NamedStructure]") -> list[dict[str, Any]]:
-    """The physical constants of a grey box, in their largest number; nothing of others."""
-    from sysid.errors import UsageError
-    from sysid.structures.grey_box.structure import GreyBox
-
-    if not issubclass(cls, GreyBox):
-        return []
-    for channels in (2, 1):
-        try:
-            made = cls.from_orders({}, channels, channels)
-        except UsageError:
-            continue
-        tried = {name for rung in made.ladder() for name in rung.names}
-        return [
-            {
-                "name": c.name,
-                "meaning": c.words,
-                "unit": c.unit.replace("{u}", "input").replace("{y}", "output"),
-                "estimated": "always"
-                if c.free
-                else "where held-out data pay for it"
-                if c.name in tried
-                else "if --option free names it",
-            }
-            for c in made.constants
-        ]
-    return []

@@ -12,6 +12,7 @@ from sysid.data.record import Array, Channel, Index, Record
 from sysid.errors import UsageError
 from sysid.fitting.problem import Focus, Initial, Parameter, Problem
 from sysid.structures.dynamics import Dynamics
+from sysid.structures.orders import ORDER_WORDS
 
 if TYPE_CHECKING:
     from sysid.structures.outcome import Fitter, Refitter, Warm
@@ -33,6 +34,8 @@ class Structure(Dynamics):
     linear: ClassVar[bool] = False
     has_losses: ClassVar[bool] = True
     """Whether its fit knows Huber's loss, not the quadratic one alone."""
+    stable_by_meaning: ClassVar[bool] = False
+    """Whether unstable parameters mean nothing: such a predictor cannot be evaluated for long."""
     begins_at_values: ClassVar[bool] = False
     """Whether a fit begins at values it is given, and at no others."""
     takes_inputs: ClassVar[bool] = True
@@ -126,6 +129,8 @@ class NamedStructure(Structure):
     """For which machines and logs, in a few words."""
     options: ClassVar[Mapping[str, str]] = MappingProxyType({})
     """Each option that ``from_orders`` accepts, with a sentence."""
+    order_words: ClassVar[Mapping[str, str]] = ORDER_WORDS
+    """What each order is, in a few words."""
     by_default: ClassVar[bool] = False
     """Whether it is fitted where the user names no structure."""
     search_cost: ClassVar[float] = 1.0
@@ -150,6 +155,11 @@ class NamedStructure(Structure):
         cls, nu: int, ny: int, samples: int, delay: Any
     ) -> tuple[Mapping[str, Any], ...]:
         """Orders worth trying on a log when the user gives none, the smallest first."""
+        return ()
+
+    @classmethod
+    def constant_words(cls) -> tuple[Mapping[str, str], ...]:
+        """Name, meaning, unit and estimation of each physical constant; none by default."""
         return ()
 
     @classmethod

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Integral
+from types import MappingProxyType
 from typing import Any
 
 from sysid.errors import UsageError
@@ -12,6 +13,18 @@ RawOrders = Mapping[str, int | Sequence[int] | Sequence[Sequence[int]]]
 
 MAX_ORDER = 200
 """Largest order or delay accepted: beyond it a polynomial in float64 has no meaning."""
+
+ORDER_WORDS: Mapping[str, str] = MappingProxyType(
+    {
+        "na": "past outputs in the equation",
+        "nb": "input coefficients",
+        "nc": "order of the noise's numerator",
+        "nd": "order of the noise's denominator",
+        "nf": "order of the denominator of each input",
+        "nk": "input delay in samples (0: acts at once)",
+    }
+)
+"""What the usual orders are."""
 
 
 @dataclass(frozen=True)

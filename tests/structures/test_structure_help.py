@@ -47,6 +47,6 @@ def test_the_constants_of_grey_boxes_are_listed() -> None:
     motor = {c["name"]: c for c in _facts(CLASSES["dc-motor"])["constants"]}
     assert motor["gain"]["estimated"] == "always"
     assert motor["breakaway"]["estimated"] == "where held-out data pay for it"
-    assert motor["coulomb_back"]["estimated"] == "if --option free names it"
+    assert motor["coulomb_back"]["estimated"] == "if option free names it"
     assert motor["coupling"]["meaning"]
     assert not _facts(CLASSES["arx"])["constants"]

@@ -236,7 +236,7 @@ def _fitted(
     model = fit(structure, records, options, detrend=detrend)
     # a structure that chooses within itself knows its θ only when it is fitted
     settled = bounded_run(model.structure, model.theta)
-    if settled or options.stable or "nf" not in structure.order_names:
+    if settled or options.stable or not structure.stable_by_meaning:
         return model, ()
     bounded = fit(structure, records, replace(options, stable=True), detrend=detrend)
     return bounded, (

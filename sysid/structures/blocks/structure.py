@@ -29,6 +29,7 @@ class BlockStructure(NamedStructure):
     """Base of the block-oriented structures: everything follows from the chain of blocks."""
 
     has_noise_model: ClassVar[bool] = False
+    stable_by_meaning: ClassVar[bool] = True
 
     @property
     @abstractmethod

@@ -15,7 +15,7 @@ from sysid.structures.blocks.layers import LinearLayer, StaticLayer
 from sysid.structures.blocks.static.functions import IDENTITY, Static
 from sysid.structures.blocks.static.options import Asked, option_names, read_asked
 from sysid.structures.blocks.structure import BlockStructure, statics_from_json, statics_to_json
-from sysid.structures.orders import Matrix, Orders, spread
+from sysid.structures.orders import ORDER_WORDS, Matrix, Orders, spread
 
 if TYPE_CHECKING:
     from sysid.structures.outcome import Fitter, Refitter
@@ -45,6 +45,13 @@ class WienerHammerstein(BlockStructure):
         "a lag before the nonlinearity and one after it: driver, then dead zone, then motor"
     )
     order_names: ClassVar[tuple[str, ...]] = ("nb1", "nf1", "nb", "nf", "nk")
+    order_words: ClassVar[Mapping[str, str]] = MappingProxyType(
+        {
+            **ORDER_WORDS,
+            "nb1": "input coefficients of the first block",
+            "nf1": "order of the first block's denominator",
+        }
+    )
     options: ClassVar[Mapping[str, str]] = MappingProxyType(
         {
             "static": "static between the blocks, e.g. dead-zone, saturation-upper, piecewise:8, "

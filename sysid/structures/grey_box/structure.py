@@ -246,6 +246,34 @@ class GreyBox(NamedStructure):
         """One entry without orders."""
         return ({},)
 
+    @classmethod
+    def constant_words(cls) -> tuple[Mapping[str, str], ...]:
+        """The constants of its largest form: two tracks where it knows them."""
+        for channels in (2, 1):
+            try:
+                made = cls.from_orders({}, channels, channels)
+            except UsageError:
+                continue
+            return made.described_constants()
+        return ()
+
+    def described_constants(self) -> tuple[Mapping[str, str], ...]:
+        """Name, meaning, unit and estimation of each constant."""
+        tried = {name for rung in self.ladder() for name in rung.names}
+        return tuple(
+            {
+                "name": c.name,
+                "meaning": c.words,
+                "unit": c.unit.replace("{u}", "input").replace("{y}", "output"),
+                "estimated": "always"
+                if c.free
+                else "where held-out data pay for it"
+                if c.name in tried
+                else "if option free names it",
+            }
+            for c in self.constants
+        )
+
     def order_values(self) -> dict[str, Any]:
         """No orders."""
         return {}

@@ -25,6 +25,7 @@ class BJ(PolynomialStructure):
     has_noise_model: ClassVar[bool] = True
     letters: ClassVar[str] = "bcdf"
     by_default: ClassVar[bool] = True
+    stable_by_meaning: ClassVar[bool] = True
     search_cost: ClassVar[float] = 4.0
 
     def starts(self, records: Sequence[Record], focus: Focus) -> "Warm":

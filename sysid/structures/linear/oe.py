@@ -27,6 +27,7 @@ class OE(PolynomialStructure):
     has_noise_model: ClassVar[bool] = False
     letters: ClassVar[str] = "bf"
     by_default: ClassVar[bool] = True
+    stable_by_meaning: ClassVar[bool] = True
     search_cost: ClassVar[float] = 2.0
 
     def starts(self, records: Sequence[Record], focus: Focus) -> "Warm":
