@@ -13,7 +13,7 @@ from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
 from sysid.structures.model import Model
-from sysid.structures.narx.fit import everything
+from sysid.structures.narx.fit import all_data
 from sysid.structures.narx.problems import FreeRuns
 from sysid.structures.narx.search import largest
 from sysid.structures.narx.simulation_error import RowRuns
@@ -316,7 +316,7 @@ def test_channel_scaling_changes_nothing() -> None:
 def test_everything_is_fitted_at_last() -> None:
     r = simulated(700)
     s = made(SMALL).with_ranges([r])
-    row = RowRuns(s, 0, everything([r]), largest(s))
+    row = RowRuns(s, 0, all_data([r]), largest(s))
     weight = row._chunks(50).weight
     assert np.count_nonzero(weight) == len(r) - 1
     # of unit norm for errors of the size of the output's spread

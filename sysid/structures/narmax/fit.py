@@ -68,7 +68,7 @@ def fit_narmax(
         structure, chunk, starts, known = _searched(structure, records, options, refine)
     structure, notes = with_noise_terms(structure, records)
     structure = _with_err(structure, records)
-    parameters = _kept(structure, records[0], parameters)
+    parameters = _with_constraints(structure, records[0], parameters)
     estimates = [_one_step(structure, records, options, parameters)]
     if chunk:
         estimates += _in_free_run(
@@ -151,7 +151,9 @@ def _with_err(s: NARMAX, records: Sequence[Record]) -> NARMAX:
     return replace(s, terms=tuple(rows), err=tuple(ratios))
 
 
-def _kept(s: NARMAX, record: Record, constrained: Sequence[Parameter]) -> tuple[Parameter, ...]:
+def _with_constraints(
+    s: NARMAX, record: Record, constrained: Sequence[Parameter]
+) -> tuple[Parameter, ...]:
     """The chosen structure's parameters with the user's bounds and fixed values."""
     known = {p.name: p for p in constrained}
     return tuple(known.get(p.name, p) for p in s.parameters(record.inputs, record.outputs))
@@ -160,7 +162,7 @@ def _kept(s: NARMAX, record: Record, constrained: Sequence[Parameter]) -> tuple[
 # ------------------------------------------------------------------------- coefficients
 
 
-def _held(parameters: Sequence[Parameter]) -> tuple[Array, Array, Array, Array]:
+def _constraints(parameters: Sequence[Parameter]) -> tuple[Array, Array, Array, Array]:
     """Fixed values (NaN where free), free mask, lower and upper bounds."""
     fixed = np.array([np.nan if p.fixed is None else p.fixed for p in parameters])
     lower, upper = (np.array([getattr(p, k) for p in parameters]) for k in ("lower", "upper"))
@@ -172,7 +174,7 @@ def _one_step(
 ) -> Estimate:
     """Least squares, iterated where noise terms or the Huber loss ask for it."""
     data = [(r.u, r.y) for r in records]
-    fixed, free, lower, upper = _held(parameters)
+    fixed, free, lower, upper = _constraints(parameters)
     theta = np.where(free, 0.0, fixed)
     solved: list[tuple[Problem, Solution, int]] = []
     for i in range(s.ny):
@@ -251,7 +253,7 @@ def _over_chunks(
     records, small = all_and_some
     data = [(r.u, r.y) for r in small]
     problem = ChunkedRuns(s.free_run(), data, chunk, spreads([r.y for r in small]))
-    _, free, lower, upper = _held(parameters)
+    _, free, lower, upper = _constraints(parameters)
     index, theta = problem.index, start.copy()
     counted = weighted(problem, small)
     solution = levenberg_marquardt(
@@ -309,7 +311,7 @@ def _outcome(
     starts: Sequence[StartReport],
     notes: Sequence[str],
 ) -> FitOutcome:
-    _, free, _, _ = _held(parameters)
+    _, free, _, _ = _constraints(parameters)
     noise = np.array([is_noise(t) for row in s.rows for t in row])
     alternate = any(isinstance(problem, ChunkedRuns) for problem, _, _ in found.solved)
     parts, stuck = [], []

@@ -68,7 +68,7 @@ def pools(
             if s.degree or degree <= 1:
                 raise
             degree -= 1
-    largest = tuple(t for t in largest if row.told_apart(t))
+    largest = tuple(t for t in largest if row.identifiable(t))
     terms = [row.inward(t) for t in largest]
     most = max([f.lag for t in terms for f in t], default=0)
     caps = sorted({c for c in (1, 2, 3, 5, 8, 12, 20) if c < most} | {most})
@@ -126,7 +126,10 @@ def _search(
     grams = [gram]
     if row.folds[0].train is not row.search:
         grams = [term_gram(terms, fold.train, 0, first) for fold in row.folds]
-    later = [(degree, cap, [k for k in m if not _at_once(terms[k])]) for degree, cap, m in inside]
+    later = [
+        (degree, cap, [k for k in m if not _within_the_sample(terms[k])])
+        for degree, cap, m in inside
+    ]
     if later == inside or not all(m for _, _, m in later):
         tried = _err_trials(row, gram, grams, inside)
     else:
@@ -171,7 +174,7 @@ def best(row: Row, trials: Sequence[Trial]) -> Trial:
     return order[0]
 
 
-def _at_once(t: Term) -> bool:
+def _within_the_sample(t: Term) -> bool:
     """Whether a term holds an input of the same sample."""
     return any(f.kind == "u" and f.lag == 0 for f in t)
 
@@ -228,13 +231,13 @@ def _simulation_trials(
     """Growing and pruning by the simulation error, from the best set and from its linear part."""
     s = row.structure
     place = {t: k for k, t in enumerate(gram.terms)}
-    everything = range(len(gram.terms))
+    every_term = range(len(gram.terms))
     ahead = best(row, tried)
     known = [
         k for t in sorted(tried, key=lambda t: t.error)[:8] for k in (place[x] for x in t.terms)
     ]
-    linear = [k for k in everything if len(gram.terms[k]) == 1]
-    path = forward(gram, list(everything), SHORTLIST).order.tolist()
+    linear = [k for k in every_term if len(gram.terms[k]) == 1]
+    path = forward(gram, list(every_term), SHORTLIST).order.tolist()
     short = list(dict.fromkeys([*(place[x] for x in ahead.terms), *known, *linear, *path]))
     short = short[: max(SHORTLIST, len(ahead.terms))]
     part = subset(gram, short)

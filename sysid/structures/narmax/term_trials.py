@@ -117,7 +117,7 @@ class Row:
             counted.append(mask)
         return Fold(train, counted)
 
-    def told_apart(self, t: Term) -> bool:
+    def identifiable(self, t: Term) -> bool:
         """Whether the inputs have enough levels to tell this term from one of lower power.
 
         With two levels u² is a constant and u³ a multiple of u: y(t−1)·u² would fit as well as

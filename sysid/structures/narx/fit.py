@@ -116,19 +116,19 @@ def _check(s: NarxWavelet, records: Sequence[Record], options: FitOptions) -> No
 
 def _rungs(s: NarxWavelet, options: FitOptions) -> tuple[int, ...]:
     """Chunk lengths of the refinement, none where least squares is asked for."""
-    asked = s.options_given.refine
+    length = s.options_given.refine
     if options.patience is not None:
         # orders are ranked by least squares: the order of the candidates is the same
         return ()
-    if asked == 0:
+    if length == 0:
         if options.focus.value == "simulation":
             raise UsageError(
                 "--option refine=none fits one step ahead; leave out --focus simulation"
             )
         return ()
-    if asked is None:
+    if length is None:
         return RUNGS
-    return (*(r for r in RUNGS if r < asked), asked)
+    return (*(r for r in RUNGS if r < length), length)
 
 
 # ------------------------------------------------------------------------------ all data
@@ -138,7 +138,7 @@ def _on_all_data(
     s: NarxWavelet, records: Sequence[Record], options: FitOptions, winners: Sequence[Trial]
 ) -> list[Estimate]:
     """Least squares, and what refinement makes of the winners."""
-    whole = everything(records)
+    whole = all_data(records)
     rows = [RowRuns(s, i, whole, largest(s)) for i in range(s.ny)]
     plain = [_least_squares(row, t) for row, t in zip(rows, winners, strict=True)]
     run = s.free_run()
@@ -151,11 +151,11 @@ def _on_all_data(
         return found
     start = [t.theta if t.chunk else linear for t, linear in zip(winners, plain, strict=True)]
     chunk = max(t.chunk for t in winners)
-    found.append(_together(s, records, options, np.concatenate(start), chunk))
+    found.append(_all_rows_refined(s, records, options, np.concatenate(start), chunk))
     return found
 
 
-def everything(records: Sequence[Record]) -> HoldOut:
+def all_data(records: Sequence[Record]) -> HoldOut:
     """All data to fit on, all of them to judge on."""
     small = shortened(records, RUN_SAMPLES)
     counted = tuple(np.ones(len(r), dtype=bool) for r in small)
@@ -187,7 +187,7 @@ def _prior(
     return pull, np.where(np.concatenate(amplitude), 0.0, start)
 
 
-def _together(
+def _all_rows_refined(
     s: NarxWavelet, records: Sequence[Record], options: FitOptions, theta: Array, chunk: int
 ) -> Estimate:
     """All rows refined at once within bounds: outputs see each other's simulated past."""
@@ -195,7 +195,7 @@ def _together(
     data = [(r.u, r.y) for r in small]
     samples = sum(len(y) for _, y in data)
     run = s.free_run()
-    rows = [(RowRuns(s, i, everything(records), largest(s)), d) for i, d in enumerate(s.designs)]
+    rows = [(RowRuns(s, i, all_data(records), largest(s)), d) for i, d in enumerate(s.designs)]
     bounds = [row.bounds(d) for row, d in rows]
     pull, aim = _prior(FreeRuns(run, data, chunk), theta, rows)
     bare = FreeRuns(run, data, chunk, pull, aim)
@@ -243,7 +243,7 @@ def _outcome(
     best = int(np.argmin(errors))
     chosen = estimates[best]
     reports = [e.report(error) for e, error in zip(estimates, errors, strict=True)]
-    parameters = _held(s, records, chosen.theta)
+    parameters = _with_fixed_boxes(s, records, chosen.theta)
     free = np.array([p.fixed is None for p in parameters])
     parts = [
         valued(problem, solution, np.flatnonzero(free[problem.index]), samples)
@@ -268,7 +268,9 @@ def _outcome(
     )
 
 
-def _held(s: NarxWavelet, records: Sequence[Record], theta: Array) -> tuple[Parameter, ...]:
+def _with_fixed_boxes(
+    s: NarxWavelet, records: Sequence[Record], theta: Array
+) -> tuple[Parameter, ...]:
     """Parameters with the values of what cannot be estimated: places of boxes."""
     named = s.parameters(records[0].inputs, records[0].outputs)
     if s.kind.smooth:

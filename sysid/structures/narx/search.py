@@ -101,7 +101,7 @@ def one_step_trials(row: RowRuns) -> list[Trial]:
     plain = scaled_design(row.x, given.margin)
     degrees = (given.degree,) if given.degree else range(1, DEGREE + 1)
     found: list[Trial] = []
-    books = _dictionaries(row, plain) if given.units != 0 else {}
+    dictionaries = _dictionaries(row, plain) if given.units != 0 else {}
     for degree in degrees:
         terms: tuple[tuple[int, ...], ...] = ()
         if degree == 1:
@@ -118,17 +118,17 @@ def one_step_trials(row: RowRuns) -> list[Trial]:
             if not terms:
                 continue
         if given.units != 0:
-            found += _networks(row, terms, degree, books)
+            found += _networks(row, terms, degree, dictionaries)
     if not found:
         found.append(_trial(row, plain, None, "linear"))
     return found
 
 
-Books = Mapping[str, tuple[RowDesign, Dictionary]]
+Dictionaries = Mapping[str, tuple[RowDesign, Dictionary]]
 """For each kind of network a design with its Q and no products, and candidate units over it."""
 
 
-def _dictionaries(row: RowRuns, plain: RowDesign) -> Books:
+def _dictionaries(row: RowRuns, plain: RowDesign) -> Dictionaries:
     given = row.structure.options_given
     names = tuple(DIMENSIONS) if given.network == "auto" else (given.network,)
     sets = {name: seen(row, name) for name in names}
@@ -138,26 +138,26 @@ def _dictionaries(row: RowRuns, plain: RowDesign) -> Books:
         sets = {"each": sets["all"]}
     if given.network == "auto" and len(row.row) == 2:
         del sets["pairs"]
-    books = {}
+    dictionaries = {}
     for name, regressors in sets.items():
         views = groups(regressors, DIMENSIONS[name]) if name in ("each", "pairs") else ()
         if views:
             design = separate(plain, row.x)
         else:
             design = projected(plain, row.x, regressors, DIMENSIONS[name])
-        books[name] = design, dictionary(design, row.x, row.estimator, given.seed, views)
-    return books
+        dictionaries[name] = design, dictionary(design, row.x, row.estimator, given.seed, views)
+    return dictionaries
 
 
 def _networks(
-    row: RowRuns, terms: tuple[tuple[int, ...], ...], degree: int, books: Books
+    row: RowRuns, terms: tuple[tuple[int, ...], ...], degree: int, dictionaries: Dictionaries
 ) -> list[Trial]:
     given = row.structure.options_given
     most = given.units or max(UNITS)
     found = []
-    for name, (plain, book) in books.items():
+    for name, (plain, candidates) in dictionaries.items():
         design = replace(plain, terms=terms)
-        s = select_units(design, row.x, row.y, book, most)
+        s = select_units(design, row.x, row.y, candidates, most)
         if given.units:
             sizes = [min(given.units, len(s.shape))]
         else:
@@ -172,9 +172,9 @@ def _networks(
 
 def seen(row: RowRuns, name: str) -> list[int]:
     """Regressors the units see: the output's own lags and the newest of every input, or all."""
-    everything = list(range(len(row.row)))
-    if name in ("each", "all") or (name == "pairs" and len(everything) <= PAIRED):
-        return everything
+    every_regressor = list(range(len(row.row)))
+    if name in ("each", "all") or (name == "pairs" and len(every_regressor) <= PAIRED):
+        return every_regressor
     own = [k for k, e in enumerate(row.row) if isinstance(e, Signal) and e.kind == "y"]
     newest: dict[int, int] = {}
     for k, e in enumerate(row.row):

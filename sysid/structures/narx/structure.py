@@ -237,8 +237,8 @@ class NarxWavelet(RecursiveStructure):
                     "products": len(d.terms),
                     "units": len(d.flags),
                     "scaling_functions": sum(1 - f for f in d.flags),
-                    "network_regressors": [written(row[k]) for k in d.in_sight()],
-                    "regressors_a_unit": d.sizes[3] if d.views else len(d.in_sight()),
+                    "network_regressors": [written(row[k]) for k in d.seen_by_units()],
+                    "regressors_a_unit": d.sizes[3] if d.views else len(d.seen_by_units()),
                 }
                 for row, d in zip(self.rows, self.maps, strict=True)
             ],

@@ -285,15 +285,22 @@ def dictionary(
     return Dictionary(shape, place, flag, tuple(owners), columns, bool(views))
 
 
-def select_units(design: RowDesign, x: Array, y: Array, book: Dictionary, most: int) -> Selection:
+def select_units(
+    design: RowDesign, x: Array, y: Array, candidates: Dictionary, most: int
+) -> Selection:
     """Units added to the linear part and the design's products."""
     rows = _rows(len(y))
     z = scaled(design, x[rows])
     given = product_columns(z, design.terms)
-    order, allowed = _ordered(z, book.columns, y[rows], given, most)
-    chosen = tuple(book.owners[k] for k in order) if book.separate else ()
+    order, allowed = _ordered(z, candidates.columns, y[rows], given, most)
+    chosen = tuple(candidates.owners[k] for k in order) if candidates.separate else ()
     return Selection(
-        design.terms, book.shape[order], book.place[order], book.flag[order], allowed, chosen
+        design.terms,
+        candidates.shape[order],
+        candidates.place[order],
+        candidates.flag[order],
+        allowed,
+        chosen,
     )
 
 

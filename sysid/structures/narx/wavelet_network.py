@@ -300,7 +300,7 @@ class RowDesign:
             np.any(Q != 0.0, axis=0).sum(axis=1).astype(np.float64),
         )
 
-    def in_sight(self) -> list[int]:
+    def seen_by_units(self) -> list[int]:
         """Regressors that some unit sees."""
         return np.flatnonzero(np.any(self.frame().Q != 0.0, axis=(1, 2))).tolist()
 

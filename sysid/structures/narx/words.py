@@ -84,7 +84,7 @@ def equation(
         parts.append(_signed(float(v), "·".join(f"z[{named(row[k], inputs, outputs)}]" for k in t)))
     text = " ".join(parts).removeprefix("+ ")
     if d.flags:
-        seen = ", ".join(named(row[k], inputs, outputs) for k in d.in_sight())
+        seen = ", ".join(named(row[k], inputs, outputs) for k in d.seen_by_units())
         each = f"each of {d.sizes[3]} of " if d.views else "of "
         plural = "" if len(d.flags) == 1 else "s"
         text += f" + {len(d.flags)} {kind.unit}{plural} {each}({seen})"
