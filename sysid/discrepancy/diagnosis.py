@@ -228,6 +228,8 @@ class Diagnosis:
         reading: what was done to the logs as they were read, in sentences.
         unfollowed: that the model after does not follow the log, and what to do; empty where it
             does.
+        undecided: why nothing is named although the errors are far above the noise of the readings;
+            empty elsewhere.
     """
 
     verdict: str
@@ -252,6 +254,7 @@ class Diagnosis:
     plainer: str = ""
     geometry: GeometryEstimate | None = None
     unfollowed: str = ""
+    undecided: str = ""
     reading: tuple[str, ...] = ()
 
     @property

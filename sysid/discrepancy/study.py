@@ -62,6 +62,10 @@ FEW_WINDOWS = 40
 LOUD = 1.5
 """Errors beyond this multiple of the noise of the readings are mentioned."""
 
+LONG_ENOUGH = 800
+"""Samples whose held-out part, three blocks of 80, is left with twice as many samples as terms of
+the model of the errors: whitening takes 20 of each block, the terms are some 40."""
+
 CERTAIN = 1e-6
 """Structure as sure as this is missing something, however little of it is foretold."""
 
@@ -273,9 +277,12 @@ class Study:
             after = with_ground(after, told.ground, told.std_errors, tracks=channels)
             gap = gap if naming.named else told.gap
         unseen = self._unseen(naming, told, [e.id for e in effects])
+        named = [e.id for e in effects if e.id not in OF_THE_LOG]
+        silent = verdict != "unexplained" and not named and not poor and bool(_loud(gap))
         return Diagnosis(
             verdict=verdict,
             story=poor or _story(verdict, [e.id for e in effects], gap, left_after, base.on_rate),
+            undecided=_undecided(gap, left_after, structured) if silent else "",
             unfollowed=poor,
             base_words=base.words if self.doubted is None else self.doubted.base.words,
             plainer=base.words if self.doubted is not None else "",
@@ -451,16 +458,33 @@ def _story(
             "The errors depend on what is known, so something is missing, but most of it is "
             "unexplained by every effect of the catalogue." + ON_A_RATE * on_rate
         )
+    if loud:
+        return _undecided(gap, left, structured)
     if left is not None and structured:
         return (
             "Nothing of the catalogue is missing: what is known predicts only "
             f"{100.0 * left.share:.0f} % of the errors beyond the noise."
-            + (f" The rest ({loud}) no channel records." if loud else "")
-        )
-    if loud:
-        return (
-            "Nothing is missing that this log could show: the errors depend on no command and no "
-            f"speed. But they are larger than the noise of the readings ({loud}): a load or a "
-            "disturbance acts that no channel records."
         )
     return "Nothing is missing that this log could show: the errors look like noise."
+
+
+def _undecided(gap: Gap, left: Left | None, structured: bool) -> str:
+    """Why nothing is named where errors are far above the noise of the readings."""
+    loud = ", ".join(f"{name} {ratio:.1f} times" for name, ratio in _loud(gap).items())
+    if left is None:
+        return (
+            f"The log is too short to tell what is missing: the errors ({loud} the noise of the "
+            f"readings) cannot be tested on so few held-out samples; record at least {LONG_ENOUGH} "
+            "samples, or name a second log of the same system to judge by."
+        )
+    begin = "No effect is shown, but the errors are not noise: "
+    if structured:
+        return begin + (
+            f"what is known predicts only {100.0 * left.share:.0f} % of them. The rest ({loud} the "
+            "noise of the readings) no channel records."
+        )
+    return begin + (
+        f"they are larger than that of the readings ({loud}), yet depend on no command and no "
+        "speed. A load or a disturbance acts that no channel records, or the log is too short or "
+        "its commands too simple to tell."
+    )

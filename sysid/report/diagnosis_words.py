@@ -60,6 +60,8 @@ def headline(found: Diagnosis) -> str:
     seen = "".join(f"; {OF_THE_LOG[e.id]}" for e in found.effects if e.id in OF_THE_LOG)
     if found.verdict == "effects-found" and missing:
         return f"Missing: {missing}{seen}"
+    if found.verdict != "unexplained" and found.undecided:
+        return found.undecided.partition(":")[0] + seen
     if found.verdict != "unexplained":
         return f"Nothing is missing that this log could show{seen}"
     if missing:
@@ -180,6 +182,8 @@ def nothing_named(found: Diagnosis) -> str:
         return "No effect is named: the model must follow the log first."
     if found.verdict == "unexplained":
         return "No effect of the catalogue explains it."
+    if found.undecided:
+        return "No effect is proven; what the errors are made of cannot be told."
     return "No effect is missing."
 
 

@@ -130,7 +130,7 @@ def test_held_telemetry_is_no_missing_effect(
     verdict: str, ids: tuple[str, ...], words: str
 ) -> None:
     effects = tuple(SimpleNamespace(id=id) for id in ids)
-    found: Any = SimpleNamespace(verdict=verdict, effects=effects, unfollowed="")
+    found: Any = SimpleNamespace(verdict=verdict, effects=effects, unfollowed="", undecided="")
     assert headline(found).startswith(words)
     assert "held-telemetry" not in headline(found)
 

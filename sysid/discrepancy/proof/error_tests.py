@@ -16,6 +16,9 @@ LEVEL_SPREAD = 0.35
 
 LEVEL_PARTS = 6
 
+FEWEST_FREE = 10
+"""Degrees of freedom that a variance needs to be compared with."""
+
 RIPPLES = np.arange(0.5, 20.0, 0.05)
 """Waves per radian of the wheel that a ripple is looked for at."""
 
@@ -32,13 +35,18 @@ def orthonormal(columns: Array) -> Array:
 
 
 def f_test(w: Array, X: Array, spent: int) -> float:
-    """p-value of no dependence of white w on the columns of X; ``spent``: numbers fitted before."""
+    """p-value of no dependence of white w on the columns of X; ``spent``: numbers fitted before.
+
+    NaN where too few samples are left to compare with.
+    """
     basis = orthonormal(X)
     explained = float(np.sum((basis.T @ w) ** 2))
     q = basis.shape[1]
     free = len(w) - q - spent
     rest = float(w @ w) - explained
-    if q == 0 or free < 10 or rest <= 0.0:
+    if q and free < FEWEST_FREE:
+        return float("nan")
+    if q == 0 or rest <= 0.0:
         return 1.0
     return float(fdtrc(q, free, explained / q / (rest / free)))
 

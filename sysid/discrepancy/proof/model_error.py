@@ -106,7 +106,7 @@ def structure_left(
             axis asks for everything, as for a given model that was not fitted on this system.
 
     Raises:
-        DataError: shapes do not fit, or fewer than 100 samples.
+        DataError: shapes do not fit, or no output has enough samples for a test.
     """
     samples = sum(len(e) for e in errors)
     if samples < FEWEST:
@@ -135,9 +135,10 @@ def structure_left(
         )
         total = sum(len(x) for x in e)
         if total < FEWEST:
-            found.append(OutputLeft(name, 1.0, 0.0, ""))
             continue
         p, strongest = _trial(e, own, Terms(terms.names, tuple(columns), terms.sizes), angle)
+        if np.isnan(p):
+            continue
         basis = orthonormal(np.concatenate(own))
         y = np.concatenate(e)
         rest = y - basis @ (basis.T @ y)
@@ -148,6 +149,10 @@ def structure_left(
         unit = max(float(np.mean(np.concatenate(e) ** 2)), 1e-300)
         power += max(above, 0.0) / unit
         predicted += share * max(above, 0.0) / unit
+    if not found:
+        raise DataError(
+            f"no output has {FEWEST} samples in stretches long enough to be told from its own noise"
+        )
     p_value = min(1.0, len(found) * min(o.p_value for o in found))
     return Left(p_value, predicted / power if power > 0.0 else 0.0, tuple(found))
 
@@ -213,7 +218,7 @@ def _stretches(e: Array) -> list[slice]:
 def _trial(
     e: Sequence[Array], own: Sequence[Array], terms: Terms, angle: Sequence[Array]
 ) -> tuple[float, str]:
-    """(p-value, strongest term) of one output."""
+    """(p-value, strongest term) of one output; NaN where the terms are too many for the samples."""
     ends = np.cumsum([len(x) for x in e])[:-1]
     basis = orthonormal(np.concatenate(own))
     y = np.concatenate(e)
@@ -240,7 +245,10 @@ def _trial(
     level = level_chance(e, own)
     if level < min(p, ripple):
         strongest = "1"
-    return min(1.0, 3.0 * min(p, ripple, level)), strongest
+    chance = 3.0 * float(np.nanmin([p, ripple, level]))
+    if np.isnan(p) and chance > PROVEN:
+        return float("nan"), strongest
+    return min(1.0, chance), strongest
 
 
 def _predicted(e: Sequence[Array], own: Sequence[Array], columns: Sequence[Array]) -> float:
