@@ -21,7 +21,6 @@ from sysid.structures.narmax.term_search import search_terms
 from sysid.structures.narmax.term_trials import LADDER, Row
 from sysid.structures.orders import Orders
 from sysid.structures.outcome import FitOutcome, StartReport
-from sysid.structures.recursive.chunks import spreads
 from sysid.structures.recursive.frols import forward, term_gram
 from sysid.structures.recursive.monomials import Term, is_noise
 from sysid.structures.recursive.trials import RUN_SAMPLES, SEARCH_SAMPLES, Estimate, start_report
@@ -252,7 +251,7 @@ def _over_chunks(
     """One refinement on some of the records, noise terms on all: θ and what determined it."""
     records, small = all_and_some
     data = [(r.u, r.y) for r in small]
-    problem = ChunkedRuns(s.free_run(), data, chunk, spreads([r.y for r in small]))
+    problem = s.over_chunks(data, chunk)
     _, free, lower, upper = _constraints(parameters)
     index, theta = problem.index, start.copy()
     counted = weighted(problem, small)

@@ -9,17 +9,14 @@ import numpy as np
 from sysid.data.record import Array, Channel, Index, Record
 from sysid.data.unit_words import ratio
 from sysid.fitting.problem import (
-    Focus,
-    Initial,
     Parameter,
-    Problem,
 )
 from sysid.structures.base import refuse_options
 from sysid.structures.narmax.options import SELECTIONS, explicit_terms, require_inside
 from sysid.structures.narmax.problems import ChunkedRuns, OneStep
 from sysid.structures.narmax.runs import PolynomialRun
 from sysid.structures.orders import MAX_ORDER, spread
-from sysid.structures.recursive.chunks import spreads
+from sysid.structures.recursive.chunks import Data, spreads
 from sysid.structures.recursive.monomials import (
     MAX_DEGREE,
     Term,
@@ -205,23 +202,13 @@ class NARMAX(RecursiveStructure):
                 found.append(Parameter(typed_name(t, inputs, outputs) + tag, unit))
         return tuple(found)
 
-    def problems(
-        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
-    ) -> tuple[Problem, ...]:
-        """One problem an output one step ahead; one of all outputs in free run.
-
-        The free run starts from the measured past and covers each record whole.
-        """
-        data = [(r.u, r.y) for r in records]
-        if focus is Focus.SIMULATION:
-            longest = max(len(r) for r in records)
-            scale = spreads([r.y for r in records])
-            return (ChunkedRuns(self.free_run(), data, longest, scale),)
-        return tuple(self.one_step(i, data) for i in range(self.ny))
-
-    def one_step(self, i: int, data: Sequence[tuple[Array, Array]]) -> OneStep:
-        """The one-step problem of one output on (u, y) of each record."""
+    def one_step(self, i: int, data: Data) -> OneStep:
+        """The errors of output ``i`` one step ahead on (u, y) of each record."""
         return OneStep(self.rows[i], int(self.row_index(i)[0]), i, data, self.first_sample())
+
+    def over_chunks(self, data: Data, length: int) -> ChunkedRuns:
+        """The errors of all outputs in free runs over chunks of about ``length`` samples."""
+        return ChunkedRuns(self.free_run(), data, length, spreads([y for _, y in data]))
 
     def first_sample(self) -> int:
         """First sample whose measured terms lie inside the record."""
@@ -234,15 +221,6 @@ class NARMAX(RecursiveStructure):
         from sysid.structures.narmax.fit import fit_narmax
 
         return fit_narmax
-
-    def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
-        """One-step errors; they need no initial state, past errors before the record are zero."""
-        out = np.full(y.shape, np.nan)
-        first = self.first_sample()
-        if len(y) > first:
-            for i in range(self.ny):
-                out[first:, i] = self.one_step(i, [(u, y)]).residual(theta[self.row_index(i)])
-        return out
 
     def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
         """k-step-ahead predictions: free runs of k steps from the measured past, at every sample.
@@ -263,18 +241,6 @@ class NARMAX(RecursiveStructure):
         run = PolynomialRun(rows, self.nu + self.ny, self.limits)
         driven = np.concatenate([u, e], axis=1)
         return run.predictions(theta, driven, y, horizon, self.first_sample(), unknown=self.ny)
-
-    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
-        """∂ŷ/∂θ of one output on a record, zero where it cannot be predicted."""
-        index, first = self.row_index(output), self.first_sample()
-        out = np.zeros((len(y), len(index)))
-        if len(y) > first:
-            out[first:] = -self.one_step(output, [(u, y)]).jacobian(theta[index])
-        return out
-
-    def gradient_index(self, theta: Array, output: int) -> Index:
-        """The entries of θ that belong to the output's row."""
-        return self.row_index(output)
 
     # ----------------------------------------------------------------- words
 

@@ -6,7 +6,7 @@ from sysid.data.record import Array, Index
 from sysid.fitting.problem import Problem
 from sysid.structures.narx.compiled import Shape, WeightedChunks, chunk_functions
 from sysid.structures.narx.run import NarxRun
-from sysid.structures.narx.wavelet_network import gradients, value
+from sysid.structures.narx.wavelet_network import gradients
 from sysid.structures.recursive.chunks import Chunks, Data, pieces, side_by_side, spreads
 from sysid.structures.recursive.regressors import columns
 
@@ -26,20 +26,18 @@ class OneStepRow(Problem):
         self.n_initial = 0
         self.lengths = tuple(max(len(y) - first, 0) for _, y in data)
         self.channels = (output,) * len(data)
-        self._design, self._kind = run.designs[output], run.kind
+        self._run, self._output = run, output
         self._x = np.concatenate([columns(run.rows[output], u, y)[first:] for u, y in data])
         self._y = np.concatenate([y[first:, output] for _, y in data])
 
     def residual(self, p: Array) -> Array:
         """ε, record after record."""
-        d = self._design
-        found: Array = value(np, self._kind, d.frame(), d.weights(p), self._x)
-        return self._y - found
+        return self._y - self._run.row_values(self._output, p, self._x)
 
     def jacobian(self, p: Array) -> Array:
         """∂ε/∂θ."""
-        d = self._design
-        return -np.asarray(gradients(np, self._kind, d.frame(), d.weights(p), self._x)[0])
+        d = self._run.designs[self._output]
+        return -np.asarray(gradients(np, self._run.kind, d.frame(), d.weights(p), self._x)[0])
 
 
 def compiled_shape(run: NarxRun) -> Shape:

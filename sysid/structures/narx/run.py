@@ -92,15 +92,17 @@ class NarxRun(FreeRun):
         """Without past outputs the whole run is one evaluation."""
         driven = np.concatenate([self.past(x0)[1], u])
         blank = np.zeros((len(driven), self.ny))
-        found = [self.row_values(i, theta, columns(row, driven, blank)[self.before :])
-                 for i, row in enumerate(self.rows)]  # fmt: skip
+        found = []
+        for i, (row, index) in enumerate(zip(self.rows, self.theta_index, strict=True)):
+            x = columns(row, driven, blank)[self.before :]
+            found.append(self.row_values(i, theta[index], x))
         low, high = np.array(self.limits).T
         return np.asarray(np.clip(np.stack(found, axis=1), low, high))
 
-    def row_values(self, i: int, theta: Array, x: Array) -> Array:
-        """Map of one output for regressors (N, d), unlimited, (N,)."""
+    def row_values(self, i: int, p: Array, x: Array) -> Array:
+        """Map of one output with its parameters p for regressors (N, d), unlimited, (N,)."""
         d = self.designs[i]
-        frame, weights = d.frame(), d.weights(theta[self.theta_index[i]])
+        frame, weights = d.frame(), d.weights(p)
         parts = [value(np, self.kind, frame, weights, x[a : a + BLOCK])
                  for a in range(0, len(x), BLOCK)]  # fmt: skip
         return np.concatenate([np.zeros(0), *parts])

@@ -6,12 +6,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from sysid.data.record import Array, Channel, Index, Record
+from sysid.data.record import Array, Channel, Index
 from sysid.fitting.problem import (
-    Focus,
-    Initial,
     Parameter,
-    Problem,
 )
 from sysid.structures.base import refuse_options
 from sysid.structures.narx import options as narx_options
@@ -23,11 +20,11 @@ from sysid.structures.narx.wavelet_network import (
     KINDS,
     Kind,
     RowDesign,
-    gradients,
 )
 from sysid.structures.orders import spread
+from sysid.structures.recursive.chunks import Data
 from sysid.structures.recursive.expressions import parse, written
-from sysid.structures.recursive.regressors import Row, columns, custom
+from sysid.structures.recursive.regressors import Row, custom
 from sysid.structures.recursive.signals import lagged_signals
 from sysid.structures.recursive.single_values import Limits
 from sysid.structures.recursive.structure import RecursiveStructure, ranges_from
@@ -155,18 +152,13 @@ class NarxWavelet(RecursiveStructure):
             for p in narx_words.parameters(row, d, self.kind, inputs, outputs, i)
         )
 
-    def problems(
-        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
-    ) -> tuple[Problem, ...]:
-        """One problem an output one step ahead; one of all outputs in free run.
+    def one_step(self, i: int, data: Data) -> OneStepRow:
+        """The errors of output ``i`` one step ahead on (u, y) of each record."""
+        return OneStepRow(self.free_run(), i, data)
 
-        The free run starts from the measured past and covers each record whole.
-        """
-        data = [(r.u, r.y) for r in records]
-        run = self.free_run()
-        if focus is Focus.SIMULATION:
-            return (FreeRuns(run, data, max(len(r) for r in records)),)
-        return tuple(OneStepRow(run, i, data) for i in range(self.ny))
+    def over_chunks(self, data: Data, length: int) -> FreeRuns:
+        """The errors of all outputs in free runs over chunks of about ``length`` samples."""
+        return FreeRuns(self.free_run(), data, length)
 
     # ----------------------------------------------------------------- runs
 
@@ -175,37 +167,6 @@ class NarxWavelet(RecursiveStructure):
         from sysid.structures.narx.fit import fit_narx
 
         return fit_narx
-
-    def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
-        """One-step errors; they need no initial state."""
-        out = np.full(y.shape, np.nan)
-        run, first = self.free_run(), self.first_sample()
-        if len(y) > first:
-            for i, row in enumerate(self.rows):
-                found = run.row_values(i, theta, columns(row, u, y)[first:])
-                out[first:, i] = y[first:, i] - found
-        return out
-
-    def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
-        """k-step-ahead predictions: free runs of k steps from the measured past, everywhere."""
-        if horizon == 1:
-            return y - self.errors(theta, u, y, window)
-        return self.free_run().predictions(theta, u, y, horizon, self.first_sample())
-
-    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
-        """∂ŷ/∂θ of one output on a record, zero where it cannot be predicted.
-
-        Only of what was estimated: units that cannot move have no columns of shape and place.
-        """
-        run, first = self.free_run(), self.first_sample()
-        design, index = self.maps[output], run.theta_index[output]
-        free = np.array([p.fixed is None for p in narx_words.shapes(design, self.kind)])
-        out = np.zeros((len(y), int(free.sum())))
-        if len(y) > first:
-            x = columns(self.rows[output], u, y)[first:]
-            g = gradients(np, self.kind, design.frame(), design.weights(theta[index]), x)[0]
-            out[first:] = g[:, free]
-        return out
 
     def gradient_index(self, theta: Array, output: int) -> Index:
         """The output's entries of θ, without shape and place of units that cannot move."""

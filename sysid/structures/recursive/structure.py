@@ -8,8 +8,10 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from sysid.data.record import Array, Channel, Index, Record
+from sysid.fitting.problem import Focus, Initial, Problem
 from sysid.structures.base import NamedStructure
 from sysid.structures.orders import Orders
+from sysid.structures.recursive.chunks import Data
 from sysid.structures.recursive.free_run import FreeRun, ranges, widened
 from sysid.structures.recursive.probing import stays_near
 from sysid.structures.recursive.single_values import Limits
@@ -98,6 +100,56 @@ class RecursiveStructure(NamedStructure):
     def row_index(self, i: int) -> Index:
         """Entries of θ that belong to output ``i``."""
         return self.free_run().theta_index[i]
+
+    # ----------------------------------------------------------------- problems
+
+    @abstractmethod
+    def one_step(self, i: int, data: Data) -> Problem:
+        """The errors of output ``i`` one step ahead on (u, y) of each record."""
+
+    @abstractmethod
+    def over_chunks(self, data: Data, length: int) -> Problem:
+        """The errors of all outputs in free runs over chunks of about ``length`` samples."""
+
+    def problems(
+        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
+    ) -> tuple[Problem, ...]:
+        """One problem an output one step ahead; one of all outputs in free run.
+
+        The free run starts from the measured past and covers each record whole.
+        """
+        data = [(r.u, r.y) for r in records]
+        if focus is Focus.SIMULATION:
+            return (self.over_chunks(data, max(len(r) for r in records)),)
+        return tuple(self.one_step(i, data) for i in range(self.ny))
+
+    def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
+        """One-step errors; they need no initial state, past errors before the record are zero."""
+        out = np.full(y.shape, np.nan)
+        first = self.first_sample()
+        if len(y) > first:
+            for i in range(self.ny):
+                out[first:, i] = self.one_step(i, [(u, y)]).residual(theta[self.row_index(i)])
+        return out
+
+    def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
+        """k-step-ahead predictions: free runs of k steps from the measured past, everywhere."""
+        if horizon == 1:
+            return y - self.errors(theta, u, y, window)
+        return self.free_run().predictions(theta, u, y, horizon, self.first_sample())
+
+    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
+        """∂ŷ/∂θ of one output on a record, zero where it cannot be predicted."""
+        own, first = self.row_index(output), self.first_sample()
+        which = np.isin(own, self.gradient_index(theta, output))
+        out = np.zeros((len(y), int(which.sum())))
+        if len(y) > first:
+            out[first:] = -self.one_step(output, [(u, y)]).jacobian(theta[own])[:, which]
+        return out
+
+    def gradient_index(self, theta: Array, output: int) -> Index:
+        """The entries of θ that belong to the output's row and can be estimated."""
+        return self.row_index(output)
 
     # ----------------------------------------------------------------- runs
 
