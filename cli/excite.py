@@ -32,12 +32,7 @@ class Tracks(StrEnum):
     OPPOSITE = "opposite"
 
 
-def excite(
-    design: Annotated[Design, typer.Argument(help="Kind of schedule.")],
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", metavar="FILE", help="CSV to write [schedule_DESIGN.csv]."),
-    ] = None,
+def shape(
     duration: Annotated[float | None, typer.Option(metavar="S", help="Length [s].")] = None,
     dt: Annotated[float, typer.Option(metavar="S", help="Sample time [s].")] = 0.1,
     amplitude: Annotated[
@@ -69,6 +64,24 @@ def excite(
     seed: Annotated[
         int | None, typer.Option(min=0, metavar="N", help="prbs, multisine, steps: random seed.")
     ] = None,
+) -> dict[str, Any]:
+    """The options of the schedule that were given, by the names of the designs' arguments."""
+    given = {
+        "dt": dt, "duration": duration, "amplitude": amplitude, "clock": clock, "offset": offset,
+        "band": band, "levels": levels, "hold": hold, "on": on, "pause": pause, "seed": seed,
+    }  # fmt: skip
+    return {name: value for name, value in given.items() if value is not None}
+
+
+@reading.composed(options=shape)
+def excite(
+    design: Annotated[Design, typer.Argument(help="Kind of schedule.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="FILE", help="CSV to write [schedule_DESIGN.csv]."),
+    ] = None,
+    *,
+    options: dict[str, Any],
     tracks: Annotated[
         Tracks | None, typer.Option(help="One against the other [independent; pulses: equal].")
     ] = None,
@@ -80,23 +93,18 @@ def excite(
     """Write a PWM schedule that makes a log worth identifying from."""
     from sysid.data.excitation import write_schedule
 
-    given = {
-        "duration": duration, "amplitude": amplitude, "clock": clock, "offset": offset,
-        "band": band, "levels": levels, "hold": hold, "on": on, "pause": pause, "seed": seed,
-    }  # fmt: skip
-    options = {name: value for name, value in given.items() if value is not None}
     path = output or Path(f"schedule_{design.value}.csv")
     targets.check(path, "-o")
-    schedule = _schedule(design, {"dt": dt, **options}, tracks, tuple(names or ()))
-    path = write_schedule(schedule, path)
-    facts = _facts(schedule, design, path)
-    if json:
-        render.document(facts)
-        return
+    schedule = _schedule(design, options, tracks, tuple(names or ()))
+    facts = _facts(schedule, design, write_schedule(schedule, path))
+    render.document(facts) if json else _show(facts)
+
+
+def _show(facts: dict[str, Any]) -> None:
     rows = [(c["name"], c["lowest"], c["highest"], c["crest_factor"]) for c in facts["inputs"]]
-    heading = f"{design.value}: {facts['samples']} samples, {facts['duration_s']:g} s"
+    heading = f"{facts['design']}: {facts['samples']} samples, {facts['duration_s']:g} s"
     render.table(("input", "lowest [µs]", "highest [µs]", "crest factor"), rows, heading)
-    render.say(f"Written to {path}")
+    render.say(f"Written to {facts['schedule']}")
 
 
 def _schedule(

@@ -177,7 +177,8 @@ def test_ranges_of_orders_are_searched(tmp_path: Path, capsys: Capture) -> None:
     log = write_log(tmp_path / "log.csv", ["u", "y"], [signals["pwm_l"], signals["omega_l"]])
     words = ("--structure", "arx", "--orders", "na=1:4 nb=1:4 nk=0:3")
     found = run(capsys, "fit", log, *words, "--json").document
-    assert found["order_search"]["tried"] == 64 or len(found["order_search"]["candidates"]) == 10
+    assert 10 <= found["order_search"]["tried"] <= 64  # the whole grid, or its promising part
+    assert len(found["order_search"]["candidates"]) == 10
     assert found["orders"]["nk"] == 1
     assert 1 <= found["orders"]["na"] <= 4
 
@@ -295,7 +296,7 @@ def test_stable_admits_no_unstable_model(tmp_path: Path, capsys: Capture) -> Non
     free = run(capsys, "fit", log, *words).document
     kept = run(capsys, "fit", log, *words, "--stable").document
     assert not free["properties"]["stable"]
-    assert any("unstable" in w or "integrates" in w for w in free["warnings"])
+    assert any("unstable" in w for w in free["warnings"])
     assert kept["properties"]["stable"]
 
 

@@ -40,7 +40,8 @@ def test_small_effects_show_on_rich_logs_and_need_more_size_in_more_noise() -> N
         small, large = quiet[id], loud[id]
         assert small is not None
         assert large is not None
-        assert 0.0 < small < large < 0.3 or id == "quantisation"
+        # steps of a coarse reading are as noise: seen only from about their own size on
+        assert 0.0 < small < large < (1.0 if id == "quantisation" else 0.3)
     # a limit is the looser the easier it shows
     assert (quiet["input-saturation"] or 0.0) > (loud["input-saturation"] or 0.0) > 0.5
 

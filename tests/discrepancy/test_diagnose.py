@@ -147,10 +147,9 @@ def test_the_augmented_model_runs_as_the_search_did(tmp_path: Path) -> None:
         found.after.simulate(held.record.u, x0), held.after, atol=1e-9 * np.abs(held.after).max()
     )
     named = found.effects[0]
-    truth = {"plus[omega_l]", "minus[omega_l]"} & {p.name for p in named.parameters}
+    assert {"plus[omega_l]", "minus[omega_l]"} <= {p.name for p in named.parameters}
     # an edge lies between two commands, and the jump with it: here they are up to 0.1 apart
     assert all(p.std_error is not None and p.std_error < 0.05 for p in named.parameters)
-    assert truth or named.channels == ("omega_r",)
 
 
 def test_the_same_log_gives_the_same_diagnosis(tmp_path: Path) -> None:

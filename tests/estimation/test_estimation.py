@@ -397,8 +397,8 @@ def test_records_cut_from_the_middle(name: str, initial: Initial) -> None:
     index = slow.model_structure.deterministic_index()
     z = (model.theta - slow.truth)[index] / np.sqrt(np.diag(model.covariance))[index]
     if initial is Initial.ZERO and name != "armax":
-        # the transient counts as noise, or as dynamics
-        assert np.max(np.abs(z)) > 4.5 or model.noise_covariance[0, 0] > 1.5 * 0.02**2
+        # the transient counts as noise
+        assert model.noise_covariance[0, 0] > 1.5 * 0.02**2
         return
     assert np.max(np.abs(z)) < 4.5
     assert model.noise_covariance[0, 0] == pytest.approx(0.02**2, rel=0.3)
@@ -409,7 +409,7 @@ def test_records_cut_from_the_middle(name: str, initial: Initial) -> None:
             Initial.ZERO: 0,
             Initial.BACKCAST: 0,
             Initial.ESTIMATED: {"oe": 2, "bj": 3, "armax": 2}[name],
-            Initial.AUTO: {"oe": 2, "bj": 3, "armax": states}[name],
+            Initial.AUTO: {"oe": 2, "bj": 3, "armax": 0}[name],  # its wrong start dies with C
         }[initial]
     )
 
@@ -494,26 +494,26 @@ def test_an_input_without_effect_is_insignificant(name: str) -> None:
 
 @every_structure
 @pytest.mark.parametrize(
-    "spoil",
+    ("spoil", "said"),
     [
-        lambda u, y: (0 * u + 3.0, y),
-        lambda u, y: (u, 0 * y),
-        lambda u, y: (u, np.where(np.arange(len(y))[:, None] == 7, np.nan, y)),
-        lambda u, y: (np.where(np.arange(len(y))[:, None] == 7, np.inf, u), y),
-        lambda u, y: (u[:5], y[:5]),
-        lambda u, y: (u[:0], y[:0]),
-        lambda u, y: (u[:1], y[:1]),
-        lambda u, y: (np.hstack([u, u]), y),
+        (lambda u, y: (0 * u + 3.0, y), "input u is constant"),
+        (lambda u, y: (u, 0 * y), "output y is constant"),
+        (lambda u, y: (u, np.where(np.arange(len(y))[:, None] == 7, np.nan, y)), "y holds numbers"),
+        (lambda u, y: (np.where(np.arange(len(y))[:, None] == 7, np.inf, u), y), "u holds numbers"),
+        (lambda u, y: (u[:5], y[:5]), "5 samples leave"),
+        (lambda u, y: (u[:0], y[:0]), "is constant"),
+        (lambda u, y: (u[:1], y[:1]), "is constant"),
+        (lambda u, y: (np.hstack([u, u]), y), "but the structure has 1 and 1"),
     ],
 )
-def test_useless_data_are_refused_in_one_sentence(name: str, spoil: object) -> None:
+def test_useless_data_are_refused_in_one_sentence(name: str, spoil: object, said: str) -> None:
     system = SYSTEMS[name]
     record = system.record(100, 0.1)
     u, y = spoil(record.u, record.y)  # type: ignore[operator]
     with pytest.raises(DataError) as caught:
         of(system, Record(u, y, 0.1))
     assert "\n" not in str(caught.value)
-    assert "; " in str(caught.value) or "structure has" in str(caught.value)
+    assert said in str(caught.value)
 
 
 def test_no_record_and_unlike_records_are_refused() -> None:

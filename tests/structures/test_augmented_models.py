@@ -71,10 +71,11 @@ def test_a_combination_that_no_log_tells_is_named_and_has_no_error(tmp_path: Pat
     y = y + 0.05 * np.random.default_rng(3).standard_normal(y.shape)
     log = replace(record, u=drive, y=y, sha256="two-levels")
     model = fit(s, [log], FitOptions(), warm=[("near", theta * 1.02)])
-    errors = {p.name: p.std_error for p in model.parameter_table()}
-    for name, error in errors.items():
-        row = theta[list(errors).index(name)]
-        assert not np.isfinite(error) or error < 3.0 * max(abs(row), 0.8), (name, error)
+    for p in model.parameter_table():
+        if p.name.startswith("f1"):  # the time constant shows at every change of level
+            assert 0.0 < p.std_error < 0.01, p.name
+        else:  # one level each way: gain, edge and jump make one number of steady speed
+            assert np.isinf(p.std_error), p.name
 
 
 def test_a_refit_from_elsewhere_finds_the_truth_again(tmp_path: Path) -> None:

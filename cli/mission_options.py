@@ -1,0 +1,123 @@
+"""The options of a log that was driven on a mission, declared once, as the library takes them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sysid.errors import ModelError, UsageError
+
+from . import packages
+
+if TYPE_CHECKING:
+    from sysid.plant.package import Package
+    from sysid.vehicle.kinematics import Geometry
+
+_PANEL = "On a log with a pose"
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What is known of the drive that a log is of; None for what is not.
+
+    Attributes:
+        mission: file of the mission.
+        package: plant the mission was planned with.
+        geometry: the vehicle's lengths.
+    """
+
+    mission: Path | None
+    package: "Package | None"
+    geometry: "Geometry | None"
+
+
+def driven(
+    mission: Annotated[
+        Path | None,
+        typer.Option(
+            "--mission",
+            metavar="M.yaml",
+            rich_help_panel=_PANEL,
+            help="Mission that the log was driven on; also names effects of the vehicle.",
+        ),
+    ] = None,
+    plant: Annotated[
+        Path | None,
+        typer.Option(
+            "--plant",
+            metavar="PATH",
+            rich_help_panel=_PANEL,
+            help="Plant package the mission was planned with: the model to doubt.",
+        ),
+    ] = None,
+    geometry: Annotated[
+        str | None,
+        typer.Option(
+            "--geometry",
+            metavar="r=M,B=M",
+            rich_help_panel=_PANEL,
+            help="Wheel or sprocket radius and distance of the tracks or wheels in metres, "
+            "r=0.30,B=1.08 [the mission's, else the bundled robot's; estimated where the pose "
+            "contradicts that].",
+        ),
+    ] = None,
+    accept_changes: packages.AcceptChanges = False,
+) -> Driven:
+    """The drive as every option of it says.
+
+    Raises:
+        ModelError: the plant package cannot be read.
+        UsageError: a file is not there, or an option cannot be.
+    """
+    if plant is not None and mission is None:
+        raise UsageError("--plant is of use only with --mission; name the mission of the log")
+    for path, option in ((mission, "--mission"), (plant, "--plant")):
+        if path is not None and not path.exists():
+            raise UsageError(f"there is no {path}; check the path after {option}")
+    lengths = None if geometry is None else _lengths(geometry)
+    if lengths is not None and mission is not None:
+        _agree(lengths, mission)
+    package = None if plant is None else packages.read(plant, accept_changes)
+    return Driven(mission, package, lengths)
+
+
+def _lengths(text: str) -> "Geometry":
+    """The vehicle's lengths as ``--geometry`` gives them."""
+    from sysid.vehicle.kinematics import Geometry
+
+    found: dict[str, float] = {}
+    for part in text.split(","):
+        name, sign, value = (p.strip() for p in part.partition("="))
+        key = {"r": "r", "b": "B"}.get(name.lower(), "")
+        try:
+            number = float(value)
+        except ValueError:
+            key = ""
+        if not (key and sign) or key in found:
+            raise UsageError(
+                f"--geometry cannot read {part.strip()!r}; write both lengths once, in metres, "
+                "such as r=0.30,B=1.08"
+            )
+        found[key] = number
+    if len(found) < 2:
+        raise UsageError(
+            f"--geometry gives no {'B' if 'r' in found else 'r'}; write both lengths in metres, "
+            "such as r=0.30,B=1.08"
+        )
+    try:
+        return Geometry(found["r"], found["B"])
+    except ModelError as error:
+        raise UsageError(f"--geometry: {error}") from None
+
+
+def _agree(lengths: "Geometry", mission: Path) -> None:
+    """Refuse lengths that the mission gives otherwise."""
+    from sysid.mission.spec import load_mission
+
+    theirs = load_mission(mission).vehicle.given_geometry
+    if theirs is not None and theirs != lengths:
+        raise UsageError(
+            f"{mission} gives r = {theirs.r:g} m and B = {theirs.B:g} m, --geometry something "
+            "else; leave --geometry away or mend the mission"
+        )
