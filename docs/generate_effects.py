@@ -37,42 +37,7 @@ repeat until the next one) and `dropouts` (readings lost, held or zero) are read
 They are told and masked, not added to the model.
 """
 
-OWN = """## One of your own
-
-An effect is one pure function over numpy and jax.numpy alike. Another package offers it through
-the entry-point group `sysid.effects`, and from then on it is tried, named, exported and simulated
-like the others:
-
-```python
-from sysid.effects.base import Effect, EffectParameter, Place
-
-
-def _creep(xp, torque, state, p, c):
-    return torque - p["level"] * xp.tanh(c.w / p["speed"]), state
-
-
-CREEP = Effect(
-    "creep-friction",
-    "motor",
-    Place.TORQUE,
-    "T → T − c tanh(ω/v)",
-    "Friction that grows softly from standstill and never sticks.",
-    "It creeps at small commands and falls short by a constant at large ones.",
-    "A slow staircase through zero.",
-    (
-        EffectParameter("level", "speed", 0.0, 0.0, 1.0, (0.05, 0.2), "speed"),
-        EffectParameter("speed", "speed", 0.1, 0.02, 1.0, (0.05, 0.2), "speed"),
-    ),
-    _creep,
-    ties=("coulomb-friction",),
-)
-```
-
-    [project.entry-points."sysid.effects"]
-    creep-friction = "my_package:CREEP"
-
-`Effect` and `Context` in `sysid/effects/base.py` say what else one may have: states, starts,
-numbers that stay the same over a run, sharing between tracks.
+OWN = """Effects of your own: [diagnose.md](diagnose.md#an-effect-of-your-own).
 """
 
 
