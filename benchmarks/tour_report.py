@@ -10,8 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import sysid_datasets
-from sysid_cli.pictures import draw_fit, draw_ranking
-from sysid_cli.run_pictures import draw_mission
+from sysid_cli.pictures import draw_fit, draw_mission, draw_ranking
 
 from sysid.data.io import read_logs
 from sysid.estimation.identify import Identification, Request, identify
