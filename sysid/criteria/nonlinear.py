@@ -31,7 +31,7 @@ from sysid.criteria.coloured import AutoRegression, ar_fit
 from sysid.criteria.correlation import centred, inputs_of, one_output
 from sysid.criteria.fit import Array, Signals, as_records
 from sysid.criteria.portmanteau import Mask, Trial, score
-from sysid.criteria.residuals import independence_test, whiteness_test
+from sysid.criteria.residuals import LAGS, independence_test, whiteness_test
 from sysid.criteria.verdicts import ResidualTest
 from sysid.errors import DataError
 
@@ -52,7 +52,6 @@ def nonlinear_tests(
     inputs: Signals,
     jacobian: Signals | None = None,
     *,
-    lags: int = 25,
     level: float = 0.99,
     noise_model: bool = True,
     output_name: str = "the output",
@@ -65,13 +64,12 @@ def nonlinear_tests(
     """
     es = one_output(errors)
     white = whiteness_test(
-        es, jacobian, lags=lags, level=level, judged=noise_model, output_names=(output_name,)
+        es, jacobian, level=level, judged=noise_model, output_names=(output_name,)
     )
     independent = independence_test(
         es,
         inputs,
         jacobian,
-        lags=lags,
         level=level,
         output_name=output_name,
         input_names=input_names,
@@ -80,7 +78,6 @@ def nonlinear_tests(
         es,
         inputs,
         jacobian,
-        lags=lags,
         level=level,
         noise_model=noise_model,
         output_name=output_name,
@@ -94,7 +91,6 @@ def further_tests(
     inputs: Signals,
     jacobian: Signals | None = None,
     *,
-    lags: int = 25,
     level: float = 0.99,
     noise_model: bool = True,
     output_name: str = "the output",
@@ -108,7 +104,6 @@ def further_tests(
         inputs: all inputs, (N, nu), or one such array a record.
         jacobian: ∂ŷ/∂θ of that output by what was estimated from these data, (N, n), or one such
             array a record. Without it a model fitted to these data passes too easily.
-        lags: largest lag; lowered where there are fewer than 10 samples a correlation.
         level: confidence level of each test.
         noise_model: False for structures without one: products of errors are then reported but
             not judged (coloured residuals fail).
@@ -138,7 +133,7 @@ def further_tests(
         raise DataError(
             f"{samples} residuals of {output_name} are too few to test; at least {FEWEST} needed"
         )
-    lags = max(1, min(lags, samples // (10 * len(names))))
+    lags = max(1, min(LAGS, samples // (10 * len(names))))
     known = [centred(np.where(k, e, np.nan)) for k, e in zip(keep, es, strict=True)]
     filled = [np.nan_to_num(e) for e in known]
     squares = _squares(us)

@@ -13,7 +13,7 @@ standard normal for a right model, and their squares add up to the statistic, wh
 correlations do not (Kessy, Lewin & Strimmer 2018, "ZCA-cor").
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,9 +84,6 @@ def score(trial: Trial) -> Score:
     basis = _orthonormal(trial)
     scale = _column_scale(trial)
     shadows, means = _projections(trial, basis, scale)
-    count = len(scale)
-    tested = np.tile(np.arange(len(trial.tested) + len(trial.nuisance)), trial.signals[0].shape[1])
-    nuisance = tested >= len(trial.tested)
 
     def instruments(r: int, start: int, stop: int) -> Array:
         """Rows of record r without Jacobian and mean, still with the nuisance lags."""
@@ -95,16 +92,7 @@ def score(trial: Trial) -> Score:
         block[~trial.keep[r][start:stop]] = 0.0
         return block
 
-    weights = np.eye(count)[:, ~nuisance]
-    if nuisance.any():
-        gram = np.zeros((count, count))
-        for r, start, stop in _blocks(trial):
-            block = instruments(r, start, stop)
-            gram += block.T @ block
-        weights[nuisance] = (
-            -_pseudo_inverse(gram[np.ix_(nuisance, nuisance)]) @ gram[np.ix_(nuisance, ~nuisance)]
-        )
-
+    weights = _without_nuisance(trial, instruments)
     c = np.zeros(weights.shape[1])
     energy = np.zeros((len(c), len(c)))
     covariance = np.zeros_like(energy)
@@ -133,6 +121,23 @@ def score(trial: Trial) -> Score:
         covariance *= _absorbed(trial.noise, trial.keep, basis)
     covariance += borrowed @ borrowed.T
     return _quadratic_form(trial, c, covariance, energy)
+
+
+def _without_nuisance(trial: Trial, instruments: Callable[[int, int, int], Array]) -> Array:
+    """Of all lags the combinations that the nuisance lags do not predict, (lags, tested)."""
+    lags = len(trial.tested) + len(trial.nuisance)
+    nuisance = np.tile(np.arange(lags), trial.signals[0].shape[1]) >= len(trial.tested)
+    count = len(nuisance)
+    weights = np.eye(count)[:, ~nuisance]
+    if nuisance.any():
+        gram = np.zeros((count, count))
+        for r, start, stop in _blocks(trial):
+            block = instruments(r, start, stop)
+            gram += block.T @ block
+        weights[nuisance] = (
+            -_pseudo_inverse(gram[np.ix_(nuisance, nuisance)]) @ gram[np.ix_(nuisance, ~nuisance)]
+        )
+    return weights
 
 
 def _absorbed(noise: AutoRegression, keep: Sequence[Mask], basis: list[Array]) -> float:

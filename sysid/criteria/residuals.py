@@ -51,13 +51,16 @@ __all__ = [
 ]
 
 
+LAGS = 25
+"""Largest lag tested, each way: the choice of Ljung (1999) §16.6; lowered on short records."""
+
+
 def whiteness_test(
     errors: Signals,
     jacobian: Signals | None = None,
     *,
     output: int = 0,
     n_parameters: int = 0,
-    lags: int = 25,
     level: float = 0.99,
     judged: bool = True,
     output_names: Sequence[str] = (),
@@ -65,7 +68,8 @@ def whiteness_test(
 ) -> ResidualTest:
     """Whether one output's residuals are unpredictable from the past residuals of all outputs.
 
-    Ljung–Box's portmanteau in its score form: Z holds ε(t−1)…ε(t−lags) of every output, C =
+    Ljung–Box's portmanteau in its score form: Z holds ε(t−1)…ε(t−25) of every output (fewer where
+    a record has fewer than 10 samples a correlation), C =
     σ̂²Z̃ᵀZ̃. With the Jacobian the estimated parameters count for exactly what they absorb;
     without it ``n_parameters`` (those of the noise model) are taken off the degrees of freedom.
     The mean is not removed: residuals with an offset are not white.
@@ -77,7 +81,6 @@ def whiteness_test(
             such array a record.
         output: index of the tested output.
         n_parameters: parameters to discount when there is no Jacobian.
-        lags: largest lag; lowered where a record has fewer than 10 samples a correlation.
         level: confidence level.
         judged: False for a structure without noise model.
         output_names: names for the sentences.
@@ -94,7 +97,7 @@ def whiteness_test(
     keep = _complete(es, js)
     filled = [np.where(k[:, None], e, 0.0) for k, e in zip(keep, es, strict=True)]
     one_output([e[:, output] for e in filled])
-    lags = _affordable(lags, keep, ny)
+    lags = _affordable(LAGS, keep, ny)
     trial = Trial(
         errors=[e[:, output] for e in filled],
         signals=filled,
@@ -133,7 +136,7 @@ def independence_test(
     inputs: Signals,
     jacobian: Signals | None = None,
     *,
-    lags: int = 25,
+    lags: int = LAGS,
     level: float = 0.99,
     output_name: str = "the output",
     input_names: Sequence[str] = (),
@@ -179,7 +182,7 @@ def feedback_test(
     inputs: Signals,
     jacobian: Signals | None = None,
     *,
-    lags: int = 25,
+    lags: int = LAGS,
     level: float = 0.99,
     output_name: str = "the output",
     input_names: Sequence[str] = (),
@@ -213,8 +216,6 @@ def residual_report(
     jacobians: Sequence[Signals] | None = None,
     *,
     noise_model: bool = True,
-    n_parameters: int = 0,
-    lags: int = 25,
     level: float = 0.99,
     output_names: Sequence[str] = (),
     input_names: Sequence[str] = (),
@@ -229,8 +230,6 @@ def residual_report(
             estimated from these data.
         noise_model: False for OE and other noise-free structures: whiteness is then reported
             but not judged.
-        n_parameters: see :func:`whiteness_test`.
-        lags: largest lag each way.
         level: confidence level of each kind of test over all outputs.
         output_names: names for the sentences.
         input_names: names for the sentences.
@@ -257,8 +256,6 @@ def residual_report(
                 es,
                 jacobian,
                 output=i,
-                n_parameters=n_parameters,
-                lags=lags,
                 level=each,
                 judged=noise_model,
                 output_names=names,
@@ -271,7 +268,6 @@ def residual_report(
                     column,
                     inputs,
                     jacobian,
-                    lags=lags,
                     level=each,
                     output_name=name,
                     input_names=input_names,

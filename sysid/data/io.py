@@ -29,7 +29,7 @@ from sysid.data.reading.timing import (
     plan_grid,
 )
 from sysid.data.record import Array, Channel, Record
-from sysid.data.units import conversions, without_false_pulses
+from sysid.data.units import Conversion, conversions, without_false_pulses
 from sysid.errors import DataError, UsageError
 
 __all__ = ["LogFile", "ReadOptions", "read_file", "read_files", "read_log", "read_logs"]
@@ -117,20 +117,18 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
     path = Path(path)
     data = read_bytes(path)
     table = read_table(data, path.name, options.delimiter, options.decimal)
-    wanted = options.outputs or options.speed_of
     other = companion(options.join, path)
     together: tuple[Finding, ...] = ()
     if other is not None:
         table, together, more = joined(table, other, options)
         data += more
-    column = column_reader(table)
     choice = choose_columns(
         table.names,
         options.inputs,
-        wanted,
+        options.outputs or options.speed_of,
         options.time,
         table.where,
-        column,
+        column_reader(table),
         options.ts is not None,
     )
     bracketed = dict(zip(table.names, table.units, strict=True))
@@ -140,31 +138,13 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
     block = table.columns((*signals, *stamps))  # in one go: a long text is slow to read
     values, raw = block[:, : len(signals)], block[:, len(signals) :]
     clock = row_times(table, choice.clock, options.units, options.ts, raw if stamps else None)
-    t, findings = clock.t, clock.findings
+    t = clock.t
     policy: ResamplePolicy = "auto" if options.resample == "hold" else options.resample
     if options.resample == "hold":
         values = _held(values, range(len(choice.inputs), len(signals)))
-    keep, lost = _complete_rows(table, values, signals, policy)
-    twice = doubled_rows(t, values) & keep
-    rows = np.flatnonzero(keep & ~twice)
-    if len(rows) < 2:
-        raise DataError(
-            f"{table.where} has {len(rows)} row{'' if len(rows) == 1 else 's'} of numbers; "
-            "a log needs many"
-        )
+    rows, left_out = _usable_rows(table, t, values, signals, policy)
     grid = plan_grid(t[rows], policy, lambda i: table.place(int(rows[i])), table.where)
-    inputs, outputs = conversions(
-        choice.inputs,
-        choice.outputs,
-        bracketed,
-        _of_signals(options.units, choice),
-        options.pwm_max,
-        table.where,
-    )
-    largest = np.max(np.abs(values[rows]), axis=0)
-    by_option = {n.lower() for n in options.units}
-    told = {n for n in choice.inputs if bracketed[n] or n.lower() in by_option}
-    inputs = without_false_pulses(inputs, told, dict(zip(signals, largest, strict=True)))
+    inputs, outputs = _conversions(table, choice, options, values[rows])
     values, of_pose = pose_in_si(values[rows], choice, pose_units, table.where)
     turning = choice.pose[2:]
     read, jumps = continued(
@@ -179,30 +159,65 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
         tuple(c.channel(n, grid.dt) for n, c in inputs.items()),
         tuple(c.channel(n, grid.dt) for n, c in outputs.items()),
     )
-    led = _references(choice, column, rows)
-    findings = (
+    led = _references(choice, column_reader(table), rows)
+    said = (
         *_reading_notes(table, choice, channels, tuple(led)),
         *together,
         *of_pose,
-        *findings,
-        *_doubled(table, twice),
-        *lost,
+        *clock.findings,
+        *left_out,
         *jumps,
         *slow.findings,
         *derived,
         *grid.findings,
     )
+    signals_of_log = _Signals(read, t[rows], grid.dt, channels, led, len(choice.pose))
     digest = hashlib.sha256(data).hexdigest()
     records = tuple(
         at_sensor_rate(
-            _record(read, t[rows], grid, segment, channels, choice, led, name, digest),
+            replace(_record(signals_of_log, segment), name=name, sha256=digest),
             slow,
             t[rows],
             slice(segment.start, segment.stop),
         )
         for segment, name in zip(grid.segments, _names(path.name, grid), strict=True)
     )
-    return LogFile(path, records, findings, options, clock.origin)
+    return LogFile(path, records, said, options, clock.origin)
+
+
+def _usable_rows(
+    table: Table, t: Array, values: Array, signals: Sequence[str], policy: ResamplePolicy
+) -> tuple[NDArray[np.intp], tuple[Finding, ...]]:
+    """Rows that are complete and no line written twice, and what is said about the others."""
+    keep, lost = _complete_rows(table, values, signals, policy)
+    twice = doubled_rows(t, values) & keep
+    rows = np.flatnonzero(keep & ~twice)
+    if len(rows) < 2:
+        raise DataError(
+            f"{table.where} has {len(rows)} row{'' if len(rows) == 1 else 's'} of numbers; "
+            "a log needs many"
+        )
+    return rows, (*_doubled(table, twice), *lost)
+
+
+def _conversions(
+    table: Table, choice: Choice, options: ReadOptions, values: Array
+) -> tuple[dict[str, Conversion], dict[str, Conversion]]:
+    """How inputs and outputs come to SI units; ``values`` are the signals' rows."""
+    bracketed = dict(zip(table.names, table.units, strict=True))
+    inputs, outputs = conversions(
+        choice.inputs,
+        choice.outputs,
+        bracketed,
+        _of_signals(options.units, choice),
+        options.pwm_max,
+        table.where,
+    )
+    signals = (*choice.inputs, *choice.outputs, *choice.pose)
+    largest = dict(zip(signals, np.max(np.abs(values), axis=0), strict=True))
+    by_option = {n.lower() for n in options.units}
+    named = {n for n in choice.inputs if bracketed[n] or n.lower() in by_option}
+    return without_false_pulses(inputs, named, largest), outputs
 
 
 def _of_signals(units: Mapping[str, str], choice: Choice) -> dict[str, str]:
@@ -300,36 +315,45 @@ def _reading_notes(
     return tuple(Finding("reading", Severity.NOTE, n, record=table.where) for n in notes)
 
 
-def _record(
-    values: Array,
-    t: Array,
-    grid: Grid,
-    segment: Segment,
-    channels: tuple[tuple[Channel, ...], tuple[Channel, ...]],
-    choice: Choice,
-    led: Mapping[str, Array],
-    name: str,
-    digest: str,
-) -> Record:
+@dataclass(frozen=True, eq=False)
+class _Signals:
+    """The usable rows of a file.
+
+    Attributes:
+        values: inputs, outputs and pose in the file's units, (N, nu + ny + n_pose).
+        t: instants [s], (N,).
+        dt: sample time [s].
+        channels: of inputs and outputs.
+        led: set points by column name, (N,) each.
+        n_pose: columns of the pose.
+    """
+
+    values: Array
+    t: Array
+    dt: float
+    channels: tuple[tuple[Channel, ...], tuple[Channel, ...]]
+    led: Mapping[str, Array]
+    n_pose: int
+
+
+def _record(signals: _Signals, segment: Segment) -> Record:
+    """One experiment of a file, in SI units and at even instants."""
     part = slice(segment.start, segment.stop)
-    nu = len(choice.inputs)
-    inputs, outputs = channels
-    scale = np.array([c.scale for c in (*inputs, *outputs)] + [1.0] * len(choice.pose))
-    block = values[part] * scale
+    (inputs, outputs), led = signals.channels, signals.led
+    nu, ny = len(inputs), len(outputs)
+    scale = np.array([c.scale for c in (*inputs, *outputs)] + [1.0] * signals.n_pose)
+    block = signals.values[part] * scale
     u, rest = np.column_stack([block[:, :nu], *(x[part] for x in led.values())]), block[:, nu:]
     if not segment.even:
-        u, rest = onto_grid(t[part], grid.dt, u, rest)
-    ny = len(choice.outputs)
+        u, rest = onto_grid(signals.t[part], signals.dt, u, rest)
     return Record(
         u=u[:, :nu],
         y=rest[:, :ny],
-        dt=grid.dt,
+        dt=signals.dt,
         inputs=inputs,
         outputs=outputs,
-        pose=rest[:, ny:] if choice.pose else None,
-        t0=float(t[segment.start]),
-        name=name,
-        sha256=digest,
+        pose=rest[:, ny:] if signals.n_pose else None,
+        t0=float(signals.t[segment.start]),
         references=u[:, nu:] if led else None,
         reference_names=tuple(led),
     )

@@ -1,6 +1,7 @@
 """Bars of a diagnosis: errors before and after over the noise floor, and candidates by score."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +17,25 @@ if TYPE_CHECKING:
 MOST = 14
 """Candidates drawn."""
 
+
+@dataclass(frozen=True)
+class Look:
+    """How words beside a bar look.
+
+    Attributes:
+        bold: heavy letters.
+        faint: small grey letters.
+        size: of the letters where they are not faint [pt].
+        room: width they may take [in].
+    """
+
+    bold: bool = False
+    faint: bool = False
+    size: float = style.NORMAL
+    room: float = 2.5
+
+
+PLAIN = Look()
 
 _ERRORS = {
     "before": (style.VERMILION, 5.0),
@@ -59,13 +79,13 @@ def draw_gap(figure: "Figure", lines: Sequence[ChannelLine], layout: Layout = WI
         ends = [top + 0.1 * row, top + 0.84 * row]
         axes.plot([floor] * 2, ends, color=style.INK, linewidth=1.6)
         if layout.stacked:
-            _name(axes, k + 0.6 * above, line.name, -4.0, "left", bold=True, room=1.4)
-            _name(axes, k + 0.6 * above, words, 6.0, "right", right=True, room=1.65)
-            _name(axes, k + 1.6 * above, noise, -4.0, "left", faint=True, room=3.1)
+            _name(axes, k + 0.6 * above, line.name, -4.0, "left", Look(bold=True, room=1.4))
+            _name(axes, k + 0.6 * above, words, 6.0, "right", Look(room=1.65), right=True)
+            _name(axes, k + 1.6 * above, noise, -4.0, "left", Look(faint=True, room=3.1))
         else:
-            _name(axes, k + 0.46, line.name, -8.0, "right", bold=True)
+            _name(axes, k + 0.46, line.name, -8.0, "right", Look(bold=True))
             _name(axes, k + 0.32, words, 8.0, "left", right=True)
-            _name(axes, k + 0.64, noise, 8.0, "left", right=True, faint=True)
+            _name(axes, k + 0.64, noise, 8.0, "left", Look(faint=True), right=True)
     axes.set_xlim(0.0, 100.0)
     axes.set_xlabel("RMSE on held-out data [% of the larger]")
     legend(axes, _ERRORS, layout)
@@ -104,10 +124,9 @@ def draw_candidates(
         axes.barh(k + 0.5, value, 0.62, color=colour)
         taken = id in accepted
         room = left - 0.15 if layout.stacked else 2.5
-        _name(axes, k + 0.5, id, -8.0, "right", bold=taken, size=size, room=room)
-        _name(
-            axes, k + 0.5, score_words(score), 8.0, "left", right=True, faint=not taken, size=size
-        )
+        _name(axes, k + 0.5, id, -8.0, "right", Look(bold=taken, size=size, room=room))
+        look = Look(faint=not taken, size=size)
+        _name(axes, k + 0.5, score_words(score), 8.0, "left", look, right=True)
     scores = [s for _, s in shown if np.isfinite(s)] or [0.0]
     axes.set_xlim(min(0.0, 1.05 * min(scores)), max(1.02 * max(scores), 1e-9))
     if layout.stacked:
@@ -147,13 +166,11 @@ def _name(
     words: str,
     shift: float,
     side: str,
+    look: Look = PLAIN,
     *,
-    bold: bool = False,
     right: bool = False,
-    faint: bool = False,
-    size: float = style.NORMAL,
-    room: float = 2.5,
 ) -> None:
+    """Words ``shift`` points beside one end of the bars, cut to the room they have."""
     text = axes.annotate(
         words,
         (1.0 if right else 0.0, y),
@@ -162,10 +179,10 @@ def _name(
         textcoords="offset points",
         ha=side,
         va="center",
-        weight="bold" if bold else "normal",
-        color=style.MUTED if faint else style.INK,
-        size=style.SMALL if faint else size,
+        weight="bold" if look.bold else "normal",
+        color=style.MUTED if look.faint else style.INK,
+        size=style.SMALL if look.faint else look.size,
         annotation_clip=False,
     )
     text.set_in_layout(False)
-    style.shorten(text, room)
+    style.shorten(text, look.room)

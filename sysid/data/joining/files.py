@@ -93,7 +93,64 @@ def joined(
     if not known:
         raise DataError(f"{other.name} has no column of numbers beside its time")
     shift, said = _shift(mine, theirs, known, options)
-    at = shift.to_log(theirs.t)
+    where = f"{other.name} joined to {table.where}"
+    found = _brought(mine, shift.to_log(theirs.t), known, raw, where)
+    brackets = dict(zip(theirs.table.names, theirs.table.units, strict=True))
+    more = {called[n]: brackets[n] for n in names if called[n] in found.columns}
+    wider = table.with_columns(found.columns, more, found.rows)
+    note = Finding("join", Severity.NOTE, found.text(where), record=table.where)
+    return wider, (*theirs.findings, *said, note), data
+
+
+@dataclass(frozen=True, eq=False)
+class _Brought:
+    """Columns of the second file on the rows of the log.
+
+    Attributes:
+        columns: by name, one value a row that both cover.
+        rows: which rows of the log those are, (N,).
+        held: names of the columns that are held between their readings.
+        changes: rows of a second file that is written only at changes; 0 for any other.
+    """
+
+    columns: dict[str, Array]
+    rows: NDArray[np.bool_]
+    held: tuple[str, ...]
+    changes: int
+
+    def text(self, where: str) -> str:
+        """What was done, as a sentence."""
+        lost = int(np.count_nonzero(~self.rows))
+        share = f"; {_rows(lost)} of the log that it does not cover left out" if lost else ""
+        brought = "was" if len(self.columns) == 1 else "were"
+        names = ", ".join(self.columns)
+        text = f"{where}: {names} {brought} brought onto the rows of the log{share}"
+        if self.held:
+            why = f", as its {self.changes} rows are written at changes" if self.changes else ""
+            are = "is" if len(self.held) == 1 else "are"
+            text += f"; {', '.join(self.held)} {are} held between them{why}"
+        return f"{text}."
+
+
+def _brought(
+    mine: Series,
+    at: Array,
+    known: Mapping[str, Array],
+    raw: Mapping[str, Array],
+    where: str,
+) -> _Brought:
+    """The columns at the rows of the log: what is measured by lines, what is commanded held.
+
+    Args:
+        mine: the log.
+        at: instants of the second file's rows on the clock of the log [s], (M,).
+        known: its columns without empty cells, (M,) each.
+        raw: the same as written.
+        where: the two files, for the sentence.
+
+    Raises:
+        DataError: they hardly overlap.
+    """
     order = np.flatnonzero(np.diff(at, prepend=-np.inf) > 0.0)
     by_events = is_event_log(mine.t, at[order])
     still = tuple(n for n in known if n not in find_pose(tuple(known)).names)
@@ -104,7 +161,6 @@ def joined(
         rows &= step.covered
     if by_events and len(kept) < len(known):
         rows &= _covered(mine.t, at[order])
-    where = f"{other.name} joined to {table.where}"
     if np.count_nonzero(rows) < FEWEST:
         raise DataError(
             f"{where}: both cover {_rows(int(np.count_nonzero(rows)))} of the log, which runs from "
@@ -116,20 +172,8 @@ def joined(
         series, period, low = _continued(known[name])
         on_log = np.interp(mine.t[rows], at[order], series[order])
         columns[name] = low + np.mod(on_log - low, period) if period else on_log
-    lost = int(np.count_nonzero(~rows))
-    share = f"; {_rows(lost)} of the log that it does not cover left out" if lost else ""
     columns = {n: columns[n] for n in known}
-    brought = "was" if len(columns) == 1 else "were"
-    text = f"{where}: {', '.join(columns)} {brought} brought onto the rows of the log{share}"
-    if kept:
-        why = f", as its {len(order)} rows are written at changes" if by_events else ""
-        text += f"; {', '.join(kept)} {'is' if len(kept) == 1 else 'are'} held between them{why}"
-    text += "."
-    note = Finding("join", Severity.NOTE, text, record=table.where)
-    brackets = dict(zip(theirs.table.names, theirs.table.units, strict=True))
-    more = {called[n]: brackets[n] for n in names if called[n] in columns}
-    wider = table.with_columns(columns, more, rows)
-    return wider, (*theirs.findings, *said, note), data
+    return _Brought(columns, rows, tuple(kept), len(order) if by_events else 0)
 
 
 def _rows(count: int) -> str:

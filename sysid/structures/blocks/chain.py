@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data.filtering import lfilter, lfilter_zi
-from sysid.data.record import Array
+from sysid.data.record import Array, Index
 from sysid.fitting.marquardt import Conditions, loss, marquardt
 from sysid.structures.blocks.layers import Layer, LinearLayer, StaticLayer
 from sysid.structures.linear.predictor import roots_inside
@@ -159,16 +159,7 @@ class BlockChain:
         for k, layer in enumerate(self.layers):
             p, base = theta[self.place(k)], self.edges[k]
             if isinstance(layer, StaticLayer):
-                out = np.empty_like(signal)
-                for c, row in enumerate(signal):
-                    low, high = layer.edges[c], layer.edges[c + 1]
-                    out[c], slope, partials = layer.evaluated(c, row, p[low:high])
-                    if slope is not None and len(active[c]):
-                        D[c, active[c]] *= slope
-                    if parameters and high > low:
-                        D[c, base + low : base + high] = partials
-                        active[c] = np.append(active[c], np.arange(base + low, base + high))
-                signal = out
+                signal = _through_statics(layer, p, signal, D, active, base if parameters else None)
                 continue
             out = np.zeros((layer.n_outputs, n_samples))
             E = np.zeros((layer.n_outputs, total, n_samples))
@@ -343,3 +334,33 @@ def _delayed(rows: Array, first: int, x: Array, lag: int, count: int) -> None:
 
 def _padded(polynomial: Array, order: int) -> Array:
     return np.concatenate([polynomial, np.zeros(order + 1 - len(polynomial))])
+
+
+def _through_statics(
+    layer: StaticLayer,
+    p: Array,
+    signal: Array,
+    D: Array,
+    active: list[Index],
+    base: int | None,
+) -> Array:
+    """A layer of static curves' outputs; carries D and its nonzero rows along, in place.
+
+    Args:
+        layer: the curves.
+        p: their parameters.
+        signal: what enters, (channels, N).
+        D: its derivatives, (channels, rows, N).
+        active: rows of D that are not zero, by channel.
+        base: row of the layer's first parameter; None where there are no rows for parameters.
+    """
+    out = np.empty_like(signal)
+    for c, row in enumerate(signal):
+        low, high = layer.edges[c], layer.edges[c + 1]
+        out[c], slope, partials = layer.evaluated(c, row, p[low:high])
+        if slope is not None and len(active[c]):
+            D[c, active[c]] *= slope
+        if base is not None and high > low:
+            D[c, base + low : base + high] = partials
+            active[c] = np.append(active[c], np.arange(base + low, base + high))
+    return out

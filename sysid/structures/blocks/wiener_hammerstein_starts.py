@@ -162,49 +162,25 @@ def _second_block(
     """
     layer = structure.chain.layers[2]
     assert isinstance(layer, LinearLayer)
-    nu, ny = structure.nu, structure.ny
-    tails = []
-    for _, rest in dealt:
-        tails.append(np.real(np.poly(rest)) if len(rest) else np.ones(1))
-    products: list[list[Array]] = [[np.zeros((0, 0))] * nu for _ in range(ny)]
-    offsets = np.zeros(ny)
+    tails = [np.real(np.poly(rest)) if len(rest) else np.ones(1) for _, rest in dealt]
     bases = [
         [static.evaluated(x, np.zeros(static.n))[2] for x in v]
         for static, v in zip(structure.statics, passed, strict=True)
     ]
     zeros = [s.evaluated(np.zeros(1), np.zeros(s.n))[2] for s in structure.statics]
-    for i in range(ny):
-        rows, targets = [], []
-        for e, (_, y) in enumerate(data.data):
-            columns = [np.ones((1, len(y)))]
-            for j in range(nu):
-                phi = lfilter([1.0], tails[j], bases[j][e] - zeros[j], axis=1)
-                for k in range(structure.orders.nb[i][j]):
-                    lag = structure.orders.nk[i][j] + k
-                    moved = np.zeros_like(phi)
-                    moved[:, lag:] = phi[:, : phi.shape[1] - lag] if lag else phi
-                    columns.append(moved)
-            rows.append(np.concatenate(columns)[:, data.kept[e]])
-            targets.append(y[data.kept[e], i])
-        X, t = np.concatenate(rows, axis=1), np.concatenate(targets)
-        scale = np.sqrt(np.mean(X**2, axis=1))
-        scale[scale == 0.0] = 1.0
-        gram = (X / scale[:, None]) @ (X / scale[:, None]).T
-        ridge = 1e-8 * np.trace(gram) / len(gram) * np.eye(len(gram))
-        c = np.linalg.solve(gram + ridge, (X / scale[:, None]) @ t) / scale
-        offsets[i] = c[0]
-        at = 1
-        for j in range(nu):
-            nb, m = structure.orders.nb[i][j], structure.statics[j].n
-            products[i][j] = c[at : at + nb * m].reshape(nb, m)
-            at += nb * m
+    filtered = [
+        [lfilter([1.0], tail, phi - zero, axis=1) for phi in of_input]
+        for tail, of_input, zero in zip(tails, bases, zeros, strict=True)
+    ]
+    solved = [_products(structure, i, filtered, data) for i in range(structure.ny)]
+    offsets = np.array([offset for offset, _ in solved])
     values, numerators = [], {}
-    for j in range(nu):
-        stacked = np.concatenate([products[i][j] for i in range(ny)])
+    for j in range(structure.nu):
+        stacked = np.concatenate([products[j] for _, products in solved])
         U, s, Vt = np.linalg.svd(stacked, full_matrices=False)
         values.append(Vt[0])
         at = 0
-        for i in range(ny):
+        for i in range(structure.ny):
             nb = structure.orders.nb[i][j]
             numerators[i, j] = U[at : at + nb, 0] * s[0]
             at += nb
@@ -215,3 +191,36 @@ def _second_block(
         F[: len(tail)] = tail
         second.append(np.concatenate([numerators[i, j], F]))
     return values, np.concatenate(second), offsets
+
+
+def _products(
+    structure: WienerHammerstein, i: int, filtered: Sequence[Sequence[Array]], data: ChainData
+) -> tuple[float, list[Array]]:
+    """Offset of output i, and of each input the matrix of its products b_k values_m, (nb, m).
+
+    ``filtered`` holds φ_m(v_j)/F_j by input and record, (m, N).
+    """
+    rows, targets = [], []
+    for e, (_, y) in enumerate(data.data):
+        columns = [np.ones((1, len(y)))]
+        for j in range(structure.nu):
+            phi = filtered[j][e]
+            for k in range(structure.orders.nb[i][j]):
+                lag = structure.orders.nk[i][j] + k
+                moved = np.zeros_like(phi)
+                moved[:, lag:] = phi[:, : phi.shape[1] - lag] if lag else phi
+                columns.append(moved)
+        rows.append(np.concatenate(columns)[:, data.kept[e]])
+        targets.append(y[data.kept[e], i])
+    X, t = np.concatenate(rows, axis=1), np.concatenate(targets)
+    scale = np.sqrt(np.mean(X**2, axis=1))
+    scale[scale == 0.0] = 1.0
+    gram = (X / scale[:, None]) @ (X / scale[:, None]).T
+    ridge = 1e-8 * np.trace(gram) / len(gram) * np.eye(len(gram))
+    c = np.linalg.solve(gram + ridge, (X / scale[:, None]) @ t) / scale
+    products, at = [], 1
+    for j in range(structure.nu):
+        nb, m = structure.orders.nb[i][j], structure.statics[j].n
+        products.append(c[at : at + nb * m].reshape(nb, m))
+        at += nb * m
+    return float(c[0]), products
