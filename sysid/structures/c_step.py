@@ -8,7 +8,8 @@ class CStep:
     """One step of a model as C99.
 
     The body finds the inputs as deviations from the operating point in ``v[]``, the states in
-    ``x[]`` (zero at rest), and adds the outputs to ``out[]``; then it advances ``x[]``.
+    ``x[]`` (zero at rest), and adds the outputs to ``out[]``; then it advances ``x[]``. The names
+    ``state``, ``u`` and ``y`` are taken.
 
     Attributes:
         n_states: how many states.
