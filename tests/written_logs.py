@@ -164,7 +164,7 @@ def _units_below() -> Written:
     k, u, y = motor()
     head = "time,voltage,speed\nms,V,rpm\n"
     text = head + lines([whole(20 * k), point(u), point(y)])
-    return Written(text, u, y * RPM, said=("the units stand below the header",))
+    return Written(text, u, y * RPM, said=("a line beside the header tells the units",))
 
 
 def _quoted() -> Written:

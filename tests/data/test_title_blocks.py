@@ -14,7 +14,7 @@ LABVIEW = (
     "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t.\n"
     "Date\t2026/05/04\nTime\t14:02:11.29\n***End_of_Header***\t\n{e}\nChannels\t2{e}\n"
     "Samples\t240\t240{e}\nDate\t2026/05/04\t2026/05/04{e}\nTime\t14:02:11.3\t14:02:11.3{e}\n"
-    "Y_Unit_Label\tV\tcm{e}\nX_Dimension\tTime\tTime{e}\nX0\t0.0\t0.0{e}\n"
+    "Y_Unit_Label\tV\t%{e}\nX_Dimension\tTime\tTime{e}\nX0\t0.0\t0.0{e}\n"
     "Delta_X\t0.02\t0.02{e}\n***End_of_Header***\nX_Value\tPump voltage\tLevel\tComment\n"
 )
 SCOPE = (
@@ -61,6 +61,39 @@ def test_the_header_is_the_last_line_of_words_above_the_numbers(name: str, tmp_p
     np.testing.assert_allclose(got_u, u)
     np.testing.assert_allclose(got_y, y)
     assert dt == pytest.approx(0.02)
+
+
+NO_X = LABVIEW.format(e="").replace("Separator\tTab\n", "Separator\tTab\nX_Columns\tNo\n")
+
+
+def without_time(lead: str) -> str:
+    """The rows alone, behind the empty cell of a time that is named and not written, or not."""
+    return "".join(lead + row.split("\t", 1)[1] + "\n" for row in table().splitlines())
+
+
+@pytest.mark.parametrize(
+    ("text", "units"),
+    [
+        (NO_X + without_time("\t"), ("V", "%")),
+        (NO_X.replace("X_Value\t", "").replace("\tComment", "") + without_time(""), ("V", "%")),
+        (LABVIEW.format(e="") + table(), ("V", "%")),
+        (SCOPE.format(gap="\n").replace("TIME,CH1,CH2", "TIME,u_1,y_2") + table(","), ("V", "A")),
+        ("Source,u_1,y_2\nVertical Units,V,A\n" + table(","), ("V", "A")),
+    ],
+)
+def test_units_and_interval_of_a_title_block_are_read(
+    text: str, units: tuple[str, str], tmp_path: Path
+) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(text)
+    found = read_file(path)
+    (record,) = found.records
+    assert (record.inputs[0].unit, record.outputs[0].unit) == units
+    assert record.dt == pytest.approx(0.02)
+    _, u, y = motor()
+    np.testing.assert_allclose(record.u[:, 0], u)
+    np.testing.assert_allclose(record.y[:, 0], y)
+    assert not any("Vertical Units" in f.text for f in found.findings)
 
 
 FAULTS = {

@@ -36,6 +36,10 @@ _PROCESSING = frozenset(
     )
 )
 """Words, in lower case, with which a row says how a logger made its numbers from readings."""
+_UNIT_LABELS = frozenset(
+    ("vertical units", "y_unit_label", "units", "unit", "einheit", "einheiten")
+)
+"""First cells, in lower case, of a line that tells the units of the columns that are read."""
 _TITLES = 60
 """No logger writes more lines than this before its header."""
 _LABEL = re.compile(r"[A-Za-z_][\w .()\[\]/%°-]*")
@@ -102,6 +106,8 @@ def find_header(numbered: Sequence[Line]) -> Header:
             many = len(titles) > 1
             which = f"lines {titles[0][0]} to {titles[-1][0]}" if many else f"line {titles[0][0]}"
             notes += (f"{which} above the header {'were' if many else 'was'} left out",)
+        if units is None and rest:
+            units = _told_units([text for _, text in titles], head[1], rest[0][1])
     remarks = [text for _, text in numbered[:_TITLES] if _comment(text)]
     told = [interval_of(_uncommented(text)) for text in (*[t for _, t in titles], *remarks)]
     every = {seconds for seconds in told if seconds is not None}
@@ -145,6 +151,8 @@ def cells_of(line: str, sep: str) -> list[str]:
 def bare_unit(cell: str) -> str:
     """A unit of the row of units without brackets; empty where it says that there is none."""
     text = cell.strip().strip('"').strip("[](){}").strip()
+    if text.lower() in _UNIT_LABELS:
+        return ""  # the label of an instrument's line of units
     return "" if text in ("-", "–", "--", "1", *_NO_UNITS) else text
 
 
@@ -315,6 +323,24 @@ def _is_units(line: str, header: str, data: str) -> bool:
         return False
     hits = sum(looks_like_unit(c, _UNIT_NAMES) for c in told)
     return 2 * hits > len(told)
+
+
+def _told_units(titles: Sequence[str], header: str, data: str) -> str | None:
+    """The line of a title block that tells units, as a row of units below the header would.
+
+    Its label stands where the header has the time, or before all columns: ``Vertical Units,V,A``.
+    """
+    sep = _sign_of(data)
+    names = [c for c in cells_of(header.rstrip(sep), sep) if c.strip()]
+    if names[-1].strip().lower() == "comment":
+        names.pop()  # LabVIEW's own column of words
+    for title in titles:
+        label, *cells = (c.strip() for c in cells_of(title.rstrip(sep), sep))
+        if label.strip('"').rstrip(":").lower() not in _UNIT_LABELS or not cells:
+            continue
+        if 0 <= len(names) - len(cells) <= 1:
+            return sep.join([""] * (len(names) - len(cells)) + cells)
+    return None
 
 
 def _is_processing(line: str) -> bool:

@@ -25,6 +25,8 @@ _INTERVAL = re.compile(
     rf"\W*?[\s:=,;\"(\[]+(?P<number>{_NUMBER})[\s,;\"]*(?P<unit>[A-Za-zµμ]+)[\s,;\")\]]*",
     re.I,
 )
+_DELTA = re.compile(rf"\W*Delta_X\W*[\s:=,;]+(?P<number>{_NUMBER})(?:[\s,;]+(?P=number))*[\s,;]*")
+"""LabVIEW's distance between the rows of every channel, in seconds, equal for all of them."""
 _SECONDS = {
     **{"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6},
     **{"ns": 1e-9, "min": 60.0, "h": 3600.0},
@@ -80,8 +82,12 @@ def without_keys(lines: Sequence[Line]) -> tuple[list[Line], tuple[str, ...]]:
 def interval_of(title: str) -> float | None:
     """The time between two rows [s] that a line above the header tells with its unit, or None.
 
-    ``"Interval","20 ms"``, ``Sample rate: 50 Hz``; a bare number is in no unit that one may guess.
+    ``"Interval","20 ms"``, ``Sample rate: 50 Hz``, LabVIEW's ``Delta_X``, which is in seconds; any
+    other bare number is in no unit that one may guess.
     """
+    delta = _DELTA.fullmatch(title.strip())
+    if delta is not None and float(delta["number"]) > 0.0:
+        return float(delta["number"])
     found = _INTERVAL.fullmatch(title.strip())
     if found is None:
         return None

@@ -95,6 +95,8 @@ def _row_times(
         return _checked(Clock(elapsed, dates[1], notes), column, ts, where)
     block = table.columns(numbered_clock(table, column)) if numbers is None else numbers
     raw = block[:, 0]
+    if not np.any(np.isfinite(raw)):  # LabVIEW's ``X_Columns No``: a name over nothing
+        return _row_times(table, None, units, ts, numbers)
     if column.fine:
         whole = raw - raw[0]
         origin = float(raw[0]) if raw[0] > FIRST_WHOLE else 0.0

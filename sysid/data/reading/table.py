@@ -329,7 +329,7 @@ def read_table(
     if isinstance(source, Layout) and any(source.units):
         units = tuple(u or below for u, below in zip(units, source.units, strict=True))
         told = ", ".join(f"{n} in {u}" for n, u in zip(names, source.units, strict=True) if u)
-        notes += (f"{where}: the units stand below the header: {told}.",)
+        notes += (f"{where}: a line beside the header tells the units: {told}.",)
     if isinstance(source, Layout) and any(source.in_cells):
         units = tuple(own or u for own, u in zip(source.in_cells, units, strict=True))
         told = ", ".join(f"{n} in {u}" for n, u in zip(names, source.in_cells, strict=True) if u)
