@@ -260,7 +260,17 @@ def outcome(case: Case, records: int, workers: int = 1) -> Outcome:
 
 def main(records: int, target: Path) -> None:
     """Run the study and write its report."""
-    rows = []
+    headers = [
+        "system",
+        "samples",
+        "parameters",
+        "covered",
+        "per parameter",
+        "beyond 4 σ̂",
+        "spread",
+    ]
+    text = HEAD.format(records=records, error=100.0 * np.sqrt(0.95 * 0.05 / records))
+    rows: list[list[str]] = []
     for case in CASES:
         found = outcome(case, records)
         rows.append(
@@ -274,17 +284,8 @@ def main(records: int, target: Path) -> None:
                 f"{found.spread:.2f}",
             ]
         )
-    headers = [
-        "system",
-        "samples",
-        "parameters",
-        "covered",
-        "per parameter",
-        "beyond 4 σ̂",
-        "spread",
-    ]
-    text = HEAD.format(records=records, error=100.0 * np.sqrt(0.95 * 0.05 / records))
-    target.write_text(text + "\n" + table(headers, rows, "lrrrrrr"), encoding="utf-8")
+        # line by line, so that a study that is stopped leaves what it has counted
+        target.write_text(text + "\n" + table(headers, rows, "lrrrrrr"), encoding="utf-8")
     from stamps import stamped
 
     stamped(target)
