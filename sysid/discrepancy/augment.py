@@ -73,13 +73,13 @@ def values_of(
             continue
         number = numbers.get(slot.name)
         value, words = float(node.q[k]), number.unit.replace("speed", unit) if number else ""
-        told = (intervals or {}).get(k)
-        if told is None:
+        interval = (intervals or {}).get(k)
+        if interval is None:
             error = float(np.sqrt(max(covariance[at[k], at[k]], 0.0))) if k in at else None
             found.append(Value(f"{slot.name}{tag}", value, error, words))
         else:
-            error = told.std_error(value)
-            found.append(_interval_value(f"{slot.name}{tag}", value, told, words))
+            error = interval.std_error(value)
+            found.append(_interval_value(f"{slot.name}{tag}", value, interval, words))
         found[-1] = replace(found[-1], in_file=_in_file(base, found[-1], slot.track))
         if not found[-1].visited:
             continue
@@ -90,8 +90,10 @@ def values_of(
             )
             channel = base.search.estimation[0].inputs[slot.track]
             name = f"{slot.name}_command{tag}"
-            if told is not None:
-                found.append(_interval_value(name, value * full, told.times(full), channel.unit))
+            if interval is not None:
+                found.append(
+                    _interval_value(name, value * full, interval.times(full), channel.unit)
+                )
             else:
                 scaled = None if error is None else error * full
                 found.append(Value(name, value * full, scaled, channel.unit))
@@ -116,10 +118,10 @@ def _in_file(base: Base, value: Value, track: int) -> Value | None:
     )
 
 
-def _interval_value(name: str, value: float, told: Interval, unit: str) -> Value:
-    if not told.visited:
+def _interval_value(name: str, value: float, interval: Interval, unit: str) -> Value:
+    if not interval.visited:
         return Value(name, math.nan, None, unit)
-    return Value(name, value, told.std_error(value), unit, (told.low, told.high))
+    return Value(name, value, interval.std_error(value), unit, (interval.low, interval.high))
 
 
 def model_of(base: Base, node: Node, intervals: Mapping[int, Interval] | None = None) -> Model:
@@ -153,13 +155,13 @@ def model_of(base: Base, node: Node, intervals: Mapping[int, Interval] | None = 
     parameters = structure.parameters(first.inputs, first.outputs)
     theta, unseen = node.q[slots], []
     for k, slot in enumerate(slots):
-        told = (intervals or {}).get(slot)
-        if told is None:
+        interval = (intervals or {}).get(slot)
+        if interval is None:
             continue
-        if not told.visited:
+        if not interval.visited:
             theta[k] = search.model.slots[slot].null
             unseen.append(k)
-        covariance = _with_error(covariance, k, told.std_error(float(theta[k])))
+        covariance = _with_error(covariance, k, interval.std_error(float(theta[k])))
     parts = _rows_together(node.errors.estimation)
     errors = np.concatenate(parts)
     values = [np.concatenate([r.u for r in records]), np.concatenate([r.y for r in records])]

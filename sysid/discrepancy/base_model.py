@@ -10,8 +10,8 @@ from sysid.data.preprocess import Detrend
 from sysid.data.reading.held import own_rate, without_repeats
 from sysid.data.record import Array, Record
 from sysid.discrepancy.integrating import integrates, rates, step_of
+from sysid.discrepancy.policies import RULE
 from sysid.discrepancy.samples import inspect_samples
-from sysid.discrepancy.search.evidence import PROVEN, PROVEN_IN_LOOP
 from sysid.discrepancy.search.named_sets import Node
 from sysid.discrepancy.search.naming import NamingSearch
 from sysid.discrepancy.search.supermodel import SuperModel
@@ -137,7 +137,7 @@ def plain_base(
         delay,
         level,
         parts.weights,
-        PROVEN_IN_LOOP if in_loop else PROVEN,
+        RULE.in_loop if in_loop else RULE.held_out,
     )
     starts = _starts(model, estimation, scales)
     if linear is not None:
@@ -195,7 +195,7 @@ def given_base(
         1,
         False,
         parts.weights,
-        PROVEN_IN_LOOP if in_loop else PROVEN,
+        RULE.in_loop if in_loop else RULE.held_out,
         fixed_core=True,
     )
     q = plain.null.copy()

@@ -11,10 +11,11 @@ import numpy as np
 from sysid.data.record import Record
 from sysid.discrepancy.base_model import Base, full_drive, given_base, plain_base
 from sysid.discrepancy.diagnosis import Diagnosis
+from sysid.discrepancy.policies import RULE
 from sysid.discrepancy.pose.diagnosis import PoseDiagnosis, diagnose_pose
 from sysid.discrepancy.proof.mission import prove_on_mission
-from sysid.discrepancy.proof.model_error import Left
-from sysid.discrepancy.search.evidence import PROVEN, noise_floor
+from sysid.discrepancy.proof.model_error import ResidualStructure
+from sysid.discrepancy.search.evidence import noise_floor
 from sysid.discrepancy.search.naming import Progress
 from sysid.discrepancy.study import Outcome, Study
 from sysid.effects.catalogue import CHANGED, chain_effects
@@ -55,7 +56,7 @@ def diagnose(
             where it gives one, is the vehicle's.
         geometry: the vehicle's lengths; None takes the mission's, and where that gives none those
             of the bundled robot, unless the pose contradicts them: then they are estimated.
-        progress: told what is being done and how far it is.
+        progress: called with what is being done and how far it is.
         seed: of every bootstrap.
 
     Raises:
@@ -81,9 +82,9 @@ def diagnose(
     say("the proof", 0.72)
     if geometry is None and mission is not None:
         geometry = load_mission(mission).vehicle.given_geometry
-    told = _pose(base, geometry)
-    result = found.study.result(model, found, told)
-    if geometry is not None and told is None and mission is None:
+    pose_diagnosis = _pose(base, geometry)
+    result = found.study.result(model, found, pose_diagnosis)
+    if geometry is not None and pose_diagnosis is None and mission is None:
         result = replace(result, warnings=(*result.warnings, NO_POSE))
     if mission is not None:
         say("the mission again with both models", 0.9)
@@ -114,7 +115,7 @@ def _around(
     study: Study,
     estimation: Sequence[Record],
     held: Sequence[Record] | None,
-    before: Left | None,
+    before: ResidualStructure | None,
     say: Progress,
 ) -> Outcome:
     """Effects around a given model as it is; or on the plainest base, where that explains more.
@@ -140,7 +141,7 @@ def _around(
     if other is None:
         return found
     simpler = len(other.naming.named) < len(named) and CHANGED.id not in named
-    below = AS_GOOD if simpler else PROVEN
+    below = AS_GOOD if simpler else RULE.held_out
     return other if other.study.explains_more(other.naming, found.naming.final, below) else found
 
 

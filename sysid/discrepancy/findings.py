@@ -47,9 +47,9 @@ def sentence_of(e: Effect, values: Sequence[Value], ties: Sequence[str]) -> str:
     text = _by_sign(e, values)
     values = [v.told for v in values]
     known = [v for v in values if v.std_error is not None or v.interval is not None][:4]
-    told = [v for v in (*known, *(v for v in values if not v.visited)) if v.words]
-    if told:
-        text += f" Here {', '.join(f'{v.name} {v.shown}' for v in told)}."
+    shown = [v for v in (*known, *(v for v in values if not v.visited)) if v.words]
+    if shown:
+        text += f" Here {', '.join(f'{v.name} {v.shown}' for v in shown)}."
     return text + (f" This log cannot tell it from {', '.join(ties)}." if ties else "")
 
 
@@ -77,16 +77,16 @@ def indistinct_edges(base: Base, naming: Naming, records: Sequence[Record]) -> t
     scales = base.scales
     u = np.concatenate([r.u for r in records]) / scales
     edges = {(e.id, p.name): p.edge for e in model.effects for p in e.parameters}
-    for k, told in naming.intervals.items():
+    for k, interval in naming.intervals.items():
         slot = model.slots[k]
         sign = edges.get((slot.owner, slot.name), 0)
-        if not sign or not told.visited or told.low is None or told.high is None:
+        if not sign or not interval.visited or interval.low is None or interval.high is None:
             continue
         d = np.unique(np.round(sign * u[:, min(slot.track, u.shape[1] - 1)], 6))
-        inside = d[(d > told.low + NEAR) & (d < told.high - NEAR)]
-        if len(inside) or told.high - told.low < APART:
+        inside = d[(d > interval.low + NEAR) & (d < interval.high - NEAR)]
+        if len(inside) or interval.high - interval.low < APART:
             continue
-        below, above = d[d <= told.low + NEAR], d[d >= told.high - NEAR]
+        below, above = d[d <= interval.low + NEAR], d[d >= interval.high - NEAR]
         if not len(below) or not len(above) or above[0] - below[-1] < APART:
             continue
         i = min(slot.track, len(records[0].inputs) - 1)

@@ -1,4 +1,4 @@
-"""One diagnosis in the making: what is left, what is believed, what is told."""
+"""One diagnosis in the making: what structure the errors have, what may be named, what is said."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,16 +14,16 @@ from sysid.discrepancy.augment import model_of
 from sysid.discrepancy.base_model import Base, may_lack_sign
 from sysid.discrepancy.diagnosis import OF_THE_LOG, Diagnosis, Experiment, Trace
 from sysid.discrepancy.following import ASTRAY, not_followed
+from sysid.discrepancy.policies import RULE
 from sysid.discrepancy.pose.diagnosis import PoseDiagnosis
 from sysid.discrepancy.pose.ground_model import with_ground
 from sysid.discrepancy.pose.windows import track_channels
 from sysid.discrepancy.proof.explain import described, explain
 from sysid.discrepancy.proof.localise import Region, localise
-from sysid.discrepancy.proof.model_error import FEWEST, Left, structure_left
+from sysid.discrepancy.proof.model_error import FEWEST, ResidualStructure, structure_left
 from sysid.discrepancy.proof.verify import Gap, measure_gap
 from sysid.discrepancy.samples import inspect_samples
 from sysid.discrepancy.search.detectable import detectable
-from sysid.discrepancy.search.evidence import PROVEN, PROVEN_IN_LOOP
 from sysid.discrepancy.search.intervals import intervals_of
 from sysid.discrepancy.search.named_sets import Naming, Node
 from sysid.discrepancy.search.naming import Progress
@@ -95,16 +95,16 @@ class Study:
         node = self.base.node
         return Naming(node, node, (), (), ())
 
-    def before(self) -> Left | None:
+    def before(self) -> ResidualStructure | None:
         """What the errors of the model before depend on."""
         study = self.doubted or self
-        return study.left(study.nothing, after=False)
+        return study.residual_structure(study.nothing, after=False)
 
-    def doubtful(self, before: Left | None) -> bool:
+    def doubtful(self, before: ResidualStructure | None) -> bool:
         """Whether there is anything to explain."""
         return before is None or before.p_value < DEPENDENT or not self.follows()
 
-    def asked(self, before: Left | None) -> float:
+    def required_ratio(self, before: ResidualStructure | None) -> float:
         """What the first effect must bring the held-out error below; 0 where nothing is looked for.
 
         As in ``remains``: loud errors whose structure is likely, not sure, ask for more.
@@ -113,14 +113,16 @@ class Study:
             return self.base.search.needed
         now = self.base.node.errors.mean_squares()[1]
         loud = np.any(np.sqrt(now) > LOUD * self.floor)
-        return PROVEN_IN_LOOP if loud and before and before.p_value < LIKELY else 0.0
+        return RULE.in_loop if loud and before and before.p_value < LIKELY else 0.0
 
-    def searched(self, effects: Sequence[Effect], before: Left | None, say: Progress) -> "Outcome":
+    def searched(
+        self, effects: Sequence[Effect], before: ResidualStructure | None, say: Progress
+    ) -> "Outcome":
         """The search for what is missing, unless there is nothing to explain."""
         naming = self.nothing
         if self.base.search.model.tracks == 1:
             effects = [e for e in effects if not e.couples]
-        needed = self.asked(before)
+        needed = self.required_ratio(before)
         if effects and needed > 0.0:
             naming = self.base.search.run(
                 self.base.node,
@@ -129,11 +131,11 @@ class Study:
                 lambda node: self.remains(replace(self.nothing, final=node)),
                 needed,
             )
-        believed = self.believed(naming)
-        return Outcome(self, believed, before, naming is not believed)
+        kept = self.without_insufficient(naming)
+        return Outcome(self, kept, before, naming is not kept)
 
-    def left(self, naming: Naming, after: bool) -> Left | None:
-        """What the errors on the held-out data still depend on; None where it cannot be told."""
+    def residual_structure(self, naming: Naming, after: bool) -> ResidualStructure | None:
+        """What the errors on the held-out data still depend on; None where too few samples tell."""
         base, node = self.base, naming.final if after else naming.base
         runs = self._runs(findings.traces(base, naming), after)
         own = slopes(base.search, node, held=True) if node.free else None
@@ -158,10 +160,10 @@ class Study:
         gap = old - self.floor**2
         if np.all(new - self.floor**2 < 0.01 * MINOR * np.maximum(gap, 0.3 * self.floor**2)):
             return 0.0
-        left = self.left(naming, after=True)
-        if left is None or left.p_value < DEPENDENT:
+        structure = self.residual_structure(naming, after=True)
+        if structure is None or structure.p_value < DEPENDENT:
             return self.base.search.needed
-        return PROVEN_IN_LOOP if np.any(np.sqrt(new) > LOUD * self.floor) else 0.0
+        return RULE.in_loop if np.any(np.sqrt(new) > LOUD * self.floor) else 0.0
 
     def follows(self) -> bool:
         """Whether the base follows the data at all: else its errors tell nothing."""
@@ -187,7 +189,7 @@ class Study:
             self.seed,
         )
 
-    def believed(self, naming: Naming) -> Naming:
+    def without_insufficient(self, naming: Naming) -> Naming:
         """No names where all of them together leave most of the gap: they are not the cause.
 
         A sensor without a sign is seen in the readings; what remains beside it does not refute it.
@@ -199,8 +201,8 @@ class Study:
         closed = self.gap(naming, served).closed_percent
         if closed >= MOST_OF_THE_GAP:
             return naming
-        left = self.left(naming, after=True)
-        if left is not None and left.p_value >= DEPENDENT and _sure(naming):
+        structure = self.residual_structure(naming, after=True)
+        if structure is not None and structure.p_value >= DEPENDENT and _sure(naming):
             return naming
         minor = (*((n.id, n.evidence) for n in naming.named), *naming.minor)
         return replace(naming, final=naming.base, named=(), minor=minor)
@@ -217,10 +219,10 @@ class Study:
         new = naming.final.errors.mean_squares()[1]
         if np.all(np.sqrt(new) <= LOUD * self.floor):
             return False
-        left = self.left(naming, after=True)
-        return left is not None and left.p_value < DEPENDENT
+        structure = self.residual_structure(naming, after=True)
+        return structure is not None and structure.p_value < DEPENDENT
 
-    def explains_more(self, naming: Naming, node: Node, below: float = PROVEN) -> bool:
+    def explains_more(self, naming: Naming, node: Node, below: float = RULE.held_out) -> bool:
         """Whether the held-out error of the model after is ``below`` that of another."""
         old, new = (n.errors.mean_squares()[1] for n in (node, naming.final))
         return bool(naming.named) and float(np.sqrt(np.mean(new / old))) < below
@@ -229,22 +231,22 @@ class Study:
         self,
         model: Model | None,
         found: "Outcome",
-        told: PoseDiagnosis | None,
+        pose: PoseDiagnosis | None,
     ) -> Diagnosis:
         """Everything but the mission.
 
         Args:
             model: the one that was given.
             found: what the search has found.
-            told: what is missing between tracks and ground.
+            pose: what is missing between tracks and ground.
         """
         naming, left_before = self.measured(found.naming), found.before
-        left_after = self.left(naming, after=True) if naming.named else left_before
+        left_after = self.residual_structure(naming, after=True) if naming.named else left_before
         base, first = self.base, self.base.parts.estimation[0]
         samples = inspect_samples(base.parts.estimation)
         effects = (
             *(findings.named_effect(base, naming, n) for n in naming.named),
-            *(told.effects if told is not None else ()),
+            *(pose.effects if pose is not None else ()),
             *findings.sample_effects(samples),
         )
         traces = self._traces(naming)
@@ -263,7 +265,7 @@ class Study:
             )
         poor = self._poor(naming)
         verdict = "no-missing-effect"
-        off = told is not None and told.left.structured
+        off = pose is not None and pose.left.structured
         astray = poor.startswith(ASTRAY)
         if effects or found.withdrawn or off or astray or (structured and not slight):
             # what is a matter of the log explains no structured error
@@ -271,12 +273,12 @@ class Study:
             verdict = "effects-found" if explained else "unexplained"
         before = model if model is not None else model_of(base, naming.base)
         after = model_of(base, naming.final, naming.intervals) if naming.named else before
-        if told is not None and told.effects:
+        if pose is not None and pose.effects:
             after = model_of(base, naming.final, naming.intervals)
             channels = track_channels(first) or (0, 1)
-            after = with_ground(after, told.ground, told.std_errors, tracks=channels)
-            gap = gap if naming.named else told.gap
-        unseen = self._unseen(naming, told, [e.id for e in effects])
+            after = with_ground(after, pose.ground, pose.std_errors, tracks=channels)
+            gap = gap if naming.named else pose.gap
+        unseen = self._unseen(naming, pose, [e.id for e in effects])
         named = [e.id for e in effects if e.id not in OF_THE_LOG]
         silent = verdict != "unexplained" and not named and not poor and bool(_loud(gap))
         return Diagnosis(
@@ -288,7 +290,10 @@ class Study:
             plainer=base.words if self.doubted is not None else "",
             effects=effects,
             minor=tuple(dict.fromkeys(id for id, _ in naming.minor)),
-            candidates=(*naming.candidates, *(told.candidates if told is not None else ())),
+            candidates=(
+                *naming.candidates,
+                *(pose.candidates if pose is not None else ()),
+            ),
             where=self._where(naming, after=False),
             where_after=self._where(naming, after=True),
             gap=gap,
@@ -302,9 +307,9 @@ class Study:
                 if r is not None
             ),
             description=description,
-            warnings=self._warnings(naming, told, samples.hidden, unseen),
+            warnings=self._warnings(naming, pose, samples.hidden, unseen),
             traces=traces,
-            geometry=told.geometry if told is not None else None,
+            geometry=pose.geometry if pose is not None else None,
         )
 
     def _poor(self, naming: Naming) -> str:
@@ -331,7 +336,7 @@ class Study:
         return localise(self.base.parts.held, node.errors.held, self.floor, self.scales, self.seed)
 
     def _unseen(
-        self, naming: Naming, told: PoseDiagnosis | None, named: Sequence[str]
+        self, naming: Naming, pose: PoseDiagnosis | None, named: Sequence[str]
     ) -> dict[str, float | None]:
         single = self.base.parts.estimation[0].ny == 1
         rest = [e.id for e in chain_effects() if e.id not in named and not (single and e.couples)]
@@ -339,8 +344,8 @@ class Study:
         if self.base.level:
             rest = [id for id in rest if not about(id).level]
         found = detectable(self.base.search, naming.final, rest)
-        if told is not None:
-            found |= {k: v for k, v in told.detectable.items() if k not in named}
+        if pose is not None:
+            found |= {k: v for k, v in pose.detectable.items() if k not in named}
         elif not single:
             found |= dict.fromkeys(e.id for e in ground_effects())
         return found
@@ -360,7 +365,7 @@ class Study:
     def _warnings(
         self,
         naming: Naming,
-        told: PoseDiagnosis | None,
+        pose: PoseDiagnosis | None,
         hidden: int,
         unseen: dict[str, float | None],
     ) -> tuple[str, ...]:
@@ -386,14 +391,14 @@ class Study:
         found += findings.indistinct_edges(self.base, naming, self.base.parts.estimation)
         if hidden:
             found.append(f"{hidden} lost or repeated readings are left out of every figure.")
-        if told is not None and not told.effects and sum(told.windows) < FEW_WINDOWS:
+        if pose is not None and not pose.effects and sum(pose.windows) < FEW_WINDOWS:
             found.append(
-                f"The pose gives only {sum(told.windows)} windows of motion to judge slip and "
+                f"The pose gives only {sum(pose.windows)} windows of motion to judge slip and "
                 "radii by; name a second log with --val or drive longer."
             )
-        if told is not None and told.left.loud:
-            found.append(told.left.sentence)
-        return (*found, *(told.warnings if told is not None else ()))
+        if pose is not None and pose.left.loud:
+            found.append(pose.left.sentence)
+        return (*found, *(pose.warnings if pose is not None else ()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -402,14 +407,14 @@ class Outcome:
 
     Attributes:
         study: where.
-        naming: what is believed.
+        naming: the effects that are kept.
         before: what the errors of the base depend on.
-        withdrawn: whether names were not believed.
+        withdrawn: whether effects were found and dropped again, because they leave most of the gap.
     """
 
     study: Study
     naming: Naming
-    before: Left | None
+    before: ResidualStructure | None
     withdrawn: bool
 
 
@@ -434,9 +439,13 @@ ON_A_RATE = (
 
 
 def _story(
-    verdict: str, ids: Sequence[str], gap: Gap, left: Left | None, on_rate: bool = False
+    verdict: str,
+    ids: Sequence[str],
+    gap: Gap,
+    structure: ResidualStructure | None,
+    on_rate: bool = False,
 ) -> str:
-    structured = left is not None and left.p_value < DEPENDENT
+    structured = structure is not None and structure.p_value < DEPENDENT
     loud = ", ".join(f"{name} {ratio:.1f} times" for name, ratio in _loud(gap).items())
     missing = [id for id in ids if id not in OF_THE_LOG]
     if verdict == "effects-found" and missing:
@@ -459,19 +468,19 @@ def _story(
             "unexplained by every effect of the catalogue." + ON_A_RATE * on_rate
         )
     if loud:
-        return _undecided(gap, left, structured)
-    if left is not None and structured:
+        return _undecided(gap, structure, structured)
+    if structure is not None and structured:
         return (
             "Nothing of the catalogue is missing: what is known predicts only "
-            f"{100.0 * left.share:.0f} % of the errors beyond the noise."
+            f"{100.0 * structure.share:.0f} % of the errors beyond the noise."
         )
     return "Nothing is missing that this log could show: the errors look like noise."
 
 
-def _undecided(gap: Gap, left: Left | None, structured: bool) -> str:
+def _undecided(gap: Gap, structure: ResidualStructure | None, structured: bool) -> str:
     """Why nothing is named where errors are far above the noise of the readings."""
     loud = ", ".join(f"{name} {ratio:.1f} times" for name, ratio in _loud(gap).items())
-    if left is None:
+    if structure is None:
         return (
             f"The log is too short to tell what is missing: the errors ({loud} the noise of the "
             f"readings) cannot be tested on so few held-out samples; record at least {LONG_ENOUGH} "
@@ -480,8 +489,8 @@ def _undecided(gap: Gap, left: Left | None, structured: bool) -> str:
     begin = "No effect is shown, but the errors are not noise: "
     if structured:
         return begin + (
-            f"what is known predicts only {100.0 * left.share:.0f} % of them. The rest ({loud} the "
-            "noise of the readings) no channel records."
+            f"what is known predicts only {100.0 * structure.share:.0f} % of them. The rest "
+            f"({loud} the noise of the readings) no channel records."
         )
     return begin + (
         f"they are larger than that of the readings ({loud}), yet depend on no command and no "

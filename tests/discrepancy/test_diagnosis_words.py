@@ -14,7 +14,7 @@ from sysid.discrepancy.advise import next_experiments
 from sysid.discrepancy.base_model import plain_base
 from sysid.discrepancy.following import not_followed
 from sysid.discrepancy.proof.localise import localise, regimes
-from sysid.discrepancy.proof.model_error import Left
+from sysid.discrepancy.proof.model_error import ResidualStructure
 from sysid.discrepancy.proof.verify import ChannelGap, Gap
 from sysid.discrepancy.study import _story
 from sysid.effects.catalogue import catalogue, chain_effects
@@ -109,7 +109,7 @@ def test_a_model_that_does_not_follow_is_called_none() -> None:
 @pytest.mark.parametrize("closed", [99.9, 60.0])
 def test_what_is_left_is_said_in_words(closed: float) -> None:
     gap = Gap(1.0, 1.0 - closed / 100.0, 0.1, closed, (closed, closed), {"y": ChannelGap(9, 3, 1)})
-    text = _story("effects-found", ["dead-zone"], gap, Left(1e-9, 0.5, ()))
+    text = _story("effects-found", ["dead-zone"], gap, ResidualStructure(1e-9, 0.5, ()))
     assert "0 % of" not in text.replace("40 % of", "")
     assert ("Less than 1 %" in text) == (closed > 99.0)
     assert "structured" not in text

@@ -11,7 +11,7 @@ from sysid.data.io import read_log
 from sysid.data.record import Array, Channel, Record
 from sysid.discrepancy.diagnose import diagnose
 from sysid.discrepancy.proof.error_tests import f_test
-from sysid.discrepancy.proof.model_error import Left
+from sysid.discrepancy.proof.model_error import ResidualStructure
 from sysid.discrepancy.proof.verify import ChannelGap, Gap
 from sysid.discrepancy.study import LONG_ENOUGH, _story
 from sysid.report.diagnosis_words import headline, nothing_named
@@ -70,10 +70,12 @@ def test_nothing_is_missing_from_a_short_log_of_the_model_itself() -> None:
 
 
 @pytest.mark.parametrize("ratio", [1.6, 5.0, 100.0])
-@pytest.mark.parametrize("left", [None, Left(1.0, 0.0, ()), Left(1e-4, 0.1, ())])
+@pytest.mark.parametrize(
+    "left", [None, ResidualStructure(1.0, 0.0, ()), ResidualStructure(1e-4, 0.1, ())]
+)
 @pytest.mark.parametrize("ids", [(), ("quantisation",)])
 def test_errors_above_the_noise_are_never_nothing(
-    ratio: float, left: Left | None, ids: tuple[str, ...]
+    ratio: float, left: ResidualStructure | None, ids: tuple[str, ...]
 ) -> None:
     gap = Gap(ratio, ratio, 1.0, 0.0, (0.0, 0.0), {"y": ChannelGap(ratio, ratio, 1.0)})
     verdict = "effects-found" if ids else "no-missing-effect"

@@ -19,6 +19,7 @@ import numpy as np
 
 from sysid.data.record import Array, Record
 from sysid.discrepancy.diagnosis import NamedEffect, Value
+from sysid.discrepancy.policies import RULE
 from sysid.discrepancy.pose.evidence import (
     PoseLeft,
     apart,
@@ -52,7 +53,7 @@ from sysid.discrepancy.pose.windows import (
     tracks_of,
 )
 from sysid.discrepancy.proof.verify import Gap
-from sysid.discrepancy.search.evidence import PROVEN, Evidence
+from sysid.discrepancy.search.evidence import Evidence
 from sysid.effects.base import Length
 from sysid.effects.catalogue import effect
 from sysid.effects.ground import Ground
@@ -161,11 +162,11 @@ def diagnose_pose(
     tracks, others = every[: len(tracks)], every[len(tracks) :]
     estimate = contradicted(every, Geometry()) if geometry is None else None
     geometry = estimate.geometry if estimate is not None else geometry or Geometry()
-    told = _diagnosed(tracks, others, geometry, estimate)
-    if estimate is not None and told.geometry is not None and not told.geometry.contradicts:
+    found = _diagnosed(tracks, others, geometry, estimate)
+    if estimate is not None and found.geometry is not None and not found.geometry.contradicts:
         # what is missing explains it: beside the effects the lengths are those assumed
-        told = _diagnosed(tracks, others, estimate.assumed, None)
-    return replace(told, warnings=(*changed, *told.warnings))
+        found = _diagnosed(tracks, others, estimate.assumed, None)
+    return replace(found, warnings=(*changed, *found.warnings))
 
 
 def _diagnosed(
@@ -179,7 +180,7 @@ def _diagnosed(
     noise = increments_noise((*tracks, *others), geometry)
     first = _searched(tracks, others, noise, geometry, always)
     second = replace(noise, factor=_factor(first[2]))
-    return _told(*_searched(tracks, others, second, geometry, always), estimate)
+    return _pose_diagnosis(*_searched(tracks, others, second, geometry, always), estimate)
 
 
 _Found = tuple[PoseSearch, Fitted, Fitted, list[_Step], tuple[tuple[str, float], ...]]
@@ -294,10 +295,10 @@ def _ranking(
     return tuple(found.items())
 
 
-# What is told -------------------------------------------------------------------------------------
+# The findings ----------------------------------------------------------------------------------
 
 
-def _told(
+def _pose_diagnosis(
     search: PoseSearch,
     base: Fitted,
     final: Fitted,
@@ -387,7 +388,7 @@ def _detectable(search: PoseSearch, final: Fitted) -> dict[str, float | None]:
     """Per effect the larger of two sizes: SHOWN standard errors, and what lowers the error enough.
 
     Both by linearisation at the model after; the second asks that the whitened error grows by
-    1/PROVEN where the effect is left out.
+    1/``RULE.held_out`` where the effect is left out.
     """
     J = search.estimation.jacobian(final.q)
     r = search.estimation.residual(final.q)
@@ -400,7 +401,7 @@ def _detectable(search: PoseSearch, final: Fitted) -> dict[str, float | None]:
         size: float | None = None
         if power > 0 and c not in search.always:  # a length that is estimated hides it
             seen = SHOWN * math.sqrt(variance / power)
-            needed = math.sqrt((PROVEN**-2 - 1.0) * variance * len(r) / power)
+            needed = math.sqrt((RULE.held_out**-2 - 1.0) * variance * len(r) / power)
             slot = every_slot()[c.slots[0]]
             size = max(seen, needed)
             size = size if size < max(slot.upper - slot.null, slot.null - slot.lower) else None

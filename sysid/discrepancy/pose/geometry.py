@@ -88,17 +88,17 @@ class GeometryEstimate:
                 ("r", "B"), (self.geometry.r, self.geometry.B), self.std_errors, strict=True
             )
         )
-        told = (
+        sentence = (
             f"The pose contradicts the geometry that is assumed unless one is given "
             f"(r = {self.assumed.r:g} m, B = {self.assumed.B:g} m); from the log {found}, "
             "B as the robot turns, skidding included."
         )
         if not SMALLEST < self.geometry.r < LARGEST:
-            told += (
+            sentence += (
                 " No vehicle has such a radius: the pose is not in metres or the speeds are not "
                 "in rad/s; say which units they are in."
             )
-        return told
+        return sentence
 
     def to_json(self) -> dict[str, Any]:
         """{r, B, std_errors, assumed} [m]."""

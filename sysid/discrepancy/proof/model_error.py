@@ -67,7 +67,7 @@ class OutputLeft:
 
 
 @dataclass(frozen=True)
-class Left:
+class ResidualStructure:
     """Whether structure is left in the errors of a model.
 
     Attributes:
@@ -92,7 +92,7 @@ def structure_left(
     floor: Array,
     scales: Array,
     slopes: Sequence[Array] | None = None,
-) -> Left:
+) -> ResidualStructure:
     """Whether free-run errors depend on commands, simulated speeds, their products and time.
 
     Args:
@@ -154,7 +154,7 @@ def structure_left(
             f"no output has {FEWEST} samples in stretches long enough to be told from its own noise"
         )
     p_value = min(1.0, len(found) * min(o.p_value for o in found))
-    return Left(p_value, predicted / power if power > 0.0 else 0.0, tuple(found))
+    return ResidualStructure(p_value, predicted / power if power > 0.0 else 0.0, tuple(found))
 
 
 def first_order_slopes(

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
+from sysid.discrepancy.policies import BUDGET, RULE
 from sysid.discrepancy.search.admission import admissible, beyond_a_sample
 from sysid.discrepancy.search.batched_search import best_tracks, refined, search
 from sysid.discrepancy.search.evidence import (
-    PROVEN,
     Errors,
     Evidence,
     compare_errors,
@@ -26,25 +26,6 @@ from sysid.discrepancy.search.supermodel import (
 )
 from sysid.effects.base import Effect, StartsFrom
 from sysid.effects.catalogue import LEVEL, about
-
-SHORTLIST = 9
-FIRST_STEPS, MORE_STEPS, FULL_STEPS = 2, 4, 14
-"""Steps of all starts, of the best start of each effect, of the shortlist."""
-
-POLISH = 30
-"""Steps of a model that is kept."""
-
-COARSE = 1e-4
-"""Gain of a step, as a share of the cost, at which candidates rest."""
-
-LEADING = 4
-"""Effects that lead so far are searched with most care where slopes say little."""
-
-PROMISING = 0.95
-"""A candidate is fitted in full when its first steps bring some track's cost below this share."""
-
-PHASES = 24
-"""Phases of a wave that are tried on a record of its own."""
 
 
 class CandidateSearch:
@@ -70,7 +51,7 @@ class CandidateSearch:
         delay: int,
         level: bool = False,
         weights: tuple[Sequence[Array], Sequence[Array]] | None = None,
-        needed: float = PROVEN,
+        needed: float = RULE.held_out,
         fixed_core: bool = False,
     ) -> None:
         self.model, self.level, self.needed = model, level, needed
@@ -87,7 +68,7 @@ class CandidateSearch:
 
     def base(self, starts: Array) -> Node:
         """The base fitted from given values of all slots, (lanes, slots)."""
-        q, cost = search(self.model, starts, [self.core] * len(starts), self.data, POLISH)
+        q, cost = search(self.model, starts, [self.core] * len(starts), self.data, BUDGET.polish)
         return self.node((), best_tracks(self.model, q, cost), self.core)
 
     def node(
@@ -121,9 +102,9 @@ class CandidateSearch:
 
     def _turned(self, q: Array, id: str, wave: tuple[str, str]) -> Array:
         """The wave of an effect (its cosine and sine) in the phase of the held-out record."""
-        rows = np.repeat(q[None], PHASES, axis=0)
-        for j in range(PHASES):
-            turn = 2.0 * np.pi * j / PHASES
+        rows = np.repeat(q[None], BUDGET.phases, axis=0)
+        for j in range(BUDGET.phases):
+            turn = 2.0 * np.pi * j / BUDGET.phases
             for i in range(self.model.tracks):
                 a = self.model.place[id, wave[0], i]
                 b = self.model.place[id, wave[1], i]
@@ -136,11 +117,11 @@ class CandidateSearch:
 
     def polished(self, node: Node) -> Node:
         """The node fitted to the end."""
-        q, _ = refined(self.model, node.q[None], [node.free], self.data, POLISH)
+        q, _ = refined(self.model, node.q[None], [node.free], self.data, BUDGET.polish)
         return self.node(node.effects, q[0], node.free, node.touched)
 
     def candidates(
-        self, node: Node, effects: Sequence[Effect], most: int = SHORTLIST
+        self, node: Node, effects: Sequence[Effect], most: int = BUDGET.shortlist
     ) -> list[Judged]:
         """Every effect added to a node, the most promising fitted in full, most likely first.
 
@@ -161,15 +142,17 @@ class CandidateSearch:
                 owners.append(e)
         if not lanes:
             return []
-        q, cost = self._search(node, np.array(lanes), owners, FIRST_STEPS)
+        q, cost = self._search(node, np.array(lanes), owners, BUDGET.first_steps)
         core = [k for k, e in enumerate(owners) if e.starts_from is StartsFrom.SIGNS]
         if core:  # a whole core is found anew, from starts far apart
-            q[core], cost[core] = self._search(node, q[core], [owners[k] for k in core], FULL_STEPS)
+            q[core], cost[core] = self._search(
+                node, q[core], [owners[k] for k in core], BUDGET.full_steps
+            )
         tried = list({e.id: e for e in owners}.values())
         rows = [[k for k, e in enumerate(owners) if e.id == t.id] for t in tried]
         starts = [self._joined(q[r], cost[r], t) for r, t in zip(rows, tried, strict=True)]
-        q, cost = self._search(node, np.array(starts), tried, MORE_STEPS)
-        worth = [k for k in range(len(tried)) if np.any(cost[k] < PROMISING * now)]
+        q, cost = self._search(node, np.array(starts), tried, BUDGET.more_steps)
+        worth = [k for k in range(len(tried)) if np.any(cost[k] < BUDGET.promising * now)]
         order = sorted(worth, key=lambda k: float(np.sum(np.log(cost[k] + 1e-300))))
         if not order:
             return []
@@ -179,8 +162,8 @@ class CandidateSearch:
             alike += [k for k in worth if tried[k].id in self.stepwise]
         kept += [k for k in dict.fromkeys(alike) if k not in kept]
         chosen = [tried[k] for k in kept]
-        far = range(LEADING if node.effects else len(kept))
-        full, cost = self._search(node, q[kept], chosen, FULL_STEPS, far)
+        far = range(BUDGET.leading if node.effects else len(kept))
+        full, cost = self._search(node, q[kept], chosen, BUDGET.full_steps, far)
         full = self._from_ties(node, full, cost, chosen)
         nodes = [self._trimmed(node, e, full[k]) for k, e in enumerate(chosen)]
         samples = common_samples(nodes)
@@ -206,9 +189,9 @@ class CandidateSearch:
         free = [(*node.free, *free_slots(self.model, e, every)) for e in owners]
         if self.stepwise & set(node.effects):  # found already, and polished when kept
             free = [tuple(k for k in f if not self.model.slots[k].stepwise) for f in free]
-        if steps < FULL_STEPS:
-            return search(self.model, q, free, self.data, steps, COARSE)
-        return refined(self.model, q, free, self.data, steps, COARSE, unknown)
+        if steps < BUDGET.full_steps:
+            return search(self.model, q, free, self.data, steps, BUDGET.coarse)
+        return refined(self.model, q, free, self.data, steps, BUDGET.coarse, unknown)
 
     def _from_ties(self, node: Node, q: Array, cost: Array, chosen: Sequence[Effect]) -> Array:
         """Effects that are alike searched once more, each from where the other one ended.
@@ -233,7 +216,7 @@ class CandidateSearch:
                 row[i] = s.null
             starts.append(row)
         again, costs = self._search(
-            node, np.array(starts), [chosen[k] for k, _ in pairs], FULL_STEPS
+            node, np.array(starts), [chosen[k] for k, _ in pairs], BUDGET.full_steps
         )
         out, least = q.copy(), cost.copy()
         for (k, _), row, c in zip(pairs, again, costs, strict=True):
@@ -260,7 +243,7 @@ class CandidateSearch:
         (v0, _), (v1, _) = before.errors.mean_squares(), node.errors.mean_squares()
         cost = len(free_slots(self.model, e, [0])) * np.log(samples)
         gain = samples * np.log((v0 + 1e-300) / (v1 + 1e-300))
-        served = (gain > cost) & (v1 < 0.97 * v0)
+        served = (gain > cost) & (v1 < RULE.own_part * v0)
         if any(self.model.slots[k].track < 0 for k in before.free):
             served &= self._needed_itself(before, e, q, v1)
         served &= beyond_a_sample(self.model, e.id, q)
@@ -272,7 +255,7 @@ class CandidateSearch:
                 out[k] = before.q[k]
         free = (*before.free, *free_slots(self.model, e, np.flatnonzero(served).tolist()))
         if self.model.coupled(out, free):  # what one track loses, the other feels
-            rows, _ = refined(self.model, out[None], [free], self.data, POLISH)
+            rows, _ = refined(self.model, out[None], [free], self.data, BUDGET.polish)
             out = rows[0]
         found = self.node((*before.effects, e.id), out, free, served)
         return replace(found, excluded=before.excluded)
@@ -291,7 +274,7 @@ class CandidateSearch:
         errors = data.weight * (data.y - self.model.run(without, data))
         counts = np.maximum(np.sum(data.weight > 0.0, axis=0), 1)
         squares = np.sum(errors**2, axis=1) / counts
-        return np.asarray(least < 0.97 * np.diag(squares))
+        return np.asarray(least < RULE.own_part * np.diag(squares))
 
     def likelihood(self, before: Node, after: Node, samples: Array) -> float:
         """Penalised likelihood ratio over both parts, in units of BIC; positive is better."""
@@ -332,7 +315,7 @@ class CandidateSearch:
             q[k] = self.origin[k]
         free = tuple(k for k in node.free if k not in mine)
         rest = tuple(i for i in node.effects if i != id)
-        found, _ = refined(self.model, q[None], [free], self.data, POLISH)
+        found, _ = refined(self.model, q[None], [free], self.data, BUDGET.polish)
         return self.node(rest, found[0], free)
 
 

@@ -6,9 +6,9 @@ the model Δ⊥ would have stood in the errors on top of the noise e:
 
     V₀/V₁ = 1 + ‖Δ⊥‖²/‖e‖²
 
-It would have been revealed where this passes the rule of ``evidence.py``: ΔBIC < −6 on the
-effective sample size, and an error brought below 0.90, on held-out records too (Δ⊥ there with the
-coefficients of the estimation records).
+It would have been revealed where this passes the ``AcceptanceRule``: its ΔBIC on the effective
+sample size, and its share that an error is brought below, on held-out records too (Δ⊥ there with
+the coefficients of the estimation records).
 """
 
 from collections.abc import Sequence
@@ -17,15 +17,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.discrepancy.policies import RULE
 from sysid.discrepancy.samples import smallest_named
 from sysid.discrepancy.search.evidence import effective_samples
 from sysid.discrepancy.search.named_sets import Node
 from sysid.discrepancy.search.naming import NamingSearch
 from sysid.discrepancy.search.slopes import slopes
 from sysid.effects.base import Effect, EffectParameter
-
-BIC_STEP = 6.0
-
 
 SIZES = 2.2 ** -np.arange(8.0)
 """Severities tried, in units of the greatest that the bounds allow."""
@@ -109,7 +107,7 @@ def _needed(noise: _Noise, numbers: int, below: float, part: int) -> float:
     ratio = 1.0 / below**2 - 1.0
     if part == 1:
         return ratio * noise.square[1]
-    likelihood = (BIC_STEP + numbers * np.log(noise.effective)) / noise.effective
+    likelihood = (-RULE.bic + numbers * np.log(noise.effective)) / noise.effective
     return max(ratio, float(np.expm1(min(likelihood, 50.0)))) * noise.square[0]
 
 

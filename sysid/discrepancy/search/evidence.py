@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from sysid.criteria.coloured import effective_sample_size
 from sysid.data.reading.held import fresh_only, refreshes
 from sysid.data.record import Array, Record
+from sysid.discrepancy.policies import RULE
 
 BLOCKS = 24
 """Blocks that before and after are compared on; each still holds many time constants."""
@@ -18,13 +19,6 @@ TOUCHED = 0.02
 
 ALIKE = 0.25
 """Runs that differ by less than this share of the error that is left are the same explanation."""
-
-PROVEN = 0.90
-"""The held-out error must fall below this share of before."""
-
-PROVEN_IN_LOOP = 0.70
-"""The same for a log recorded in closed loop, where the input answers the disturbance."""
-
 
 FEWEST_CALM = 200
 """Third differences on which no command changes, at least, to read the noise from them alone."""
@@ -51,12 +45,12 @@ class Evidence:
     share_better: float
     ratio: float
     p_value: float
-    needed: float = PROVEN
+    needed: float = RULE.held_out
 
     @property
     def accepted(self) -> bool:
         """The rule of acceptance that held on real records; see the decision page."""
-        return self.significant and self.share_better > 0.5 and self.ratio < self.needed
+        return self.significant and self.share_better > RULE.blocks and self.ratio < self.needed
 
     @property
     def significant(self) -> bool:
@@ -65,7 +59,7 @@ class Evidence:
         That many effects are tried is seen to elsewhere: no effect is looked for where a model of
         the errors finds nothing, and the gain must be there again on held-out data.
         """
-        return self.delta_bic < -6.0 and self.t > 2.0
+        return self.delta_bic < RULE.bic and self.t > RULE.t
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +102,7 @@ def compare_errors(
     tried: int,
     touched: NDArray[np.bool_],
     samples: Array,
-    needed: float = PROVEN,
+    needed: float = RULE.held_out,
 ) -> Evidence:
     """Evidence from free-run errors before and after.
 

@@ -18,8 +18,8 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.discrepancy.policies import BUDGET
 from sysid.discrepancy.search.batched_search import refined, search
-from sysid.discrepancy.search.candidates import COARSE, POLISH
 from sysid.discrepancy.search.evidence import effective_samples
 from sysid.discrepancy.search.named_sets import Interval, Node
 from sysid.discrepancy.search.naming import NamingSearch
@@ -205,7 +205,9 @@ class _Walk:
                 row[k] = value
             rows.append(row)
             free.append(tuple(k for k in self.node.free if k not in self.lanes[i][0]))
-        fitted, cost = search(self.model, np.array(rows), free, self.base.data, FITTED, COARSE)
+        fitted, cost = search(
+            self.model, np.array(rows), free, self.base.data, FITTED, BUDGET.coarse
+        )
         ratio = self.samples * np.log((cost + 1e-300) / (self.cost + 1e-300))
         for i, row, change in zip(at, fitted, ratio, strict=True):
             for k, value in wanted[i].items():
@@ -241,7 +243,9 @@ class _Walk:
         """The node at a value that explains clearly more than its own, if there was one."""
         if np.sum(self.best) > -LOWER:
             return None
-        q, cost = refined(self.model, self.best_row[None], [self.node.free], self.base.data, POLISH)
+        q, cost = refined(
+            self.model, self.best_row[None], [self.node.free], self.base.data, BUDGET.polish
+        )
         if not np.sum(self.samples * np.log((cost[0] + 1e-300) / (self.cost + 1e-300))) < -LOWER:
             return None
         found = self.base.node(self.node.effects, q[0], self.node.free, self.node.touched)

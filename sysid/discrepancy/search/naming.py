@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from sysid.discrepancy.policies import BUDGET, RULE
 from sysid.discrepancy.search.admission import beyond_a_sample, tied
 from sysid.discrepancy.search.batched_search import refined
-from sysid.discrepancy.search.candidates import POLISH, CandidateSearch, common_samples
+from sysid.discrepancy.search.candidates import CandidateSearch, common_samples
 from sysid.discrepancy.search.evidence import Evidence, alike
 from sysid.discrepancy.search.named_sets import (
     Judged,
@@ -19,16 +20,10 @@ from sysid.discrepancy.search.starts import repeats_at_top
 from sysid.effects.base import Effect, StartsFrom
 from sysid.effects.catalogue import about
 
-MOST_EFFECTS = 4
-BEAM = 2
-
-FAR_AHEAD = 4.0
-"""A rival is not grown when the leader's set scores so many times higher."""
-
 Progress = Callable[[str, float], None]
 """(what is being done, share of the work done)."""
 
-Left = Callable[[Node], float]
+RequiredRatio = Callable[[Node], float]
 """What one more effect must bring the held-out error of a model below, as a share of before; 0
 where nothing is left to explain."""
 
@@ -41,7 +36,7 @@ class NamingSearch(CandidateSearch):
         base: Node,
         effects: Sequence[Effect],
         progress: Progress | None = None,
-        left: Left | None = None,
+        required: RequiredRatio | None = None,
         needed: float | None = None,
     ) -> Naming:
         """Grow one effect at a time in a small beam while the rule accepts, then drop.
@@ -49,32 +44,33 @@ class NamingSearch(CandidateSearch):
         Args:
             base: the model before.
             effects: those to try.
-            progress: told what is being done.
-            left: how far one more effect must bring the held-out error of a model down.
+            progress: called with what is being done.
+            required: how far one more effect must bring the held-out error of a model down.
             needed: the same for the first one.
         """
         say = progress or (lambda text, share: None)
-        left = left or (lambda node: self.needed)
+        required = required or (lambda node: self.needed)
         say("trying every effect", 0.0)
         self.origin = base.q
         judged = self.candidates(base, effects)
         first = tuple((j.id, j.score) for j in judged)
         passed = [j for j in self._passing(judged) if j.evidence.ratio < (needed or self.needed)]
         beam = (
-            passed[:1] + [j for j in passed[1:] if j.id not in passed[0].node.excluded][: BEAM - 1]
+            passed[:1]
+            + [j for j in passed[1:] if j.id not in passed[0].node.excluded][: BUDGET.beam - 1]
         )
         if not beam:
             return Naming(base, base, (), self._minor(judged), first)
         minor = self._minor(judged)
-        best, grown_minor = self._grown(base, beam[0].node, effects, say, left)
+        best, grown_minor = self._grown(base, beam[0].node, effects, say, required)
         minor = grown_minor if grown_minor is not None else minor
         for rival in beam[1:]:
-            # the likeliest first effect may be a stand-in: try the next one where much is left
+            # the likeliest first effect may be a stand-in: try the next one where much remains
             ours, theirs = self._totals(base, (best, rival.node))
-            if ours > FAR_AHEAD * theirs or left(best) < self.needed:
+            if ours > BUDGET.far_ahead * theirs or required(best) < self.needed:
                 break
             say(f"starting from {rival.id} instead", 0.6)
-            other, other_minor = self._grown(base, rival.node, effects, say, left)
+            other, other_minor = self._grown(base, rival.node, effects, say, required)
             if self.best_of(base, (best, other)) is other:
                 best, minor = other, other_minor if other_minor is not None else minor
         best = self._with_seen_clip(base, self.polished(best), judged)
@@ -95,11 +91,11 @@ class NamingSearch(CandidateSearch):
         node: Node,
         effects: Sequence[Effect],
         say: Progress,
-        left: Left,
+        required: RequiredRatio,
     ) -> tuple[Node, tuple[tuple[str, Evidence], ...] | None]:
         """A node with effects added one at a time; and what was minor when it grew no more."""
         minor, tidied = None, 1
-        while len(node.effects) < MOST_EFFECTS and (needed := left(node)) > 0.0:
+        while len(node.effects) < BUDGET.most_effects and (needed := required(node)) > 0.0:
             if len(node.effects) > tidied:
                 tidied = len(node.effects)
                 other = self._swapped(base, node, effects)
@@ -118,7 +114,7 @@ class NamingSearch(CandidateSearch):
         return node, minor
 
     def _swapped(self, base: Node, node: Node, effects: Sequence[Effect]) -> Node:
-        """Earlier effects exchanged for what is like them where a later one has shown them wrong.
+        """Try look-alikes of the effects accepted so far: a later one may show one of them wrong.
 
         What could not be told from another at first may well be told beside a second effect.
         """
@@ -152,7 +148,7 @@ class NamingSearch(CandidateSearch):
         for k in self.model.of(id):
             q[k] = seen.node.q[k]
         rest = tuple(e for e in best.effects if e != id)
-        found, _ = refined(self.model, q[None], [best.free], data, POLISH)
+        found, _ = refined(self.model, q[None], [best.free], data, BUDGET.polish)
         node = self.node((id, *rest), found[0], best.free)
         return self.best_of(base, (node, best))
 
@@ -174,7 +170,9 @@ class NamingSearch(CandidateSearch):
             key=lambda j: (len(j.node.free), about(j.id).shared, about(j.id).rare, -j.score),
         )
         ordered = [lead, *(j for j in passed if j is not lead)]
-        return [self._with_excluded(j, passed) for j in ordered[:BEAM]] + ordered[BEAM:]
+        return [self._with_excluded(j, passed) for j in ordered[: BUDGET.beam]] + ordered[
+            BUDGET.beam :
+        ]
 
     def _with_excluded(self, mine: Judged, passed: Sequence[Judged]) -> Judged:
         same = tuple(
@@ -187,7 +185,7 @@ class NamingSearch(CandidateSearch):
             (j.id, j.evidence)
             for j in judged
             if j.evidence.significant
-            and self.needed <= j.evidence.ratio < 0.98
+            and self.needed <= j.evidence.ratio < RULE.minor
             and self.admissible(j.node)
         )
 
@@ -207,7 +205,7 @@ class NamingSearch(CandidateSearch):
             rests = [self.without(node, id) for id in node.effects]
             best = self.best_of(base, rests)
             evidence = self.evidence(best, self._beside(node, best), 1)
-            if evidence.significant and evidence.ratio < 0.97:
+            if evidence.significant and evidence.ratio < RULE.own_part:
                 break
             node = best
         return node
