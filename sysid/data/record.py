@@ -187,6 +187,15 @@ class Record:
         return self.is_robot_log and self.is_in_pulse_widths
 
     @property
+    def reads_before_commands(self) -> bool:
+        """Whether the readings of a row are known to precede the command of that row.
+
+        So log the robots whose columns this package names, PWM in µs and wheel speeds. Elsewhere a
+        command may act on the readings beside it, and what agrees in a row is no feedback.
+        """
+        return self.is_robot_log and self.is_in_pulse_widths
+
+    @property
     def left_out(self) -> NDArray[np.bool_]:
         """Samples and outputs whose errors do not count, shape (N, ny)."""
         if self.weights is None:

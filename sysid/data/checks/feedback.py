@@ -264,14 +264,14 @@ def _reaction(
 ) -> tuple[float, float]:
     """(p-value, share) of input ``j`` that follows from the surprises of the samples before.
 
-    Surprises begin at sample ``back`` of each record. On robot logs a reading is taken before its
-    command takes effect, so that the present surprise counts as well.
+    Surprises begin at sample ``back`` of each record. Where the readings of a row
+    precede its command, the present surprise counts as well.
     """
     rows, targets = [], []
     start = back + ANSWER
     for r, w in zip(records, surprise, strict=True):
         past = [r.u[start - k : len(r) - k, q] for q in range(r.nu) for k in own]
-        begin = 0 if r.is_robot_log else 1
+        begin = 0 if r.reads_before_commands else 1
         heard = [w[ANSWER - k : len(w) - k] for k in range(begin, begin + ANSWER)]
         rows.append(np.column_stack([np.ones(len(r) - start), *past, *heard]))
         targets.append(r.u[start:, j])
@@ -344,7 +344,7 @@ def reaction(records: Sequence[Record], j: int, surprise: Sequence[Array]) -> tu
         if len(r) <= first + 10:
             continue
         past = [r.u[first - k : len(r) - k, j] for k in range(1, PAST + 1)]
-        begin = 0 if r.is_robot_log else 1
+        begin = 0 if r.reads_before_commands else 1
         heard = [w[first - k : len(r) - k] for k in range(begin, begin + ANSWER)]
         rows.append(np.column_stack([np.ones(len(r) - first), *past, *heard]))
         targets.append(r.u[first:, j] - r.u[first - 1 : -1, j])
@@ -363,7 +363,7 @@ def surprises(records: Sequence[Record], i: int) -> list[Array]:
     blocks = []
     for r in records:
         lagged = [_late(x, k) for x in (*r.y.T, *r.u.T) for k in range(1, PAST + 1)]
-        lagged += [] if r.is_robot_log else list(r.u.T)
+        lagged += [] if r.reads_before_commands else list(r.u.T)
         blocks.append(np.column_stack([np.ones(len(r)), *lagged]))
     X, y = np.concatenate(blocks), np.concatenate([r.y[:, i] for r in records])
     w = clipped(y - _robust(_basis(X), y))
