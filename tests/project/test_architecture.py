@@ -207,3 +207,9 @@ def test_every_package_is_in_the_wheel() -> None:
     names = set(listed["tool"]["setuptools"]["packages"])
     there = {m for m in modules() if is_package(m)} | {"sysid_datasets"}
     assert names == there, f"differ: {sorted(names ^ there)}"
+
+
+def test_no_two_test_files_have_the_same_name() -> None:
+    """pytest imports them by their bare names."""
+    names = [p.name for p in (ROOT / "tests").rglob("test_*.py")]
+    assert sorted(names) == sorted(set(names))
