@@ -208,6 +208,14 @@ def _check_length(
         )
 
 
+def _ranges(records: Sequence[Record]) -> Array:
+    """Lowest and highest value of every channel, inputs first, (nu + ny, 2)."""
+    channels = [(*r.u.T, *r.y.T) for r in records]
+    lows = np.min([[c.min() for c in columns] for columns in channels], axis=0)
+    highs = np.max([[c.max() for c in columns] for columns in channels], axis=0)
+    return np.column_stack([lows, highs])
+
+
 def _model(
     outcome: FitOutcome,
     records: Sequence[Record],
@@ -233,9 +241,6 @@ def _model(
     joint = np.concatenate([e[r.ordinary] for e, r in zip(errors, plain, strict=True)])
     joint = np.compress(np.all([np.isfinite(c) for c in joint.T], axis=0), joint, axis=0)
     first = records[0]
-    channels = [(*r.u.T, *r.y.T) for r in records]
-    lows = np.min([[c.min() for c in columns] for columns in channels], axis=0)
-    highs = np.max([[c.max() for c in columns] for columns in channels], axis=0)
     names = [p.name for p in parameters]
     window = head_window(structure, theta)
     return Model(
@@ -255,7 +260,7 @@ def _model(
         initial_states=tuple(
             structure.fitted_state(theta, r.u, r.y, window) for r in map(detrend.remove, records)
         ),
-        ranges=np.column_stack([lows, highs]),
+        ranges=_ranges(records),
         at_bound=outcome.at_bound,
         null_directions=tuple(
             {names[k]: float(v) for k, v in enumerate(column) if abs(v) > 1e-3}
@@ -263,18 +268,23 @@ def _model(
         ),
         starts=outcome.starts,
         warnings=outcome.warnings,
-        provenance=Provenance(
-            tuple(Source(r.name, r.sha256, r.t0, len(r)) for r in records),
-            {
-                "focus": options.focus.value,
-                "initial": options.initial.value,
-                "loss": "huber" if options.robust else "quadratic",
-                "stable": options.stable,
-                "method": options.method.value,
-                "left_out": int(sum(np.sum(o.found) for o in outliers)),
-                "initial_states_estimated": n_states,
-                **options.extra,
-            },
-            __version__,
-        ),
+        provenance=_provenance(outcome, records, options),
+    )
+
+
+def _provenance(outcome: FitOutcome, records: Sequence[Record], options: FitOptions) -> Provenance:
+    """The data of a fit and the options it was made with."""
+    return Provenance(
+        tuple(Source(r.name, r.sha256, r.t0, len(r)) for r in records),
+        {
+            "focus": options.focus.value,
+            "initial": options.initial.value,
+            "loss": "huber" if options.robust else "quadratic",
+            "stable": options.stable,
+            "method": options.method.value,
+            "left_out": int(sum(np.sum(o.found) for o in outcome.outliers)),
+            "initial_states_estimated": outcome.n_states,
+            **options.extra,
+        },
+        __version__,
     )

@@ -155,19 +155,23 @@ def _moved(before: Detrend, shift: tuple[Array, Array]) -> Detrend:
     return replace(before, u_offset=before.u_offset + shift[0], y_offset=before.y_offset + shift[1])
 
 
-Move = Callable[[Array], tuple[tuple[Array, Array], Array, Array]]
+@dataclass(frozen=True, eq=False)
+class _SteadyState:
+    """The steady state of a fit with its constant: A(1) Δy = B(1) Δu + c with B(1) that of B/F.
 
-
-def _balance(wide: PolynomialStructure, outcome: FitOutcome, ranges: Array) -> Move:
-    """A function: inputs' wanted move → ((moves of u, moves of y), their standard errors).
-
-    In the steady state A(1) Δy = B(1) Δu + c with B(1) that of B/F. Outputs that integrate (their
-    level would lie far outside the data, or is as uncertain as that) have none; for them Δu is
-    chosen such that nothing drifts.
+    Attributes:
+        wide: the structure with the constant as its last input.
+        outcome: its fit.
+        ranges: of the outputs in the data, (ny,).
     """
 
-    def sums(theta: Array) -> tuple[Array, Array, Array]:
-        p = wide.polynomials(theta)
+    wide: PolynomialStructure
+    outcome: FitOutcome
+    ranges: Array
+
+    def _sums(self, theta: Array) -> tuple[Array, Array, Array]:
+        """A(1), B(1) and c."""
+        p = self.wide.polynomials(theta)
         A = np.array([[float(x.sum()) for x in row] for row in p.A])
         with np.errstate(divide="ignore", invalid="ignore"):
             B = np.array(
@@ -178,9 +182,9 @@ def _balance(wide: PolynomialStructure, outcome: FitOutcome, ranges: Array) -> M
             )
         return A, B[:, :-1], B[:, -1]
 
-    def level(theta: Array, du: Array, drifting: Index) -> Array:
+    def _level(self, theta: Array, du: Array, drifting: Index) -> Array:
         """Δu and Δy, one after the other."""
-        A, B, c = sums(theta)
+        A, B, c = self._sums(theta)
         if len(drifting):
             du = du - np.linalg.pinv(B[drifting]) @ (B[drifting] @ du + c[drifting])
         right = np.where(du == 0.0, 0.0, B * du).sum(axis=1) + c
@@ -190,38 +194,54 @@ def _balance(wide: PolynomialStructure, outcome: FitOutcome, ranges: Array) -> M
             dy[rest] = np.linalg.solve(A[np.ix_(rest, rest)], right[rest])
         return np.concatenate([du, dy])
 
-    def with_error(du: Array, drifting: Index) -> tuple[Array, Array]:
-        theta = outcome.theta
+    def with_error(self, du: Array, drifting: Index) -> tuple[Array, Array]:
+        """Δu and Δy, and their standard errors, (nu + ny,) each.
+
+        Raises:
+            numpy.linalg.LinAlgError: outputs not among the drifting ones have no steady state.
+        """
+        theta = self.outcome.theta
         with np.errstate(all="ignore"):
-            middle = level(theta, du, drifting)
+            middle = self._level(theta, du, drifting)
             slopes = np.zeros((len(middle), len(theta)))
             for k, value in enumerate(theta):
                 step = STEP * max(abs(value), 1e-3)
                 nudged = theta.copy()
                 nudged[k] += step
-                slopes[:, k] = (level(nudged, du, drifting) - middle) / step
-            known = np.isfinite(np.diag(outcome.covariance))
-            S, C = slopes[:, known], outcome.covariance[np.ix_(known, known)]
+                slopes[:, k] = (self._level(nudged, du, drifting) - middle) / step
+            known = np.isfinite(np.diag(self.outcome.covariance))
+            S, C = slopes[:, known], self.outcome.covariance[np.ix_(known, known)]
             return middle, np.sqrt(np.maximum(np.einsum("ik,kl,il->i", S, C, S), 0.0))
 
-    def far(values: Array, errors: Array) -> Index:
-        limit = BEYOND * np.where(ranges > 0.0, ranges, 1.0)
-        size = np.abs(values[-len(ranges) :]) + errors[-len(ranges) :]
-        return np.flatnonzero(~(size <= limit))
+    def far(self, values: Array, errors: Array) -> Index:
+        """Outputs whose level lies far outside the data, or is as uncertain as that."""
+        limit = BEYOND * np.where(self.ranges > 0.0, self.ranges, 1.0)
+        n = len(self.ranges)
+        return np.flatnonzero(~(np.abs(values[-n:]) + errors[-n:] <= limit))
 
+
+Move = Callable[[Array], tuple[tuple[Array, Array], Array, Array]]
+
+
+def _balance(wide: PolynomialStructure, outcome: FitOutcome, ranges: Array) -> Move:
+    """A function: inputs' wanted move → ((moves of u, moves of y), their standard errors).
+
+    Outputs that integrate (their level would lie far outside the data, or is as uncertain as that)
+    have none; for them Δu is chosen such that nothing drifts.
+    """
+    steady = _SteadyState(wide, outcome, ranges)
     nu = wide.nu - 1
     nothing = np.zeros(nu)
-    drifting = np.zeros(0, dtype=np.intp)
     try:
-        drifting = far(*with_error(nothing, drifting))
+        drifting = steady.far(*steady.with_error(nothing, np.zeros(0, dtype=np.intp)))
     except np.linalg.LinAlgError:
         drifting = np.arange(wide.ny)
 
     def move(du: Array) -> tuple[tuple[Array, Array], Array, Array]:
-        values, errors = with_error(du, drifting)
-        if len(far(values, errors)) and np.any(du):
+        values, errors = steady.with_error(du, drifting)
+        if len(steady.far(values, errors)) and np.any(du):
             # the model cannot be followed that far: its level is said where the fit was made
-            values, errors = with_error(nothing, drifting)
+            values, errors = steady.with_error(nothing, drifting)
         return (values[:nu], values[nu:]), errors[:nu], errors[nu:]
 
     return move

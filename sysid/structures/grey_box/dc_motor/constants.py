@@ -115,6 +115,22 @@ def shape(m: "DCMotor") -> tuple[Constant, ...]:
             each=each["offset"],
             words="constant load as the command it takes away",
         ),
+        *_backward(m),
+        Constant(
+            "drag",
+            "1/({y})" if m.output != "position" else "s/{y}",
+            0.0,
+            0.0,
+            free=not m.held(["drag"]),
+            each=each["drag"],
+            words="resistance that grows with the square of speed",
+        ),
+    )
+
+
+def _backward(m: "DCMotor") -> tuple[Constant, ...]:
+    """Friction of the way back over that of the way forth."""
+    return (
         Constant(
             "coulomb_back",
             "",
@@ -136,15 +152,6 @@ def shape(m: "DCMotor") -> tuple[Constant, ...]:
             1.5,
             True,
             "damping backward over forward",
-        ),
-        Constant(
-            "drag",
-            "1/({y})" if m.output != "position" else "s/{y}",
-            0.0,
-            0.0,
-            free=not m.held(["drag"]),
-            each=each["drag"],
-            words="resistance that grows with the square of speed",
         ),
     )
 
