@@ -72,34 +72,18 @@ def diagnose(
     olds, news = [t.record.y - t.before for t in proof], [t.record.y - t.after for t in proof]
     floor, scales = np.full(2, NOISE), np.full(2, PWM_FULL_SCALE)
     records = [t.record for t in proof]
-    values = tuple(
-        Value(f"{n}[{c.name}]", ZONE, 0.001, "drive")
-        for n in ("plus", "minus")
-        for c in first.outputs
-    )
     return Diagnosis(
         verdict="effects-found",
         story="The error depends on the command, and one effect explains it.",
         base_words="per track its own command, first order, one sample of delay, no offset",
-        effects=(
-            NamedEffect(
-                "dead-zone", "actuator", first.output_names, values, -900.0, 1e-9, 0.9,
-                ("stiction",), "Below 20 % of full drive nothing moves.",
-            ),
-        ),
+        effects=(_dead_zone(first.output_names),),
         minor=("sensor-lag",),
         candidates=(("dead-zone", 0.9), ("stiction", 0.89), ("concave-gain", 0.3)),
         where=localise(records, olds, floor, scales),
         where_after=localise(records, news, floor, scales),
         gap=measure_gap(olds, news, floor, first.output_names),
         detectable={"dead-zone": 0.01, "backlash": None},
-        next_experiments=(
-            Experiment(
-                "Rest, then creep up through the threshold.", ("dead-zone", "stiction"),
-                ("t", *first.input_names), CREEP,
-            ),
-            Experiment("Drive against a wall, by hand.", ("backlash",), (), ()),
-        ),
+        next_experiments=_experiments(first.input_names),
         before=before,
         after=after,
         residuals=(ResidualVerdict("before", 1e-12, 0.8), ResidualVerdict("after", 0.4, 0.01)),
@@ -107,6 +91,26 @@ def diagnose(
         traces=tuple(traces),
         seconds=1.0,
     )  # fmt: skip
+
+
+def _dead_zone(outputs: tuple[str, ...]) -> NamedEffect:
+    values = tuple(
+        Value(f"{n}[{output}]", ZONE, 0.001, "drive")
+        for n in ("plus", "minus")
+        for output in outputs
+    )
+    return NamedEffect(
+        "dead-zone", "actuator", outputs, values, -900.0, 1e-9, 0.9,
+        ("stiction",), "Below 20 % of full drive nothing moves.",
+    )  # fmt: skip
+
+
+def _experiments(inputs: Sequence[str]) -> tuple[Experiment, ...]:
+    creep = "Rest, then creep up through the threshold."
+    return (
+        Experiment(creep, ("dead-zone", "stiction"), ("t", *inputs), CREEP),
+        Experiment("Drive against a wall, by hand.", ("backlash",), (), ()),
+    )
 
 
 def nothing(estimation: Sequence[Record], held: Sequence[Record] | None, **facts: Any) -> Diagnosis:

@@ -115,13 +115,7 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
     """
     options = options or ReadOptions()
     path = Path(path)
-    data = read_bytes(path)
-    table = read_table(data, path.name, options.delimiter, options.decimal)
-    other = companion(options.join, path)
-    together: tuple[Finding, ...] = ()
-    if other is not None:
-        table, together, more = joined(table, other, options)
-        data += more
+    table, together, digest = _table(path, options)
     choice = choose_columns(
         table.names,
         options.inputs,
@@ -172,17 +166,28 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
         *grid.findings,
     )
     signals_of_log = _Signals(read, t[rows], grid.dt, channels, led, len(choice.pose))
-    digest = hashlib.sha256(data).hexdigest()
-    records = tuple(
-        at_sensor_rate(
-            replace(_record(signals_of_log, segment), name=name, sha256=digest),
-            slow,
-            t[rows],
-            slice(segment.start, segment.stop),
-        )
-        for segment, name in zip(grid.segments, _names(path.name, grid), strict=True)
-    )
-    return LogFile(path, records, said, options, clock.origin)
+    records = []
+    for segment, name in zip(grid.segments, _names(path.name, grid), strict=True):
+        record = replace(_record(signals_of_log, segment), name=name, sha256=digest)
+        part = slice(segment.start, segment.stop)
+        records.append(at_sensor_rate(record, slow, t[rows], part))
+    return LogFile(path, tuple(records), said, options, clock.origin)
+
+
+def _table(path: Path, options: ReadOptions) -> tuple[Table, tuple[Finding, ...], str]:
+    """The table of a file, with the columns of a second one where there is one.
+
+    Returns:
+        the table, what is said about the joining, and the checksum of all bytes read.
+    """
+    data = read_bytes(path)
+    table = read_table(data, path.name, options.delimiter, options.decimal)
+    other = companion(options.join, path)
+    said: tuple[Finding, ...] = ()
+    if other is not None:
+        table, said, more = joined(table, other, options)
+        data += more
+    return table, said, hashlib.sha256(data).hexdigest()
 
 
 def _usable_rows(

@@ -109,12 +109,7 @@ def compare(
         raise ModelError("there is no model to compare; run `sysid fit` first")
     notes: list[str] = [] if validation is None else _seen_before(contenders, validation[0])
     excluded: dict[str, str] = {}
-    figures: dict[str, dict[str, Any]] = {}
-    for c in contenders:
-        try:
-            figures[c.id] = _figures(c, validation, policy)
-        except ModelError as error:
-            excluded[c.id] = str(error)
+    figures = _all_figures(contenders, validation, policy, excluded)
     usable = [c for c in contenders if c.id in figures]
     if not ranks.of_free_run or validation is None:
         usable = _same_data(usable, excluded)
@@ -227,6 +222,22 @@ def _residuals(c: Contender) -> Mapping[str, Any] | None:
     if c.records is None:
         return None
     return residual_tests(c.model, c.records).as_dict()
+
+
+def _all_figures(
+    contenders: Sequence[Contender],
+    validation: tuple[Sequence[Record], str] | None,
+    policy: Policy,
+    excluded: dict[str, str],
+) -> dict[str, dict[str, Any]]:
+    """Figures of every model that has some; why others have none is written to ``excluded``."""
+    figures = {}
+    for c in contenders:
+        try:
+            figures[c.id] = _figures(c, validation, policy)
+        except ModelError as error:
+            excluded[c.id] = str(error)
+    return figures
 
 
 def _figures(

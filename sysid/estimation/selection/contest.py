@@ -147,10 +147,7 @@ def run_contest(
     for name in names:
         chosen = list(given[name]) if name in given else _grid(name, nu, ny, cut.samples, nk)
         try:
-            made = [
-                structure_class(name).from_orders(dict(o), nu, ny, options.structure_options)
-                for o in chosen
-            ]
+            made = [_structure(name, orders, records, options) for orders in chosen]
         except UsageError as error:
             if name in given and len(names) > 1:
                 raise UsageError(f"{error}; or name fewer structures with --structure") from None
@@ -159,35 +156,70 @@ def run_contest(
         data[name] = (cut.of(own.detrend.remove), own.estimated)
         tasks.append((name, chosen))
     searches, failed = _searches(tasks, data, options, criterion, jobs, progress)
+    entries = _entries(tasks, searches, failed, records, options, offsets, progress)
+    if not entries:
+        raise DataError("; ".join(failed.values()) or "no structure could be fitted")
+    if progress:
+        progress(1.0, "done")
+    entries = [replace(e, notes=(*said, *e.notes)) for e in entries]
+    order = in_order(entries, records, options, criterion, tie_margin(cut.held), cut.one_step)
+    return Contest(order.entries, reason(order, criterion, cut.words, given=whole), failed)
+
+
+def _entries(
+    tasks: Sequence[tuple[str, Grid]],
+    searches: Mapping[str, tuple[OrderSearch, float]],
+    failed: dict[str, str],
+    records: Sequence[Record],
+    options: FitOptions,
+    offsets: Offsets,
+    progress: Progress | None,
+) -> list[Entry]:
+    """Every structure with its best orders fitted to all data; what fails is put into ``failed``.
+
+    Raises:
+        DataError, ModelError: the only structure cannot be fitted.
+    """
     entries = []
     for k, (name, chosen) in enumerate(tasks):
         if name in failed:
             continue
         if progress:
             progress(0.9 + 0.1 * k / len(tasks), f"fitting {name} to all data")
-        started = perf_counter()
         search = searches.get(name)
         # one candidate is fitted as asked for, alone and in company: what a structure that
         # searches within itself found on the part that was fitted only says how good it is
         orders = chosen[0] if len(chosen) == 1 or search is None else search[0].best.orders
-        structure = structure_class(name).from_orders(
-            dict(orders), nu, ny, options.structure_options
-        )
+        structure = _structure(name, orders, records, options)
         try:
-            model, notes = _fitted(structure, records, options, offsets)
+            entries.append(_entry(structure, search, records, options, offsets))
         except (DataError, ModelError) as error:
             if len(tasks) == 1:
                 raise
             failed[name] = str(error)
-            continue
-        spent = perf_counter() - started + (search[1] if search else 0.0)
-        entries.append(Entry(model, search[0] if search else None, spent, (*said, *notes)))
-    if not entries:
-        raise DataError("; ".join(failed.values()) or "no structure could be fitted")
-    if progress:
-        progress(1.0, "done")
-    order = in_order(entries, records, options, criterion, tie_margin(cut.held), cut.one_step)
-    return Contest(order.entries, reason(order, criterion, cut.words, given=whole), failed)
+    return entries
+
+
+def _structure(
+    name: str, orders: Mapping[str, Any], records: Sequence[Record], options: FitOptions
+) -> Structure:
+    """A structure of these orders for the channels of the records."""
+    nu, ny = records[0].nu, records[0].ny
+    return structure_class(name).from_orders(dict(orders), nu, ny, options.structure_options)
+
+
+def _entry(
+    structure: Structure,
+    search: tuple[OrderSearch, float] | None,
+    records: Sequence[Record],
+    options: FitOptions,
+    offsets: Offsets,
+) -> Entry:
+    """The structure fitted to all data, with the search that chose its orders and its seconds."""
+    started = perf_counter()
+    model, notes = _fitted(structure, records, options, offsets)
+    spent = perf_counter() - started + (search[1] if search else 0.0)
+    return Entry(model, search[0] if search else None, spent, notes)
 
 
 def _by_structure(

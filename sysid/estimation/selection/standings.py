@@ -100,12 +100,9 @@ def in_order(
         for e in entries
     }
     limit = FOLLOWS * min(follows.values())
-    sound = [
-        e
-        for e in entries
-        if bounded_run(e.model.structure, e.model.theta) and follows[id(e)] <= limit
-    ]
-    sound = sound or [e for e in entries if follows[id(e)] <= limit] or list(entries)
+    following = [e for e in entries if follows[id(e)] <= limit]
+    bounded = [e for e in following if bounded_run(e.model.structure, e.model.theta)]
+    sound = bounded or following or list(entries)
     searched = all(e.error is not None for e in entries)
     of_free_run = table.criterion(criterion).of_free_run
     rule = criterion if not of_free_run else "bic" if searched else "aic"

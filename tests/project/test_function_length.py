@@ -1,0 +1,63 @@
+"""No function is too long to be read at once."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+ROOMS = ("sysid", "cli", "benchmarks", "datasets", "docs", "examples", "tests")
+
+LONGEST = 60
+"""Lines of a function without its docstring: what one screen shows."""
+
+KEPT = {
+    "sysid/discrepancy/study.py: result": "being split: the diagnosis is put together in one call",
+}
+"""Longer and known, with the reason why they stay."""
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def lines_of(function: Function) -> int:
+    """Lines of a function without its docstring.
+
+    A signature that declares options of a command line is a table of them, help texts included,
+    and is not counted either.
+    """
+    lines = (function.end_lineno or 0) - function.lineno + 1
+    first = function.body[0]
+    if ast.get_docstring(function) is not None:
+        lines -= (first.end_lineno or 0) - first.lineno + 1
+    if any("typer." in ast.unparse(a.annotation) for a in arguments(function) if a.annotation):
+        lines -= first.lineno - function.lineno
+    return lines
+
+
+def arguments(function: Function) -> list[ast.arg]:
+    given = function.args
+    return [*given.posonlyargs, *given.args, *given.kwonlyargs]
+
+
+def functions() -> Iterator[tuple[str, Function]]:
+    for path in sorted(p for room in ROOMS for p in (ROOT / room).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, Function):
+                yield f"{path.relative_to(ROOT).as_posix()}: {node.name}", node
+
+
+def test_no_function_is_longer_than_a_screen() -> None:
+    found = {name: lines_of(f) for name, f in functions()}
+    too_long = {name: n for name, n in found.items() if n > LONGEST}
+    assert too_long.keys() - KEPT.keys() == set(), too_long
+    assert too_long.keys() >= KEPT.keys(), "these are short enough: take them off the list"
+
+
+def test_docstrings_and_tables_of_options_are_not_counted() -> None:
+    text = '"""' + "\n" * 80 + '"""'
+    plain = ast.parse(f"def f(x):\n    {text}\n    a = 1\n    return a").body[0]
+    command = "def f(\n" + "    x: Annotated[int, typer.Option()] = 1,\n" + "):\n    return x"
+    assert isinstance(plain, ast.FunctionDef)
+    assert lines_of(plain) == 3
+    declared = ast.parse(command).body[0]
+    assert isinstance(declared, ast.FunctionDef)
+    assert lines_of(declared) == 1
