@@ -1,7 +1,6 @@
-"""Pieces of C99 source: literals, tables, comments, and what a structure contributes to plant.c."""
+"""Pieces of C99 source: literals, tables, comments."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,28 +8,6 @@ from sysid.data.record import Array
 
 WIDTH = 96
 """Longest line of a table."""
-
-
-@dataclass(frozen=True)
-class CBody:
-    """What a structure contributes to ``plant.c``.
-
-    The body finds the inputs as deviations from the operating point in ``v[]``, the states in
-    ``x[]`` (zero at rest), and adds the core's outputs to ``out[]``.
-
-    Attributes:
-        n_states: how many states.
-        words: lines of the comment at the head of the file: how the code works.
-        body: lines of ``plant_step`` between reading the inputs and writing the outputs.
-        support: constant tables and functions that the body needs.
-        mathematical: whether ``math.h`` is needed.
-    """
-
-    n_states: int
-    words: tuple[str, ...]
-    body: tuple[str, ...]
-    support: tuple[str, ...] = ()
-    mathematical: bool = False
 
 
 def number(value: float) -> str:
