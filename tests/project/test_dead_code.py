@@ -17,7 +17,6 @@ KEPT = {
     "to_body": "the same: 2.3",
     "point_velocity": "the same: 2.7",
     "point_acceleration": "the same: 2.9",
-    "why_no_c_code": "the reason for a page that speaks of C",
 }
 """Known and without a user, with the reason why they stay. Tests alone are no user."""
 

@@ -35,6 +35,7 @@ SHOWN_BY = {
     "sysid/mission/": ("simulate",),
     "sysid/discrepancy/": ("diagnose",),
     "cli/reading.py": READS_LOGS,
+    "cli/mission_options.py": ("diagnose",),
     "cli/fit_options.py": ("fit",),
     "cli/packages.py": ("simulate", "diagnose"),
     "cli/targets.py": ("fit", "compare", "simulate"),
