@@ -245,10 +245,20 @@ def weighed(loss: Loss) -> dict[str, float]:
     """Every criterion of a loss by name, those of other packages too.
 
     Raises:
-        UsageError: a package that is installed offers a criterion that cannot be used.
+        UsageError: a package that is installed offers a criterion that cannot be used, or fails.
     """
     table = {name: criterion(name) for name in names()}
-    return {name: float(c.value(loss)) for name, c in table.items() if c.value is not None}
+    return {name: _value(name, c, loss) for name, c in table.items() if c.value is not None}
+
+
+def _value(name: str, criterion: Criterion, loss: Loss) -> float:
+    assert criterion.value is not None
+    if name in BUILT_IN:
+        return float(criterion.value(loss))
+    try:
+        return float(criterion.value(loss))
+    except Exception as error:  # whatever a foreign function does
+        raise unusable(_others()[name], "criterion", f"fails ({error})") from None
 
 
 @cache

@@ -22,7 +22,7 @@ from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.linear.transfer import TransferMatrix
 from sysid.structures.outcome import StartReport
 from sysid.structures.plant import Plant
-from sysid.structures.registry import structure_from_json
+from sysid.structures.registry import require_readable, structure_from_json
 
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
@@ -366,7 +366,12 @@ class Model:
         return self.structure.transfer(self.theta)
 
     def to_json(self) -> dict[str, Any]:
-        """Everything about the model as JSON-able values; non-finite numbers as null."""
+        """Everything about the model as JSON-able values; non-finite numbers as null.
+
+        Raises:
+            ModelError: a structure of another package does not read back what it writes.
+        """
+        require_readable(self.structure)
         return {
             "schema": SCHEMA,
             **self.structure.to_json(),

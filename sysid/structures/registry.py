@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, ClassVar
 
+from sysid.data.documents import plain
 from sysid.data.schema import STORED, checked
 from sysid.errors import ModelError, UsageError
 from sysid.extensions import loaded, points, unusable
@@ -92,3 +93,19 @@ def structure_from_json(raw: Mapping[str, Any]) -> Structure:
         return cls.from_json(raw)
     except (KeyError, TypeError, ValueError, UsageError) as error:
         raise ModelError(f"the model's structure cannot be read ({error}); fit it again") from None
+
+
+def require_readable(structure: Structure) -> None:
+    """Refuse to write what would be read as another structure; ours are tested for that.
+
+    Raises:
+        ModelError: ``from_json`` of a structure of another package loses what it wrote.
+    """
+    if type(structure).__module__.startswith("sysid."):
+        return
+    written = plain(structure.to_json())
+    if plain(structure_from_json(written).to_json()) != written:
+        raise ModelError(
+            f"{structure.name} is not read back as it is written: its from_json loses settings; "
+            "the package that brings it must read there what its settings() returns"
+        )

@@ -153,3 +153,13 @@ def test_the_name_of_a_criterion_is_read_in_any_case(
         capsys, "fit", "log.csv", "--structure", "arx", "--criteria", "BIC", "--json"
     ).document
     assert found["order_search"]["criterion"] == "bic"
+
+
+@pytest.mark.usefixtures("installed")
+def test_a_criterion_that_fails_is_named_with_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every fit evaluates it: the sentence must say whose fault it is."""
+    broken = table.Criterion("Broken.", value=lambda loss: loss.samples / 0.0)
+    monkeypatch.setattr(table, "_loaded", lambda name: broken)
+    wanted = r"criterion 'hq' of the package foreign-criteria fails \(float division by zero\)"
+    with pytest.raises(UsageError, match=wanted):
+        table.weighed(table.Loss(-1.0, 100, 2, 1))

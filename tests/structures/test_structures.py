@@ -15,11 +15,17 @@ from sysid.errors import ModelError, UsageError
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial, Problem
+from sysid.structures.linear.arx import ARX
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.linear.predictor import HUGE
 from sysid.structures.model import Model
 from sysid.structures.orders import MAX_ORDER, parse_orders, spread
-from sysid.structures.registry import structure_class, structure_classes, structure_from_json
+from sysid.structures.registry import (
+    require_readable,
+    structure_class,
+    structure_classes,
+    structure_from_json,
+)
 
 every_system = pytest.mark.parametrize("name", list(SYSTEMS))
 every_focus = pytest.mark.parametrize("focus", list(Focus))
@@ -583,3 +589,21 @@ def test_every_structure_says_what_it_is_and_when_to_use_it() -> None:
         structure_class("arxx")
     assert structure_class("ARMAX").name == "armax"
     assert issubclass(structure_class("bj"), PolynomialStructure)
+
+
+class Forgetful(ARX):
+    """A structure of another package whose settings are not read back."""
+
+    def settings(self) -> dict[str, object]:
+        return {"pole": 0.7}
+
+
+def test_a_structure_that_is_not_read_back_as_written_is_not_saved(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Else a saved model would be another one, without a word."""
+    structure = Forgetful.from_orders({"na": 1, "nb": 1, "nk": 1}, 1, 1)
+    monkeypatch.setattr(Forgetful, "__module__", "laboratory")
+    with pytest.raises(ModelError, match="arx is not read back as it is written"):
+        require_readable(structure)
+    require_readable(ARX.from_orders({"na": 1, "nb": 1, "nk": 1}, 1, 1))
