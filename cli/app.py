@@ -12,7 +12,8 @@ import typer
 
 from sysid.errors import SysidError
 
-from . import compare, diagnose, excite, export, fit, inspect, models, simulate, structures
+from . import compare, diagnose, excite, export, fit, inspect, models, structures
+from .missions import simulate
 
 _HELP = {"help_option_names": ["-h", "--help"]}
 

@@ -9,8 +9,10 @@ dict of states, of the same shape after every step; ``xp`` has NumPy's functions
 Inputs are named tuples: a field that is added later does not concern the laws that do not read it.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from sysid.data.record import Array, Channel
@@ -47,11 +49,49 @@ class Body(NamedTuple):
 
 
 class Disc(NamedTuple):
-    """A round obstacle: the place of its point [m] and the radius of its surface [m]."""
+    """A round obstacle, which may move at constant velocity.
+
+    Attributes:
+        x, y: place of its point at t = 0 [m].
+        radius: of its surface [m].
+        vx, vy: velocity of its point [m/s].
+    """
 
     x: Real
     y: Real
     radius: Real
+    vx: Real = 0.0
+    vy: Real = 0.0
+
+    def at(self, t: Real) -> "Disc":
+        """The obstacle with its place at ``t`` [s]."""
+        return self._replace(x=self.x + self.vx * t, y=self.y + self.vy * t)
+
+
+class Wall(NamedTuple):
+    """A straight wall from (ax, ay) to (bx, by) [m]; its surface lies ``radius`` [m] off."""
+
+    ax: Real
+    ay: Real
+    bx: Real
+    by: Real
+    radius: Real = 0.0
+
+
+class Limits(NamedTuple):
+    """What the identified plant can do at most; infinite where nobody knows.
+
+    Attributes:
+        speed: of the body [m/s].
+        acceleration: of the body [m/s²].
+        yaw_rate: [rad/s].
+        yaw_acceleration: [rad/s²].
+    """
+
+    speed: Real = math.inf
+    acceleration: Real = math.inf
+    yaw_rate: Real = math.inf
+    yaw_acceleration: Real = math.inf
 
 
 class Scene(NamedTuple):
@@ -61,8 +101,11 @@ class Scene(NamedTuple):
         start: initial pose.
         goal: X, Y to reach [m].
         tolerance: the goal counts as reached within this distance [m].
-        obstacles: what to keep clear of.
+        obstacles, walls: what to keep clear of.
         geometry: lengths of the vehicle.
+        way: points to pass on the way to the goal, X, Y [m].
+        limits: what the plant can do.
+        sensors: what navigation reads besides the wheels, by kind, with its figures.
     """
 
     start: Pose
@@ -70,6 +113,10 @@ class Scene(NamedTuple):
     tolerance: Real
     obstacles: tuple[Disc, ...]
     geometry: Geometry
+    walls: tuple[Wall, ...] = ()
+    way: tuple[tuple[Real, Real], ...] = ()
+    limits: Limits = Limits()
+    sensors: Mapping[str, "Sensor"] = MappingProxyType({})
 
     def to_goal(self, pose: Pose, xp: Any) -> Real:
         """The distance from a pose to the goal [m]."""
@@ -121,12 +168,29 @@ class NavigationInputs(NamedTuple):
     """What navigation is given at a sample ``t`` [s].
 
     Attributes:
-        readings: what the sensors read, by name: ``omega_l``, ``omega_r`` [rad/s]; NaN where a
-            sensor read nothing.
+        readings: what the sensors read, by name: ``omega_l``, ``omega_r`` [rad/s] and the names
+            of every sensor of the scene; NaN where a sensor read nothing.
     """
 
     t: Real
     readings: Mapping[str, Real]
+    scene: Scene
+
+
+class SensorInputs(NamedTuple):
+    """What a sensor is exposed to at a sample ``t`` [s].
+
+    Attributes:
+        body: where the vehicle truly is and how it moves.
+        omega_l, omega_r: true wheel speeds [rad/s].
+        draws: independent standard normal numbers of this sample, as many as the sensor asks for.
+    """
+
+    t: Real
+    body: Body
+    omega_l: Real
+    omega_r: Real
+    draws: Sequence[Real]
     scene: Scene
 
 
@@ -237,6 +301,47 @@ class Motion(Protocol):
     def start(self, scene: Scene, xp: Any) -> State: ...
 
     def step(self, state: State, inputs: MotionInputs, dt: Real, xp: Any) -> tuple[State, Body]: ...
+
+
+@runtime_checkable
+class Sensor(Protocol):
+    """From the true motion to what is read of it, at every sample of the plant.
+
+    Randomness comes in from outside, as standard normal numbers, so that one run and a batch of
+    runs see the same noise. The first step, at t = 0, has ``dt`` = 0.
+    """
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What it reads, as navigation and the log call it, e.g. ``gyro_z``."""
+        ...
+
+    @property
+    def draws(self) -> int:
+        """Standard normal numbers that a sample needs."""
+        ...
+
+    def start(self, scene: Scene, xp: Any) -> State: ...
+
+    def step(
+        self, state: State, inputs: SensorInputs, dt: Real, xp: Any
+    ) -> tuple[State, tuple[Real, ...]]:
+        """The readings in the order of ``names``; NaN where nothing is read at this sample."""
+        ...
+
+
+@runtime_checkable
+class Reporting(Protocol):
+    """A law that shows what it remembers, in columns of the mission's log."""
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns, with none of another part."""
+        ...
+
+    def report(self, state: State, xp: Any) -> tuple[Real, ...]:
+        """Their values after a step."""
+        ...
 
 
 ROBOT_INPUTS = (Channel("pwm_l", "µs"), Channel("pwm_r", "µs"))

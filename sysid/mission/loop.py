@@ -5,7 +5,7 @@ last state. :mod:`sysid.mission.simulator` runs it sample after sample until the
 """
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, NamedTuple
@@ -24,7 +24,9 @@ from sysid.mission.contracts import (
     NavigationInputs,
     Pose,
     References,
+    Reporting,
     Scene,
+    SensorInputs,
     State,
     SteppablePlant,
 )
@@ -34,7 +36,7 @@ COLUMNS = (
     "t", "pwm_l", "pwm_r", "omega_l", "omega_r", "x", "y", "psi",
     "v", "yaw_rate", "v_ref", "psi_ref", "v_cmd", "psi_cmd", "rho_goal",
 )  # fmt: skip
-"""Columns of a mission log: the robot log's first, then what the loop was thinking."""
+"""Columns of every mission log: the robot log's first, then what the loop was thinking."""
 
 
 @dataclass(frozen=True)
@@ -119,6 +121,7 @@ class LoopState(NamedTuple):
     plant: State
     guidance: State
     control: State
+    sensors: tuple[State, ...]
     navigation: State
     motion: State
     estimate: Body
@@ -160,6 +163,7 @@ class Loop:
             plant=self.plant.initial_state(),
             guidance=self.guidance.start(scene, xp),
             control=self.control.start(scene, xp),
+            sensors=tuple(s.start(scene, xp) for s in scene.sensors.values()),
             navigation=self.navigation.start(scene, xp),
             motion=self.motion.start(scene, xp),
             estimate=at_rest,
@@ -172,36 +176,93 @@ class Loop:
             verdict=int(Verdict.GOES_ON),
         )
 
-    def sample(self, state: LoopState, tick: Tick) -> tuple[LoopState, tuple[Real, ...]]:
+    @property
+    def reporting(self) -> tuple[tuple[str, Reporting], ...]:
+        """The laws that add columns to the log, with their part's name."""
+        parts = ("guidance", "control", "navigation", "motion")
+        laws = ((part, getattr(self, part)) for part in parts)
+        return tuple((part, law) for part, law in laws if isinstance(law, Reporting))
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns of the log: what every mission has, what the sensors read, what laws report."""
+        read = (name for sensor in self.scene.sensors.values() for name in sensor.names)
+        shown = (name for _, law in self.reporting for name in law.columns)
+        return (*COLUMNS, *read, *shown)
+
+    @property
+    def draws(self) -> tuple[int, ...]:
+        """Standard normal numbers that each sensor needs a sample."""
+        return tuple(sensor.draws for sensor in self.scene.sensors.values())
+
+    def sample(
+        self, state: LoopState, tick: Tick, draws: Sequence[Sequence[Real]] = ()
+    ) -> tuple[LoopState, tuple[Real, ...]]:
         """Advance to the next sample of the plant.
 
         At a control instant guidance and control use the latest reading, the one of the same
         instant included. A reading at this sample is y(k) under the command held so far.
 
+        Args:
+            state: after the sample before.
+            tick: the sample.
+            draws: standard normal numbers of this sample, a row for each sensor.
+
         Returns:
-            The state after it, and its row of the log (:data:`COLUMNS`).
+            The state after it, and its row of the log (:attr:`columns`).
         """
         scene, xp = self.scene, self.xp
-        left, right = self._wheels(state)[1]  # what is decided before this sample reaches it now
+        omega = self._wheels(state)[1]  # what is decided before this sample reaches it now
         for t in tick.before:
             state = self._decided(state, t)
-        seen = NavigationInputs(tick.t, {"omega_l": left, "omega_r": right}, scene)
+        state, readings = self._read(state, omega, tick, draws)
+        seen = NavigationInputs(tick.t, readings, scene)
         remembered, estimate = self.navigation.step(state.navigation, seen, tick.dt, xp)
         state = state._replace(navigation=remembered, estimate=estimate)
         for t in tick.now:
             state = self._decided(state, t)
         plant, omega = self._wheels(state)
-        ground = self.plant.ground
-        on_ground = ground(*omega) if ground else omega
-        rolled = MotionInputs(tick.t, on_ground[0], on_ground[1], scene)
-        remembered, body = self.motion.step(state.motion, rolled, tick.dt, xp)
+        remembered, body = self._moved(state, omega, tick)
         progress, verdict = self._judged(state, body, tick)
         state = state._replace(
             plant=plant, motion=remembered, body=body, progress=progress, verdict=verdict
         )
         r, c = state.references, state.command
-        row = (tick.t, *state.pwm, *omega, *body.pose, body.speed, body.yaw_rate)
-        return state, (*row, r.speed, r.psi, c.v_cmd, c.psi_cmd, state.rho_goal)
+        row: tuple[Real, ...] = (tick.t, *state.pwm, *omega, *body.pose, body.speed, body.yaw_rate)
+        row = (*row, r.speed, r.psi, c.v_cmd, c.psi_cmd, state.rho_goal)
+        for sensor in scene.sensors.values():
+            row = (*row, *(readings[name] for name in sensor.names))
+        for part, law in self.reporting:
+            row = (*row, *law.report(getattr(state, part), xp))
+        return state, row
+
+    def _moved(self, state: LoopState, omega: tuple[Real, Real], tick: Tick) -> tuple[State, Body]:
+        """Where tracks that turn at ``omega`` bring the vehicle at this sample."""
+        ground = self.plant.ground
+        left, right = ground(*omega) if ground else omega
+        rolled = MotionInputs(tick.t, left, right, self.scene)
+        return self.motion.step(state.motion, rolled, tick.dt, self.xp)
+
+    def _read(
+        self,
+        state: LoopState,
+        omega: tuple[Real, Real],
+        tick: Tick,
+        draws: Sequence[Sequence[Real]],
+    ) -> tuple[LoopState, Mapping[str, Real]]:
+        """What the sensors read at this sample; without encoders the wheels are read exactly."""
+        readings = {"omega_l": omega[0], "omega_r": omega[1]}
+        sensors = self.scene.sensors
+        if not sensors:
+            return state, readings
+        body = self._moved(state, omega, tick)[1]
+        after = []
+        for sensor, last, numbers in zip(sensors.values(), state.sensors, draws, strict=True):
+            seen = SensorInputs(tick.t, body, omega[0], omega[1], numbers, self.scene)
+            remembered, values = sensor.step(last, seen, tick.dt, self.xp)
+            after.append(remembered)
+            readings |= dict(zip(sensor.names, values, strict=True))
+        return state._replace(sensors=tuple(after)), readings
 
     def _wheels(self, state: LoopState) -> tuple[State, tuple[Real, Real]]:
         after, y = self.plant.step(state.plant, self.xp.array(state.pwm))

@@ -5,11 +5,11 @@ from importlib import import_module
 from typing import Any
 
 from pydantic import BaseModel
-from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError
+from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError, ValidationError
 
 from sysid.errors import UsageError
 from sysid.extensions import loaded, points, unusable
-from sysid.mission.contracts import Controller, Guidance, Motion, Navigation
+from sysid.mission.contracts import Controller, Guidance, Motion, Navigation, Sensor
 from sysid.mission.yaml_source import shown
 
 GROUP = "sysid.mission"
@@ -20,6 +20,7 @@ ROLES: Mapping[str, type] = {
     "control": Controller,
     "navigation": Navigation,
     "motion": Motion,
+    "sensors": Sensor,
 }
 """Sections of a mission file that choose a law, and what a law must be able to do there."""
 
@@ -28,6 +29,7 @@ BUILT_IN = {
     "control.pi-p": "control.pi_p:SpeedPIYawP",
     "navigation.odometry": "navigation.odometry:Odometry",
     "motion.kinematic": "motion.kinematic:Kinematic",
+    "sensors.gyroscope": "sensors.gyroscope:Gyroscope",
 }
 """Module and class of every law that comes with the package; the first of a role is its default."""
 
@@ -92,6 +94,42 @@ def law(role: str, section: Any) -> Any:
     except UsageError as error:
         raise _at_kind(str(error)) from None
     return cls.model_validate({k: v for k, v in section.items() if k != "kind"})
+
+
+def sensor_set(section: Any) -> Mapping[str, Sensor]:
+    """The sensors that a section of a mission file lists by kind, each with its keys or none.
+
+    Raises:
+        ValueError: one is unknown, or a key of it is to blame.
+    """
+    if section is None:
+        return {}
+    if not isinstance(section, Mapping):
+        raise ValueError(f"sensors is {shown(section)}: write sensors: {{{kinds('sensors')[0]}: }}")
+    found: dict[str, Sensor] = {}
+    problems: list[InitErrorDetails] = []
+    for kind, keys in section.items():
+        try:
+            law_class("sensors", kind)  # blames the name, not a key of it
+            named = {"kind": kind}
+            keys = (
+                {**keys, **named} if isinstance(keys, Mapping) else named if keys is None else keys
+            )
+            found[kind] = law("sensors", keys)
+        except UsageError as error:
+            raise ValueError(str(error)) from None
+        except ValidationError as error:
+            problems += [_below(kind, e) for e in error.errors()]
+    if problems:
+        raise ValidationError.from_exception_data("sensors", problems)
+    return found
+
+
+def _below(kind: str, error: ErrorDetails) -> InitErrorDetails:
+    """An error of one sensor as an error of the section."""
+    context = {**error.get("ctx", {}), "sentence": error["msg"]}
+    custom = PydanticCustomError(error["type"], "{sentence}", context)
+    return {"type": custom, "loc": (kind, *error["loc"]), "input": error["input"]}
 
 
 def _at_kind(sentence: str) -> ValidationError:

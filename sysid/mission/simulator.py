@@ -13,6 +13,7 @@ from sysid.mission import floats
 from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS, Pose, SteppablePlant
 from sysid.mission.ending import sentence
 from sysid.mission.loop import COLUMNS, Loop, LoopState, Tick, Verdict, ticks
+from sysid.mission.noise import sensor_draws
 from sysid.mission.result import MissionResult, Outcome
 from sysid.mission.spec import Mission
 
@@ -34,7 +35,7 @@ class RunLimits:
 LIMITS = RunLimits()
 
 
-def simulate(mission: Mission, plant: SteppablePlant) -> MissionResult:
+def simulate(mission: Mission, plant: SteppablePlant, seed: int = 0) -> MissionResult:
     """Drive a robot plant through a mission.
 
     Two clocks run on one time line: the plant's, t = k·dt, and the controller's, t = j·period; no
@@ -57,6 +58,7 @@ def simulate(mission: Mission, plant: SteppablePlant) -> MissionResult:
         mission: what to do, and by which laws.
         plant: inputs ``pwm_l, pwm_r`` [µs], outputs ``omega_l, omega_r`` [rad/s] in this order;
             :func:`sysid.mission.mapping.as_robot` makes one of any plant.
+        seed: of the sensors' noise; without sensors nothing is random.
 
     Returns:
         The outcome, its figures and the log.
@@ -77,9 +79,9 @@ def simulate(mission: Mission, plant: SteppablePlant) -> MissionResult:
         xp=floats,
     )
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        state, table = _run(loop)
+        state, table = _run(loop, seed)
     table.setflags(write=False)
-    log = MappingProxyType({name: table[:, i] for i, name in enumerate(COLUMNS)})
+    log = MappingProxyType({name: table[:, i] for i, name in enumerate(loop.columns)})
     outcome = Outcome[Verdict(int(state.verdict)).name]
     x, y, psi = state.body.pose
     return MissionResult(
@@ -94,14 +96,15 @@ def simulate(mission: Mission, plant: SteppablePlant) -> MissionResult:
     )
 
 
-def _run(loop: Loop) -> tuple[LoopState, Array]:
+def _run(loop: Loop, seed: int) -> tuple[LoopState, Array]:
     """Sample until the mission ends; the last state and the log's rows."""
     rows = []
     tick = Tick(0.0, 0.0, (), ())
     try:
         state = loop.start()
-        for tick in ticks(loop.plant.dt, loop.control.period):
-            state, row = loop.sample(state, tick)
+        clock = ticks(loop.plant.dt, loop.control.period)
+        for tick, draws in zip(clock, sensor_draws(loop, seed), strict=False):
+            state, row = loop.sample(state, tick, draws)
             _check_numbers(state, row)
             rows.append(row)
             if state.verdict != Verdict.GOES_ON:
@@ -117,7 +120,7 @@ def _run(loop: Loop) -> tuple[LoopState, Array]:
 def _check_numbers(state: LoopState, row: tuple[float, ...]) -> None:
     """Say who is to blame for what is no number, or runs away."""
     turning = all(abs(omega) < LIMITS.wheel_speed for omega in row[3:5])
-    if turning and all(map(math.isfinite, row)):
+    if turning and all(map(math.isfinite, row[: len(COLUMNS)])):
         return
     estimate = (*state.estimate.pose, state.estimate.speed, state.estimate.yaw_rate)
     seen = all(map(math.isfinite, estimate))

@@ -5,6 +5,7 @@ none, the value chosen for this workbench. See :func:`load_mission` for the file
 """
 
 import math
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,12 +20,21 @@ from pydantic import (
 )
 
 from sysid.errors import DataError
-from sysid.mission.contracts import Controller, Disc, Guidance, Motion, Navigation, Pose, Scene
+from sysid.mission.contracts import (
+    Controller,
+    Disc,
+    Guidance,
+    Motion,
+    Navigation,
+    Pose,
+    Scene,
+    Sensor,
+)
 from sysid.mission.control.pi_p import SpeedPIYawP
 from sysid.mission.guidance.field import PotentialField
 from sysid.mission.motion.kinematic import Kinematic
 from sysid.mission.navigation.odometry import Odometry
-from sysid.mission.registry import law
+from sysid.mission.registry import law, sensor_set
 from sysid.mission.settings import Coordinate, Positive, Settings
 from sysid.mission.spec_problems import first_problem
 from sysid.mission.yaml_source import read_yaml, shown
@@ -114,6 +124,7 @@ class Mission(Settings):
         timeout: the mission is given up after this time [s].
         guidance, control, navigation, motion: the laws of the loop; in a file each is a section
             whose ``kind`` names the law and whose other keys are that law's own.
+        sensors: what navigation reads besides the wheels, by kind.
         vehicle: lengths and scales.
     """
 
@@ -126,6 +137,9 @@ class Mission(Settings):
     control: Annotated[Controller, PlainValidator(partial(law, "control"))] = SpeedPIYawP()
     navigation: Annotated[Navigation, PlainValidator(partial(law, "navigation"))] = Odometry()
     motion: Annotated[Motion, PlainValidator(partial(law, "motion"))] = Kinematic()
+    sensors: Annotated[Mapping[str, Sensor], PlainValidator(sensor_set)] = Field(
+        default_factory=dict
+    )
     vehicle: VehicleSpec = VehicleSpec()
 
     @field_validator("goal", mode="before")
@@ -179,6 +193,7 @@ class Mission(Settings):
             tolerance=self.tolerance,
             obstacles=tuple(Disc(o.x, o.y, o.radius) for o in self.obstacles),
             geometry=self.vehicle.geometry,
+            sensors=self.sensors,
         )
 
     def with_geometry(self, geometry: Geometry) -> "Mission":

@@ -79,6 +79,11 @@ def _known_keys(place: Place, model: type[BaseModel], values: Mapping[str, Any])
     section = str(place[0]) if place else ""
     if section == "obstacles":
         return ["at", "radius"]
+    if section == "sensors":
+        chosen = place[1:2]
+        return (
+            list(law_class(section, str(chosen[0])).model_fields) if chosen else [*kinds(section)]
+        )
     if section in ROLES:
         kind = values[section].get("kind", kinds(section)[0])
         return ["kind", *law_class(section, kind).model_fields]

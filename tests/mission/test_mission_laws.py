@@ -281,3 +281,40 @@ def test_the_words_of_an_error_decide_nothing() -> None:
     plant = Tracks(error="the belt keeps moving although the drive is off")
     with pytest.raises(ModelError, match="the belt keeps moving"):
         as_robot(plant, Mission(goal=(1.0, 0.0)))
+
+
+# Sensors ------------------------------------------------------------------------------------------
+
+
+def test_what_sensors_read_is_in_the_log_and_follows_the_seed(tmp_path: Path) -> None:
+    path = tmp_path / "m.yaml"
+    path.write_text("goal: [1, 0]\nsensors:\n  gyroscope: {noise: 0.01}\n")
+    mission = load_mission(path)
+    one, again, other = (simulate(mission, Robot(), seed=s) for s in (1, 1, 2))
+    np.testing.assert_array_equal(one.log["gyro_z"], again.log["gyro_z"])
+    assert not np.array_equal(one.log["gyro_z"], other.log["gyro_z"])
+    np.testing.assert_array_equal(one.log["yaw_rate"], other.log["yaw_rate"])  # odometry ignores it
+    error = (one.log["gyro_z"] - one.log["yaw_rate"])[1:]
+    # σ = 0.01·√10; some fifty samples give it within a factor of two.
+    assert 0.5 < np.std(error) / (0.01 * math.sqrt(10)) < 2
+
+
+@pytest.mark.parametrize(
+    ("keys", "line", "words"),
+    [
+        ("gyroscope: {noise: -1}", 3, "sensors.gyroscope.noise is -1"),
+        (
+            "gyroscope: {nois: 1}",
+            3,
+            "unknown key 'nois' in sensors.gyroscope: did you mean 'noise'",
+        ),
+        ("gyro: ", 2, "unknown kind 'gyro' of sensors: the kinds are gyroscope"),
+    ],
+)
+def test_a_mistake_in_a_sensor_is_named_with_its_line(
+    tmp_path: Path, keys: str, line: int, words: str
+) -> None:
+    path = tmp_path / "m.yaml"
+    path.write_text(f"goal: [1, 0]\nsensors:\n  {keys}\n")
+    with pytest.raises(DataError, match=f"m.yaml:{line}: {words}"):
+        load_mission(path)

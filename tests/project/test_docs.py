@@ -173,6 +173,10 @@ def mission_keys(model: type[BaseModel] = Mission, prefix: str = "") -> list[str
     """Keys of a mission file, those of a section as section.key."""
     found = []
     for name, field in model.model_fields.items():
+        if name == "sensors":
+            of_kinds = {k: law_class(name, k) for k in kinds(name)}
+            found += [key for k, c in of_kinds.items() for key in mission_keys(c, f"{name}.{k}.")]
+            continue
         kind = law_class(name, kinds(name)[0]) if name in ROLES else field.annotation
         if isinstance(kind, type) and issubclass(kind, BaseModel):
             found += mission_keys(kind, f"{name}.")

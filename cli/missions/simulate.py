@@ -8,7 +8,7 @@ import typer
 from sysid.errors import DataError, ModelError, UsageError
 from sysid.workspace.store import Workspace
 
-from . import packages, reading, render, targets
+from .. import packages, reading, render, targets
 
 if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
@@ -82,7 +82,7 @@ def _drive(path: Path, plant: "Plant", log: Path, plot: Path | None) -> dict[str
     from sysid.mission.spec import load_mission
     from sysid.plant.replay import outside_domain
 
-    from .pictures import draw_mission
+    from ..pictures import draw_mission
 
     mission = load_mission(path)
     robot, warnings = as_robot(plant, mission)
@@ -104,7 +104,7 @@ def _replay(
 ) -> dict[str, Any]:
     from sysid.plant.replay import read_for, replay, write_replay
 
-    from .pictures import draw_replay
+    from ..pictures import draw_replay
 
     result = replay(plant, read_for(plant, path, read))
     facts = result.summary() | {"log": write_replay(result, log)}

@@ -1,0 +1,1 @@
+"""Sensors: what the robot reads of its own motion besides the wheels."""
