@@ -10,7 +10,7 @@ Inputs are named tuples: a field that is added later does not concern the laws t
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -386,3 +386,21 @@ class SteppablePlant(Protocol):
     def step(self, state: Array, u: Array) -> tuple[Array, Array]:
         """Return the next state and the output y(k) at this sample; ``state`` stays as it is."""
         ...
+
+
+Readout = Callable[[Array, Array], Array]
+"""(state, u) → y(k)."""
+
+
+@runtime_checkable
+class ReadablePlant(Protocol):
+    """A plant that tells y(k) for less than a step; a loop reads before it decides on u(k)."""
+
+    def readout(self, state: Array, u: Array) -> Array: ...
+
+
+def readout_of(plant: SteppablePlant) -> Readout:
+    """What reads y(k) of a plant: its own readout, or the output of a step."""
+    if isinstance(plant, ReadablePlant):
+        return plant.readout
+    return lambda state, u: plant.step(state, u)[1]

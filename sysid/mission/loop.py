@@ -8,6 +8,7 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 from typing import Any, NamedTuple
 
 from sysid.data.record import PWM_FULL_SCALE
@@ -23,12 +24,14 @@ from sysid.mission.contracts import (
     Navigation,
     NavigationInputs,
     Pose,
+    Readout,
     References,
     Reporting,
     Scene,
     SensorInputs,
     State,
     SteppablePlant,
+    readout_of,
 )
 from sysid.vehicle.kinematics import Real
 
@@ -176,7 +179,7 @@ class Loop:
             verdict=int(Verdict.GOES_ON),
         )
 
-    @property
+    @cached_property
     def reporting(self) -> tuple[tuple[str, Reporting], ...]:
         """The laws that add columns to the log, with their part's name."""
         parts = ("guidance", "control", "navigation", "motion")
@@ -212,7 +215,11 @@ class Loop:
             The state after it, and its row of the log (:attr:`columns`).
         """
         scene, xp = self.scene, self.xp
-        omega = self._wheels(state)[1]  # what is decided before this sample reaches it now
+        y = self._readout(state.plant, xp.array(state.pwm))
+        omega = (
+            xp.float64(y[0]),
+            xp.float64(y[1]),
+        )  # what is decided before this sample reaches it now
         for t in tick.before:
             state = self._decided(state, t)
         state, readings = self._read(state, omega, tick, draws)
@@ -263,6 +270,10 @@ class Loop:
             after.append(remembered)
             readings |= dict(zip(sensor.names, values, strict=True))
         return state._replace(sensors=tuple(after)), readings
+
+    @cached_property
+    def _readout(self) -> Readout:
+        return readout_of(self.plant)
 
     def _wheels(self, state: LoopState) -> tuple[State, tuple[Real, Real]]:
         after, y = self.plant.step(state.plant, self.xp.array(state.pwm))

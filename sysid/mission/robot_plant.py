@@ -7,7 +7,13 @@ import numpy as np
 
 from sysid.data.record import PWM_FULL_SCALE, Array, Channel
 from sysid.effects.ground import Ground
-from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS, SteppablePlant
+from sysid.mission.contracts import (
+    ROBOT_INPUTS,
+    ROBOT_OUTPUTS,
+    Readout,
+    SteppablePlant,
+    readout_of,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,19 +79,41 @@ class RobotPlant:
         """Return the state at rest at zero drive."""
         return self.rest.copy()
 
+    @cached_property
+    def _spread(self) -> Array:
+        """Change of every input at the full drive of either track, (nu, 2)."""
+        spread = np.zeros((len(self.centre), 2))
+        spread[self.driven, (0, 1)] = self.span
+        return spread
+
+    @cached_property
+    def _tracks(self) -> Array:
+        """Left and right output, as indices."""
+        return np.array(self.read)
+
+    @cached_property
+    def _readout(self) -> Readout:
+        return readout_of(self.plant)
+
+    def _speeds(self, y: Array) -> Array:
+        return self.scale * (y - self.zero)
+
     def step(self, state: Array, u: Array) -> tuple[Array, Array]:
         """Advance one sample: PWM [µs] of both tracks in, wheel speeds [rad/s] out."""
-        change = u * self.span / PWM_FULL_SCALE
         if not self.twins:
-            own = self.centre.copy()
-            own[self.driven[0]] += change[0]
-            own[self.driven[1]] += change[1]
-            state, y = self.plant.step(state, own)
-            return state, self.scale * (y[list(self.read)] - self.zero)
-        left, right = self.centre.copy(), self.centre.copy()
-        left[self.driven[0]] += change[0]
-        right[self.driven[1]] += change[1]
+            state, y = self.plant.step(state, self.centre + self._spread @ u / PWM_FULL_SCALE)
+            return state, self._speeds(y[self._tracks])
+        left, right = self.centre + (self._spread * u).T / PWM_FULL_SCALE
         state_l, y_l = self.plant.step(state[0], left)
         state_r, y_r = self.plant.step(state[1], right)
         y = np.array((y_l[self.read[0]], y_r[self.read[1]]))
-        return np.array((state_l, state_r)), self.scale * (y - self.zero)
+        return np.array((state_l, state_r)), self._speeds(y)
+
+    def readout(self, state: Array, u: Array) -> Array:
+        """Wheel speeds [rad/s] alone, as ``step`` gives them."""
+        if not self.twins:
+            y = self._readout(state, self.centre + self._spread @ u / PWM_FULL_SCALE)
+            return self._speeds(y[self._tracks])
+        left, right = self.centre + (self._spread * u).T / PWM_FULL_SCALE
+        y_l, y_r = self._readout(state[0], left), self._readout(state[1], right)
+        return self._speeds(np.array((y_l[self.read[0]], y_r[self.read[1]])))

@@ -53,6 +53,11 @@ class Dynamics(ABC):
         NumPy and JAX, and an exporter can record it: C needs nothing else.
         """
 
+    def readout(self, theta: Array) -> Callable[[Array, Array], Array]:
+        """(x, u) → y alone, as ``step`` gives it; a step of its own unless y comes cheaper."""
+        step = self.step(theta)
+        return lambda x, u: step(x, u)[1]
+
     def c_step(self, theta: Array) -> CStep | None:
         """C of its own for a step; None: it is recorded from ``step``."""
         return None

@@ -25,6 +25,7 @@ class Plant:
         inputs, outputs: channels.
         n_states: length of the state.
         core: (x, u) → (x⁺, y) about the operating point.
+        core_readout: (x, u) → y, for whoever needs y before u is settled; core's own when None.
         u_offset, y_offset: the operating point, shapes (nu,) and (ny,).
         input_range: lowest and highest value of each input seen in the data: inside it the
             plant was identified, outside it extrapolates.
@@ -42,6 +43,7 @@ class Plant:
     input_range: tuple[tuple[float, float], ...] = ()
     rest_state: Array = field(default_factory=lambda: np.zeros(0))
     ground: Ground = field(default_factory=Ground)
+    core_readout: Callable[[Array, Array], Array] | None = None
 
     @staticmethod
     def of_structure(
@@ -66,6 +68,7 @@ class Plant:
             input_range=tuple((float(a), float(b)) for a, b in ranges[: len(inputs)]),
             rest_state=rest,
             ground=structure.ground(theta),
+            core_readout=structure.readout(theta),
         )
 
     def initial_state(self) -> Array:
@@ -76,3 +79,9 @@ class Plant:
         """Advance one sample: (state, u (nu,)) → (next state, y (ny,))."""
         state, y = self.core(state, u - self.u_offset)
         return state, y + self.y_offset
+
+    def readout(self, state: Array, u: Array) -> Array:
+        """y (ny,) alone, as ``step`` gives it."""
+        if self.core_readout is None:
+            return self.step(state, u)[1]
+        return self.core_readout(state, u - self.u_offset) + self.y_offset

@@ -163,9 +163,11 @@ def test_the_step_is_the_simulation(name: str) -> None:
     s, theta = case.structure, case.theta
     u, step, x = case.inputs(150, 4), s.step(theta), s.rest(theta)
     assert len(x) == s.n_states(theta)
-    rows = []
+    rows, readout = [], s.readout(theta)
     for row in u:
+        read = readout(x, row)
         x, y = step(x, row)
+        np.testing.assert_array_equal(read, y)
         rows.append(np.array(y, dtype=np.float64))
     # the same operations in another order
     np.testing.assert_allclose(np.array(rows), s.simulate(theta, u), rtol=1e-9, atol=1e-9)

@@ -368,6 +368,17 @@ class GreyBox(NamedStructure):
 
         return advance
 
+    def readout(self, theta: Array) -> Callable[[Array, Array], Array]:
+        """y(k), which no step of the equations is needed for."""
+        p = self.prepared(np, self.unpack(np, np.asarray(theta, dtype=np.float64)), self.h)
+
+        def read(x: Array, u: Array) -> Array:
+            xp: Any = x.__array_namespace__()
+            y: Array = xp.asarray(self.reading(xp, x[:, None], p))[:, 0]
+            return y
+
+        return read
+
     def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
         """Free-run errors: nothing but the initial state is taken from the outputs."""
         x0 = self.fitted_state(theta, u, y, window) if window else None

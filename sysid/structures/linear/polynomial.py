@@ -231,6 +231,11 @@ class PolynomialStructure(NamedStructure):
 
         return advance
 
+    def readout(self, theta: Array) -> Callable[[Array, Array], Array]:
+        """y = C x + D u."""
+        _, _, C, D = self.transfer(theta).matrices
+        return lambda x, u: C @ x + D @ u
+
     def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
         """One-step errors; unknown initial states are fitted on the first ``window`` samples."""
         out = np.full(y.shape, np.nan)
