@@ -10,7 +10,7 @@ from sysid.criteria.information import information_criteria
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.discrepancy.base_model import Base, full_drive
-from sysid.discrepancy.diagnosis import Value
+from sysid.discrepancy.named_effects import Value
 from sysid.discrepancy.search.batched_search import information
 from sysid.discrepancy.search.evidence import effective_samples
 from sysid.discrepancy.search.named_sets import Interval, Node

@@ -9,23 +9,20 @@ from typing import Any
 import numpy as np
 
 from sysid.data.record import Record
+from sysid.discrepancy.assembly import assembled
 from sysid.discrepancy.base_model import Base, full_drive, given_base, plain_base
 from sysid.discrepancy.diagnosis import Diagnosis
-from sysid.discrepancy.policies import RULE
+from sysid.discrepancy.given_model import around_model
 from sysid.discrepancy.pose.diagnosis import PoseDiagnosis, diagnose_pose
 from sysid.discrepancy.proof.mission import prove_on_mission
-from sysid.discrepancy.proof.model_error import ResidualStructure
 from sysid.discrepancy.search.evidence import noise_floor
 from sysid.discrepancy.search.naming import Progress
-from sysid.discrepancy.study import Outcome, Study
-from sysid.effects.catalogue import CHANGED, chain_effects
-from sysid.errors import DataError, SysidError
+from sysid.discrepancy.study import Study
+from sysid.effects.catalogue import chain_effects
+from sysid.errors import DataError
 from sysid.mission.spec import load_mission
 from sysid.structures.model import Model
 from sysid.vehicle.kinematics import Geometry
-
-AS_GOOD = 1.02
-"""Fewer effects on a plainer base are preferred up to this ratio of held-out errors."""
 
 NO_POSE = (
     "The geometry was not used: the log holds no pose (columns x, y, psi) with the speeds of a "
@@ -74,16 +71,15 @@ def diagnose(
         base = given_base(model, estimation, held, effects)
     study = Study(base, noise_floor(base.parts.held), full_drive(estimation), seed)
     say("is there anything to explain?", 0.06)
-    before = study.before()
     if model is None:
-        found = study.searched(effects, before, say)
+        found = study.searched(effects, say)
     else:
-        found = _around(model, study, estimation, held, before, say)
+        found = around_model(model, study, estimation, held, say)
     say("the proof", 0.72)
     if geometry is None and mission is not None:
         geometry = load_mission(mission).vehicle.given_geometry
     pose_diagnosis = _pose(base, geometry)
-    result = found.study.result(model, found, pose_diagnosis)
+    result = assembled(found, model, pose_diagnosis)
     if geometry is not None and pose_diagnosis is None and mission is None:
         result = replace(result, warnings=(*result.warnings, NO_POSE))
     if mission is not None:
@@ -108,61 +104,6 @@ def _require_enough(estimation: Sequence[Record], held: Sequence[Record] | None)
             f"{estimation[0].name}: {samples} samples are too few to tell what is missing from "
             f"noise; record at least {FEWEST}, better some hundreds"
         )
-
-
-def _around(
-    model: Model,
-    study: Study,
-    estimation: Sequence[Record],
-    held: Sequence[Record] | None,
-    before: ResidualStructure | None,
-    say: Progress,
-) -> Outcome:
-    """Effects around a given model as it is; or on the plainest base, where that explains more.
-
-    A model that was fitted to the very logs has absorbed what is missing: then the plainest base
-    comes first. Else it comes where what is added to the model does not explain all of the logs, or
-    where several effects are added: some may only mend what is wrong with the model.
-    """
-    if not study.doubtful(before):
-        return study.searched((), before, say)
-    theirs = {s.sha256 for s in model.provenance.data}
-    absorbed = any(r.sha256 in theirs for r in estimation)
-    if absorbed:
-        plainest = _plainest(study, estimation, held, say)
-        if plainest is not None:
-            return plainest
-    effects = chain_effects() if absorbed else (*chain_effects(), CHANGED)
-    found = study.searched(effects, before, say)
-    named = [n.id for n in found.naming.named]
-    if absorbed or (len(named) == 1 and not study.unexplained(found.naming)):
-        return found
-    other = _plainest(study, estimation, held, say)
-    if other is None:
-        return found
-    simpler = len(other.naming.named) < len(named) and CHANGED.id not in named
-    below = AS_GOOD if simpler else RULE.held_out
-    return other if other.study.explains_more(other.naming, found.naming.final, below) else found
-
-
-def _plainest(
-    doubted: Study, estimation: Sequence[Record], held: Sequence[Record] | None, say: Progress
-) -> Outcome | None:
-    """Effects on the plainest base, where they explain more than the doubted model; else None."""
-    effects = chain_effects()
-    try:
-        base = plain_base(estimation, held, effects)
-    except SysidError:
-        return None
-    sizes = [[len(e) for e in b.node.errors.held] for b in (base, doubted.base)]
-    if sizes[0] != sizes[1]:
-        return None  # an output that integrates: other samples
-    study = replace(doubted, base=base)
-    found = study.searched(effects, study.before(), say)
-    if not study.explains_more(found.naming, doubted.base.node):
-        return None
-    study = replace(study, doubted=doubted)
-    return replace(found, study=study, before=doubted.before())
 
 
 def _pose(base: Base, geometry: Geometry | None) -> PoseDiagnosis | None:

@@ -8,7 +8,8 @@ from sysid.data.reading.held import without_repeats
 from sysid.data.record import Array, Record
 from sysid.discrepancy.augment import covariance_of, values_of
 from sysid.discrepancy.base_model import Base, full_drive
-from sysid.discrepancy.diagnosis import NamedEffect, Trace, Value
+from sysid.discrepancy.diagnosis import Trace
+from sysid.discrepancy.named_effects import NamedEffect, Value
 from sysid.discrepancy.samples import SampleEffects
 from sysid.discrepancy.search.named_sets import Named, Naming
 from sysid.effects.base import Effect

@@ -6,16 +6,7 @@ import numpy as np
 
 from sysid.data.finding import Finding, Severity
 from sysid.data.record import Array, Record
-
-FOLLOWS = 40.0
-"""A model with a lower free-run fit on held-out data [%] follows nothing: its errors exceed 0.6 of
-the spread."""
-
-EXPLAINS = 5.0
-"""Below this fit [%] an input explains nothing of an output whose readings look like noise."""
-
-LOUD = 1.5
-"""Errors beyond this multiple of the noise of the readings are more than noise."""
+from sysid.discrepancy.policies import VERDICT
 
 ASTRAY = "The model does not follow the log"
 """How the sentence begins where the errors are more than noise."""
@@ -43,8 +34,8 @@ def not_followed(
     fit = 100.0 * (1.0 - size / np.maximum(spread, 1e-300))
     names = records[0].output_names
     inputs = ", ".join(records[0].input_names)
-    poor = [i for i in range(len(names)) if fit[i] < FOLLOWS and spread[i] > 0.0]
-    loud = [i for i in poor if size[i] > LOUD * floor[i]]
+    poor = [i for i in range(len(names)) if fit[i] < VERDICT.follows and spread[i] > 0.0]
+    loud = [i for i in poor if size[i] > VERDICT.loud * floor[i]]
     if loud:
         shown = ", ".join(f"{names[i]} {fit[i]:.0f} %" for i in loud)
         why = " ".join(f.text for f in findings if f.severity >= Severity.WARNING and _tells(f))
@@ -54,7 +45,7 @@ def not_followed(
             "feedback, a position that integrates), fit other structures with sysid fit, or name "
             f"the channels that belong together." + (f" Of this log: {why}" if why else "")
         )
-    silent = [i for i in poor if fit[i] < EXPLAINS]
+    silent = [i for i in poor if fit[i] < VERDICT.explains]
     if silent:
         shown = " and ".join(names[i] for i in silent)
         verb = "explains" if records[0].nu == 1 else "explain"

@@ -19,6 +19,18 @@ class AcceptanceRule:
         own_part: an error must fall below this share for a track, or one effect of several, to keep
             its part: less moves with the seed of the noise.
         minor: an effect that significantly lowers the error below this share is mentioned.
+        touched: a block counts as touched by an effect when its predictions move by this share of
+            the error.
+        alike: runs that differ by less than this share of the error that is left are the same
+            explanation.
+        tie: models whose errors are within this factor cannot be told apart, whatever the sample
+            size.
+        known_tie: the same for effects that the catalogue knows to be alike.
+        chance_tie: the same where the paired t is below ``t``, too: the difference may be chance.
+        least_gain, most_gain: a base does not absorb so much that its gain were smaller or larger
+            by more than these factors; small commands that hardly leave a dead zone make it far
+            too small.
+        as_good: fewer effects on a plainer base are preferred up to this ratio of held-out errors.
     """
 
     bic: float = -6.0
@@ -28,6 +40,81 @@ class AcceptanceRule:
     in_loop: float = 0.70
     own_part: float = 0.97
     minor: float = 0.98
+    touched: float = 0.02
+    alike: float = 0.25
+    tie: float = 1.02
+    known_tie: float = 1.04
+    chance_tie: float = 1.1
+    least_gain: float = 1.0 / 3.0
+    most_gain: float = 20.0
+    as_good: float = 1.02
+
+
+@dataclass(frozen=True)
+class VerdictRule:
+    """When errors ask for an explanation, and when what was named is one.
+
+    Attributes:
+        dependent: errors are structured when the p-value of the model-error model is below.
+        likely: loud errors are worth a search when it is below.
+        certain: structure as sure as this misses something, however little of it is foretold.
+        slight: structure that holds less of the errors beyond the noise is no missing effect.
+        loud: errors beyond this multiple of the noise of the readings are more than noise.
+        most_of_gap: names that together close less of the gap [%] are not the cause: withdrawn,
+            between tracks and ground as on the tracks.
+        chance: on the tracks only names whose gain may be chance at this level are withdrawn where
+            no structure is left.
+        nearly_all: less of the gap [%] closed, and what remains is described.
+        minor: an effect that would close less of the gap [%] is too small to matter.
+        follows: a model with a lower free-run fit on held-out data [%] follows nothing: its errors
+            exceed 0.6 of the spread and tell nothing.
+        explains: below this fit [%] an input explains nothing of an output whose readings look
+            like noise.
+    """
+
+    dependent: float = 1e-3
+    likely: float = 0.05
+    certain: float = 1e-6
+    slight: float = 0.15
+    loud: float = 1.5
+    most_of_gap: float = 80.0
+    chance: float = 0.05
+    nearly_all: float = 90.0
+    minor: float = 1.0
+    follows: float = 40.0
+    explains: float = 5.0
+
+
+@dataclass(frozen=True)
+class PoseRule:
+    """What more is asked of effects between tracks and ground.
+
+    Attributes:
+        most_effects: as many at most; a pair of radii counts as two.
+        touched: a window counts as touched where an effect moves it by this share of the most.
+        tied: rivals whose squared errors differ by fewer standard errors are a tie, …
+        same_gain: … or that gain this share of the likelihood: noise of the speeds, which enters
+            the share of slip, sets models apart that say the same of the vehicle.
+        late_t, late_ratio: a second effect needs this t, and the held-out error below this share of
+            before: most small late gains are chance.
+        away: the number of an effect must be so many standard errors away from doing nothing.
+        shown: an effect of so many standard errors would have been seen.
+        loud: increments off by this multiple of their noise are told: speeds that change between
+            samples alone can double it.
+        structured: share of the held-out error that way, turn and heading must foretell to be
+            something missing.
+    """
+
+    most_effects: int = 3
+    touched: float = 1.0 / 3.0
+    tied: float = 2.0
+    same_gain: float = 0.98
+    late_t: float = 4.5
+    late_ratio: float = 0.80
+    away: float = 3.0
+    shown: float = 4.0
+    loud: float = 3.0
+    structured: float = 0.3
 
 
 @dataclass(frozen=True)
@@ -64,4 +151,6 @@ class SearchBudget:
 
 
 RULE = AcceptanceRule()
+VERDICT = VerdictRule()
+POSE = PoseRule()
 BUDGET = SearchBudget()

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from sysid.data.record import Record
-from sysid.discrepancy.proof.verify import floor_of_errors, measure_gap
+from sysid.discrepancy.gap import floor_of_errors, measure_gap
 from sysid.discrepancy.search.evidence import noise_floor
 
 

@@ -10,7 +10,7 @@ from sysid.data.record import Array, Channel, Record
 from sysid.discrepancy import findings
 from sysid.discrepancy.augment import model_of, values_of
 from sysid.discrepancy.base_model import Base, plain_base
-from sysid.discrepancy.diagnosis import Value
+from sysid.discrepancy.named_effects import Value
 from sysid.discrepancy.search.intervals import intervals_of
 from sysid.discrepancy.search.named_sets import Interval, Naming, Node
 from sysid.effects.catalogue import chain_effects, effect

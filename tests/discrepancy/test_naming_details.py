@@ -11,7 +11,7 @@ from sysid.data.io import read_log
 from sysid.data.record import Array, Channel, Record
 from sysid.discrepancy.diagnose import diagnose
 from sysid.discrepancy.diagnosis import Diagnosis
-from sysid.discrepancy.proof.verify import measure_gap
+from sysid.discrepancy.gap import measure_gap
 from sysid.discrepancy.search.batched_search import refined
 from sysid.discrepancy.search.evidence import noise_floor
 from sysid.discrepancy.search.starts import clip_level, free_slots

@@ -20,11 +20,6 @@ MOST_LINES = 500
 ALLOWED = {
     ("sysid.structures.registry", "sysid.structures.augmented"): "an augmented model may hold a "
     "model of any structure, which the registry reads again",
-    ("sysid.discrepancy.diagnosis", "sysid.discrepancy.pose"): "a diagnosis holds what the pose "
-    "and the proof found, and these judge a diagnosis",
-    ("sysid.discrepancy.diagnosis", "sysid.discrepancy.proof"): "as above",
-    ("sysid.discrepancy.proof", "sysid.discrepancy.pose"): "a mission is proven by its pose, and "
-    "what the pose explains is proven like any explanation",
 }
 """Imports that would close a circle, each with its reason."""
 

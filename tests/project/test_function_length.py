@@ -10,11 +10,6 @@ ROOMS = ("sysid", "cli", "benchmarks", "datasets", "docs", "examples", "tests")
 LONGEST = 60
 """Lines of a function without its docstring: what one screen shows."""
 
-KEPT = {
-    "sysid/discrepancy/study.py: result": "being split: the diagnosis is put together in one call",
-}
-"""Longer and known, with the reason why they stay."""
-
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
@@ -47,9 +42,7 @@ def functions() -> Iterator[tuple[str, Function]]:
 
 def test_no_function_is_longer_than_a_screen() -> None:
     found = {name: lines_of(f) for name, f in functions()}
-    too_long = {name: n for name, n in found.items() if n > LONGEST}
-    assert too_long.keys() - KEPT.keys() == set(), too_long
-    assert too_long.keys() >= KEPT.keys(), "these are short enough: take them off the list"
+    assert {name: n for name, n in found.items() if n > LONGEST} == {}
 
 
 def test_docstrings_and_tables_of_options_are_not_counted() -> None:

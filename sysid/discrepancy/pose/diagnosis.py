@@ -18,8 +18,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sysid.data.record import Array, Record
-from sysid.discrepancy.diagnosis import NamedEffect, Value
-from sysid.discrepancy.policies import RULE
+from sysid.discrepancy.gap import Gap
+from sysid.discrepancy.named_effects import NamedEffect, Value
+from sysid.discrepancy.policies import POSE, RULE, VERDICT
 from sysid.discrepancy.pose.evidence import (
     PoseLeft,
     apart,
@@ -52,7 +53,6 @@ from sysid.discrepancy.pose.windows import (
     track_channels,
     tracks_of,
 )
-from sysid.discrepancy.proof.verify import Gap
 from sysid.discrepancy.search.evidence import Evidence
 from sysid.effects.base import Length
 from sysid.effects.catalogue import effect
@@ -62,31 +62,9 @@ from sysid.vehicle.kinematics import Geometry
 FEWEST = 6
 """Windows that each part must hold."""
 
-TIED = 2.0
-"""Rivals whose squared errors differ by fewer standard errors are a tie."""
-
-SAME_GAIN = 0.98
-"""… or that gain this share of the likelihood: noise of the speeds, which enters the share of slip,
-sets models apart that say the same of the vehicle."""
-
-MOST_EFFECTS = 3
-"""As many at most; a pair of radii counts as two."""
-
-LATE, LATE_RATIO = 4.5, 0.80
-"""A second effect needs this t, and the held-out error below this share of before."""
-
-MOST_OF_THE_GAP = 80.0
-"""Effects that together close less of the gap [%] are withdrawn: they are not the cause."""
-
-AWAY = 3.0
-"""The number of an effect must be so many standard errors away from doing nothing."""
-
 BESIDE = 0.005
 """Share of a length that is uncertain at least where it is fitted together with effects: noise of
 the speeds, which the fit takes for true, draws it by so much on made logs."""
-
-SHOWN = 4.0
-"""An effect of so many standard errors would have been seen."""
 
 _STAGE = "vehicle"
 
@@ -199,7 +177,7 @@ def _searched(
     base = search.fit(())
     steps, final, ranking = _grown(search, base)
     gap = pose_gap(held_pairs(search, [s.candidate for s in steps]), noise.floor)
-    if gap.closed_percent < MOST_OF_THE_GAP:
+    if gap.closed_percent < VERDICT.most_of_gap:
         steps, final = [], base
     return search, base, final, steps, ranking
 
@@ -226,7 +204,7 @@ def _grown(
     steps: list[_Step] = []
     ranking: tuple[tuple[str, float], ...] = ()
     current = base
-    while len(chosen) < MOST_EFFECTS:
+    while len(chosen) < POSE.most_effects:
         rivals = [c for c in every_candidate() if _allowed(c, (*search.always, *chosen))]
         fits = [(c, search.fit([*chosen, c])) for c in rivals]
         fits.sort(key=lambda item: _score(item[1]))
@@ -244,7 +222,7 @@ def _grown(
         close = [
             (c, f, e)
             for c, f, e in passed
-            if apart(first[1], f) < TIED or e.t**2 >= SAME_GAIN * first[2].t ** 2
+            if apart(first[1], f) < POSE.tied or e.t**2 >= POSE.same_gain * first[2].t ** 2
         ]
         best, fitted, evidence = next((p for p in close if p[0].id), first)
         ties = tuple(c for c, _, _ in close if c.id != best.id)
@@ -262,14 +240,14 @@ def _grown(
 def _away(c: Candidate, fitted: Fitted) -> bool:
     """Whether a candidate's numbers, or one of several, are away from doing nothing."""
     return any(
-        abs(fitted.q[k] - every_slot()[k].null) > AWAY * (fitted.std_error(k) or 0.0)
+        abs(fitted.q[k] - every_slot()[k].null) > POSE.away * (fitted.std_error(k) or 0.0)
         for k in c.slots
     )
 
 
 def _late(evidence: Evidence) -> bool:
     """Whether a later effect gains too little: most small late gains are chance."""
-    return evidence.t < LATE or evidence.ratio >= LATE_RATIO
+    return evidence.t < POSE.late_t or evidence.ratio >= POSE.late_ratio
 
 
 def _allowed(c: Candidate, chosen: Sequence[Candidate]) -> bool:
@@ -385,7 +363,7 @@ def _std_errors(final: Fitted, always: Sequence[Candidate]) -> dict[str, dict[st
 
 
 def _detectable(search: PoseSearch, final: Fitted) -> dict[str, float | None]:
-    """Per effect the larger of two sizes: SHOWN standard errors, and what lowers the error enough.
+    """Per effect the larger of two sizes: a few standard errors, and what lowers the error enough.
 
     Both by linearisation at the model after; the second asks that the whitened error grows by
     1/``RULE.held_out`` where the effect is left out.
@@ -400,7 +378,7 @@ def _detectable(search: PoseSearch, final: Fitted) -> dict[str, float | None]:
         power = float(np.sum(J[:, c.slots[0]] ** 2))
         size: float | None = None
         if power > 0 and c not in search.always:  # a length that is estimated hides it
-            seen = SHOWN * math.sqrt(variance / power)
+            seen = POSE.shown * math.sqrt(variance / power)
             needed = math.sqrt((RULE.held_out**-2 - 1.0) * variance * len(r) / power)
             slot = every_slot()[c.slots[0]]
             size = max(seen, needed)

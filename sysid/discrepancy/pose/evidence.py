@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array
+from sysid.discrepancy.gap import REPLICATES, ChannelGap, Gap
+from sysid.discrepancy.policies import POSE
 from sysid.discrepancy.pose.fit import (
     Candidate,
     Fitted,
@@ -15,12 +17,8 @@ from sysid.discrepancy.pose.fit import (
     PoseSearch,
 )
 from sysid.discrepancy.pose.windows import CHANNELS, OVERLAP
-from sysid.discrepancy.proof.verify import REPLICATES, ChannelGap, Gap
 from sysid.discrepancy.search.evidence import Errors, Evidence
 from sysid.effects.ground import Ground
-
-TOUCHED = 1.0 / 3.0
-"""A window counts as touched where an effect moves it by this share of the most."""
 
 
 def evidence_of(before: Fitted, after: Fitted, tried: int) -> Evidence:
@@ -46,7 +44,7 @@ def evidence_of(before: Fitted, after: Fitted, tried: int) -> Evidence:
     most = max(float(m.max()) for m in moved)
     falls, held_old, held_now = [], 0.0, 0.0
     for i, ((a, b), m) in enumerate(zip(pairs, moved, strict=True)):
-        touched = m >= TOUCHED * most
+        touched = m >= POSE.touched * most
         x, y = (a[touched] ** 2).sum(axis=1), (b[touched] ** 2).sum(axis=1)
         falls += [
             float(x[k : k + OVERLAP].sum() - y[k : k + OVERLAP].sum())
@@ -109,7 +107,7 @@ def held_pairs(search: PoseSearch, keys: Sequence[Candidate]) -> list[tuple[Arra
 def _touched(pairs: Sequence[tuple[Array, Array]]) -> list[NDArray[np.bool_]]:
     moved = [_moved(a, b) for a, b in pairs]
     most = max(float(m.max()) for m in moved)
-    return [m >= TOUCHED * most for m in moved]
+    return [m >= POSE.touched * most for m in moved]
 
 
 def pose_gap(pairs: Sequence[tuple[Array, Array]], floor: Array, seed: int = 0) -> Gap:
@@ -150,14 +148,6 @@ def pose_gap(pairs: Sequence[tuple[Array, Array]], floor: Array, seed: int = 0) 
     )
 
 
-LOUD = 3.0
-"""Increments off by this multiple of their noise are told: speeds that change between samples alone
-can double it."""
-
-STRUCTURED = 0.3
-"""Share of the held-out error that way, turn and heading must foretell to be something missing."""
-
-
 @dataclass(frozen=True)
 class PoseLeft:
     """What increments of the pose are off by with the model after.
@@ -173,7 +163,7 @@ class PoseLeft:
     @property
     def structured(self) -> bool:
         """Whether something is missing."""
-        return self.share > STRUCTURED
+        return self.share > POSE.structured
 
     @property
     def sentence(self) -> str:
@@ -197,7 +187,7 @@ def pose_left(search: PoseSearch, final: Fitted) -> PoseLeft:
     """Regress what is left on way, turn and heading: fitted on one part, judged on the other."""
     held = np.concatenate(final.errors.held)
     size = np.sqrt(np.mean(held**2, axis=0))
-    at = np.flatnonzero(size > LOUD)
+    at = np.flatnonzero(size > POSE.loud)
     loud = {CHANNELS[i]: float(size[i]) for i in at}
     if not len(at):
         return PoseLeft({}, 0.0)

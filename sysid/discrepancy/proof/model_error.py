@@ -15,13 +15,13 @@ Source: Ljung (1999), "Model validation and model error modeling".
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from sysid.criteria.coloured import ar_fit
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Index, Record
-from sysid.discrepancy.diagnosis import ResidualVerdict
 from sysid.discrepancy.proof.error_tests import (
     ORDER,
     f_test,
@@ -45,6 +45,25 @@ RIDGES = (1e-4, 1e-2, 1e-1)
 
 PROVEN = 0.05
 """Above this p-value no share is claimed."""
+
+
+@dataclass(frozen=True)
+class ResidualVerdict:
+    """Whether the errors of a model on held-out data still depend on what is known.
+
+    Attributes:
+        model: ``before`` or ``after``.
+        p_value: of no dependence on commands, speeds and their products, over all outputs.
+        share: share of the squared error above the floor that such a dependence predicts.
+    """
+
+    model: str
+    p_value: float
+    share: float
+
+    def to_json(self) -> dict[str, Any]:
+        """{model, p_value, share}."""
+        return {"model": self.model, "p_value": self.p_value, "share": self.share}
 
 
 @dataclass(frozen=True)

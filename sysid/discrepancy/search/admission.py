@@ -4,21 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array
+from sysid.discrepancy.policies import RULE
 from sysid.discrepancy.search.evidence import difference
 from sysid.discrepancy.search.named_sets import Node
 from sysid.discrepancy.search.supermodel import SuperModel
 from sysid.effects.base import StartsFrom
 from sysid.effects.catalogue import CHANGED, about
-
-TIE = 1.02
-"""Models whose errors are within this factor cannot be told apart, whatever the sample size."""
-
-KNOWN_TIE = 1.04
-"""The same for effects that the catalogue knows to be alike."""
-
-MOST_ABSORBED = (3.0, 20.0)
-"""A base does not absorb so much that its gain were too large or too small by more than these
-factors: small commands that hardly leave a dead zone make it far too small."""
 
 
 def beyond_a_sample(model: SuperModel, id: str, q: Array) -> NDArray[np.bool_]:
@@ -39,7 +30,7 @@ def admissible(model: SuperModel, origin: Array, node: Node) -> bool:
     anew = id == CHANGED.id or any(about(e).starts_from is StartsFrom.SIGNS for e in node.effects)
     if not anew:  # else the base says nothing of the core
         moved = np.abs(node.q[gains] / origin[gains])
-        if np.any((moved < 1.0 / MOST_ABSORBED[0]) | (moved > MOST_ABSORBED[1])):
+        if np.any((moved < RULE.least_gain) | (moved > RULE.most_gain)):
             return False
     if not mine:
         return True  # no number of its own is searched: it is read off the data, or the core's are
@@ -66,4 +57,6 @@ def tied(best: Node, other: Node) -> bool:
     t, ratio = difference(best.errors, other.errors)
     a, b = best.effects[-1], other.effects[-1]
     known = b in about(a).ties or a in about(b).ties
-    return ratio < (KNOWN_TIE if known else TIE) or (t < 2.0 and ratio < 1.1)
+    return ratio < (RULE.known_tie if known else RULE.tie) or (
+        t < RULE.t and ratio < RULE.chance_tie
+    )

@@ -14,12 +14,6 @@ from sysid.discrepancy.policies import RULE
 BLOCKS = 24
 """Blocks that before and after are compared on; each still holds many time constants."""
 
-TOUCHED = 0.02
-"""A block counts as touched by an effect when its predictions move by this share of the error."""
-
-ALIKE = 0.25
-"""Runs that differ by less than this share of the error that is left are the same explanation."""
-
 FEWEST_CALM = 200
 """Third differences on which no command changes, at least, to read the noise from them alone."""
 
@@ -156,7 +150,7 @@ def alike(best: Errors, other: Errors) -> bool:
     a = np.concatenate([*best.estimation, *best.held])
     b = np.concatenate([*other.estimation, *other.held])
     left = np.sqrt(np.nanmean(a**2, axis=0)) + 1e-300
-    return bool(np.all(np.sqrt(np.nanmean((a - b) ** 2, axis=0)) < ALIKE * left))
+    return bool(np.all(np.sqrt(np.nanmean((a - b) ** 2, axis=0)) < RULE.alike * left))
 
 
 def _by_ranks(gains: Array) -> float:
@@ -184,7 +178,7 @@ def _block_gains(
             a, b = old[low : low + size], new[low : low + size]
             if np.isfinite(a).any():
                 gains.append(float(np.nanmean(a**2) - np.nanmean(b**2)))
-                moved.append(float(np.sqrt(np.nanmean((a - b) ** 2))) > TOUCHED)
+                moved.append(float(np.sqrt(np.nanmean((a - b) ** 2))) > RULE.touched)
     return np.array(gains), np.array(moved, dtype=bool)
 
 

@@ -1,0 +1,202 @@
+"""Puts what was found together: effects, verdict, both models, gap, what to do next."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from sysid.data.checks.quality import inspect_records
+from sysid.discrepancy import findings
+from sysid.discrepancy.advise import experiment_between, next_experiments
+from sysid.discrepancy.augment import model_of
+from sysid.discrepancy.diagnosis import OF_THE_LOG, Diagnosis, Experiment, Trace
+from sysid.discrepancy.following import ASTRAY, not_followed
+from sysid.discrepancy.policies import VERDICT
+from sysid.discrepancy.pose.diagnosis import PoseDiagnosis
+from sysid.discrepancy.pose.ground_model import with_ground
+from sysid.discrepancy.pose.windows import track_channels
+from sysid.discrepancy.proof.explain import described, explain
+from sysid.discrepancy.proof.localise import Region, localise
+from sysid.discrepancy.samples import inspect_samples
+from sysid.discrepancy.search.detectable import detectable
+from sysid.discrepancy.search.named_sets import Naming, Node
+from sysid.discrepancy.study import Outcome, Study, held_runs
+from sysid.discrepancy.verdict import Left, story, undecided, verdict_of
+from sysid.effects.catalogue import CHANGED, about, chain_effects, ground_effects
+from sysid.effects.samples import DROPOUTS, QUANTISATION
+from sysid.errors import SysidError
+from sysid.structures.model import Model
+
+FEW_WINDOWS = 40
+"""Fewer windows of pose seldom prove an effect of the vehicle."""
+
+
+def assembled(found: Outcome, model: Model | None, pose: PoseDiagnosis | None) -> Diagnosis:
+    """Everything but the mission.
+
+    Args:
+        found: what the search has found.
+        model: the one that was given.
+        pose: what is missing between tracks and ground.
+    """
+    study = found.study
+    naming = study.measured(found.naming)
+    before, base = study.origin.before, study.base
+    after = study.residual_structure(naming, after=True) if naming.named else before
+    left = Left(after, study.gap(naming))
+    samples = inspect_samples(base.parts.estimation)
+    effects = (
+        *(findings.named_effect(base, naming, n) for n in naming.named),
+        *(pose.effects if pose is not None else ()),
+        *findings.sample_effects(samples),
+    )
+    ids = [e.id for e in effects]
+    poor = _poor(study, naming)
+    off = pose is not None and pose.left.structured
+    verdict = verdict_of(ids, left, found.withdrawn or off or poor.startswith(ASTRAY))
+    traces = _traces(study, naming)
+    old, new = _models(study, naming, model, pose)
+    gap = pose.gap if pose is not None and pose.effects and not naming.named else left.gap
+    unseen = _unseen(study, naming, pose, ids)
+    silent = verdict != "unexplained" and set(ids) <= set(OF_THE_LOG) and not poor
+    return Diagnosis(
+        verdict=verdict,
+        story=poor or story(verdict, ids, replace(left, gap=gap), base.on_rate),
+        undecided=undecided(left) if silent and left.loud else "",
+        unfollowed=poor,
+        base_words=study.origin.base.words,
+        plainer=base.words if study.doubted is not None else "",
+        effects=effects,
+        minor=tuple(dict.fromkeys(id for id, _ in naming.minor)),
+        candidates=(*naming.candidates, *(pose.candidates if pose is not None else ())),
+        where=_where(study, study.origin.base.node),
+        where_after=_where(study, naming.final),
+        gap=gap,
+        detectable=unseen,
+        next_experiments=_next(study, naming, unseen),
+        before=old,
+        after=new,
+        residuals=tuple(
+            r.verdict(name) for name, r in (("before", before), ("after", after)) if r is not None
+        ),
+        description=_description(study, naming, left, traces, bool(effects)),
+        warnings=_warnings(study, naming, pose, samples.hidden),
+        traces=traces,
+        geometry=pose.geometry if pose is not None else None,
+    )
+
+
+def _models(
+    study: Study, naming: Naming, model: Model | None, pose: PoseDiagnosis | None
+) -> tuple[Model, Model]:
+    """The models before and after; one and the same where nothing was added."""
+    base = study.base
+    before = model if model is not None else model_of(base, naming.base)
+    on_ground = pose is not None and bool(pose.effects)
+    if not (naming.named or on_ground):
+        return before, before
+    after = model_of(base, naming.final, naming.intervals)
+    if pose is not None and on_ground:
+        channels = track_channels(base.parts.estimation[0]) or (0, 1)
+        after = with_ground(after, pose.ground, pose.std_errors, tracks=channels)
+    return before, after
+
+
+def _description(
+    study: Study, naming: Naming, left: Left, traces: Sequence[Trace], named: bool
+) -> str:
+    """A sparse description of what no effect explains; empty where nothing is left."""
+    if not left.structured or (named and left.gap.closed_percent >= VERDICT.nearly_all):
+        return ""
+    runs = held_runs(traces, after=True)
+    errors = naming.final.errors.held
+    return described(explain(study.base.parts.held, errors, runs, study.floor, study.scales))
+
+
+def _poor(study: Study, naming: Naming) -> str:
+    """That the model after does not follow the log, and what its checks say of why."""
+    held, errors = study.base.parts.held, naming.final.errors.held
+    if not not_followed(held, errors, study.floor, ()):
+        return ""
+    try:
+        checks = inspect_records(study.base.parts.estimation)
+    except SysidError:
+        checks = ()
+    return not_followed(held, errors, study.floor, checks)
+
+
+def _traces(study: Study, naming: Naming) -> tuple[Trace, ...]:
+    traces = findings.traces(study.base, naming)
+    if study.doubted is None:
+        return traces
+    theirs = findings.traces(study.doubted.base, study.doubted.nothing)
+    return tuple(replace(t, before=o.before) for t, o in zip(traces, theirs, strict=True))
+
+
+def _where(study: Study, node: Node) -> tuple[Region, ...]:
+    return localise(study.base.parts.held, node.errors.held, study.floor, study.scales, study.seed)
+
+
+def _unseen(
+    study: Study, naming: Naming, pose: PoseDiagnosis | None, named: Sequence[str]
+) -> dict[str, float | None]:
+    single = study.base.parts.estimation[0].ny == 1
+    rest = [e.id for e in chain_effects() if e.id not in named and not (single and e.couples)]
+    rest += [e.id for e in (QUANTISATION, DROPOUTS) if e.id not in named]
+    if study.base.level:
+        rest = [id for id in rest if not about(id).level]
+    found = detectable(study.base.search, naming.final, rest)
+    if pose is not None:
+        found |= {k: v for k, v in pose.detectable.items() if k not in named}
+    elif not single:
+        found |= dict.fromkeys(e.id for e in ground_effects())
+    return found
+
+
+def _next(study: Study, naming: Naming, unseen: dict[str, float | None]) -> tuple[Experiment, ...]:
+    base, first = study.base, study.base.parts.estimation[0]
+    found = [
+        experiment_between(base.search, n.rivals, study.floor, base.scales, base.delay)
+        for n in naming.named
+        if len(n.rivals) > 1 and CHANGED.id not in n.rivals
+    ]
+    vehicle = {e.id for e in ground_effects()}
+    blind = [id for id, size in unseen.items() if size is None and id not in vehicle]
+    more = next_experiments(first, study.scales, blind) if first.is_robot_log or blind else ()
+    return (*found, *more)
+
+
+def _warnings(
+    study: Study,
+    naming: Naming,
+    pose: PoseDiagnosis | None,
+    hidden: int,
+) -> tuple[str, ...]:
+    found = list(findings.absorbed(study.base, naming))
+    if study.doubted is not None:
+        found.append(
+            "The model that was doubted has absorbed a part of what is missing: effects added "
+            "to it explain less. They stand on the plainest base instead; with them its "
+            "held-out error is the smaller one."
+        )
+    if study.base.in_loop:
+        found.append(
+            "The log was recorded in closed loop: the command answers disturbances, which can "
+            "look like an effect. The held-out error must therefore fall below 70 %."
+        )
+    flat = findings.two_levels(study.base.parts.estimation, study.scales)
+    if flat:
+        found.append(
+            f"{', '.join(flat)} has only two levels: a dead zone, a saturation or any other "
+            "static curve is not identifiable from this log, because each looks like "
+            "another gain."
+        )
+    found += findings.indistinct_edges(study.base, naming, study.base.parts.estimation)
+    if hidden:
+        found.append(f"{hidden} lost or repeated readings are left out of every figure.")
+    if pose is not None and not pose.effects and sum(pose.windows) < FEW_WINDOWS:
+        found.append(
+            f"The pose gives only {sum(pose.windows)} windows of motion to judge slip and "
+            "radii by; name a second log with --val or drive longer."
+        )
+    if pose is not None and pose.left.loud:
+        found.append(pose.left.sentence)
+    return (*found, *(pose.warnings if pose is not None else ()))

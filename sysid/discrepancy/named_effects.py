@@ -1,0 +1,119 @@
+"""Accepted effects and their numbers, as frozen nouns and as JSON."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Value:
+    """One number of a named effect.
+
+    Attributes:
+        name: with the output that it belongs to in brackets.
+        value: NaN where the log never goes where the number acts.
+        std_error: None where the log does not tell it.
+        unit: of value, error and interval.
+        interval: a 95 % interval where slopes tell no standard error; an end that the log leaves
+            open is None.
+        in_file: the same number in the unit of the file's input, where full drive is not declared
+            and a share of it is one of the largest command of the log; else None.
+    """
+
+    name: str
+    value: float
+    std_error: float | None
+    unit: str
+    interval: tuple[float | None, float | None] | None = None
+    in_file: "Value | None" = None
+
+    @property
+    def told(self) -> "Value":
+        """The number as a reader of the log's columns meets it."""
+        return self.in_file or self
+
+    @property
+    def visited(self) -> bool:
+        """Whether the log goes where the number acts."""
+        return not math.isnan(self.value)
+
+    @property
+    def words(self) -> str:
+        """What is known beside the value: an error, an interval, or why there is none."""
+        if not self.visited:
+            return "not visited"
+        if self.interval is not None:
+            low, high = self.interval
+            if low is None and high is None:
+                return "not determined"
+            if low is None or high is None:
+                return f"at most {high:.4g}" if low is None else f"at least {low:.4g}"
+            return f"{low:.4g} to {high:.4g}"
+        return "" if self.std_error is None else f"± {self.std_error:.2g}"
+
+    @property
+    def shown(self) -> str:
+        """The number in a sentence, after its name."""
+        unit = f" {self.unit}" if self.unit else ""
+        if not self.visited:
+            return "is not visited"
+        if self.interval is None:
+            return f"= {self.value:.3g} {self.words}{unit}".replace("  ", " ")
+        if None in self.interval:
+            return f"is {self.words}{unit}"
+        return f"= {self.value:.4g} ({self.words}){unit}"
+
+    def to_json(self) -> dict[str, Any]:
+        """{name, value, std_error, unit, interval, visited}, and the same ``in_file``."""
+        own = {} if self.in_file is None else {"in_file": self.in_file.to_json()}
+        return {
+            "name": self.name,
+            "value": self.value if self.visited else None,
+            "std_error": self.std_error,
+            "unit": self.unit,
+            "interval": None if self.interval is None else list(self.interval),
+            "visited": self.visited,
+            **own,
+        }
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """One accepted effect.
+
+    Attributes:
+        id: in the catalogue.
+        stage: actuator, motor, vehicle, sensor or any.
+        channels: outputs on which it shows.
+        parameters: its numbers with standard errors.
+        delta_bic, p_value, heldout_gain: evidence; the gain is the share of the held-out RMSE that
+            went when the effect came.
+        indistinguishable: other effects that explain this log as well.
+        sentence: what it is and how large, in plain words.
+    """
+
+    id: str
+    stage: str
+    channels: tuple[str, ...]
+    parameters: tuple[Value, ...]
+    delta_bic: float
+    p_value: float
+    heldout_gain: float
+    indistinguishable: tuple[str, ...]
+    sentence: str
+
+    def to_json(self) -> dict[str, Any]:
+        """{id, stage, channels, parameters, evidence, indistinguishable, sentence}."""
+        return {
+            "id": self.id,
+            "stage": self.stage,
+            "channels": list(self.channels),
+            "parameters": [p.to_json() for p in self.parameters],
+            "evidence": {
+                "delta_bic": self.delta_bic,
+                "p_value": self.p_value,
+                "heldout_gain": self.heldout_gain,
+            },
+            "indistinguishable": list(self.indistinguishable),
+            "sentence": self.sentence,
+        }

@@ -1,0 +1,140 @@
+"""What is said of a log: the verdict, why, and why nothing is named where errors are loud."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from sysid.discrepancy.diagnosis import OF_THE_LOG
+from sysid.discrepancy.gap import Gap
+from sysid.discrepancy.policies import VERDICT
+from sysid.discrepancy.proof.model_error import ResidualStructure
+from sysid.discrepancy.study import structured
+
+LONG_ENOUGH = 800
+"""Samples whose held-out part, three blocks of 80, is left with twice as many samples as terms of
+the model of the errors: whitening takes 20 of each block, the terms are some 40."""
+
+ON_A_RATE = (
+    " Effects were looked for on the rate of the output, which integrates its input. Play in a "
+    "gear (backlash) is looked for on a speed, and differences of a position may be too coarse to "
+    "show it: record the speed as well."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Left:
+    """What the errors of the model after hold.
+
+    Attributes:
+        structure: what they depend on; None where too few samples tell.
+        gap: the gap before and after.
+    """
+
+    structure: ResidualStructure | None
+    gap: Gap
+
+    @property
+    def structured(self) -> bool:
+        """Whether they depend on what is known."""
+        return structured(self.structure)
+
+    @property
+    def matters(self) -> bool:
+        """Whether their structure is more than a slight one that may be chance."""
+        if self.structure is None or not self.structured:
+            return False
+        sure = self.structure.p_value < VERDICT.certain and bool(self.loud)
+        return sure or self.structure.share >= VERDICT.slight
+
+    @property
+    def share(self) -> str:
+        """How much of them is foretold, in per cent."""
+        return f"{100.0 * self.structure.share:.0f} %" if self.structure is not None else ""
+
+    @property
+    def loud(self) -> str:
+        """Outputs whose errors are far above the noise, and how far; empty where there is none."""
+        return ", ".join(
+            f"{name} {c.rmse_after / c.noise_floor:.1f} times"
+            for name, c in self.gap.channels.items()
+            if c.rmse_after > VERDICT.loud * c.noise_floor > 0.0
+        )
+
+
+def verdict_of(ids: Sequence[str], left: Left, missing: bool) -> str:
+    """``effects-found``, ``no-missing-effect`` or ``unexplained``.
+
+    Args:
+        ids: what was named.
+        left: what the errors of the model after hold.
+        missing: whether something else shows that something is missing.
+    """
+    if not (ids or missing or left.matters):
+        return "no-missing-effect"
+    # what is a matter of the log explains no structured error
+    explained = [id for id in ids if id not in OF_THE_LOG or not left.matters]
+    return "effects-found" if explained else "unexplained"
+
+
+def story(verdict: str, ids: Sequence[str], left: Left, on_rate: bool = False) -> str:
+    """Why this verdict, in a sentence or two.
+
+    Args:
+        verdict: see ``verdict_of``.
+        ids: what was named.
+        left: what the errors of the model after hold.
+        on_rate: whether effects were looked for on the rate of the output.
+    """
+    missing = [id for id in ids if id not in OF_THE_LOG]
+    if verdict == "effects-found" and missing:
+        return f"Missing: {', '.join(missing)}.{_what_remains(left)}"
+    if verdict == "unexplained":
+        return (
+            "The errors depend on what is known, so something is missing, but most of it is "
+            "unexplained by every effect of the catalogue." + ON_A_RATE * on_rate
+        )
+    if left.loud:
+        return undecided(left)
+    if left.structured:
+        return (
+            "Nothing of the catalogue is missing: what is known predicts only "
+            f"{left.share} of the errors beyond the noise."
+        )
+    return "Nothing is missing that this log could show: the errors look like noise."
+
+
+def _what_remains(left: Left) -> str:
+    if left.structured and (left.gap.closed_percent < VERDICT.nearly_all or left.loud):
+        rest = 100.0 - left.gap.closed_percent
+        share = "Less than 1 %" if rest < 1.0 else f"{rest:.0f} %"
+        loud = f" (errors: {left.loud} the noise)" if left.loud else ""
+        return (
+            f" {share} of the error beyond the noise is left{loud} and still follows inputs and "
+            "outputs: something else is missing, too."
+        )
+    if left.loud:
+        return (
+            f" The errors that remain ({left.loud} the noise) depend on nothing known: a "
+            "disturbance acts that no channel records, or the commands are too simple to tell."
+        )
+    return ""
+
+
+def undecided(left: Left) -> str:
+    """Why nothing is named where errors are far above the noise of the readings."""
+    if left.structure is None:
+        return (
+            f"The log is too short to tell what is missing: the errors ({left.loud} the noise of "
+            "the readings) cannot be tested on so few held-out samples; record at least "
+            f"{LONG_ENOUGH} samples, or name a second log of the same system to judge by."
+        )
+    begin = "No effect is shown, but the errors are not noise: "
+    if left.structured:
+        return begin + (
+            f"what is known predicts only {left.share} of them. The rest ({left.loud} the noise of "
+            "the readings) no channel records."
+        )
+    return begin + (
+        f"they are larger than that of the readings ({left.loud}), yet depend on no command and no "
+        "speed. A load or a disturbance acts that no channel records, or the log is too short or "
+        "its commands too simple to tell."
+    )
