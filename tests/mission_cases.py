@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from sysid import floats
 from sysid.data.record import Array, Channel
 from sysid.effects.ground import Ground
-from sysid.mission import floats
 from sysid.mission.contracts import (
     ROBOT_INPUTS,
     ROBOT_OUTPUTS,

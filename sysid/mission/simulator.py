@@ -7,9 +7,9 @@ from types import MappingProxyType
 
 import numpy as np
 
+from sysid import floats
 from sysid.data.record import Array
 from sysid.errors import ModelError
-from sysid.mission import floats
 from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS, Pose, SteppablePlant
 from sysid.mission.ending import sentence
 from sysid.mission.loop import COLUMNS, Loop, LoopState, Tick, Verdict, ticks

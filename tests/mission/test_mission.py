@@ -12,9 +12,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from mission_cases import AROUND, Robot, goal
 
+from sysid import floats
 from sysid.data.record import Array, Channel
 from sysid.errors import DataError, ModelError
-from sysid.mission import floats
 from sysid.mission.contracts import (
     ROBOT_INPUTS,
     Body,

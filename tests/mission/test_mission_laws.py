@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from mission_cases import Robot, check_law, goal
 
+from sysid import floats
 from sysid.data.record import Array, Channel
 from sysid.effects.ground import Ground
 from sysid.errors import DataError, ModelError
-from sysid.mission import floats
 from sysid.mission.contracts import (
     ROBOT_INPUTS,
     ROBOT_OUTPUTS,

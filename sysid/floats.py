@@ -1,9 +1,9 @@
 """The array namespace of a single run: NumPy's names on plain numbers.
 
-Laws are written over a namespace ``xp`` so that a batch can run the same text on ``jax.numpy``. A
-single run has one number where a batch has an array, and NumPy needs ten times longer for one
-number than ``math`` does. The functions that laws use most are therefore those of ``math`` here
-(the same on every processor, to the last bit); everything else, and every array, is NumPy's.
+Laws and steps are written over a namespace ``xp``, so that a batch can run the same text on
+``jax.numpy``. A single run has one number where a batch has an array, and NumPy needs ten times
+longer for one number than ``math`` does. The functions used most are therefore those of ``math``
+here (the same on every processor, to the last bit); everything else, and every array, is NumPy's.
 """
 
 import math
