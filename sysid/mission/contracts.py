@@ -106,6 +106,7 @@ class Scene(NamedTuple):
         way: points to pass on the way to the goal, X, Y [m].
         limits: what the plant can do.
         sensors: what navigation reads besides the wheels, by kind, with its figures.
+        dt: time between two samples [s]; the loop puts the plant's here.
     """
 
     start: Pose
@@ -117,6 +118,7 @@ class Scene(NamedTuple):
     way: tuple[tuple[Real, Real], ...] = ()
     limits: Limits = Limits()
     sensors: Mapping[str, "Sensor"] = MappingProxyType({})
+    dt: float = 0.1
 
     def to_goal(self, pose: Pose, xp: Any) -> Real:
         """The distance from a pose to the goal [m]."""
@@ -170,11 +172,13 @@ class NavigationInputs(NamedTuple):
     Attributes:
         readings: what the sensors read, by name: ``omega_l``, ``omega_r`` [rad/s] and the names
             of every sensor of the scene; NaN where a sensor read nothing.
+        drive: left and right command held since the sample before [drive], 1 is full drive.
     """
 
     t: Real
     readings: Mapping[str, Real]
     scene: Scene
+    drive: tuple[Real, Real] = (0.0, 0.0)
 
 
 class SensorInputs(NamedTuple):

@@ -158,6 +158,10 @@ class Loop:
     timeout: float
     xp: Any
 
+    def __post_init__(self) -> None:
+        """Put the plant's sample time into the scene, where sensors and filters look for it."""
+        object.__setattr__(self, "scene", self.scene._replace(dt=self.plant.dt))
+
     def start(self) -> LoopState:
         """The state before the first sample: at rest in the start pose, without a command."""
         scene, xp = self.scene, self.xp
@@ -215,6 +219,7 @@ class Loop:
             The state after it, and its row of the log (:attr:`columns`).
         """
         scene, xp = self.scene, self.xp
+        drive = state.pwm[0] / PWM_FULL_SCALE, state.pwm[1] / PWM_FULL_SCALE
         y = self._readout(state.plant, xp.array(state.pwm))
         omega = (
             xp.float64(y[0]),
@@ -223,7 +228,7 @@ class Loop:
         for t in tick.before:
             state = self._decided(state, t)
         state, readings = self._read(state, omega, tick, draws)
-        seen = NavigationInputs(tick.t, readings, scene)
+        seen = NavigationInputs(tick.t, readings, scene, drive)
         remembered, estimate = self.navigation.step(state.navigation, seen, tick.dt, xp)
         state = state._replace(navigation=remembered, estimate=estimate)
         for t in tick.now:

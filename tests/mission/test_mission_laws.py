@@ -286,6 +286,21 @@ def test_the_words_of_an_error_decide_nothing() -> None:
 # Sensors ------------------------------------------------------------------------------------------
 
 
+def test_navigation_is_told_the_drive_it_moved_under_and_the_plants_sample_time() -> None:
+    seen: list[Any] = []
+
+    class Listening(Odometry):
+        def step(self, state: Any, inputs: Any, dt: Any, xp: Any) -> Any:
+            seen.append(inputs)
+            return super().step(state, inputs, dt, xp)
+
+    log = simulate(goal(1, 0, navigation=Listening()), Robot(dt=0.05)).log
+    told = np.array([i.drive for i in seen]) * 20000.0
+    # The command logged at a sample is what holds from there on.
+    np.testing.assert_allclose(told[1:, 0], log["pwm_l"][:-1], rtol=1e-12)
+    assert {i.scene.dt for i in seen} == {0.05}
+
+
 def test_what_sensors_read_is_in_the_log_and_follows_the_seed(tmp_path: Path) -> None:
     path = tmp_path / "m.yaml"
     path.write_text("goal: [1, 0]\nsensors:\n  gyroscope: {noise: 0.01}\n")
