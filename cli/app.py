@@ -13,7 +13,7 @@ import typer
 from sysid.errors import SysidError
 
 from . import compare, diagnose, excite, export, fit, inspect, models, structures
-from .missions import simulate
+from .missions import plan, simulate
 
 _HELP = {"help_option_names": ["-h", "--help"]}
 
@@ -35,6 +35,7 @@ for _command in (
     diagnose.diagnose,
 ):
     app.command(context_settings=_HELP)(_command)
+app.command(context_settings=_HELP, cls=plan.PlotMayStandAlone)(plan.plan)
 
 _ALLOCATIONS = 100_000
 """New objects after which Python looks for circles of them; its own 700 suit a program that has no

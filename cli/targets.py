@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from sysid.errors import UsageError
+from sysid.errors import DataError, UsageError
 
 
 def check(path: Path, option: str, new_folder: bool = True) -> None:
@@ -20,6 +20,20 @@ def check(path: Path, option: str, new_folder: bool = True) -> None:
     if not folder.is_dir():
         what = "is not a folder" if folder.exists() else "does not exist"
         raise UsageError(f"{option} {path}: the folder {folder} {what}; make it or name another")
+
+
+def make_folder(path: Path, option: str) -> None:
+    """Make the folder of a file that will be written.
+
+    Raises:
+        DataError: it cannot be made.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(
+            f"{path.parent} cannot be made ({error.strerror}); choose another {option}"
+        ) from None
 
 
 def check_picture(path: Path | None) -> None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sysid.errors import DataError, ModelError, UsageError
+from sysid.errors import ModelError, UsageError
 from sysid.workspace.store import Workspace
 
 from .. import packages, reading, render, targets
@@ -91,7 +91,7 @@ def _drive(path: Path, plant: "Plant", log: Path, plot: Path | None) -> dict[str
     named = [c.name for c in plant.inputs]
     if set(named) <= result.log.keys():  # the plant's inputs are the robot's own PWM
         warnings += outside_domain(plant, np.column_stack([result.log[n] for n in named]))
-    _make_folder(log)
+    targets.make_folder(log, "--log")
     facts = result.summary() | {"log": write_log(result, log), "warnings": list(warnings)}
     if plot is not None:
         draw_mission(plot, path.stem, mission, result)
@@ -112,15 +112,6 @@ def _replay(
         draw_replay(plot, result)
         facts["plot"] = plot
     return facts
-
-
-def _make_folder(log: Path) -> None:
-    try:
-        log.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DataError(
-            f"{log.parent} cannot be made ({error.strerror}); choose another --log"
-        ) from None
 
 
 def _show(name: str, facts: dict[str, Any]) -> None:

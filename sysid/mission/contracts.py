@@ -265,6 +265,15 @@ class Guidance(Protocol):
 
 
 @runtime_checkable
+class HasPotential(Protocol):
+    """A guidance law that descends a potential."""
+
+    def potential(self, x: Real, y: Real, scene: Scene, xp: Any) -> Real:
+        """The potential at X, Y [m]; its unit is the law's own."""
+        ...
+
+
+@runtime_checkable
 class Controller(Protocol):
     """From references and estimate to the speed and the yaw command, every ``period`` seconds."""
 

@@ -33,18 +33,22 @@ from sysid.report.correlation_panels import LagTest
 from sysid.report.dynamics_drawing import DynamicsPicture, PoleZeroSet, StepResponse
 from sysid.report.fit_picture import FitPicture, FitSegment
 from sysid.report.mission_drawing import MissionPicture, Obstacle
+from sysid.report.missions import plan_drawing
+from sysid.report.missions.plan_drawing import CurvePanel, PlanPicture
 from sysid.report.ranking_drawing import RankingPicture, RankingRow
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
+    "CurvePanel",
     "DynamicsPicture",
     "FitPicture",
     "FitSegment",
     "LagTest",
     "MissionPicture",
     "Obstacle",
+    "PlanPicture",
     "PoleZeroSet",
     "RankingPicture",
     "RankingRow",
@@ -54,6 +58,7 @@ __all__ = [
     "plot_dynamics",
     "plot_fit",
     "plot_mission",
+    "plot_plan",
     "plot_ranking",
     "share_letters",
 ]
@@ -106,6 +111,16 @@ def plot_mission(path: Path, picture: MissionPicture) -> None:
     """
     size = mission_drawing.size_inches(picture)
     _write(path, size, lambda figure: mission_drawing.draw(figure, picture))
+
+
+def plot_plan(path: Path, picture: PlanPicture) -> None:
+    """Draw the field lines of a guidance law, its potential, forces and references of speed.
+
+    Raises:
+        UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
+    """
+    size = plan_drawing.size_inches(picture)
+    _write(path, size, lambda figure: plan_drawing.draw(figure, picture))
 
 
 def plot_dynamics(path: Path, picture: DynamicsPicture) -> None:

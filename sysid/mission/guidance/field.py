@@ -134,6 +134,17 @@ class PotentialField(GuidanceSettings):
             arrived=scene.to_goal(pose, xp) <= scene.tolerance,
         )
 
+    def potential(self, x: Real, y: Real, scene: Scene, xp: Any) -> Real:
+        """U whose −∇U is the force: ½Kρ_g² or dKρ_g − ½Kd² (4.19), Σ ½η(1/ρ − 1/ρ₀)² (4.21)."""
+        rho_g = xp.hypot(x - scene.goal[0], y - scene.goal[1])
+        near, far = 0.5 * self.K * rho_g**2, self.K * self.d * (rho_g - 0.5 * self.d)
+        total = xp.where(rho_g <= self.d, near, far)
+        for o in scene.obstacles:
+            rho = xp.maximum(xp.hypot(x - o.x, y - o.y), NEAREST)
+            push = 0.5 * self.eta * (1.0 / rho - 1.0 / self.rho0) ** 2
+            total = total + xp.where(rho <= self.rho0, push, 0.0)
+        return total
+
     def to_go(self, state: InitialTurn, pose: Pose, scene: Scene, xp: Any) -> Real:
         """The distance to the goal plus the track travel B/2·|angle| still to turn [m]."""
         still_to_turn = state.remaining(pose.psi, xp)

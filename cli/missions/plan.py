@@ -1,0 +1,149 @@
+"""``sysid plan``: what the guidance of a mission wants, before anything drives."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sysid.workspace.store import Workspace
+
+from .. import reading, render, targets
+
+if TYPE_CHECKING:
+    from sysid.mission.plan import Curves, Plan
+    from sysid.mission.spec import Mission
+
+_IN_WORKSPACE = Path("-")
+"""What ``--plot`` without a file stands for: the picture goes beside the missions' logs."""
+
+
+class PlotMayStandAlone(typer.core.TyperCommand):
+    """A command whose ``--plot`` may come without a file."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put the place in the workspace behind a ``--plot`` that ends the line or an option."""
+        filled: list[str] = []
+        for k, argument in enumerate(args):
+            filled.append(argument)
+            following = args[k + 1] if k + 1 < len(args) else "--"
+            if argument == "--plot" and following.startswith("-"):
+                filled.append(str(_IN_WORKSPACE))
+        return super().parse_args(ctx, filled)
+
+
+def plan(
+    mission: Annotated[Path, typer.Argument(metavar="MISSION", help="A mission (YAML).")],
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="[FILE]",
+            help="Draw field lines, potential, forces and speeds: .svg or .png "
+            "[WORKSPACE/missions/NAME_plan.svg].",
+        ),
+    ] = None,
+    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
+    json: reading.Json = False,
+) -> None:
+    """Show where the guidance of a mission leads, and where it would end, without a plant."""
+    if plot is not None and plot != _IN_WORKSPACE:
+        targets.check_picture(plot)
+    from sysid.mission.plan import plan as follow
+    from sysid.mission.spec import load_mission
+
+    given = load_mission(mission)
+    with render.progress(f"Following {mission.name}"):
+        found = follow(given)
+    facts: dict[str, Any] = {"guidance": type(given.guidance).__name__, **found.summary()}
+    facts["sentence"] = _sentence(given, found)
+    if plot == _IN_WORKSPACE:
+        plot = Workspace(workspace).missions_dir / f"{mission.stem}_plan.svg"
+        targets.make_folder(plot, "--plot")
+    if plot is not None:
+        _draw(plot, mission.stem, given, found)
+        facts["plot"] = plot
+    if json:
+        render.document(facts)
+    else:
+        _show(mission.stem, facts)
+
+
+def _sentence(mission: "Mission", found: "Plan") -> str:
+    """Where the way leads, in words."""
+    x, y = found.way[-1]
+    if not found.arrives:
+        return (
+            f"The references lead from the start to ({x:.2f}, {y:.2f}) and no farther: a local "
+            "minimum, a way blocked, or a circle; choose another law of guidance or an escape."
+        )
+    if found.min_clearance_m is not None and found.min_clearance_m <= 0:
+        return "The references lead to the goal, but through an obstacle."
+    share = found.arriving_share
+    if share < 1:
+        return (
+            f"The references lead from the start to the goal; from {share:.0%} of the places "
+            "around they do, from the others not."
+        )
+    return "The references lead to the goal, from the start and from everywhere around."
+
+
+def _show(name: str, facts: dict[str, Any]) -> None:
+    way = facts["way"]
+    rows = [
+        ("arrives", "yes" if way["arrives"] else "no"),
+        ("length of the way [m]", render.number(way["length_m"], 4)),
+        ("time at the references [s]", render.number(way["time_s"], 4)),
+        ("nearest obstacle [m]", render.number(way["min_clearance_m"], 3)),
+        ("places around that lead to the goal [%]", f"{100 * facts['arriving_share']:.0f}"),
+    ]
+    rows += [
+        ("another end at x, y [m]", f"{end['x']:.2f}, {end['y']:.2f}")
+        for end in facts["ends_besides_goal"]
+    ]
+    render.table((name, ""), rows)
+    render.say(facts["sentence"])
+    if "plot" in facts:
+        render.say(f"Picture: {facts['plot']}")
+
+
+def _draw(path: Path, name: str, mission: "Mission", found: "Plan") -> None:
+    from sysid.report.plots import CurvePanel, PlanPicture, plot_plan
+
+    def panel(title: str, across: str, up: str, curves: "Curves") -> CurvePanel:
+        return CurvePanel(
+            title, across, up, curves.gain, curves.values, curves.distance, curves.quantity
+        )
+
+    panels = [
+        panel(f"{what} of {whom}", f"distance to {whom} [m]", "force", curves)
+        for what, whom, curves in (
+            ("attraction", "the goal", found.attraction),
+            ("repulsion", "an obstacle's point", found.repulsion),
+        )
+        if curves is not None
+    ]
+    panels += [
+        panel(f"speed reference for {c.gain}", "distance to the goal [m]", "speed [m/s]", c)
+        for c in found.speeds
+    ]
+    facts = [f"{found.length_m:.2f} m of way"]
+    if found.time_s is not None:
+        facts.append(f"{found.time_s:.1f} s at the references")
+    if found.min_clearance_m is not None:
+        facts.append(f"{found.min_clearance_m:.2f} m clear of the nearest obstacle")
+    scene = mission.scene()
+    picture = PlanPicture(
+        title=f"{name}: the references {'lead to the goal' if found.arrives else 'end elsewhere'}",
+        subtitle=", ".join(facts),
+        x=found.x,
+        y=found.y,
+        psi=found.psi,
+        potential=found.potential,
+        way=found.way,
+        goal=mission.goal,
+        tolerance=mission.tolerance,
+        discs=tuple((o.x, o.y, o.radius) for o in scene.obstacles),
+        walls=tuple((w.ax, w.ay, w.bx, w.by) for w in scene.walls),
+        ends=found.ends,
+        panels=tuple(panels),
+    )
+    plot_plan(path, picture)

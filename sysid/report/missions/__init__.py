@@ -1,0 +1,1 @@
+"""Pictures of missions beside that of a single run."""

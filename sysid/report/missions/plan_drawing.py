@@ -1,0 +1,175 @@
+"""The picture of a plan: field lines, potential, forces and references of speed."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.report import style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_FIRST_ROW, _OTHER_ROW = 4.1, 2.3
+"""Heights of the rows [in]."""
+
+_SHADES = ("#c6d5e3", "#8fb0cc", style.BLUE, "#0b4f79", "#072c44")
+"""Small to large values of a gain, the mission's own in the middle."""
+
+
+@dataclass(frozen=True, eq=False)
+class CurvePanel:
+    """One quantity against a distance for several values of a gain.
+
+    Attributes:
+        title, across, up: words of the panel and of its axes.
+        gain: name of the gain.
+        values: of the gain, (n,); the middle one is the mission's.
+        distance: (N,) [m].
+        quantity: (n, N).
+    """
+
+    title: str
+    across: str
+    up: str
+    gain: str
+    values: tuple[float, ...]
+    distance: Array
+    quantity: Array
+
+
+@dataclass(frozen=True, eq=False)
+class PlanPicture:
+    """What a picture of a plan shows.
+
+    Attributes:
+        title, subtitle: the headline.
+        x, y: the map, (M,) each [m].
+        psi: direction of the references on the map, (M, M) [rad].
+        potential: on the map, (M, M), or None.
+        way: the way from the start, (N, 2) [m].
+        goal: x, y [m].
+        tolerance: [m].
+        discs: obstacles, (x, y, radius) [m].
+        walls: (ax, ay, bx, by) [m].
+        ends: places besides the goal where ways end [m].
+        panels: forces and speeds.
+    """
+
+    title: str
+    subtitle: str
+    x: Array
+    y: Array
+    psi: Array
+    potential: Array | None
+    way: Array
+    goal: tuple[float, float]
+    tolerance: float
+    discs: tuple[tuple[float, float, float], ...]
+    walls: tuple[tuple[float, float, float, float], ...]
+    ends: tuple[tuple[float, float], ...]
+    panels: tuple[CurvePanel, ...]
+
+
+def size_inches(picture: PlanPicture) -> tuple[float, float]:
+    """Width and height of the picture [in]."""
+    return style.WIDTH, 0.7 + _FIRST_ROW + _OTHER_ROW * len(_rows(picture))
+
+
+def draw(figure: "Figure", picture: PlanPicture) -> None:
+    """Draw the map and the potential above the forces and the references of speed."""
+    style.heading(figure, picture.title, picture.subtitle)
+    rows = _rows(picture)
+    grid = figure.add_gridspec(
+        1 + len(rows), 6, height_ratios=[_FIRST_ROW, *(_OTHER_ROW,) * len(rows)]
+    )
+    if picture.potential is None:
+        _draw_map(figure.add_subplot(grid[0, :]), picture)
+    else:
+        _draw_map(figure.add_subplot(grid[0, :3]), picture)
+        _draw_surface(figure.add_subplot(grid[0, 3:], projection="3d"), picture)
+    for k, row in enumerate(rows, start=1):
+        width = 6 // len(row)
+        for j, panel in enumerate(row):
+            _draw_curves(figure.add_subplot(grid[k, j * width : (j + 1) * width]), panel)
+
+
+def _rows(picture: PlanPicture) -> list[tuple[CurvePanel, ...]]:
+    """Forces in one row, speeds in the next."""
+    forces, speeds = picture.panels[:2], picture.panels[2:]
+    return [row for row in (forces, speeds) if row]
+
+
+def _draw_map(axes: "Axes", picture: PlanPicture) -> None:
+    if picture.potential is not None:
+        levels = _levels(picture.potential)
+        field = (picture.x, picture.y, picture.potential)
+        axes.contourf(*field, levels, cmap="Blues_r", alpha=0.5, extend="max")
+    u, v = np.cos(picture.psi), np.sin(picture.psi)
+    axes.streamplot(
+        picture.x, picture.y, u, v, density=1.1, color=style.MUTED, linewidth=0.6, arrowsize=0.7
+    )
+    angle = np.linspace(0.0, 2.0 * np.pi, 73)
+    for x, y, radius in picture.discs:
+        axes.fill(x + radius * np.cos(angle), y + radius * np.sin(angle), color="#52606d", zorder=3)
+    for ax, ay, bx, by in picture.walls:
+        axes.plot([ax, bx], [ay, by], color="#52606d", linewidth=2.5, zorder=3)
+    (gx, gy), reach = picture.goal, picture.tolerance
+    axes.fill(gx + reach * np.cos(angle), gy + reach * np.sin(angle), color=style.GREEN, zorder=3)
+    axes.plot([], [], color=style.GREEN, linewidth=5, label="goal and tolerance")
+    bold: dict[str, Any] = {"color": style.VERMILION, "zorder": 4, "linewidth": 1.8}
+    axes.plot(*picture.way.T, label="way from the start", **bold)
+    axes.plot(*picture.way[0], marker="o", markersize=6, markerfacecolor="white", **bold)
+    cross: dict[str, Any] = {"color": style.INK, "marker": "X", "markersize": 8, "zorder": 6}
+    for k, end in enumerate(picture.ends):
+        label = "ways end here" if k == 0 else "_"
+        axes.plot(*end, label=label, linestyle="none", **cross)
+    axes.set_xlim(picture.x[0], picture.x[-1])
+    axes.set_ylim(picture.y[0], picture.y[-1])
+    axes.set_aspect("equal", adjustable="box")
+    axes.grid(visible=False)
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.legend(
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.5
+    ).set_in_layout(False)
+    axes.set_title(" ")
+
+
+def _levels(potential: Array) -> Array:
+    """Levels of equal share of the map up to the walls of the obstacles, which end it."""
+    finite = potential[np.isfinite(potential)]
+    return np.unique(np.quantile(finite, np.linspace(0.0, 0.97, 16)))
+
+
+def _draw_surface(axes: Any, picture: PlanPicture) -> None:
+    """The potential as a surface, cut where the obstacles' walls begin."""
+    assert picture.potential is not None
+    top = _levels(picture.potential)[-1]
+    x, y = np.meshgrid(picture.x, picture.y)
+    height = np.minimum(picture.potential, top)
+    axes.plot_surface(
+        x, y, height, cmap="Blues_r", linewidth=0.1, edgecolor="#7b8794", rcount=40, ccount=40
+    )
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.set_title("potential, cut at its top")
+    axes.view_init(elev=38, azim=-120)
+    axes.locator_params(nbins=5)
+    axes.tick_params(labelsize=style.SMALL - 1, pad=-1)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_pane_color("#ffffff")
+
+
+def _draw_curves(axes: "Axes", panel: CurvePanel) -> None:
+    own = len(panel.values) // 2
+    for k, (value, line) in enumerate(zip(panel.values, panel.quantity, strict=True)):
+        width = 2.2 if k == own else 1.2
+        axes.plot(panel.distance, line, color=_SHADES[k], linewidth=width, label=f"{value:.3g}")
+    axes.set_xlabel(panel.across)
+    axes.set_ylabel(panel.up)
+    axes.set_title(panel.title)
+    axes.set_ylim(bottom=0.0)
+    axes.legend(title=panel.gain, loc="best", borderaxespad=0.6, title_fontsize=style.SMALL)
