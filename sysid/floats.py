@@ -30,6 +30,18 @@ def cos(x: Any) -> Any:
     return math.cos(x) if type(x) is float else np.cos(x)
 
 
+def abs(x: Any) -> Any:
+    """|x|."""
+    return math.fabs(x) if type(x) is float else np.abs(x)
+
+
+def sign(x: Any) -> Any:
+    """−1, 0 or 1 as x; NaN where it is NaN."""
+    if type(x) is float:
+        return math.copysign(1.0, x) if x < 0.0 or x > 0.0 else x
+    return np.sign(x)
+
+
 def hypot(x: Any, y: Any) -> Any:
     """√(x² + y²)."""
     return math.hypot(x, y) if type(x) is float and type(y) is float else np.hypot(x, y)

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from sysid import floats
+
 KEPT_FROM = 0.1
 """Compilations that took longer than this are kept on disk [s]."""
 
@@ -32,7 +34,7 @@ def jax_module() -> Any:
 
 def repeated(xp: Any, times: Any, advance: Callable[[Any], Any], x: Any) -> Any:
     """x after ``times`` rounds of ``advance``: one loop where a namespace can say so."""
-    if xp is np:
+    if xp is np or xp is floats:
         for _ in range(times):
             x = advance(x)
         return x

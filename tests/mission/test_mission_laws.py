@@ -83,7 +83,16 @@ def test_the_loop_runs_compiled_and_many_at_once() -> None:
 
 @pytest.mark.parametrize(
     ("name", "arity"),
-    [("sin", 1), ("cos", 1), ("hypot", 2), ("arctan2", 2), ("minimum", 2), ("maximum", 2)],
+    [
+        ("sin", 1),
+        ("cos", 1),
+        ("hypot", 2),
+        ("arctan2", 2),
+        ("minimum", 2),
+        ("maximum", 2),
+        ("abs", 1),
+        ("sign", 1),
+    ],
 )
 def test_plain_floats_have_numpys_functions(name: str, arity: int) -> None:
     values = [0.0, -0.0, 1.5, -2.5, 1e-300, math.inf, math.nan]

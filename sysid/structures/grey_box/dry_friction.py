@@ -19,25 +19,30 @@ stepping; Acary & Brogliato 2008, ch. 10). Nothing chatters and nothing needs a 
 w⁺ is a continuous and piecewise smooth function of every parameter, so Gauss-Newton needs no
 smoothed substitute: the derivative of a standing track is zero, as it is in truth.
 
-Everything works on arrays with the motors along axis 0 and any number of runs along axis 1, over
-``xp`` = numpy or jax.numpy.
+Motors stand in a sequence, one array of runs for each, over ``xp`` = numpy or jax.numpy; a single
+run has plain numbers in their place, and ``xp`` = :mod:`sysid.floats`. Only ``decay``, which a run
+needs once, works on arrays with the motors along axis 0.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 Signal = Any
-"""An array of the namespace in use, (motors, runs)."""
+"""An array of the namespace in use, (runs,), or a number."""
 
-Pair = tuple[Signal, Signal]
-"""Diagonal (motors, runs) and off-diagonal entry (runs) of a symmetric matrix."""
+Motors = Sequence[Signal]
+"""A signal of each motor, one or two."""
+
+Pair = tuple[Motors, Signal]
+"""Diagonal and off-diagonal entry of a symmetric matrix."""
 
 
-def decay(xp: Any, inertia: Pair, h: float) -> Pair:
+def decay(xp: Any, inertia: tuple[Any, Any], h: float) -> tuple[Any, Any]:
     """I − Φ = I − exp(−T⁻¹ h).
 
     Args:
         xp: numpy or jax.numpy.
-        inertia: T: time constants [s] and their coupling [s].
+        inertia: T: time constants [s], (motors, runs), and their coupling [s].
         h: step [s].
     """
     own, cross = inertia
@@ -56,62 +61,74 @@ def decay(xp: Any, inertia: Pair, h: float) -> Pair:
     return own_decay, slope * o
 
 
-def times(xp: Any, m: Pair, v: Signal) -> Signal:
+def times(m: Pair, v: Motors) -> Motors:
     """Matrix times vector."""
     own, cross = m
-    return own * v + cross * v[::-1] if own.shape[0] == 2 else own * v
+    if len(v) == 1:
+        return (own[0] * v[0],)
+    return own[0] * v[0] + cross * v[1], own[1] * v[1] + cross * v[0]
 
 
-def solved(xp: Any, m: Pair, v: Signal) -> Signal:
+def solved(m: Pair, v: Motors) -> Motors:
     """Inverse matrix times vector."""
     own, cross = m
-    if own.shape[0] == 1:
-        return v / own
-    return (own[::-1] * v - cross * v[::-1]) / (own[0] * own[1] - cross * cross)
+    if len(v) == 1:
+        return (v[0] / own[0],)
+    det = own[0] * own[1] - cross * cross
+    return (own[1] * v[0] - cross * v[1]) / det, (own[0] * v[1] - cross * v[0]) / det
 
 
 def friction(
-    xp: Any, gain: Pair, w_free: Signal, low: Signal, high: Signal
-) -> tuple[Signal, Signal]:
+    xp: Any, gain: Pair, w_free: Motors, low: Motors, high: Motors
+) -> tuple[Motors, Motors]:
     """(f, stands): what friction takes in one step, and which motors stand at its end.
 
     Args:
-        xp: numpy or jax.numpy.
+        xp: the namespace.
         gain: I − Φ.
-        w_free: Φ w + (I − Φ) e, the speed reached without friction, (motors, runs).
+        w_free: Φ w + (I − Φ) e, the speed reached without friction.
         low, high: largest friction against backward and against forward motion, both ≥ 0.
     """
-    wanted = solved(xp, gain, w_free)
-    # a motor stands where friction could take more: told from the unclipped value, because a
-    # compiler may compute a limit twice with different rounding
-    inside = (wanted > -low) & (wanted < high)
-    held = xp.minimum(xp.maximum(wanted, -low), high)
-    if wanted.shape[0] == 1:
-        return held, inside
+    wanted = solved(gain, w_free)
+    a, a_stands = _limited(xp, wanted[0], low[0], high[0])
+    if len(wanted) == 1:
+        return (a,), (a_stands,)
+    b, b_stands = _limited(xp, wanted[1], low[1], high[1])
     # at least one violated limit is active at the solution: hold either motor's friction at its
     # limit, let the other one follow, take the better of the two
-    own, cross = gain
-    follow = wanted + (cross / own) * (wanted - held)[::-1]
-    follow_inside = (follow > -low) & (follow < high)
-    follow = xp.minimum(xp.maximum(follow, -low), high)
-    first = xp.stack([held[0], follow[1]])
-    second = xp.stack([follow[0], held[1]])
-    better = _distance(xp, gain, first - wanted) <= _distance(xp, gain, second - wanted)
-    stands = xp.where(
-        better,
-        xp.stack([inside[0], follow_inside[1]]),
-        xp.stack([follow_inside[0], inside[1]]),
+    (one, other), cross = gain
+    d, e = wanted[0] - a, wanted[1] - b
+    b_follows, b_may = _limited(xp, wanted[1] + cross / other * d, low[1], high[1])
+    a_follows, a_may = _limited(xp, wanted[0] + cross / one * e, low[0], high[0])
+    better = _distance(gain, a - wanted[0], b_follows - wanted[1]) <= _distance(
+        gain, a_follows - wanted[0], b - wanted[1]
     )
-    return xp.where(better, first, second), stands
+    return (
+        (xp.where(better, a, a_follows), xp.where(better, b_follows, b)),
+        (xp.where(better, a_stands, a_may), xp.where(better, b_may, b_stands)),
+    )
 
 
-def _distance(xp: Any, m: Pair, v: Signal) -> Signal:
-    return m[0][0] * v[0] ** 2 + m[0][1] * v[1] ** 2 + 2.0 * m[1] * v[0] * v[1]
+def _limited(xp: Any, wanted: Signal, low: Signal, high: Signal) -> tuple[Signal, Signal]:
+    """Friction within its limits, and whether the motor stands: where it could take more.
+
+    That is told from the unlimited value, because a compiler may compute a limit twice with
+    different rounding.
+    """
+    stands = (wanted > -low) & (wanted < high)
+    return xp.minimum(xp.maximum(wanted, -low), high), stands
 
 
-def sliding_rate(xp: Any, inertia: Pair, force: Signal, moving: Signal) -> Signal:
+def _distance(m: Pair, a: Signal, b: Signal) -> Signal:
+    own, cross = m
+    return own[0] * (a * a) + own[1] * (b * b) + 2.0 * cross * a * b
+
+
+def sliding_rate(inertia: Pair, force: Motors, moving: Motors) -> Motors:
     """dw/dt = T⁻¹ force of the moving tracks while the others stand; ``moving`` is 0 or 1."""
     own, cross = inertia
-    if own.shape[0] == 1:
-        return moving * force / own
-    return moving * solved(xp, (own, cross * moving[0] * moving[1]), moving * force)
+    if len(force) == 1:
+        return (moving[0] * force[0] / own[0],)
+    a, b = moving
+    left, right = solved((own, cross * a * b), (a * force[0], b * force[1]))
+    return a * left, b * right

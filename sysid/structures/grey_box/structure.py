@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
+from sysid import floats
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import UsageError
 from sysid.fitting.compiled import repeated
@@ -31,6 +32,7 @@ from sysid.structures.grey_box.runs import (
     stays_bounded,
     tangents,
 )
+from sysid.structures.grey_box.single_runs import in_floats
 
 if TYPE_CHECKING:
     from sysid.structures.outcome import Fitter
@@ -64,6 +66,9 @@ class GreyBox(NamedStructure):
     order_names: ClassVar[tuple[str, ...]] = ()
     has_noise_model: ClassVar[bool] = False
     physical: ClassVar[bool] = True
+    takes_floats: ClassVar[bool] = False
+    """Whether ``advance`` and ``reading`` also serve one run on plain numbers, which is ten times
+    faster: x and u are lists of floats then, constants floats or, one an output, lists."""
     options: ClassVar[Mapping[str, str]] = {
         "substeps": "integration steps in a sample; chosen from the time constants unless given",
         "free": "constants to estimate although they are held by default, divided by commas",
@@ -358,12 +363,17 @@ class GreyBox(NamedStructure):
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
         """The free run sample by sample: the same equations as the compiled runs."""
         p = self.prepared(np, self.unpack(np, np.asarray(theta, dtype=np.float64)), self.h)
+        plain, h, steps = in_floats(p) if self.takes_floats else None, self.h, self.steps
 
         def advance(x: Array, u: Array) -> tuple[Array, Array]:
             xp: Any = x.__array_namespace__()
+            if xp is np and plain is not None:
+                now = x.tolist()
+                moved = self.sample(floats, now, u.tolist(), plain, h, steps)
+                return np.array(moved), np.array(self.reading(floats, now, plain))
             state, held = x[:, None], u[:, None]
             y = xp.asarray(self.reading(xp, state, p))
-            after = xp.asarray(self.sample(xp, state, held, p, self.h, self.steps))
+            after = xp.asarray(self.sample(xp, state, held, p, h, steps))
             return after[:, 0], y[:, 0]
 
         return advance

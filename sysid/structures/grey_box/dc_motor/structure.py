@@ -19,9 +19,10 @@ from sysid.structures.grey_box.dc_motor.constants import (
     lumped,
     shape,
 )
-from sysid.structures.grey_box.dc_motor.motion import STEPS
+from sysid.structures.grey_box.dc_motor.motion import STEPS, friction_constants, of_motors
 from sysid.structures.grey_box.dc_motor.start import central_guesses
 from sysid.structures.grey_box.dry_friction import decay
+from sysid.structures.grey_box.single_runs import together
 from sysid.structures.grey_box.structure import GreyBox
 
 _CHOICES = MappingProxyType(
@@ -72,6 +73,7 @@ class DCMotor(GreyBox):
     shared: tuple[str, ...] = _SHARED
     torque_per_input: float = 0.0
 
+    takes_floats: ClassVar[bool] = True
     name: ClassVar[str] = "dc-motor"
     title: ClassVar[str] = "DC motor: a grey box with friction, one motor or two tracks on a body"
     equation: ClassVar[str] = "T dω/dt = K (sat(u) - o) - ω - f(ω), f: Coulomb and Stribeck, sticks"
@@ -186,16 +188,25 @@ class DCMotor(GreyBox):
     def advance(self, xp: Any, x: Signal, u: Signal, p: Mapping[str, Signal], h: float) -> Signal:
         """Speeds (and positions) after a step."""
         w = x[: self.ny]
-        net = p["gain"] * (xp.minimum(xp.maximum(u, -p["limit"]), p["limit"]) - p["offset"])
+        net = [
+            gain * (xp.minimum(xp.maximum(v, -limit), limit) - offset)
+            for v, (gain, limit, offset) in zip(u, p["drive"], strict=True)
+        ]
         after = STEPS[self.integrator](xp, p, w, net, h)
-        if self.output != "position":
-            return after
-        return xp.concatenate([after, x[self.ny :] + 0.5 * h * (w + after)])
+        turned: Sequence[Signal] = ()
+        if self.output == "position":
+            moved = zip(x[self.ny :], w, after, strict=True)
+            turned = [angle + 0.5 * h * (v + a) for angle, v, a in moved]
+        return together(xp, [*after, *turned])
 
     def prepared(self, xp: Any, p: dict[str, Signal], h: Signal) -> Mapping[str, Signal]:
-        """The motion, and what its linear part does in a substep."""
+        """The motion, motor by motor, and what its linear part does in a substep."""
         q = self.motion(xp, p)
-        return q | {"decay": decay(xp, q["inertia"], h)}
+        return q | {
+            "decay": decay(xp, q["inertia"], h),
+            "drive": of_motors(q, ("gain", "limit", "offset"), self.ny),
+            "friction": friction_constants(xp, q, self.ny),
+        }
 
     def timeless(self) -> Self:
         """The equations alone, whatever is estimated and written out."""
