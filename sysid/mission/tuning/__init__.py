@@ -1,0 +1,1 @@
+"""Tuning: gains of controllers from the plant alone, and by driving."""
