@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from sysid.criteria.verdicts import ResidualTest
-    from sysid.data.record import Record
+    from sysid.data.record import Array, Record
     from sysid.estimation.assessment.findings import Assessment
     from sysid.estimation.identify import Identification
     from sysid.estimation.selection.comparison import Ranking
@@ -95,7 +95,11 @@ def draw_mission(path: Path, name: str, mission: "Mission", result: "MissionResu
 
     from sysid.report.plots import MissionPicture, Obstacle, plot_mission
 
-    log = result.log
+    log, seconds = result.log, result.time_s
+
+    def line(points: "Sequence[tuple[float, float]]") -> "Array | None":
+        return np.array(points) if points else None
+
     picture = MissionPicture(
         name=name,
         outcome=result.outcome.value,
@@ -105,7 +109,14 @@ def draw_mission(path: Path, name: str, mission: "Mission", result: "MissionResu
         pwm=np.column_stack([log["pwm_l"], log["pwm_r"]]),
         goal=mission.goal,
         tolerance=mission.tolerance,
-        obstacles=tuple(Obstacle(o.x, o.y, o.radius) for o in mission.obstacles),
+        obstacles=tuple(
+            Obstacle(o.x, o.y, o.radius, (o.velocity[0] * seconds, o.velocity[1] * seconds))
+            for o in mission.obstacles
+        ),
+        walls=tuple(map(np.array, mission.walls)),
+        polygons=tuple(map(np.array, mission.polygons)),
+        waypoints=line(mission.waypoints),
+        course=line(mission.path and (mission.start[:2], *mission.path, mission.goal)),
         influence=mission.guidance.reach,
         speed_reference=log["v_ref"],
         heading_reference=log["psi_ref"],

@@ -68,14 +68,18 @@ class Disc(NamedTuple):
         return self._replace(x=self.x + self.vx * t, y=self.y + self.vy * t)
 
 
-class Wall(NamedTuple):
-    """A straight wall from (ax, ay) to (bx, by) [m]; its surface lies ``radius`` [m] off."""
+Point = tuple[Real, Real]
+"""X, Y [m]."""
 
-    ax: Real
-    ay: Real
-    bx: Real
-    by: Real
-    radius: Real = 0.0
+
+class Wall(NamedTuple):
+    """A thin wall along straight pieces from point to point; that of a polygon ends where it began.
+
+    Attributes:
+        points: two or more.
+    """
+
+    points: tuple[Point, ...]
 
 
 class Limits(NamedTuple):
@@ -103,19 +107,21 @@ class Scene(NamedTuple):
         tolerance: the goal counts as reached within this distance [m].
         obstacles, walls: what to keep clear of.
         geometry: lengths of the vehicle.
-        way: points to pass on the way to the goal, X, Y [m].
+        way: points to pass on the way to the goal.
+        path: points of the line to follow to the goal, for laws that follow one.
         limits: what the plant can do.
         sensors: what navigation reads besides the wheels, by kind, with its figures.
         dt: time between two samples [s]; the loop puts the plant's here.
     """
 
     start: Pose
-    goal: tuple[Real, Real]
+    goal: Point
     tolerance: Real
     obstacles: tuple[Disc, ...]
     geometry: Geometry
     walls: tuple[Wall, ...] = ()
-    way: tuple[tuple[Real, Real], ...] = ()
+    way: tuple[Point, ...] = ()
+    path: tuple[Point, ...] = ()
     limits: Limits = Limits()
     sensors: Mapping[str, "Sensor"] = MappingProxyType({})
     dt: float = 0.1

@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from sysid.data.record import PWM_FULL_SCALE
+from sysid.mission.clearance import step_clearance
 from sysid.mission.contracts import (
     Body,
     Command,
@@ -23,7 +24,6 @@ from sysid.mission.contracts import (
     MotionInputs,
     Navigation,
     NavigationInputs,
-    Pose,
     Readout,
     References,
     Reporting,
@@ -304,10 +304,8 @@ class Loop:
     def _judged(self, state: LoopState, body: Body, tick: Tick) -> tuple[Progress, Real]:
         """The figures after a sample, and whether the run is over."""
         xp, scene, last = self.xp, self.scene, state.progress
-        clearance = last.clearance
-        for o in scene.obstacles:
-            rho = distance_to_segment(o.x, o.y, state.body.pose, body.pose, xp)
-            clearance = xp.minimum(clearance, rho - o.radius)
+        passed = step_clearance(scene, state.body.pose, body.pose, tick.t, tick.dt, xp)
+        clearance = xp.minimum(last.clearance, passed)
         to_go = self.guidance.to_go(state.guidance, body.pose, scene, xp)
         closer = to_go < last.best - STUCK.progress
         late = tick.t + self.plant.dt > self.timeout * (1 + 1e-9)
@@ -338,13 +336,3 @@ def command_module(command: Command, xp: Any) -> tuple[Real, Real]:
         PWM_FULL_SCALE * xp.clip(v - psi, -1.0, 1.0),
         PWM_FULL_SCALE * xp.clip(v + psi, -1.0, 1.0),
     )
-
-
-def distance_to_segment(x: Real, y: Real, a: Pose, b: Pose, xp: Any) -> Real:
-    """Distance from a point to the way between two poses [m], so that none is jumped over."""
-    ax, ay, dx, dy = x - a.x, y - a.y, b.x - a.x, b.y - a.y
-    length2 = dx * dx + dy * dy
-    still = length2 == 0
-    # A way without length has 0/1 instead of 0/0.
-    along = xp.clip((ax * dx + ay * dy) / (length2 + still), 0.0, 1.0)
-    return xp.hypot(ax - along * dx, ay - along * dy)

@@ -86,13 +86,14 @@ def law(role: str, section: Any) -> Any:
         raise PydanticCustomError("model_type", "a section of keys is needed")
     kind = section.get("kind", kinds(role)[0])
     if not isinstance(kind, str):
-        raise _at_kind(
-            f"the kind of {role} is {shown(kind)}: the kinds are {', '.join(kinds(role))}"
+        raise sentence_at(
+            ("kind",),
+            f"the kind of {role} is {shown(kind)}: the kinds are {', '.join(kinds(role))}",
         )
     try:
         cls = law_class(role, kind)
     except UsageError as error:
-        raise _at_kind(str(error)) from None
+        raise sentence_at(("kind",), str(error)) from None
     return cls.model_validate({k: v for k, v in section.items() if k != "kind"})
 
 
@@ -132,8 +133,8 @@ def _below(kind: str, error: ErrorDetails) -> InitErrorDetails:
     return {"type": custom, "loc": (kind, *error["loc"]), "input": error["input"]}
 
 
-def _at_kind(sentence: str) -> ValidationError:
-    """The sentence as an error of the key ``kind``."""
-    error = PydanticCustomError("kind", "{sentence}", {"sentence": sentence})
-    details: InitErrorDetails = {"type": error, "loc": ("kind",), "input": None}
-    return ValidationError.from_exception_data("law", [details])
+def sentence_at(place: tuple[str | int, ...], sentence: str) -> ValidationError:
+    """The sentence as an error of the key at a place of the section that is checked."""
+    error = PydanticCustomError("sentence", "{sentence}", {"sentence": sentence})
+    details: InitErrorDetails = {"type": error, "loc": place, "input": None}
+    return ValidationError.from_exception_data("mission", [details])

@@ -10,6 +10,7 @@ import numpy as np
 from sysid import floats
 from sysid.data.record import Array
 from sysid.errors import ModelError
+from sysid.mission.clearance import has_surfaces
 from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS, Pose, SteppablePlant
 from sysid.mission.ending import sentence
 from sysid.mission.loop import COLUMNS, Loop, LoopState, Tick, Verdict, ticks
@@ -89,7 +90,7 @@ def simulate(mission: Mission, plant: SteppablePlant, seed: int = 0) -> MissionR
         time_s=float(table[-1, 0]),
         final=Pose(float(x), float(y), float(psi)),
         path_length_m=float(state.progress.path_length),
-        min_clearance_m=float(state.progress.clearance) if mission.obstacles else None,
+        min_clearance_m=float(state.progress.clearance) if has_surfaces(loop.scene) else None,
         max_deviation_m=_deviation(mission, log),
         log=log,
         sentence=sentence(outcome, mission, log),

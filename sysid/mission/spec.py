@@ -5,7 +5,7 @@ none, the value chosen for this workbench. See :func:`load_mission` for the file
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,7 +19,9 @@ from pydantic import (
     model_validator,
 )
 
+from sysid import floats
 from sysid.errors import DataError
+from sysid.mission.clearance import inside, nearest_point
 from sysid.mission.contracts import (
     Controller,
     Disc,
@@ -29,34 +31,41 @@ from sysid.mission.contracts import (
     Pose,
     Scene,
     Sensor,
+    Wall,
 )
 from sysid.mission.control.pi_p import SpeedPIYawP
 from sysid.mission.guidance.field import PotentialField
 from sysid.mission.motion.kinematic import Kinematic
 from sysid.mission.navigation.odometry import Odometry
-from sysid.mission.registry import law, sensor_set
+from sysid.mission.registry import law, sensor_set, sentence_at
 from sysid.mission.settings import Coordinate, Positive, Settings
 from sysid.mission.spec_problems import first_problem
 from sysid.mission.yaml_source import read_yaml, shown
 from sysid.vehicle.kinematics import Geometry, wrap_angle
+
+Place = tuple[Coordinate, Coordinate]
+"""X, Y [m]."""
+Places = Annotated[tuple[Place, ...], Field(strict=False)]
 
 
 class Obstacle(Settings):
     """A round obstacle: the field acts from its point, collision from its surface.
 
     Attributes:
-        x, y: position of the point [m].
+        x, y: position of the point at t = 0 [m].
         radius: of the surface around it [m].
+        velocity: of the point in X and Y, which stays the same [m/s].
     """
 
     x: Coordinate
     y: Coordinate
     radius: Positive = 0.15
+    velocity: Place = (0.0, 0.0)
 
     @model_validator(mode="before")
     @classmethod
     def _forms(cls, value: Any) -> Any:
-        """Accept ``[x, y]``, ``[x, y, radius]`` and ``{at: [x, y], radius: r}``."""
+        """Accept ``[x, y]``, ``[x, y, r]`` and ``{at: [x, y], radius: r, velocity: [vx, vy]}``."""
         if isinstance(value, list | tuple):
             if len(value) not in (2, 3):
                 raise ValueError(
@@ -74,7 +83,15 @@ class Obstacle(Settings):
         if "at" not in value:
             return value
         x, y = _vector(value["at"], "at", ("x", "y"), 2)
-        return {"x": x, "y": y} | {k: v for k, v in value.items() if k != "at"}
+        rest = {k: v for k, v in value.items() if k != "at"}
+        if "velocity" in rest:
+            rest["velocity"] = _vector(rest["velocity"], "velocity", ("vx", "vy"), 2)
+        return {"x": x, "y": y} | rest
+
+    @property
+    def disc(self) -> Disc:
+        """The obstacle as the laws take it."""
+        return Disc(self.x, self.y, self.radius, *self.velocity)
 
 
 class VehicleSpec(Settings):
@@ -119,8 +136,12 @@ class Mission(Settings):
     Attributes:
         goal: X, Y to reach [m].
         start: initial X, Y [m] and ψ [rad].
-        obstacles: what to keep clear of.
-        tolerance: the goal counts as reached within this distance [m].
+        obstacles: round ones to keep clear of, which may move.
+        walls: lines to keep clear of, each from point to point [m].
+        polygons: areas to keep out of, by their corners [m].
+        waypoints: places to pass on the way to the goal, in this order [m].
+        path: points of the line to follow to the goal, for laws that follow one [m].
+        tolerance: the goal and each waypoint counts as reached within this distance [m].
         timeout: the mission is given up after this time [s].
         guidance, control, navigation, motion: the laws of the loop; in a file each is a section
             whose ``kind`` names the law and whose other keys are that law's own.
@@ -131,6 +152,10 @@ class Mission(Settings):
     goal: tuple[Coordinate, Coordinate]
     start: tuple[Coordinate, Coordinate, float] = (0.0, 0.0, 0.0)
     obstacles: Annotated[tuple[Obstacle, ...], Field(strict=False)] = ()
+    walls: Annotated[tuple[Places, ...], Field(strict=False)] = ()
+    polygons: Annotated[tuple[Places, ...], Field(strict=False)] = ()
+    waypoints: Places = ()
+    path: Places = ()
     tolerance: Positive = 0.10
     timeout: Annotated[float, Field(gt=0, le=86_400)] = 120.0
     guidance: Annotated[Guidance, PlainValidator(partial(law, "guidance"))] = PotentialField()
@@ -172,16 +197,43 @@ class Mission(Settings):
             raise ValueError("obstacles must be a list: write obstacles: [[x, y], [x, y]]")
         return tuple(value)
 
+    @field_validator("waypoints", "path", mode="before")
+    @classmethod
+    def _places(cls, value: Any, info: ValidationInfo) -> Any:
+        return () if value is None else _points(value, str(info.field_name), 1)
+
+    @field_validator("walls", "polygons", mode="before")
+    @classmethod
+    def _lines(cls, value: Any, info: ValidationInfo) -> Any:
+        if value is None:
+            return ()
+        name = str(info.field_name)
+        if not isinstance(value, list | tuple):
+            raise ValueError(f"{name} is {shown(value)}: {_LINES_FORM.format(name)}")
+        at_least = 2 if name == "walls" else 3
+        return tuple(_points(v, f"{name}[{k}]", at_least) for k, v in enumerate(value, 1))
+
     @model_validator(mode="after")
     def _clear(self) -> "Mission":
         """Nothing drives out of an obstacle, or into one, without touching it."""
-        for what, (x, y) in (("start", self.start[:2]), ("goal", self.goal)):
-            for o in self.obstacles:
-                if math.hypot(o.x - x, o.y - y) <= o.radius:
-                    raise ValueError(
-                        f"the {what} ({x:g}, {y:g}) lies inside the obstacle at ({o.x:g}, {o.y:g}) "
-                        f"of radius {o.radius:g} m: move one of them"
-                    )
+        scene = self.scene()
+        standing = tuple(o for o in scene.obstacles if o.vx == o.vy == 0)
+        places: list[tuple[tuple[str | int, ...], str, Place, tuple[Disc, ...]]] = [
+            (("start",), "start", self.start[:2], scene.obstacles),
+            (("goal",), "goal", self.goal, standing),  # one that moves goes away again
+        ]
+        places += [
+            ((key, k), name, place, standing)
+            for key, name in (("waypoints", "waypoint"), ("path", "point of the path"))
+            for k, place in enumerate(getattr(self, key))
+        ]
+        for where, what, place, discs in places:
+            touched = _touched(place, discs, scene.walls, self.polygons)
+            if touched:
+                x, y = place
+                raise sentence_at(
+                    where, f"the {what} ({x:g}, {y:g}) lies {touched}: move one of them"
+                )
         return self
 
     def scene(self) -> Scene:
@@ -191,8 +243,11 @@ class Mission(Settings):
             start=Pose(x, y, wrap_angle(psi)),
             goal=self.goal,
             tolerance=self.tolerance,
-            obstacles=tuple(Disc(o.x, o.y, o.radius) for o in self.obstacles),
+            obstacles=tuple(o.disc for o in self.obstacles),
             geometry=self.vehicle.geometry,
+            walls=(*map(Wall, self.walls), *(Wall((*p, p[0])) for p in self.polygons)),
+            way=self.waypoints,
+            path=self.path,
             sensors=self.sensors,
         )
 
@@ -225,6 +280,40 @@ def load_mission(path: str | Path) -> Mission:
         return Mission.model_validate(source.values)
     except ValidationError as error:
         raise DataError(first_problem(error, source, Mission)) from None
+
+
+_LINES_FORM = "write {}: [[[x, y], [x, y], [x, y]]]"
+
+
+def _points(value: Any, name: str, at_least: int) -> tuple[Any, ...]:
+    """The points of a list, of which there must be enough."""
+    key = name.partition("[")[0]
+    form = f"write {name}: [[x, y], [x, y]]" if key == name else _LINES_FORM.format(key)
+    if not isinstance(value, list | tuple):
+        raise ValueError(f"{name} is {shown(value)}: {form}")
+    if value and not isinstance(value[0], list | tuple):
+        raise ValueError(f"{name} holds {shown(value[0])} where a point should be: {form}")
+    if len(value) < at_least:
+        raise ValueError(f"{name} has {len(value)} points and needs {at_least}: {form}")
+    return tuple(_vector(v, f"{name}[{k}]", ("x", "y"), 2) for k, v in enumerate(value, 1))
+
+
+def _touched(
+    place: Place, discs: Sequence[Disc], walls: Sequence[Wall], polygons: Sequence[Sequence[Place]]
+) -> str:
+    """Where a place is that nothing can drive to; empty where it is free."""
+    x, y = place
+    for o in discs:
+        if math.hypot(o.x - x, o.y - y) <= o.radius:
+            return f"inside the obstacle at ({o.x:g}, {o.y:g}) of radius {o.radius:g} m"
+    for k, polygon in enumerate(polygons, 1):
+        if inside(polygon, place):
+            return f"inside polygons[{k}]"
+    for wall in walls:
+        if nearest_point(wall, x, y, floats) == place:
+            (ax, ay), (bx, by) = wall.points[:2]
+            return f"on the wall that begins with ({ax:g}, {ay:g}), ({bx:g}, {by:g})"
+    return ""
 
 
 def _vector(value: Any, name: str, parts: tuple[str, ...], at_least: int) -> tuple[Any, ...]:

@@ -78,7 +78,7 @@ def _unknown(place: Place, model: type[BaseModel], values: Mapping[str, Any]) ->
 def _known_keys(place: Place, model: type[BaseModel], values: Mapping[str, Any]) -> list[str]:
     section = str(place[0]) if place else ""
     if section == "obstacles":
-        return ["at", "radius"]
+        return ["at", "radius", "velocity"]
     if section == "sensors":
         chosen = place[1:2]
         return (

@@ -20,6 +20,9 @@ _PATH_POINTS = 1500
 _WIDE = 2.2
 """A scene this many times wider than high is drawn above the time plots, not beside them."""
 
+_SOLID = "#8d99a6"
+"""What must not be touched."""
+
 _ENDINGS = {
     "arrived": ("arrived after", style.GREEN),
     "timeout": ("timed out after", style.VERMILION),
@@ -30,11 +33,17 @@ _ENDINGS = {
 
 @dataclass(frozen=True)
 class Obstacle:
-    """A round obstacle: its centre and radius [m]."""
+    """A round obstacle.
+
+    Attributes:
+        x, y, radius: its centre at the beginning, and its radius [m].
+        moved: how far its centre has come by the end, in x and y [m].
+    """
 
     x: float
     y: float
     radius: float
+    moved: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +59,9 @@ class MissionPicture:
         pwm: left and right pulse width [µs], shape (N, 2).
         goal: x, y [m].
         tolerance: distance to the goal at which the robot has arrived [m].
-        obstacles: the obstacles.
+        obstacles: the round ones.
+        walls, polygons: lines and areas to keep clear of, each by its points, shape (n, 2) [m].
+        waypoints, course: points to pass, and those of the line to follow, shape (n, 2) [m].
         influence: range of the repulsive field around an obstacle's centre [m]; 0 draws none.
         speed_reference: Vd [m/s], shape (N,), or None.
         heading_reference: ψd [rad], shape (N,), any winding, or None.
@@ -69,6 +80,10 @@ class MissionPicture:
     goal: tuple[float, float]
     tolerance: float
     obstacles: tuple[Obstacle, ...] = ()
+    walls: tuple[Array, ...] = ()
+    polygons: tuple[Array, ...] = ()
+    waypoints: Array | None = None
+    course: Array | None = None
     influence: float = 0.0
     speed_reference: Array | None = None
     heading_reference: Array | None = None
@@ -147,6 +162,8 @@ def _scene(picture: MissionPicture) -> tuple[float, float, float, float]:
     circles = [(*picture.goal, picture.tolerance)]
     circles += [(o.x, o.y, o.radius) for o in picture.obstacles]
     points = picture.pose[np.isfinite(picture.pose[:, :2]).all(axis=1), :2]
+    lines = (*picture.walls, *picture.polygons, picture.waypoints, picture.course)
+    points = np.vstack([points, *(line for line in lines if line is not None)])
     centres, radii = np.array(circles)[:, :2], np.array(circles)[:, 2:]
     corners = np.vstack([points, centres - radii, centres + radii])
     left, bottom = (float(v) for v in corners.min(axis=0))
@@ -161,17 +178,8 @@ def _circle(x: float, y: float, radius: float) -> tuple[Array, Array]:
 
 
 def _draw_scene(axes: "Axes", picture: MissionPicture) -> None:
-    for k, o in enumerate(picture.obstacles):
-        axes.fill(*_circle(o.x, o.y, o.radius), color="#8d99a6", linewidth=0, zorder=2)
-        if picture.influence > 0:
-            ring = _circle(o.x, o.y, picture.influence)
-            axes.plot(
-                *ring,
-                color="#9fb0bf",
-                linewidth=0.8,
-                linestyle=(0, (4, 3)),
-                label="range of the field" if k == 0 else "_",
-            )
+    _draw_obstacles(axes, picture)
+    _draw_way(axes, picture)
     goal = _circle(*picture.goal, picture.tolerance)
     axes.fill(*goal, color=style.GREEN, alpha=0.18, linewidth=0, zorder=2)
     axes.plot(*goal, color=style.GREEN, linewidth=1.0, label="goal and tolerance", zorder=2)
@@ -201,6 +209,62 @@ def _draw_scene(axes: "Axes", picture: MissionPicture) -> None:
         loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.5
     ).set_in_layout(False)
     axes.set_title(" ")
+
+
+def _draw_obstacles(axes: "Axes", picture: MissionPicture) -> None:
+    """Obstacles, walls and areas; one that moves where it began, and fainter where it ended."""
+    for polygon in picture.polygons:
+        axes.fill(*polygon.T, color=_SOLID, linewidth=0, zorder=2)
+    for wall in picture.walls:
+        axes.plot(*wall.T, color=_SOLID, linewidth=2.2, solid_capstyle="round", zorder=2)
+    range_named = False
+    for o in picture.obstacles:
+        axes.fill(*_circle(o.x, o.y, o.radius), color=_SOLID, linewidth=0, zorder=2)
+        if any(o.moved):
+            end = o.x + o.moved[0], o.y + o.moved[1]
+            axes.fill(*_circle(*end, o.radius), color=_SOLID, alpha=0.45, linewidth=0, zorder=2)
+            axes.annotate(
+                "",
+                end,
+                (o.x, o.y),
+                arrowprops={"arrowstyle": "->", "color": "#5d6b79", "linewidth": 1.0},
+                annotation_clip=True,
+                zorder=2.5,
+            )
+        elif picture.influence > 0:
+            ring = _circle(o.x, o.y, picture.influence)
+            axes.plot(
+                *ring,
+                color="#9fb0bf",
+                linewidth=0.8,
+                linestyle=(0, (4, 3)),
+                label="_" if range_named else "range of the field",
+            )
+            range_named = True
+
+
+def _draw_way(axes: "Axes", picture: MissionPicture) -> None:
+    """The line to follow and the places to pass."""
+    if picture.course is not None:
+        axes.plot(
+            *picture.course.T,
+            color=style.VERMILION,
+            linewidth=1.0,
+            linestyle=(0, (5, 3)),
+            label="line to follow",
+            zorder=2.6,
+        )
+    if picture.waypoints is not None:
+        axes.plot(
+            *picture.waypoints.T,
+            color=style.VERMILION,
+            marker="D",
+            markersize=5,
+            markerfacecolor="white",
+            linestyle="none",
+            label="waypoints",
+            zorder=2.7,
+        )
 
 
 def _draw_headings(axes: "Axes", picture: MissionPicture) -> None:

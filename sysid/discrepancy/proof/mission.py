@@ -18,6 +18,8 @@ from sysid.discrepancy.pose.ground_model import without_readings
 from sysid.discrepancy.pose.windows import path_of, track_channels
 from sysid.effects.ground import Ground
 from sysid.errors import ModelError
+from sysid.mission.clearance import has_surfaces, step_clearance
+from sysid.mission.contracts import Pose
 from sysid.mission.mapping import as_robot
 from sysid.mission.result import MissionResult
 from sysid.mission.simulator import simulate
@@ -256,18 +258,17 @@ def _open_facts(trace: PathTrace) -> dict[str, Any]:
 
 def _measured_facts(record: Record, mission: Mission) -> dict[str, Any]:
     assert record.pose is not None
-    pose = record.pose[np.isfinite(record.pose).all(axis=1)]
+    known = np.isfinite(record.pose).all(axis=1)
+    pose, t = record.pose[known], (record.t - record.t0)[known]
     step = max(1, round(STRIDE / record.dt))
     coarse = np.vstack([pose[::step, :2], pose[-1:, :2]])
-    clearances = [
-        float(np.min(np.hypot(pose[:, 0] - o.x, pose[:, 1] - o.y)) - o.radius)
-        for o in mission.obstacles
-    ]
+    scene, ways = mission.scene(), (Pose(*pose[:-1].T), Pose(*pose[1:].T))
+    clearance = step_clearance(scene, *ways, t[1:], np.diff(t), np)
     return {
         "time_s": float((len(record) - 1) * record.dt),
         "final": dict(zip(("x", "y", "psi"), pose[-1].tolist(), strict=True)),
         "path_length_m": float(np.hypot(*np.diff(coarse, axis=0).T).sum()),
-        "min_clearance_m": min(clearances) if clearances else None,
+        "min_clearance_m": float(np.min(clearance)) if has_surfaces(scene) else None,
     }
 
 

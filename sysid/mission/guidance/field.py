@@ -10,7 +10,8 @@ from typing import Annotated, Any, NamedTuple, Protocol
 import numpy as np
 from pydantic import Field
 
-from sysid.mission.contracts import GuidanceAdvice, GuidanceInputs, Pose, References, Scene
+from sysid.mission.clearance import nearest_point
+from sysid.mission.contracts import Disc, GuidanceAdvice, GuidanceInputs, Pose, References, Scene
 from sysid.mission.settings import Gain, GuidanceSettings, Positive
 from sysid.vehicle.kinematics import Real, wrap_angle
 
@@ -123,8 +124,9 @@ class PotentialField(GuidanceSettings):
         scene, pose = inputs.scene, inputs.estimate.pose
         x, y, psi = pose
         turn = state.after(psi, xp)
-        fx, fy = total_force(x, y, scene.goal, scene.obstacles, self, xp)
-        speed = speed_reference(x, y, scene.goal, scene.obstacles, self, xp)
+        acting = acting_points(scene, x, y, inputs.t, xp)
+        fx, fy = total_force(x, y, scene.goal, acting, self, xp)
+        speed = speed_reference(x, y, scene.goal, acting, self, xp)
         # Where the forces cancel exactly no direction is better than the present one.
         heading = xp.where((fx == 0) & (fy == 0), psi, xp.arctan2(fy, fx))
         turning = turn.sense != 0
@@ -149,6 +151,15 @@ class PotentialField(GuidanceSettings):
         """The distance to the goal plus the track travel B/2·|angle| still to turn [m]."""
         still_to_turn = state.remaining(pose.psi, xp)
         return scene.to_goal(pose, xp) + 0.5 * scene.geometry.B * still_to_turn
+
+
+def acting_points(scene: Scene, x: Real, y: Real, t: Real, xp: Any = np) -> tuple[Disc, ...]:
+    """The points that repel at ``t``: those of the obstacles, and of each wall the nearest one.
+
+    A wall acts as one obstacle, however many pieces it is drawn in (thesis 4.22: q_obs).
+    """
+    walls = (Disc(*nearest_point(wall, x, y, xp), 0.0) for wall in scene.walls)
+    return (*(o.at(t) for o in scene.obstacles), *walls)
 
 
 def attractive_force(
