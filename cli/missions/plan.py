@@ -1,5 +1,6 @@
 """``sysid plan``: what the guidance of a mission wants, before anything drives."""
 
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -142,7 +143,7 @@ def _draw(path: Path, name: str, mission: "Mission", found: "Plan") -> None:
         goal=mission.goal,
         tolerance=mission.tolerance,
         discs=tuple((o.x, o.y, o.radius) for o in scene.obstacles),
-        walls=tuple((w.ax, w.ay, w.bx, w.by) for w in scene.walls),
+        walls=tuple((*a, *b) for w in scene.walls for a, b in pairwise(w.points)),
         ends=found.ends,
         panels=tuple(panels),
     )

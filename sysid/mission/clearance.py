@@ -19,7 +19,7 @@ def step_clearance(scene: Scene, a: Pose, b: Pose, t: Real, dt: Real, xp: Any) -
         t, dt: instant of ``b`` and time since ``a`` [s].
         xp: array namespace.
     """
-    clearance = xp.inf
+    clearance = xp.inf + 0.0 * a.x  # of the shape of the poses
     for o in scene.obstacles:
         before = t - dt
         sx, sy = o.vx * dt, o.vy * dt
@@ -33,6 +33,12 @@ def step_clearance(scene: Scene, a: Pose, b: Pose, t: Real, dt: Real, xp: Any) -
             gap = distance_between_segments((a.x, a.y), (b.x, b.y), c, d, xp)
             clearance = xp.minimum(clearance, gap)
     return clearance
+
+
+def point_clearance(scene: Scene, x: Real, y: Real, t: Real, xp: Any) -> Real:
+    """The distance from a place to the nearest surface at ``t`` [m]; infinite without any."""
+    at = Pose(x, y, 0.0)
+    return step_clearance(scene, at, at, t, 0.0, xp)
 
 
 def has_surfaces(scene: Scene) -> bool:

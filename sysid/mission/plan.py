@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array
+from sysid.mission.clearance import point_clearance
 from sysid.mission.contracts import (
     Body,
     Disc,
@@ -19,7 +20,6 @@ from sysid.mission.contracts import (
 )
 from sysid.mission.guidance.field import PotentialField, attractive_force, repulsive_force
 from sysid.mission.guidance.field import speed_reference as field_speed
-from sysid.mission.loop import distance_to_segment
 from sysid.mission.spec import Mission
 
 
@@ -137,7 +137,7 @@ def plan(mission: Mission) -> Plan:
     ends, share = _ends(law, scene, x, y)
     grid_x, grid_y = np.meshgrid(x, y)
     psi, speed = _references(law, scene, grid_x, grid_y)
-    clearance = float(np.min(_distance(scene, *way.T)))
+    clearance = float(np.min(point_clearance(scene, *way.T, 0.0, np)))
     potential = None
     if isinstance(law, HasPotential):
         potential = np.asarray(law.potential(grid_x, grid_y, scene, np))
@@ -165,8 +165,8 @@ def _map(scene: Scene) -> tuple[Array, Array]:
     """The part of the plane that matters, with room around it."""
     places = [(scene.start.x, scene.start.y, 0.0), (*scene.goal, 0.0)]
     places += [(o.x, o.y, o.radius) for o in scene.obstacles]
-    places += [p for w in scene.walls for p in ((w.ax, w.ay, w.radius), (w.bx, w.by, w.radius))]
-    places += [(*p, 0.0) for p in scene.way]
+    places += [(*p, 0.0) for w in scene.walls for p in w.points]
+    places += [(*p, 0.0) for p in (*scene.way, *scene.path)]
     at = np.array(places)
     low, high = at[:, :2] - at[:, 2:] - FLOW.margin, at[:, :2] + at[:, 2:] + FLOW.margin
     (left, bottom), (right, top) = low.min(axis=0), high.max(axis=0)
@@ -223,7 +223,7 @@ def _ends(
     """Where ways from all over the map end besides the goal, and the share that arrives."""
     grid = np.meshgrid(np.linspace(x[0], x[-1], FLOW.side), np.linspace(y[0], y[-1], FLOW.side))
     starts = np.column_stack([g.ravel() for g in grid])
-    starts = starts[_distance(scene, *starts.T) > 0]
+    starts = starts[point_clearance(scene, *starts.T, 0.0, np) > 0]
     ways, arrived, _ = _followed(law, scene, starts)
     last = np.array([w[np.isfinite(w[:, 0])][-1] for w in ways.transpose(1, 0, 2)])
     places: list[tuple[float, float]] = []
@@ -232,17 +232,6 @@ def _ends(
         if inside and all(math.dist(p, (px, py)) > FLOW.apart for p in places):
             places.append((float(px), float(py)))
     return tuple(places), float(np.mean(arrived)) if len(arrived) else 0.0
-
-
-def _distance(scene: Scene, x: Array, y: Array) -> Array:
-    """From each place to the nearest surface [m]; infinite where there is none."""
-    found = np.full(np.shape(x), math.inf)
-    for o in scene.obstacles:
-        found = np.minimum(found, np.hypot(x - o.x, y - o.y) - o.radius)
-    for w in scene.walls:
-        a, b = Pose(w.ax, w.ay, 0.0), Pose(w.bx, w.by, 0.0)
-        found = np.minimum(found, distance_to_segment(x, y, a, b, np) - w.radius)
-    return found
 
 
 def _varied(law: PotentialField, gain: str) -> tuple[tuple[float, ...], list[PotentialField]]:

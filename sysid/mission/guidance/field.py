@@ -141,7 +141,7 @@ class PotentialField(GuidanceSettings):
         rho_g = xp.hypot(x - scene.goal[0], y - scene.goal[1])
         near, far = 0.5 * self.K * rho_g**2, self.K * self.d * (rho_g - 0.5 * self.d)
         total = xp.where(rho_g <= self.d, near, far)
-        for o in scene.obstacles:
+        for o in acting_points(scene, x, y, 0.0, xp):
             rho = xp.maximum(xp.hypot(x - o.x, y - o.y), NEAREST)
             push = 0.5 * self.eta * (1.0 / rho - 1.0 / self.rho0) ** 2
             total = total + xp.where(rho <= self.rho0, push, 0.0)
