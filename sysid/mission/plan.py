@@ -137,7 +137,7 @@ def plan(mission: Mission) -> Plan:
     ends, share = _ends(law, scene, x, y)
     grid_x, grid_y = np.meshgrid(x, y)
     psi, speed = _references(law, scene, grid_x, grid_y)
-    clearance = float(np.min(point_clearance(scene, *way.T, 0.0, np)))
+    clearance = float(np.min(point_clearance(scene, way[:, 0], way[:, 1], 0.0, np)))
     potential = None
     if isinstance(law, HasPotential):
         potential = np.asarray(law.potential(grid_x, grid_y, scene, np))
@@ -223,7 +223,7 @@ def _ends(
     """Where ways from all over the map end besides the goal, and the share that arrives."""
     grid = np.meshgrid(np.linspace(x[0], x[-1], FLOW.side), np.linspace(y[0], y[-1], FLOW.side))
     starts = np.column_stack([g.ravel() for g in grid])
-    starts = starts[point_clearance(scene, *starts.T, 0.0, np) > 0]
+    starts = starts[point_clearance(scene, starts[:, 0], starts[:, 1], 0.0, np) > 0]
     ways, arrived, _ = _followed(law, scene, starts)
     last = np.array([w[np.isfinite(w[:, 0])][-1] for w in ways.transpose(1, 0, 2)])
     places: list[tuple[float, float]] = []
