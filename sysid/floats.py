@@ -42,6 +42,26 @@ def sign(x: Any) -> Any:
     return np.sign(x)
 
 
+def sqrt(x: Any) -> Any:
+    """√x; NaN below zero."""
+    return math.sqrt(x) if type(x) is float and x >= 0 else np.sqrt(x)
+
+
+def floor(x: Any) -> Any:
+    """The largest whole number that is not above ``x``."""
+    return float(math.floor(x)) if type(x) is float else np.floor(x)
+
+
+def isnan(x: Any) -> Any:
+    """Whether ``x`` is no number."""
+    return math.isnan(x) if type(x) is float else np.isnan(x)
+
+
+def logical_not(x: Any) -> Any:
+    """The contrary of a truth value."""
+    return not x if type(x) is bool else np.logical_not(x)
+
+
 def hypot(x: Any, y: Any) -> Any:
     """√(x² + y²)."""
     return math.hypot(x, y) if type(x) is float and type(y) is float else np.hypot(x, y)

@@ -131,6 +131,27 @@ class Scene(NamedTuple):
         return xp.hypot(pose.x - self.goal[0], pose.y - self.goal[1])
 
 
+class Figures(NamedTuple):
+    """What a filter has to know of one reading of a sensor.
+
+    Attributes:
+        variance: of its white error, quantisation included [unit²].
+        bias_variance: of the bias it starts with [unit²].
+        bias_drift: what the bias's variance gains a second [unit²/s].
+        interval: time between two readings [s].
+        delay: samples of the plant between the instant that a reading is of and the sample at which
+            navigation gets it.
+        dropout: probability that a reading is lost.
+    """
+
+    variance: float
+    bias_variance: float = 0.0
+    bias_drift: float = 0.0
+    interval: float = 0.0
+    delay: int = 0
+    dropout: float = 0.0
+
+
 class References(NamedTuple):
     """What guidance asks of control.
 
@@ -338,6 +359,10 @@ class Sensor(Protocol):
     @property
     def draws(self) -> int:
         """Standard normal numbers that a sample needs."""
+        ...
+
+    def figures(self, dt: float) -> Mapping[str, Figures]:
+        """How well it reads, by name, where the plant's sample time is ``dt`` [s]."""
         ...
 
     def start(self, scene: Scene, xp: Any) -> State: ...

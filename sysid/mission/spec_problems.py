@@ -28,6 +28,10 @@ def first_problem(error: ValidationError, source: YamlSource, model: type[BaseMo
 
     # A misspelt key is also a missing one: the spelling is what the reader has to hear about.
     problems = sorted(error.errors(), key=lambda p: (line(p), p["type"] == "missing"))
+    for problem in problems:
+        place = problem["loc"]
+        if place and isinstance(place[-1], int) and place not in source.lines:
+            problem["loc"] = place[:-1]  # one number that stands for all of a list
     first, *others = dict.fromkeys(line(p) for p in problems)
     more = f" (more to correct in line {', '.join(map(str, others))})" if others else ""
     return f"{source.name}:{first}: {_sentence(problems[0], model, source.values)}{more}"
@@ -37,6 +41,7 @@ _LIMITS = {
     "greater_than": ("gt", "above"),
     "greater_than_equal": ("ge", "of at least"),
     "less_than_equal": ("le", "of at most"),
+    "less_than": ("lt", "below"),
 }
 
 

@@ -21,6 +21,7 @@ from sysid.criteria.table import BUILT_IN
 from sysid.data.excitation import DESIGNS
 from sysid.mission.registry import ROLES, kinds, law_class
 from sysid.mission.result import Outcome
+from sysid.mission.sensors.imperfect import ImperfectSensor
 from sysid.mission.spec import Mission
 from sysid.structures.base import Structure
 from sysid.structures.registry import structure_classes
@@ -174,8 +175,7 @@ def mission_keys(model: type[BaseModel] = Mission, prefix: str = "") -> list[str
     found = []
     for name, field in model.model_fields.items():
         if name == "sensors":
-            of_kinds = {k: law_class(name, k) for k in kinds(name)}
-            found += [key for k, c in of_kinds.items() for key in mission_keys(c, f"{name}.{k}.")]
+            found.append(name)  # its keys have a page of their own
             continue
         kind = law_class(name, kinds(name)[0]) if name in ROLES else field.annotation
         if isinstance(kind, type) and issubclass(kind, BaseModel):
@@ -185,11 +185,19 @@ def mission_keys(model: type[BaseModel] = Mission, prefix: str = "") -> list[str
     return found
 
 
+def sensor_keys() -> list[str]:
+    """Kinds of sensors, the keys that all of them have, and those of a kind as kind.key."""
+    shared = ImperfectSensor.model_fields.keys()
+    of_kinds = {k: law_class("sensors", k).model_fields.keys() - shared for k in kinds("sensors")}
+    return [*shared, *of_kinds, *(f"{k}.{key}" for k, keys in of_kinds.items() for key in keys)]
+
+
 @pytest.mark.parametrize(
     ("page", "words"),
     [
         ("criteria.md", list(BUILT_IN)),
         ("missions.md", [*mission_keys(), *(o.value for o in Outcome)]),
+        ("sensors.md", sensor_keys()),
         ("data.md", list(DESIGNS)),
     ],
 )

@@ -1,40 +1,41 @@
 """A rate gyroscope."""
 
-from typing import Annotated, Any
+import math
+from typing import Any, ClassVar
 
-from pydantic import Field
-
-from sysid.mission.contracts import Scene, SensorInputs
-from sysid.mission.settings import Settings
+from sysid.mission.contracts import SensorInputs, State
+from sysid.mission.sensors.imperfect import (
+    AboveZero,
+    ImperfectSensor,
+    NotNegative,
+    Reals,
+)
+from sysid.mission.settings import Positive
 from sysid.vehicle.kinematics import Real
 
+_DEGREE = math.pi / 180.0
 
-class Gyroscope(Settings):
-    """Reads the yaw rate with white noise: σ = noise·√rate.
 
-    Attributes:
-        noise: density [rad/s/√Hz].
+class Gyroscope(ImperfectSensor):
+    """Reads the yaw rate ψ̇ [rad/s].
+
+    Noise, range and resolution are those of the MPU-9250 (data sheet PS-MPU-9250A-01, §3.1: 0.01
+    °/s/√Hz, ±250 °/s in 16 bit); the bias walks as in the EuRoC records (Burri et al. 2016: 1.9e-5
+    rad/s/√s). A bias of 0.1 °/s, the sheet's total noise, is left of the sheet's 5 °/s after
+    averaging at rest.
     """
 
-    noise: Annotated[float, Field(ge=0, le=1e3)] = 1e-3
+    measured: ClassVar[tuple[str, ...]] = ("gyro_z",)
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """``gyro_z`` [rad/s]."""
-        return ("gyro_z",)
+    rate: Positive = 100.0
+    noise: NotNegative = (0.01 * _DEGREE,)
+    bias_std: NotNegative = (0.1 * _DEGREE,)
+    bias_walk: NotNegative = (1.9e-5,)
+    saturation: AboveZero | None = (250.0 * _DEGREE,)
+    resolution: NotNegative = (250.0 * _DEGREE / 2**15,)
 
-    @property
-    def draws(self) -> int:
-        """One number a sample."""
-        return 1
-
-    def start(self, scene: Scene, xp: Any) -> tuple[()]:
-        """Nothing is remembered."""
-        return ()
-
-    def step(
-        self, state: tuple[()], inputs: SensorInputs, dt: Real, xp: Any
-    ) -> tuple[tuple[()], tuple[Real, ...]]:
-        """The reading; nothing at t = 0."""
-        noise = self.noise / xp.sqrt(xp.maximum(dt, 1e-9)) * inputs.draws[0]
-        return (), (xp.where(dt > 0, inputs.body.yaw_rate + noise, xp.nan),)
+    def measure(
+        self, own: State, inputs: SensorInputs, since: Real, dt: Real, xp: Any
+    ) -> tuple[State, Reals]:
+        """ψ̇ at this sample."""
+        return own, (inputs.body.yaw_rate,)
