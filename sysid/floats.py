@@ -7,6 +7,7 @@ here (the same on every processor, to the last bit); everything else, and every 
 """
 
 import math
+from bisect import bisect_right
 from typing import Any
 
 import numpy as np
@@ -87,8 +88,18 @@ def maximum(a: Any, b: Any) -> Any:
 
 
 def clip(x: Any, low: Any, high: Any) -> Any:
-    """``x`` cut to [low, high]."""
+    """``x`` cut to [low, high]; NaN stays NaN."""
+    if type(x) is type(low) is type(high) and (type(x) is float or type(x) is int):
+        x = low if x < low else x
+        return high if x > high else x
     return minimum(maximum(x, low), high)
+
+
+def searchsorted(points: Any, x: Any, side: Any = "left") -> Any:
+    """How many of these rising points lie below ``x``, or at it where ``side`` is right."""
+    if type(x) is float and type(points) is list and side == "right":
+        return bisect_right(points, x)
+    return np.searchsorted(points, x, side)
 
 
 def where(condition: Any, one: Any, other: Any) -> Any:

@@ -111,6 +111,13 @@ def test_plain_floats_choose_and_cut() -> None:
     assert floats.where(np.bool_(True), 1.0, 2.0) == 1.0
     np.testing.assert_array_equal(floats.where(np.array([True, False]), 1.0, 2.0), (1.0, 2.0))
     assert [floats.clip(x, -1.0, 1.0) for x in (-3.0, 0.5, 3.0)] == [-1.0, 0.5, 1.0]
+    assert [floats.clip(k, 0, 2) for k in (-1, 1, 5)] == [0, 1, 2]
+    assert floats.clip(0.0, 1.0, -1.0) == np.clip(0.0, 1.0, -1.0)
+    assert math.isnan(floats.clip(math.nan, -1.0, 1.0))
+    rising = [-1.0, 0.0, 0.0, 2.0]
+    for x in (-2.0, 0.0, 0.5, 2.0, 3.0, math.nan):
+        for side in ("left", "right"):
+            assert floats.searchsorted(rising, x, side) == np.searchsorted(rising, x, side)
     with pytest.raises(TypeError, match="logical_not"):
         floats.where(-2, 1.0, 2.0)  # what ~True is
     assert floats.sqrt(4.0) == 2.0

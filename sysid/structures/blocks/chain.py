@@ -16,16 +16,19 @@ nonlinearity, so derivatives are filtered signals (Wills, Schön, Ljung & Ninnes
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from sys import maxsize
 from typing import Any
 
 import numpy as np
 
+from sysid import floats
 from sysid.data.filtering import lfilter, lfilter_zi
 from sysid.data.record import Array, Index
 from sysid.fitting.marquardt import Conditions, loss, marquardt
 from sysid.structures.blocks.layers import Layer, LinearLayer, StaticLayer
 from sysid.structures.linear.predictor import roots_inside
+from sysid.structures.recursive.single_values import together
 
 FORGOTTEN = 1e-24
 """Size to which an impulse decays before its further course is taken for zero. Left to itself it
@@ -281,46 +284,74 @@ class BlockChain:
         return total if np.isfinite(total) else np.inf, x
 
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
-        """(x, u) → (x⁺, y), over whatever array namespace x and u are of."""
-        plans: list[Any] = []
-        for k, layer in enumerate(self.layers):
-            p = theta[self.place(k)]
-            plans.append(
-                [
-                    (i, j, order, _padded(B, order), _padded(F, order))
-                    for i, j, order, _, B, F in layer.entries(p)
-                ]
-                if isinstance(layer, LinearLayer)
-                else [p[a:b] for a, b in zip(layer.edges[:-1], layer.edges[1:], strict=True)]
-            )
+        """(x, u) → (x⁺, y), over the namespace of x and u; in NumPy on plain numbers."""
+        plans = [
+            _linear_plan(layer, theta[self.place(k)])
+            if isinstance(layer, LinearLayer)
+            else _static_plan(layer, theta[self.place(k)])
+            for k, layer in enumerate(self.layers)
+        ]
 
         def advance(x: Array, u: Array) -> tuple[Array, Array]:
-            xp: Any = x.__array_namespace__()
-            signal: Any = u
-            parts: list[Any] = []
-            at = 0
-            for layer, plan in zip(self.layers, plans, strict=True):
-                if isinstance(layer, StaticLayer):
-                    signal = xp.concatenate(
-                        [
-                            layer.value(c, signal[c : c + 1], xp.asarray(own), xp)
-                            for c, own in enumerate(plan)
-                        ]
-                    )
-                    continue
-                out: list[Any] = [xp.zeros(1)] * layer.n_outputs
-                for i, j, order, B, F in plan:
-                    state = x[at : at + order]
-                    s = signal[j : j + 1]
-                    w = B[0] * s + state[:1] if order else B[0] * s
-                    moved = xp.concatenate([state[1:], xp.zeros(min(order, 1))])
-                    parts.append(moved + B[1:] * s - F[1:] * w)
-                    out[i] = out[i] + w
-                    at += order
-                signal = xp.concatenate(out)
-            return xp.concatenate(parts) if parts else x, signal
+            own: Any = x.__array_namespace__()
+            plain = own is np
+            xp: Any = floats if plain else own
+            state: Any = x.tolist() if plain else x
+            signal: Any = u.tolist() if plain else u
+            after: list[Any] = []
+            for plan in plans:
+                signal, moved = plan(xp, state[len(after) :], signal)
+                after += moved
+            return together(own, after) if after else x, together(own, signal)
 
         return advance
+
+
+Plan = Callable[[Any, Any, Any], tuple[list[Any], list[Any]]]
+"""(namespace, states from the layer's own on, what enters) → (what leaves, its states after)."""
+
+
+def _numbers(p: Any) -> list[Any]:
+    return p.tolist() if isinstance(p, np.ndarray) else list(p)
+
+
+def _static_plan(layer: StaticLayer, p: Array) -> Plan:
+    channels = []
+    for c, (a, b) in enumerate(pairwise(layer.edges)):
+        offset = _numbers(layer.offset(c, p[a:b])[None])[0]
+        channels.append((layer.statics[c], p[a:b], _numbers(p[a:b]), offset))
+
+    def step(xp: Any, x: Any, signal: Any) -> tuple[list[Any], list[Any]]:
+        return [
+            static.value(s, plain if xp is floats else xp.asarray(own), xp) + offset
+            for s, (static, own, plain, offset) in zip(signal, channels, strict=True)
+        ], []
+
+    return step
+
+
+def _linear_plan(layer: LinearLayer, p: Array) -> Plan:
+    entries: list[tuple[int, int, list[Any], list[Any]]] = []
+    for q, (i, j) in enumerate(layer.pairs):
+        numbers = _numbers(p[layer.edges[q] : layer.edges[q + 1]])
+        nb, length = layer.nb[i][j], layer.orders[q] + 1
+        B = [*[0.0] * layer.nk[i][j], *numbers[:nb], *[0.0] * length][:length]
+        F = [1.0, *numbers[nb:], *[0.0] * length][:length]
+        entries.append((i, j, B, F))
+
+    def step(xp: Any, x: Any, signal: Any) -> tuple[list[Any], list[Any]]:
+        out: list[Any] = [0.0] * layer.n_outputs
+        after: list[Any] = []
+        for i, j, B, F in entries:
+            s, at, order = signal[j], len(after), len(B) - 1
+            w = B[0] * s + x[at] if order else B[0] * s
+            for k in range(1, order + 1):
+                kept = x[at + k] if k < order else 0.0
+                after.append(kept + B[k] * s - F[k] * w)
+            out[i] = out[i] + w
+        return out, after
+
+    return step
 
 
 def _delayed(rows: Array, first: int, x: Array, lag: int, count: int) -> None:
@@ -330,10 +361,6 @@ def _delayed(rows: Array, first: int, x: Array, lag: int, count: int) -> None:
         shift = lag + k
         if shift < n:
             rows[first + k, shift:] = x[: n - shift]
-
-
-def _padded(polynomial: Array, order: int) -> Array:
-    return np.concatenate([polynomial, np.zeros(order + 1 - len(polynomial))])
 
 
 def _through_statics(

@@ -41,16 +41,18 @@ class StaticLayer:
 
     n_states = 0
 
-    def value(self, k: int, x: Any, p: Any, xp: Any = np) -> Any:
-        """The output of channel k for its input x; p are the channel's parameters."""
+    def offset(self, k: int, p: Array) -> Any:
+        """What channel k adds to its static: y0, or what brings it through the origin."""
+        xp: Any = p.__array_namespace__()
         static = self.statics[k]
-        if static.is_identity:
-            return x + p[0] if self.last else x
-        own = p[: static.n]
-        if not self.last:
-            return static.value(x, own, xp) - static.value(xp.zeros(1), own, xp)[0]
-        value = static.value(x, own, xp)
-        return value + p[static.n] if self.has_y0(k) else value
+        if self.last:
+            return p[static.n] if self.has_y0(k) else xp.zeros(())
+        return -static.value(xp.zeros(1), p[: static.n], xp)[0]
+
+    def value(self, k: int, x: Array, p: Array) -> Array:
+        """The output of channel k for its input x; p are the channel's parameters."""
+        out: Array = self.statics[k].value(x, p) + self.offset(k, p)
+        return out
 
     def evaluated(self, k: int, x: Array, p: Array) -> tuple[Array, Array | None, Array]:
         """(value, slope or None where it is 1, partial derivatives) of channel k."""
