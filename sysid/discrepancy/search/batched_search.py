@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sysid.data.record import Array
+from sysid.data.record import Array, Index
 from sysid.discrepancy.search.supermodel import Data, SuperModel
+from sysid.fitting.batched import Damping, descend_together
 
 PROFILES, PROFILE_POINTS, PROFILE_STEPS = (3.0, 1.3), 9, 8
 """A number on which runs depend by jumps is first held from 1/f to f times its value while all
@@ -24,11 +24,8 @@ GRIDS, GRID_POINTS = (1.2, 1.05), 21
 FLAT = 1e-6
 """A lane rests when a step gains less than this share of its cost, unless told otherwise."""
 
-STEEPEST = 1e6
-"""A lane rests when its damping exceeds this: no step gains."""
-
-Slopes = tuple[Array, Array]
-"""(g, H): gradient and Gauss–Newton matrix in scaled numbers."""
+DAMPING = Damping(first=1e-2, fall=0.2, rise=6.0, least=1e-9, most=1e6)
+"""Enough at first: slopes by differences of runs that jump say little beyond a short step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,13 +77,11 @@ def search(
         (q (lanes, slots), cost (lanes, tracks)).
     """
     lanes = [_lane(model, q, f) for q, f in zip(q0, free, strict=True)]
-    state = _Search(model, data, lanes, q0.copy(), flat)
-    for _ in range(iterations):
-        active = np.flatnonzero(~state.resting.all(axis=1))
-        if not len(active):
-            break
-        state.advance(active)
-    return state.q, state.cost
+    fits = _Fits(model, data, lanes, q0)
+    theta, cost = descend_together(
+        fits.run, fits.start, fits.free, fits.bounds, DAMPING, iterations, flat
+    )
+    return fits.rows(theta), fits.by_track(cost)
 
 
 def refined(
@@ -197,137 +192,118 @@ def best_tracks(model: SuperModel, q: Array, cost: Array) -> Array:
 def information(model: SuperModel, q: Array, free: Sequence[int], data: Data) -> Array:
     """Gauss–Newton matrix JᵀWJ over the free slots in their own units, (n, n)."""
     lane = _Lane(((tuple(free), tuple(range(model.tracks))),), tuple((k,) for k in free))
-    state = _Search(model, data, [lane], q[None].copy())
-    scale = state.scale[list(free)]
-    return np.asarray(state.slopes[0][0][1] / np.outer(scale, scale))
+    fits = _Fits(model, data, [lane], q[None])
+    A, _ = fits.run(fits.start, np.arange(1)).normal(np.arange(1))
+    return np.asarray(A[0])
 
 
-class _Search:
-    """Where each lane stands: numbers, costs, slopes, damping."""
+class _Fits:
+    """The groups of all lanes: each is a fit of its own, a lane's run is that of all its groups.
 
-    def __init__(
-        self,
-        model: SuperModel,
-        data: Data,
-        lanes: Sequence[_Lane],
-        q: Array,
-        flat: float = FLAT,
-    ) -> None:
-        self.flat = flat
+    Numbers are counted in their typical sizes.
+    """
+
+    def __init__(self, model: SuperModel, data: Data, lanes: Sequence[_Lane], q: Array) -> None:
         self.model, self.data, self.lanes, self.q = model, data, lanes, q
-        self.lower = np.array([s.lower for s in model.slots])
-        self.upper = np.array([s.upper for s in model.slots])
-        self.scale = np.array([s.scale for s in model.slots])
-        self.shift = np.array([s.shift for s in model.slots])
-        count, tracks = len(q), model.tracks
-        self.damping = np.full((count, tracks), 1e-2)
-        self.resting = np.zeros((count, tracks), dtype=bool)
-        self.slopes: list[list[Slopes]] = [[] for _ in lanes]
-        runs = model.run(q, data)
-        self.cost = np.array([self._cost(run) for run in runs])
-        self._differentiate(range(count), runs)
-
-    def _cost(self, run: Array) -> Array:
-        sums = np.sum((self.data.weight * (self.data.y - run)) ** 2, axis=0)
-        return np.where(np.isfinite(sums), sums, np.inf)
-
-    def _differentiate(self, lanes: Sequence[int], runs: Array) -> None:
-        """Slopes of these lanes, whose runs are given."""
-        rows, shifts = [], []
-        for k in lanes:
-            for slots in self.lanes[k].columns:
-                index = np.array(slots)
-                h = self.shift[index]
-                h = np.where(self.q[k, index] + h > self.upper[index], -h, h)
-                moved = self.q[k].copy()
-                moved[index] += h
-                rows.append(moved)
-                shifts.append(dict(zip(slots, h / self.scale[index], strict=True)))
-        moved_runs = self.model.run(np.array(rows), self.data) if rows else runs[:0]
-        at = 0
-        for k, run in zip(lanes, runs, strict=True):
-            lane = self.lanes[k]
-            width = len(lane.columns)
-            J = moved_runs[at : at + width] - run
-            column = {s: c for c, slots in enumerate(lane.columns) for s in slots}
-            step = {s: h for shift in shifts[at : at + width] for s, h in shift.items()}
-            at += width
-            r = self.data.weight * (self.data.y - run)
-            self.slopes[k] = [
-                self._normal(J, r, slots, tracks, column, step) for slots, tracks in lane.groups
-            ]
-
-    def _normal(
-        self,
-        J: Array,
-        r: Array,
-        slots: tuple[int, ...],
-        tracks: tuple[int, ...],
-        column: dict[int, int],
-        step: dict[int, float],
-    ) -> Slopes:
-        h = np.array([step[s] for s in slots])
-        g, H = np.zeros(len(slots)), np.zeros((len(slots), len(slots)))
-        for i in tracks:
-            part = J[[column[s] for s in slots], :, i] * self.data.weight[:, i] / h[:, None]
-            part = np.where(np.isfinite(part), part, 0.0)
-            g += part @ np.nan_to_num(r[:, i])
-            H += part @ part.T
-        return g, H
-
-    def advance(self, active: NDArray[np.int64]) -> None:
-        """One step of every active lane."""
-        trial = self.q[active].copy()
-        for q, k in zip(trial, active, strict=True):
-            for (slots, tracks), (g, H) in zip(self.lanes[k].groups, self.slopes[k], strict=True):
-                if not self.resting[k, list(tracks)].all():
-                    self._move(q, np.array(slots), g, H, float(self.damping[k, tracks[0]]))
-        runs = self.model.run(trial, self.data)
-        better = [
-            i for i, k in enumerate(active) if self._judge(int(k), trial[i], self._cost(runs[i]))
-        ]
-        if better:
-            # a lane of which one track was turned down runs as its accepted numbers say
-            lanes = [int(active[i]) for i in better]
-            mixed = [
-                not np.array_equal(self.q[k], trial[i]) for i, k in zip(better, lanes, strict=True)
-            ]
-            kept = runs[better]
-            if any(mixed):
-                kept[mixed] = self.model.run(self.q[np.array(lanes)[mixed]], self.data)
-            self._differentiate(lanes, kept)
-
-    def _judge(self, k: int, trial: Array, cost: Array) -> bool:
-        """Take over what has gained, group by group; whether anything has and may gain more."""
-        took = False
-        for slots, tracks in self.lanes[k].groups:
-            at = list(tracks)
-            if self.resting[k, at].all():
-                continue
-            old, new = float(self.cost[k, at].sum()), float(cost[at].sum())
-            if new < old:
-                self.q[k, list(slots)] = trial[list(slots)]
-                self.cost[k, at] = cost[at]
-                self.damping[k, at] = np.maximum(self.damping[k, at] / 5.0, 1e-9)
-                self.resting[k, at] = (old - new) < self.flat * old
-                took = took or not self.resting[k, at].all()
-            else:
-                self.damping[k, at] *= 6.0
-                self.resting[k, at] = self.damping[k, at] > STEEPEST
-        return took
-
-    def _move(self, q: Array, slots: Array, g: Array, H: Array, damping: float) -> None:
-        """One damped Gauss–Newton step of q within the bounds; g points downhill."""
-        outward = ((q[slots] <= self.lower[slots]) & (g < 0)) | (
-            (q[slots] >= self.upper[slots]) & (g > 0)
+        self.groups = [(k, *group) for k, lane in enumerate(lanes) for group in lane.groups]
+        self.lane_of = np.array([k for k, _, _ in self.groups], dtype=np.intp)
+        width = max((len(slots) for _, slots, _ in self.groups), default=0)
+        self.place = np.zeros((len(self.groups), width), dtype=np.intp)
+        self.free = np.zeros(self.place.shape, dtype=bool)
+        for f, (_, slots, _) in enumerate(self.groups):
+            self.place[f, : len(slots)] = slots
+            self.free[f, : len(slots)] = True
+        lower, upper, shift = (
+            np.array([getattr(s, name) for s in model.slots])
+            for name in ("lower", "upper", "shift")
         )
-        index = np.flatnonzero(~outward)
-        if not len(index):
-            return
-        A, diagonal = H[np.ix_(index, index)], np.diag(H)[index]
-        diagonal = np.maximum(diagonal, 1e-12 * max(float(diagonal.max()), 1e-300))
-        step = np.linalg.lstsq(A + damping * np.diag(diagonal), g[index], rcond=None)[0]
-        moved = slots[index]
-        q[moved] = np.clip(
-            q[moved] + self.scale[moved] * step, self.lower[moved], self.upper[moved]
-        )
+        self.upper, self.shift = upper, shift
+        self.bounds = (lower[self.place], upper[self.place])
+        self.start = q[self.lane_of[:, None], self.place]
+
+    def rows(self, theta: Array) -> Array:
+        """Numbers of all lanes, (lanes, slots)."""
+        q = self.q.copy()
+        for (k, slots, _), mine in zip(self.groups, theta, strict=True):
+            q[k, list(slots)] = mine[: len(slots)]
+        return q
+
+    def by_track(self, cost: Array) -> Array:
+        """Costs of all lanes, (lanes, tracks), from those of the groups; what none moves is run."""
+        found = np.full((len(self.q), self.model.tracks), np.nan)
+        for (k, _, tracks), mine in zip(self.groups, cost, strict=True):
+            found[k, list(tracks)] = mine[list(tracks)]
+        rest = np.flatnonzero(np.isnan(found).any(axis=1))
+        if len(rest):
+            runs = self.model.run(self.q[rest], self.data)
+            own = np.array([squares(self.data, run) for run in runs])
+            found[rest] = np.where(np.isnan(found[rest]), own, found[rest])
+        return found
+
+    def run(self, theta: Array, which: Index) -> "_Trial":
+        """Runs of the lanes of some groups."""
+        lanes = np.unique(self.lane_of[which])
+        q = self.rows(theta)
+        runs = self.model.run(q[lanes], self.data) if len(lanes) else ()
+        return _Trial(self, q, which, dict(zip(lanes.tolist(), runs, strict=True)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """Some groups at some numbers: of all lanes, and the runs of theirs."""
+
+    fits: _Fits
+    q: Array
+    which: Index
+    runs: dict[int, Array]
+
+    @property
+    def cost(self) -> Array:
+        """Squared errors of the groups on each track, zero on others', (groups, tracks)."""
+        found = np.zeros((len(self.which), self.fits.model.tracks))
+        for row, f in zip(found, self.which, strict=True):
+            k, _, tracks = self.fits.groups[f]
+            row[list(tracks)] = squares(self.fits.data, self.runs[k])[list(tracks)]
+        return found
+
+    def normal(self, of: Index) -> tuple[Array, Array]:
+        """Normal equations of some of the groups, by differences."""
+        fits, mine = self.fits, self.which[of]
+        lanes = np.unique(fits.lane_of[mine]).tolist()
+        rows = np.array([row for k in lanes for row in self._shifted(k)[0]])
+        shifted = iter(fits.model.run(rows, fits.data) if len(rows) else ())
+        change = {k: [next(shifted) - self.runs[k] for _ in fits.lanes[k].columns] for k in lanes}
+        size = fits.place.shape[1]
+        A, g = np.zeros((len(of), size, size)), np.zeros((len(of), size))
+        for at, f in enumerate(mine):
+            k, slots, tracks = fits.groups[f]
+            column = {s: c for c, both in enumerate(fits.lanes[k].columns) for s in both}
+            step = self._shifted(k)[1]
+            n = len(slots)
+            for i in tracks:
+                weight = fits.data.weight[:, i]
+                S = np.array([weight * change[k][column[s]][:, i] / step[s] for s in slots])
+                S = np.where(np.isfinite(S), S, 0.0)
+                A[at, :n, :n] += S @ S.T
+                g[at, :n] += S @ np.nan_to_num(weight * (fits.data.y - self.runs[k])[:, i])
+        return A, g
+
+    def _shifted(self, k: int) -> tuple[list[Array], dict[int, float]]:
+        """Copies of a lane's numbers, one a column, and the shift of each slot."""
+        fits, rows = self.fits, []
+        step: dict[int, float] = {}
+        for slots in fits.lanes[k].columns:
+            at = list(slots)
+            row = self.q[k].copy()
+            h = np.where(row[at] + fits.shift[at] > fits.upper[at], -1.0, 1.0) * fits.shift[at]
+            row[at] += h
+            rows.append(row)
+            step |= dict(zip(slots, h.tolist(), strict=True))
+        return rows, step
+
+
+def squares(data: Data, run: Array) -> Array:
+    """Squared weighted error of a run (M, tracks) on each track; infinite where it is no number."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        sums = np.sum((data.weight * (data.y - run)) ** 2, axis=0)
+    return np.where(np.isfinite(sums), sums, np.inf)

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Array
+from sysid.data.record import Array, Index
+from sysid.fitting.batched import OneTrial, descend_alone
 from sysid.fitting.compiled import compiled, jax_module
 from sysid.fitting.problem import Problem
 from sysid.structures.linear.predictor import HUGE
@@ -35,7 +36,8 @@ PULL = 1e-2
 """Weight of the guess against one sample when a state is fitted: it decides what the head leaves
 open, such as the speed of a track that stands."""
 
-ROUNDS = 15
+ROUNDS = 30
+GAIN = 1e-10
 
 LASTING = 8.0
 """Slowest time constants in a run that tells whether it stays bounded: four in each half."""
@@ -347,44 +349,26 @@ def fitted_state(structure: "GreyBox", theta: Array, u: Array, y: Array, samples
     Levenberg-Marquardt over the state alone, drawn weakly towards ``state_guess``.
     """
     k = min(samples, len(y))
-    x = structure.state_guess(theta, u[: max(k, 1)], y[: max(k, 1)])
-    n = len(x)
+    prior = structure.state_guess(theta, u[: max(k, 1)], y[: max(k, 1)])
+    n = len(prior)
     if n == 0 or k == 0:
-        return x
+        return prior
     scale = np.maximum(np.std(y, axis=0), 1e-300)
-    prior, size = x.copy(), np.where(np.abs(x) > 0, np.abs(x), 1.0)
-
     states = np.arange(len(theta) + n) >= len(theta)
 
     def slopes(x: Array) -> Array:
+        """∂ŷ/∂x in spreads of the outputs, (k·ny, n)."""
         D = tangents(structure, theta, [u[:k]], x[:, None], states)[0][len(theta) :]
-        rows = (D / -scale[:, None]).reshape(n, -1).T
-        return np.vstack([rows, PULL * np.diag(1.0 / size)])
+        return np.asarray((D / scale[:, None]).reshape(n, -1).T)
 
-    def errors(x: Array) -> Array:
-        e = (y[:k] - free_run(structure, theta, [u[:k]], x[:, None])[0]) / scale
-        return np.concatenate([e.T.ravel(), PULL * (x - prior) / size])
-
-    J = slopes(x)
     # the pull counts in units in which one sample sees one state
-    seen = np.linalg.norm(J[:-n], axis=0)
-    size = 1.0 / np.where(seen > 0.0, seen / np.sqrt(k), 1.0 / size)
-    e, damping = errors(x), 1e-3
-    for _ in range(ROUNDS):
-        J = slopes(x)
-        gram = J.T @ J
-        improved = False
-        while damping < 1e8:
-            step = np.linalg.solve(gram + damping * np.diag(np.diag(gram)), -J.T @ e)
-            trial = errors(x + step)
-            if np.all(np.isfinite(trial)) and trial @ trial < e @ e:
-                improved = True
-                break
-            damping *= 10.0
-        if not improved:
-            break
-        gained = 1.0 - (trial @ trial) / (e @ e)
-        x, e, damping = x + step, trial, damping / 10.0
-        if gained < 1e-10:
-            break
-    return x
+    seen = np.linalg.norm(slopes(prior), axis=0) / np.sqrt(k)
+    usual = np.where(np.abs(prior) > 0, np.abs(prior), 1.0)
+    pull = PULL * np.where(seen > 0.0, seen, 1.0 / usual)
+
+    def tried(x: Array, _: Index) -> OneTrial:
+        e = (y[:k] - free_run(structure, theta, [u[:k]], x[0][:, None])[0]) / scale
+        errors = np.concatenate([e.T.ravel(), pull * (prior - x[0])])
+        return OneTrial(errors, lambda: np.vstack([slopes(x[0]), np.diag(pull)]))
+
+    return descend_alone(tried, prior, ROUNDS, GAIN)

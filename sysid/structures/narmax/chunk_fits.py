@@ -14,20 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Index
+from sysid.fitting.batched import Damping, descend_together
 from sysid.structures.narmax.runs import PolynomialRun
 from sysid.structures.recursive.chunks import Data, Piece, pieces, side_by_side
 from sysid.structures.recursive.monomials import Term
 
-START = 1e-9
-"""Damping of the first step: next to none, lagged signals are nearly collinear."""
-
-FALL, RISE = 0.1, 30.0
-LEAST, STIFFEST = 1e-13, 1e5
-"""Damping is kept above the rounding of normal equations; where it grows beyond the other, a fit
-is over: steps have become too short to matter."""
-
-LOOSE = 1e-4
-"""Damping below which a step that gains little means an end; a stiff one may only be short."""
+DAMPING = Damping(first=1e-9, fall=0.1, rise=30.0, least=1e-13, most=1e5, loose=1e-4)
+"""Next to none at first: lagged signals are nearly collinear, and shorter steps lead nowhere."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,38 +51,10 @@ def fit_together(
     batch = _Batch(fits, limits, length)
     theta, mask = batch.starts()
     # with fewer samples than coefficients there is nothing to fit
-    going = batch.samples > mask.sum(axis=1)
-    weights, full, cost = batch.run(theta)
-    normal = batch.normal(weights, full)
-    damping = np.full(len(fits), START)
-    for _ in range(evaluations - 1):
-        if not going.any():
-            break
-        trial = theta + np.where(going[:, None], _steps(*normal, mask, damping), 0.0)
-        new_weights, new_full, new_cost = batch.run(trial)
-        better = going & (new_cost < cost)
-        settled = better & (new_cost > (1.0 - tolerance) * cost) & (damping < LOOSE)
-        damping = np.where(better, np.maximum(damping * FALL, LEAST), damping * RISE)
-        theta[better] = trial[better]
-        cost = np.where(better, new_cost, cost)
-        going = going & ~settled & (damping < STIFFEST)
-        if better.any() and going.any():
-            pieces = better[batch.group]
-            weights[..., pieces] = new_weights[..., pieces]
-            full[..., pieces] = new_full[..., pieces]
-            normal = batch.normal(weights, full)
+    free = mask & (batch.samples > mask.sum(axis=1))[:, None]
+    open_ = (np.array(-np.inf), np.array(np.inf))
+    theta, _ = descend_together(batch.run, theta, free, open_, DAMPING, evaluations - 1, tolerance)
     return [theta[k, [batch.place[t] for t in fit.terms]] for k, fit in enumerate(fits)]
-
-
-def _steps(A: Array, g: Array, mask: NDArray[np.bool_], damping: Array) -> Array:
-    """(A + λ diag A)⁻¹ g of each fit in columns of unit norm, zero where a term is absent."""
-    diagonal = np.einsum("gkk->gk", A)
-    norms = np.sqrt(np.where(mask & (diagonal > 0.0), diagonal, 1.0))
-    both = mask[:, :, None] & mask[:, None, :]
-    scaled = np.where(both, A / (norms[:, :, None] * norms[:, None, :]), 0.0)
-    scaled += np.einsum("gk,kl->gkl", np.where(mask, damping[:, None], 1.0), np.eye(g.shape[1]))
-    found = np.linalg.solve(scaled, np.where(mask, g / norms, 0.0)[:, :, None])[:, :, 0] / norms
-    return np.asarray(np.where(mask, found, 0.0))
 
 
 class _Batch:
@@ -132,8 +97,8 @@ class _Batch:
             mask[k, where] = True
         return theta, mask
 
-    def run(self, theta: Array) -> tuple[Array, Array, Array]:
-        """Weights and free runs of all chunks, and the squared error of each fit."""
+    def run(self, theta: Array, which: Index) -> "_Trial":
+        """Free runs of all chunks, of which those of some fits count."""
         run = self._run
         length, _, pieces = self._products.shape
         weights = np.zeros((1, length, len(run.products), pieces))
@@ -141,11 +106,13 @@ class _Batch:
         for k, (m, q) in enumerate(zip(run.y_index[0], run.u_index[0], strict=True)):
             if each[:, k].any():
                 weights[0, :, m] += each[:, k] * self._products[:, q]
-        full = run.runs(weights, self._past)
+        return _Trial(self, weights, run.runs(weights, self._past), which)
+
+    def squares(self, full: Array) -> Array:
+        """Squared error of each fit."""
         with np.errstate(over="ignore", invalid="ignore"):
-            squares = self._inside * (full[run.depth :, 0] - self._y) ** 2
-            cost = self._by_fit(squares.sum(axis=0))
-        return weights, full, np.where(np.isfinite(cost), cost, np.inf)
+            errors = self._inside * (full[self._run.depth :, 0] - self._y) ** 2
+            return self._by_fit(errors.sum(axis=0))
 
     def normal(self, weights: Array, full: Array) -> tuple[Array, Array]:
         """SᵀS and Sᵀ(y − ŷ) of each fit, S = ∂ŷ/∂θ."""
@@ -158,3 +125,23 @@ class _Batch:
             A = self._by_fit(S @ S.transpose(0, 2, 1))
             g = self._by_fit(np.einsum("bkl,lb->bk", S, e))
         return np.nan_to_num(A), np.nan_to_num(g)
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """Free runs of all chunks at some coefficients."""
+
+    batch: _Batch
+    weights: Array
+    full: Array
+    which: Index
+
+    @property
+    def cost(self) -> Array:
+        """Squared errors of the fits that count."""
+        return self.batch.squares(self.full)[self.which, None]
+
+    def normal(self, of: Index) -> tuple[Array, Array]:
+        """Normal equations of some of them."""
+        A, g = self.batch.normal(self.weights, self.full)
+        return A[self.which[of]], g[self.which[of]]
