@@ -192,10 +192,15 @@ class Loop:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Columns of the log: what every mission has, what the sensors read, what laws report."""
-        read = (name for sensor in self.scene.sensors.values() for name in sensor.names)
+        """Columns of the log: what every mission has, what the sensors read, what laws report.
+
+        Where encoders read the wheels, their readings are ``omega_l``, ``omega_r`` as in a robot's
+        log, and the speeds themselves are ``true_omega_l``, ``true_omega_r``.
+        """
+        read = tuple(name for sensor in self.scene.sensors.values() for name in sensor.names)
+        true = (f"true_{name}" if name in read else name for name in COLUMNS)
         shown = (name for _, law in self.reporting for name in law.columns)
-        return (*COLUMNS, *read, *shown)
+        return (*true, *read, *shown)
 
     @property
     def draws(self) -> tuple[int, ...]:

@@ -10,6 +10,7 @@ from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError, V
 from sysid.errors import UsageError
 from sysid.extensions import loaded, points, unusable
 from sysid.mission.contracts import Controller, Guidance, Motion, Navigation, Sensor
+from sysid.mission.loop import COLUMNS
 from sysid.mission.yaml_source import shown
 
 GROUP = "sysid.mission"
@@ -29,9 +30,17 @@ BUILT_IN = {
     "control.pi-p": "control.pi_p:SpeedPIYawP",
     "navigation.odometry": "navigation.odometry:Odometry",
     "motion.kinematic": "motion.kinematic:Kinematic",
+    "sensors.encoders": "sensors.encoders:Encoders",
     "sensors.gyroscope": "sensors.gyroscope:Gyroscope",
+    "sensors.accelerometer": "sensors.accelerometer:Accelerometer",
+    "sensors.magnetometer": "sensors.magnetometer:Magnetometer",
+    "sensors.visual_odometry": "sensors.visual_odometry:VisualOdometry",
+    "sensors.position_fixes": "sensors.position_fixes:PositionFixes",
 }
 """Module and class of every law that comes with the package; the first of a role is its default."""
+
+WHEELS = {"omega_l", "omega_r"}
+"""What a sensor may read in the place of the exact wheel speeds."""
 
 
 def kinds(role: str) -> tuple[str, ...]:
@@ -111,19 +120,29 @@ def sensor_set(section: Any) -> Mapping[str, Sensor]:
     problems: list[InitErrorDetails] = []
     for kind, keys in section.items():
         try:
-            law_class("sensors", kind)  # blames the name, not a key of it
-            named = {"kind": kind}
-            keys = (
-                {**keys, **named} if isinstance(keys, Mapping) else named if keys is None else keys
-            )
-            found[kind] = law("sensors", keys)
+            cls = law_class("sensors", kind)
+            sensor: Any = keys
+            if not isinstance(keys, ROLES["sensors"]):
+                sensor = cls.model_validate({} if keys is None else keys)
+            _check_names(sensor.names, found)
+            found[kind] = sensor
         except UsageError as error:
-            raise ValueError(str(error)) from None
+            problem = PydanticCustomError("sentence", "{sentence}", {"sentence": str(error)})
+            problems.append({"type": problem, "loc": (str(kind),), "input": keys})
         except ValidationError as error:
             problems += [_below(kind, e) for e in error.errors()]
     if problems:
         raise ValidationError.from_exception_data("sensors", problems)
     return found
+
+
+def _check_names(names: tuple[str, ...], others: Mapping[str, Sensor]) -> None:
+    """Refuse a sensor whose readings have the name of something else in the log."""
+    for kind, other in others.items():
+        for name in {*names} & {*other.names}:
+            raise UsageError(f"{name} is read by sensors.{kind} already: remove one of them")
+    for name in {*names} & {*COLUMNS} - WHEELS:
+        raise UsageError(f"a sensor reads {name}, which is a column of every mission: rename it")
 
 
 def _below(kind: str, error: ErrorDetails) -> InitErrorDetails:

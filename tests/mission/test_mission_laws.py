@@ -339,7 +339,21 @@ def test_what_sensors_read_is_in_the_log_and_follows_the_seed(tmp_path: Path) ->
             3,
             "unknown key 'nois' in sensors.gyroscope: did you mean 'noise'",
         ),
-        ("gyro: ", 2, "unknown kind 'gyro' of sensors: the kinds are gyroscope"),
+        ("gyroscope: 3", 3, "sensors.gyroscope is 3: write a section"),
+        ("gyroscope: {kind: field}", 3, "unknown key 'kind' in sensors.gyroscope"),
+        ("gyroscope: {rate: 0}", 3, "sensors.gyroscope.rate is 0: give a number above 0"),
+        ("gyroscope: {dropout: 1}", 3, "sensors.gyroscope.dropout is 1: give a number below 1"),
+        ("gyroscope: {latency: 20}", 3, "sensors.gyroscope.latency is 20: .* at most 5"),
+        ("gyroscope: {saturation: 0}", 3, "sensors.gyroscope.saturation is 0: .* above 0"),
+        ("gyroscope: {noise: }", 3, "sensors.gyroscope.noise is empty: give a number"),
+        ("gyroscope: {noise: [1, 2]}", 3, "noise has 2 numbers: give one, .* each of gyro_z"),
+        (
+            "magnetometer: {bias: [1, x]}",
+            3,
+            r"sensors.magnetometer.bias\[2\] is the text 'x': give a number",
+        ),
+        ("magnetometer: {iron: [[1, 2]]}", 3, r"iron must be .*: write iron: \[\[x, y, strength"),
+        ("gyro: ", 3, "unknown kind 'gyro' of sensors: the kinds are encoders, gyroscope, "),
     ],
 )
 def test_a_mistake_in_a_sensor_is_named_with_its_line(

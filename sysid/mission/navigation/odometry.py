@@ -1,17 +1,27 @@
 """Odometry: dead reckoning from the wheel speeds."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
-from sysid.mission.contracts import Body, NavigationInputs, Scene
+from sysid.mission.contracts import Body, NavigationInputs, Pose, Scene
 from sysid.mission.motion.kinematic import moved
 from sysid.mission.settings import Positive, Settings
-from sysid.vehicle.kinematics import Geometry, Real
+from sysid.vehicle.kinematics import Geometry, Real, body_velocity, step_pose
+
+
+class Reckoned(NamedTuple):
+    """The last estimate, and for how long no encoder has been read [s]."""
+
+    pose: Pose
+    speed: Real
+    yaw_rate: Real
+    waited: Real
 
 
 class Odometry(Settings):
     """Dead reckoning by the kinematics (thesis 6.2.2): V_x and ψ̇ of (2.13), integrated.
 
-    Its state is the last estimate.
+    Speeds that are known exactly are those of the instant, and vary linearly in between. Encoders
+    give the mean since their last reading, and the pose moves on by it when it comes.
 
     Attributes:
         r, B: lengths that odometry believes [m]; the vehicle's unless given.
@@ -20,15 +30,36 @@ class Odometry(Settings):
     r: Positive | None = None
     B: Positive | None = None
 
-    def start(self, scene: Scene, xp: Any) -> Body:
+    def start(self, scene: Scene, xp: Any) -> Reckoned:
         """At rest in the start pose, which is known."""
-        return Body(scene.start, 0.0, 0.0)
+        return Reckoned(scene.start, 0.0, 0.0, 0.0)
 
-    def step(self, state: Body, inputs: NavigationInputs, dt: Real, xp: Any) -> tuple[Body, Body]:
+    def step(
+        self, state: Reckoned, inputs: NavigationInputs, dt: Real, xp: Any
+    ) -> tuple[Reckoned, Body]:
         """The estimate ``dt`` seconds later."""
         geometry = inputs.scene.geometry
         if self.r is not None or self.B is not None:
             geometry = Geometry(self.r or geometry.r, self.B or geometry.B)
-        readings = inputs.readings
-        estimate = moved(state, readings["omega_l"], readings["omega_r"], geometry, dt, xp)
-        return estimate, estimate
+        omega = inputs.readings["omega_l"], inputs.readings["omega_r"]
+        if any("omega_l" in sensor.names for sensor in inputs.scene.sensors.values()):
+            after = _counted(state, *omega, geometry, dt, xp)
+            return after, Body(*after[:3])
+        estimate = moved(Body(*state[:3]), *omega, geometry, dt, xp)
+        return Reckoned(*estimate, 0.0), estimate
+
+
+def _counted(
+    state: Reckoned, omega_l: Real, omega_r: Real, geometry: Geometry, dt: Real, xp: Any
+) -> Reckoned:
+    """Moved on by the mean speeds since the last reading, if there is one."""
+    came = xp.logical_not(xp.isnan(omega_l + omega_r))
+    waited = state.waited + dt
+    speed, yaw_rate = body_velocity(omega_l, omega_r, geometry)
+    speed, yaw_rate = (
+        xp.where(came, now, last)
+        for now, last in ((speed, state.speed), (yaw_rate, state.yaw_rate))
+    )
+    time = xp.where(came, waited, 0.0)
+    pose = Pose(*step_pose(*state.pose, speed, yaw_rate, time, xp=xp))
+    return Reckoned(pose, speed, yaw_rate, waited - time)

@@ -23,10 +23,14 @@ AboveZero = tuple[Positive, ...]
 LONGEST_LATENCY = 5.0
 """[s] Position fixes over a radio link come tenths of a second late; more than this is a number
 meant in milliseconds."""
+Latency = Annotated[float, Field(ge=0, le=LONGEST_LATENCY)]
 LONGEST_DELAY = 1000
 """Samples on their way at once; each of them costs time and memory at every sample."""
 ROUNDING = 1e-9
 """k·dt and j/rate of one instant differ by rounding, in parts of themselves."""
+
+AT_ONCE = 1e-9
+"""[s] A time to divide by where none has passed, at t = 0; sums over it are nothing."""
 
 
 class Remembered(NamedTuple):
@@ -71,6 +75,9 @@ class ImperfectSensor(Settings):
 
     measured: ClassVar[tuple[str, ...]] = ()
     """What it measures with these figures, the first of its readings."""
+    adds_up: ClassVar[bool] = False
+    """Whether its readings are sums of what it measured, so that noise averages over the time since
+    the last instant, however long that was."""
 
     rate: Positive
     noise: NotNegative
@@ -78,7 +85,7 @@ class ImperfectSensor(Settings):
     bias_std: NotNegative = (0.0,)
     bias_walk: NotNegative = (0.0,)
     dropout: Annotated[float, Field(ge=0, lt=1)] = 0.0
-    latency: Annotated[float, Field(ge=0, le=LONGEST_LATENCY)] = 0.0
+    latency: Latency = 0.0
     saturation: AboveZero | None = None
     resolution: NotNegative = (0.0,)
 
@@ -167,10 +174,6 @@ class ImperfectSensor(Settings):
         """
         raise NotImplementedError
 
-    def averaged(self, since: Real, dt: float, xp: Any) -> Real:
-        """Time over which noise is averaged [s]; sums average since the last one."""
-        return self.interval(dt)
-
     def read(
         self, own: State, measured: Reals, since: Real, now: Real, arrives: Real, xp: Any
     ) -> tuple[State, Reals]:
@@ -218,7 +221,8 @@ class ImperfectSensor(Settings):
         arrives = now & xp.logical_not(draws[2 * n] < _quantile(self.dropout))
         own, ideal = self.measure(state.own, inputs, since, dt, xp)
         bias = self._walked(state.bias, draws[n : 2 * n], dt, xp)
-        root = xp.sqrt(self.averaged(since, inputs.scene.dt, xp))
+        span = self.interval(inputs.scene.dt)
+        root = xp.sqrt(xp.maximum(since, AT_ONCE) if self.adds_up else span)
         noise = zip(ideal, bias, each(self.noise, n), draws[:n], strict=True)
         measured = tuple(value + b + density / root * z for value, b, density, z in noise)
         if self.saturation is not None:
