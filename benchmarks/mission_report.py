@@ -121,10 +121,10 @@ surface). The bundled robot is nonlinear, so that each log gives another linear 
 
 def write(_folder: Path) -> Mapping[str, str]:
     """The tables."""
-    found = {log: _identified(log) for log in LOGS}
-    best = _best_by_aic(found["prbs"])
+    found = {log: identified(log) for log in LOGS}
+    best = best_by_aic(found["prbs"])
     results = {b.mission: run(best, _mission(b)) for b in BANDS}
-    text = HEAD.format(plant=_called(best)) + _published_table(results)
+    text = HEAD.format(plant=called(best)) + _published_table(results)
     text += BAND_HEAD + _band_table(results)
     text += SECTOR_HEAD + _sector_table(best)
     text += LOG_HEAD + _log_table({log: f.assessments[0].model for log, f in found.items()})
@@ -137,13 +137,13 @@ def run(model: Model, mission: Mission) -> MissionResult:
     return simulate(mission, robot)
 
 
-def _identified(log: str) -> Identification:
+def identified(log: str) -> Identification:
     estimation = read_logs([sysid_datasets.path(log)])
     validation = read_logs([sysid_datasets.path(f"{log}_val")])
     return identify(estimation, validation, Request(jobs=2))
 
 
-def _best_by_aic(found: Identification) -> Model:
+def best_by_aic(found: Identification) -> Model:
     contenders = [
         Contender(a.model.structure.name, a.model, found.estimation, a.to_json())
         for a in found.assessments
@@ -151,7 +151,7 @@ def _best_by_aic(found: Identification) -> Model:
     return compare(contenders, "aic", None).best.contender.model
 
 
-def _called(model: Model) -> str:
+def called(model: Model) -> str:
     return f"{model.structure.name} {orders_text(model.structure.order_values())}"
 
 
@@ -228,7 +228,7 @@ def _log_table(models: Mapping[str, Model]) -> str:
             what = result.final[1] if nearest is None else nearest
             inside = "" if band.holds(mission, result) else " (outside the band)"
             cells.append(f"{result.time_s:.1f} s, {what:.3f} m{inside}")
-        rows.append([f"`{log}.csv`", _called(model), *cells])
+        rows.append([f"`{log}.csv`", called(model), *cells])
     return table(["log", "plant", *(f"`{b.mission}`" for b in BANDS)], rows)
 
 

@@ -27,6 +27,7 @@ ROLES: Mapping[str, type] = {
 
 BUILT_IN = {
     "guidance.field": "guidance.field:PotentialField",
+    "guidance.steps": "guidance.steps:Steps",
     "control.pi-p": "control.pi_p:SpeedPIYawP",
     "navigation.odometry": "navigation.odometry:Odometry",
     "motion.kinematic": "motion.kinematic:Kinematic",

@@ -33,8 +33,9 @@ from sysid.report.correlation_panels import LagTest
 from sysid.report.dynamics_drawing import DynamicsPicture, PoleZeroSet, StepResponse
 from sysid.report.fit_picture import FitPicture, FitSegment
 from sysid.report.mission_drawing import MissionPicture, Obstacle
-from sysid.report.missions import plan_drawing
+from sysid.report.missions import plan_drawing, response_drawing
 from sysid.report.missions.plan_drawing import CurvePanel, PlanPicture
+from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
 from sysid.report.ranking_drawing import RankingPicture, RankingRow
 
 if TYPE_CHECKING:
@@ -46,12 +47,15 @@ __all__ = [
     "FitPicture",
     "FitSegment",
     "LagTest",
+    "Line",
     "MissionPicture",
     "Obstacle",
+    "Panel",
     "PlanPicture",
     "PoleZeroSet",
     "RankingPicture",
     "RankingRow",
+    "ResponsePicture",
     "StepResponse",
     "inline_svg",
     "picture_format",
@@ -60,6 +64,7 @@ __all__ = [
     "plot_mission",
     "plot_plan",
     "plot_ranking",
+    "plot_responses",
     "share_letters",
 ]
 
@@ -121,6 +126,16 @@ def plot_plan(path: Path, picture: PlanPicture) -> None:
     """
     size = plan_drawing.size_inches(picture)
     _write(path, size, lambda figure: plan_drawing.draw(figure, picture))
+
+
+def plot_responses(path: Path, picture: ResponsePicture) -> None:
+    """Draw answers over time beside their references, and paths in the plane.
+
+    Raises:
+        UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
+    """
+    size = response_drawing.size_inches(picture)
+    _write(path, size, lambda figure: response_drawing.draw(figure, picture))
 
 
 def plot_dynamics(path: Path, picture: DynamicsPicture) -> None:

@@ -1,0 +1,96 @@
+"""Pictures of tuning: answers over time beside a reference, and paths in the plane."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.report import style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_ROW = 2.9
+"""Height of a row of panels [in]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """One line of a panel: its name, x and y, and whether it is a reference."""
+
+    name: str
+    x: Array
+    y: Array
+    reference: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """Lines in one system of axes.
+
+    Attributes:
+        title, across, up: words of the panel and its axes.
+        lines: at most six that are no reference.
+        plane: whether both axes are lengths with one scale.
+        discs: obstacles and goals of a plane, (x, y, radius, colour) [m].
+    """
+
+    title: str
+    across: str
+    up: str
+    lines: tuple[Line, ...]
+    plane: bool = False
+    discs: tuple[tuple[float, float, float, str], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ResponsePicture:
+    """Panels in rows of at most three.
+
+    Attributes:
+        title, subtitle: the headline.
+        panels: in reading order.
+        columns: panels in a row.
+    """
+
+    title: str
+    subtitle: str
+    panels: tuple[Panel, ...]
+    columns: int = 3
+
+
+def size_inches(picture: ResponsePicture) -> tuple[float, float]:
+    """Width and height of the picture [in]."""
+    rows = -(-len(picture.panels) // picture.columns)
+    return style.WIDTH, 0.7 + _ROW * rows
+
+
+def draw(figure: "Figure", picture: ResponsePicture) -> None:
+    """Draw every panel."""
+    style.heading(figure, picture.title, picture.subtitle)
+    rows = -(-len(picture.panels) // picture.columns)
+    grid = figure.add_gridspec(rows, picture.columns)
+    for k, panel in enumerate(picture.panels):
+        _draw_panel(figure.add_subplot(grid[k // picture.columns, k % picture.columns]), panel)
+
+
+def _draw_panel(axes: "Axes", panel: Panel) -> None:
+    angle = np.linspace(0.0, 2.0 * np.pi, 73)
+    for x, y, radius, colour in panel.discs:
+        axes.fill(x + radius * np.cos(angle), y + radius * np.sin(angle), color=colour, zorder=2)
+    colours = iter(style.SERIES)
+    for line in panel.lines:
+        if line.reference:
+            dashed = {"color": style.INK, "linewidth": 1.0, "linestyle": (0, (4, 3)), "zorder": 4}
+            axes.plot(line.x, line.y, label=line.name, **dashed)
+        else:
+            axes.plot(line.x, line.y, label=line.name, color=next(colours), linewidth=1.5)
+    axes.set_title(panel.title)
+    axes.set_xlabel(panel.across)
+    axes.set_ylabel(panel.up)
+    axes.margins(x=0.02, y=0.1)
+    if panel.plane:
+        axes.set_aspect("equal", adjustable="datalim")
+    axes.legend(loc="best", borderaxespad=0.6)
