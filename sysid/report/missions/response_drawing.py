@@ -1,7 +1,7 @@
 """Pictures of tuning: answers over time beside a reference, and paths in the plane."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -83,7 +83,12 @@ def _draw_panel(axes: "Axes", panel: Panel) -> None:
     colours = iter(style.SERIES)
     for line in panel.lines:
         if line.reference:
-            dashed = {"color": style.INK, "linewidth": 1.0, "linestyle": (0, (4, 3)), "zorder": 4}
+            dashed: dict[str, Any] = {
+                "color": style.INK,
+                "linewidth": 1.0,
+                "linestyle": (0, (4, 3)),
+                "zorder": 4,
+            }
             axes.plot(line.x, line.y, label=line.name, **dashed)
         else:
             axes.plot(line.x, line.y, label=line.name, color=next(colours), linewidth=1.5)
