@@ -11,6 +11,7 @@ import numpy as np
 from sysid import floats
 from sysid.data.record import Array, Channel
 from sysid.effects.ground import Ground
+from sysid.mission.axis import AxisInputs, FirstOrder
 from sysid.mission.contracts import (
     ROBOT_INPUTS,
     ROBOT_OUTPUTS,
@@ -79,9 +80,16 @@ def _body(a: Array) -> Body:
     return Body(Pose(*a[:3].tolist()), float(a[3]), float(a[4]))
 
 
+def _axis(a: Array) -> AxisInputs:
+    v = [float(x) for x in a]
+    return AxisInputs(0.3, *v, -0.3, 0.3, 0.1 * v[1], FirstOrder(0.43, 0.2))
+
+
 EXAMPLE: dict[str, Any] = {
     "guidance": lambda a: GuidanceInputs(0.3, _body(a), SCENE),
     "control": lambda a: ControlInputs(0.3, References(0.1, float(a[0]), False), _body(a), SCENE),
+    "control.speed": lambda a: _axis(a),
+    "control.yaw": lambda a: _axis(a),
     "navigation": lambda a: NavigationInputs(
         0.3, {"omega_l": float(4 * a[0]), "omega_r": float(4 * a[1])}, SCENE
     ),

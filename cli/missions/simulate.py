@@ -34,6 +34,13 @@ def simulate(
         Path | None,
         typer.Option(metavar="FILE", help="CSV to write [WORKSPACE/missions/NAME.csv]."),
     ] = None,
+    control: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KIND",
+            help="Controller instead of the mission's: a kind, or speed=KIND,yaw=KIND.",
+        ),
+    ] = None,
     accept_changes: packages.AcceptChanges = False,
     *,
     read: "ReadOptions",
@@ -50,6 +57,8 @@ def simulate(
     drives = mission.suffix.lower() in _MISSION_FILES
     if drives and read != ReadOptions():
         raise UsageError(f"{mission} is a mission: options of reading a log have no use with it")
+    if control is not None and not drives:
+        raise UsageError(f"{mission} is a log to replay: --control has no use with it")
     name = f"{mission.stem}.csv" if drives else f"{mission.stem}_replay.csv"
     if log is not None:
         targets.check(log, "--log")
@@ -57,7 +66,7 @@ def simulate(
     if target.exists() and mission.exists() and target.samefile(mission):
         raise UsageError(f"--log {target} would overwrite what is simulated; name another file")
     if drives:
-        facts = _drive(mission, package.plant(), target, plot)
+        facts = _drive(mission, package.plant(), target, plot, control)
     else:
         facts = _replay(mission, package.plant(), target, plot, read)
     facts["warnings"] = [*package.notes, *facts["warnings"]]
@@ -73,7 +82,9 @@ def _load(place: Workspace, plant: Path | None, accept_changes: bool) -> "Packag
     return packages.read(plant or place.plant_dir, accept_changes)
 
 
-def _drive(path: Path, plant: "Plant", log: Path, plot: Path | None) -> dict[str, Any]:
+def _drive(
+    path: Path, plant: "Plant", log: Path, plot: Path | None, control: str | None
+) -> dict[str, Any]:
     import numpy as np
 
     from sysid.mission.mapping import as_robot
@@ -83,8 +94,12 @@ def _drive(path: Path, plant: "Plant", log: Path, plot: Path | None) -> dict[str
     from sysid.plant.replay import outside_domain
 
     from ..pictures import draw_mission
+    from .control_option import chosen_controller
 
     mission = load_mission(path)
+    if control is not None:
+        other = chosen_controller(control, mission.control)
+        mission = mission.model_copy(update={"control": other})
     robot, warnings = as_robot(plant, mission)
     with render.progress(f"Driving {path.name}"):
         result = simulate(mission, robot)

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from sysid.data.record import Array, Channel
 from sysid.effects.ground import Ground
+from sysid.mission.axis import PUBLISHED, Nominal
 from sysid.vehicle.kinematics import Geometry, Real
 
 State = Any
@@ -110,6 +111,7 @@ class Scene(NamedTuple):
         way: points to pass on the way to the goal.
         path: points of the line to follow to the goal, for laws that follow one.
         limits: what the plant can do.
+        nominal: what the plant answers to both commands, for controllers that need a model.
         sensors: what navigation reads besides the wheels, by kind, with its figures.
         dt: time between two samples [s]; the loop puts the plant's here.
     """
@@ -123,6 +125,7 @@ class Scene(NamedTuple):
     way: tuple[Point, ...] = ()
     path: tuple[Point, ...] = ()
     limits: Limits = Limits()
+    nominal: Nominal = PUBLISHED
     sensors: Mapping[str, "Sensor"] = MappingProxyType({})
     dt: float = 0.1
 
@@ -185,12 +188,17 @@ class GuidanceInputs(NamedTuple):
 
 
 class ControlInputs(NamedTuple):
-    """What control knows at a control instant ``t`` [s]."""
+    """What control knows at a control instant ``t`` [s].
+
+    Attributes:
+        applied: what of the last command reached the tracks, as far as is known [drive].
+    """
 
     t: Real
     references: References
     estimate: Body
     scene: Scene
+    applied: Command = Command(0.0, 0.0)
 
 
 class NavigationInputs(NamedTuple):
@@ -309,6 +317,11 @@ class Controller(Protocol):
 
     @property
     def advice(self) -> ControlAdvice: ...
+
+    @property
+    def uses_plant(self) -> bool:
+        """Whether it needs ``scene.nominal`` of the identified plant, which is then measured."""
+        ...
 
     def start(self, scene: Scene, xp: Any) -> State: ...
 

@@ -294,7 +294,7 @@ class Loop:
         scene, xp, dt = self.scene, self.xp, self.control.period
         asked = GuidanceInputs(t, state.estimate, scene)
         guidance, references = self.guidance.step(state.guidance, asked, dt, xp)
-        given = ControlInputs(t, references, state.estimate, scene)
+        given = ControlInputs(t, references, state.estimate, scene, drive_of(state.pwm))
         control, command = self.control.step(state.control, given, dt, xp)
         command = Command(*(xp.where(references.arrived, 0.0, c) for c in command))
         return state._replace(
@@ -341,3 +341,9 @@ def command_module(command: Command, xp: Any) -> tuple[Real, Real]:
         PWM_FULL_SCALE * xp.clip(v - psi, -1.0, 1.0),
         PWM_FULL_SCALE * xp.clip(v + psi, -1.0, 1.0),
     )
+
+
+def drive_of(pwm: tuple[Real, Real]) -> Command:
+    """The command that reached the tracks: what :func:`command_module` made ``pwm`` [µs] of."""
+    left, right = (p / PWM_FULL_SCALE for p in pwm)
+    return Command(0.5 * (left + right), 0.5 * (right - left))

@@ -9,6 +9,7 @@ from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError, V
 
 from sysid.errors import UsageError
 from sysid.extensions import loaded, points, unusable
+from sysid.mission.axis import AxisLaw
 from sysid.mission.contracts import Controller, Guidance, Motion, Navigation, Sensor
 from sysid.mission.loop import COLUMNS
 from sysid.mission.yaml_source import shown
@@ -19,6 +20,8 @@ GROUP = "sysid.mission"
 ROLES: Mapping[str, type] = {
     "guidance": Guidance,
     "control": Controller,
+    "control.speed": AxisLaw,
+    "control.yaw": AxisLaw,
     "navigation": Navigation,
     "motion": Motion,
     "sensors": Sensor,
@@ -29,6 +32,14 @@ BUILT_IN = {
     "guidance.field": "guidance.field:PotentialField",
     "guidance.steps": "guidance.steps:Steps",
     "control.pi-p": "control.pi_p:SpeedPIYawP",
+    "control.speed.pi": "control.linear:PI",
+    "control.speed.p": "control.linear:P",
+    "control.speed.pd": "control.linear:PD",
+    "control.speed.pid": "control.linear:PID",
+    "control.yaw.p": "control.linear:YawP",
+    "control.yaw.pi": "control.linear:YawPI",
+    "control.yaw.pd": "control.linear:YawPD",
+    "control.yaw.pid": "control.linear:YawPID",
     "navigation.odometry": "navigation.odometry:Odometry",
     "motion.kinematic": "motion.kinematic:Kinematic",
     "sensors.encoders": "sensors.encoders:Encoders",
@@ -43,12 +54,21 @@ BUILT_IN = {
 WHEELS = {"omega_l", "omega_r"}
 """What a sensor may read in the place of the exact wheel speeds."""
 
+COMPOSED = {"control": "control.axes:AxisController"}
+"""The law that puts a role together from laws of its axes."""
+
 
 def kinds(role: str) -> tuple[str, ...]:
     """The kinds of a role, the default first."""
     names = [*BUILT_IN, *points(GROUP)]
-    of_role = [n.removeprefix(f"{role}.") for n in names if n.startswith(f"{role}.")]
-    return tuple(dict.fromkeys(of_role))
+    parts = tuple(f"{part}." for part in ROLES if part.startswith(f"{role}."))
+    of_role = [n for n in names if n.startswith(f"{role}.") and not n.startswith(parts)]
+    return tuple(dict.fromkeys(n.removeprefix(f"{role}.") for n in of_role))
+
+
+def axes(role: str) -> tuple[str, ...]:
+    """The axes that laws of a role can be put together from: speed and yaw of ``control``."""
+    return tuple(r.removeprefix(f"{role}.") for r in ROLES if r.startswith(f"{role}."))
 
 
 def law_class(role: str, kind: str) -> type[BaseModel]:
@@ -59,12 +79,10 @@ def law_class(role: str, kind: str) -> type[BaseModel]:
     """
     place = BUILT_IN.get(f"{role}.{kind}")
     if place is not None:
-        module, name = place.split(":")
-        built_in: type[BaseModel] = getattr(import_module(f"sysid.mission.{module}"), name)
-        return built_in
+        return _built_in(place)
     point = points(GROUP).get(f"{role}.{kind}")
-    if point is None:
-        raise UsageError(f"unknown kind {kind!r} of {role}: the kinds are {', '.join(kinds(role))}")
+    if point is None or kind not in kinds(role):
+        raise UsageError(f"unknown kind {kind!r} of {role}: the kinds are {_listed(role)}")
     found = loaded(point, "law")
     if not (isinstance(found, type) and issubclass(found, BaseModel)):
         raise unusable(point, "law", "is no pydantic model")
@@ -73,6 +91,45 @@ def law_class(role: str, kind: str) -> type[BaseModel]:
     if missing:
         raise unusable(point, "law", f"has no {', '.join(missing)}")
     return found
+
+
+def _built_in(place: str) -> type[BaseModel]:
+    module, name = place.split(":")
+    found: type[BaseModel] = getattr(import_module(f"sysid.mission.{module}"), name)
+    return found
+
+
+def _listed(role: str) -> str:
+    """The kinds of a role, and those of the axes that it can be put together from."""
+    whole = ", ".join(kinds(role))
+    by_axis = [f"{axis}: {{kind: {'|'.join(kinds(f'{role}.{axis}'))}}}" for axis in axes(role)]
+    return f"{whole}; or {', '.join(by_axis)}" if by_axis else whole
+
+
+def section_class(role: str, section: Mapping[str, Any]) -> tuple[type[BaseModel], dict[str, Any]]:
+    """The class that a section of a mission file describes, and its keys without ``kind``.
+
+    A section that names axes is put together from their laws; a kind that is none of the role but
+    one of its axes' serves every axis.
+
+    Raises:
+        ValidationError: of the key ``kind``, where no law is called so.
+    """
+    keys = {k: v for k, v in section.items() if k != "kind"}
+    parts = axes(role)
+    if "kind" not in section and any(axis in section for axis in parts):
+        return _built_in(COMPOSED[role]), keys
+    kind = section.get("kind", kinds(role)[0])
+    if not isinstance(kind, str):
+        raise sentence_at(
+            ("kind",), f"the kind of {role} is {shown(kind)}: the kinds are {_listed(role)}"
+        )
+    if kind not in kinds(role) and any(kind in kinds(f"{role}.{axis}") for axis in parts):
+        return _built_in(COMPOSED[role]), {**{axis: {"kind": kind} for axis in parts}, **keys}
+    try:
+        return law_class(role, kind), keys
+    except UsageError as error:
+        raise sentence_at(("kind",), str(error)) from None
 
 
 def law(role: str, section: Any) -> Any:
@@ -94,17 +151,8 @@ def law(role: str, section: Any) -> Any:
         raise ValueError(f"{role} is {shown(section)}: write {role}: {{kind: {section}}}")
     if not isinstance(section, Mapping):
         raise PydanticCustomError("model_type", "a section of keys is needed")
-    kind = section.get("kind", kinds(role)[0])
-    if not isinstance(kind, str):
-        raise sentence_at(
-            ("kind",),
-            f"the kind of {role} is {shown(kind)}: the kinds are {', '.join(kinds(role))}",
-        )
-    try:
-        cls = law_class(role, kind)
-    except UsageError as error:
-        raise sentence_at(("kind",), str(error)) from None
-    return cls.model_validate({k: v for k, v in section.items() if k != "kind"})
+    cls, keys = section_class(role, section)
+    return cls.model_validate(keys, context={"law": law})
 
 
 def sensor_set(section: Any) -> Mapping[str, Sensor]:

@@ -3,7 +3,8 @@
 A law is such a section itself: its fields are the keys a mission may give it, its methods the law.
 """
 
-from typing import Annotated, Any
+from collections.abc import Mapping
+from typing import Annotated, Any, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -28,6 +29,40 @@ class Settings(BaseModel):
         return {} if value is None else value
 
 
+class Search(NamedTuple):
+    """Marks a key as a gain to be tuned: within these bounds a sensible value lies."""
+
+    low: float
+    high: float
+
+
+class TunedSettings(Settings):
+    """Base of laws with gains to be tuned: their keys marked by :class:`Search`."""
+
+    @property
+    def gains(self) -> Mapping[str, tuple[float, float]]:
+        """The keys that are gains to be tuned, each with the bounds of a sensible search."""
+        return {
+            name: (mark.low, mark.high)
+            for name, field in type(self).model_fields.items()
+            for mark in field.metadata
+            if isinstance(mark, Search)
+        }
+
+    def with_gains(self, values: Mapping[str, Real]) -> Self:
+        """The same law with other values of its gains, which are taken as they are."""
+        return self.model_copy(update=dict(values))
+
+    @property
+    def uses_plant(self) -> bool:
+        """Whether it needs the answer of the identified plant, which is then measured."""
+        return False
+
+
+class AxisSettings(TunedSettings):
+    """Base of laws of one axis of a controller (:class:`sysid.mission.axis.AxisLaw`)."""
+
+
 class GuidanceSettings(Settings):
     """Base of guidance laws: obstacles do not act, and the way to go is that to the goal."""
 
@@ -46,7 +81,7 @@ class GuidanceSettings(Settings):
         return scene.to_goal(pose, xp)
 
 
-class ControlSettings(Settings):
+class ControlSettings(TunedSettings):
     """Base of controllers.
 
     Attributes:

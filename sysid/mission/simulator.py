@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -13,8 +14,9 @@ from sysid.errors import ModelError
 from sysid.mission.clearance import has_surfaces
 from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS, Pose, SteppablePlant
 from sysid.mission.ending import sentence
-from sysid.mission.loop import COLUMNS, Loop, LoopState, Tick, Verdict, ticks
+from sysid.mission.loop import COLUMNS, Loop, LoopState, Tick, Verdict, command_module, ticks
 from sysid.mission.noise import sensor_draws
+from sysid.mission.nominal import nominal_of
 from sysid.mission.result import MissionResult, Outcome
 from sysid.mission.spec import Mission
 
@@ -69,13 +71,17 @@ def simulate(mission: Mission, plant: SteppablePlant, seed: int = 0) -> MissionR
             a law gives no numbers.
     """
     _check(mission, plant)
+    scene = mission.scene()
+    if mission.control.uses_plant:
+        drive = partial(command_module, xp=floats)
+        scene = scene._replace(nominal=nominal_of(plant, scene.geometry, drive))
     loop = Loop(
         guidance=mission.guidance,
         control=mission.control,
         navigation=mission.navigation,
         motion=mission.motion,
         plant=plant,
-        scene=mission.scene(),
+        scene=scene,
         timeout=mission.timeout,
         xp=floats,
     )

@@ -7,7 +7,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from sysid.mission.registry import ROLES, kinds, law_class
+from sysid.mission.registry import ROLES, axes, kinds, law_class, section_class
 from sysid.mission.yaml_source import Place, YamlSource, shown
 
 
@@ -90,8 +90,11 @@ def _known_keys(place: Place, model: type[BaseModel], values: Mapping[str, Any])
             list(law_class(section, str(chosen[0])).model_fields) if chosen else [*kinds(section)]
         )
     if section in ROLES:
-        kind = values[section].get("kind", kinds(section)[0])
-        return ["kind", *law_class(section, kind).model_fields]
+        keys = values[section]
+        for axis in axes(section):  # of a law put together from the laws of its axes
+            if place[1:2] == (axis,):
+                section, keys = f"{section}.{axis}", keys[axis]
+        return ["kind", *section_class(section, keys)[0].model_fields]
     for key in place:
         inner = model.model_fields[str(key)].annotation
         model = inner if isinstance(inner, type) and issubclass(inner, BaseModel) else model

@@ -6,7 +6,8 @@ import numpy as np
 from pydantic import Field
 
 from sysid.mission.contracts import Command, ControlAdvice, ControlInputs, Scene
-from sysid.mission.settings import ControlSettings, Gain
+from sysid.mission.control.linear import conditional
+from sysid.mission.settings import ControlSettings, Gain, Search
 from sysid.vehicle.kinematics import Real, wrap_angle
 
 
@@ -21,9 +22,9 @@ class SpeedPIYawP(ControlSettings):
         period: time between two commands [s].
     """
 
-    kp_speed: Gain = 2.0
-    ki_speed: Gain = 1.85
-    kp_yaw: Gain = 0.4
+    kp_speed: Annotated[Gain, Search(0.1, 10.0)] = 2.0
+    ki_speed: Annotated[Gain, Search(0.0, 10.0)] = 1.85
+    kp_yaw: Annotated[Gain, Search(0.05, 2.0)] = 0.4
     v_cmd_min: Annotated[float, Field(ge=-1, le=0)] = 0.0
     v_cmd_max: Annotated[float, Field(gt=0, le=1)] = 1.0
     psi_cmd_max: Annotated[float, Field(gt=0, le=1)] = 0.3
@@ -51,9 +52,8 @@ def speed_command(
 
     V_cmd = sat(K_p e + I),  I ← I + K_i e T     (thesis 4.32, 6.1)
 
-    Anti-windup by conditional integration: the integral keeps its value whenever the command is
-    on a limit and the error would push it further beyond. (Back-calculation would add a gain
-    that the thesis does not have.)
+    Anti-windup by conditional integration. (Back-calculation would add a gain that the thesis
+    does not have.)
 
     Args:
         error: e = V_ref − V_x [m/s].
@@ -64,11 +64,7 @@ def speed_command(
     """
     grown = integral + gains.ki_speed * error * period
     command = gains.kp_speed * error + grown
-    kept = xp.where(
-        command > gains.v_cmd_max,
-        xp.minimum(grown, integral),
-        xp.where(command < gains.v_cmd_min, xp.maximum(grown, integral), grown),
-    )
+    kept = conditional(grown, integral, command, (gains.v_cmd_min, gains.v_cmd_max), xp)
     return xp.clip(command, gains.v_cmd_min, gains.v_cmd_max), kept
 
 

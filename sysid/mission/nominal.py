@@ -1,0 +1,78 @@
+"""What controllers with a model are told of a plant: gain and lag of its answer along each axis."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.errors import ModelError
+from sysid.mission.axis import FirstOrder, Nominal
+from sysid.mission.contracts import Command, SteppablePlant
+from sysid.mission.settling import RULE, Ending, settle
+from sysid.vehicle.kinematics import Geometry, body_velocity
+
+AMID = Command(0.5, 0.3)
+"""Commands at which a plant is asked [drive]: half speed, and the yaw command's default limit.
+
+A nonlinear plant answers others a little differently; missions drive at about these.
+"""
+
+SETTLED = 1e-3
+"""Share of a step's height below which what is left of it no longer counts for the lag."""
+
+Drive = Callable[[Command], tuple[float, float]]
+"""Both commands → PWM of the left and the right track [µs]."""
+
+
+def nominal_of(plant: SteppablePlant, geometry: Geometry, drive: Drive) -> Nominal:
+    """Measure gain and lag of a robot plant by a step of either command from rest.
+
+    g = Δv/Δd at rest after the step, τ = ∫ (v∞ − v)/(v∞ − v₀) dt: the area above the step response,
+    which of a first-order lag is its time constant, and of others lag and dead time together.
+
+    Args:
+        plant: a robot plant.
+        geometry: of the vehicle.
+        drive: what commands become on the tracks.
+
+    Raises:
+        ModelError: the plant does not come to rest after a step, or does not answer it.
+
+    Source: Åström and Hägglund, Advanced PID Control (2006), section 2.7 (average residence time).
+    """
+    speed = _answer(plant, geometry, drive, Command(AMID.v_cmd, 0.0))
+    yaw = _answer(plant, geometry, drive, Command(0.0, AMID.psi_cmd))
+    return Nominal(speed, yaw)
+
+
+def _answer(
+    plant: SteppablePlant, geometry: Geometry, drive: Drive, command: Command
+) -> FirstOrder:
+    """The step response to one command as a first-order lag."""
+    axis, size = (0, command.v_cmd) if command.v_cmd else (1, command.psi_cmd)
+    u = np.array(drive(command))
+
+    def motion(y: Array) -> float:
+        return float(body_velocity(y[0], y[1], geometry)[axis])
+
+    state = plant.initial_state()
+    settled = settle(plant, state, u)
+    first = motion(plant.step(state, np.zeros(2))[1])
+    rise = motion(settled.y) - first
+    if settled.ending is not Ending.RESTS or not rise > 0.0:
+        why = "rises" if settled.ending is Ending.RESTS else "comes to rest"
+        what = ("forward speed", "yaw rate")[axis]
+        raise ModelError(
+            f"the plant's {what} never {why} after a step of the command, so a controller that "
+            "needs a model of it has none: choose control of kind p, pi, pd or pid without "
+            "feed_forward"
+        )
+    area = 0.0
+    for _ in range(RULE.most_steps):
+        state, y = plant.step(state, u)
+        left = 1.0 - (motion(y) - first) / rise
+        area += left
+        if abs(left) < SETTLED:
+            break
+    # The first sample counts half: the response is read at the ends of its steps.
+    return FirstOrder(rise / size, max(area - 0.5, 0.5) * plant.dt)
