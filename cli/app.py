@@ -13,9 +13,11 @@ import typer
 from sysid.errors import SysidError
 
 from . import compare, diagnose, excite, export, fit, inspect, models, structures
+from .field_options import Command
 from .missions import plan, simulate
 
 _HELP = {"help_option_names": ["-h", "--help"]}
+
 
 app = typer.Typer(
     add_completion=False,
@@ -34,7 +36,7 @@ for _command in (
     simulate.simulate,
     diagnose.diagnose,
 ):
-    app.command(context_settings=_HELP)(_command)
+    app.command(context_settings=_HELP, cls=Command)(_command)
 app.command(context_settings=_HELP, cls=plan.PlotMayStandAlone)(plan.plan)
 
 _ALLOCATIONS = 100_000
@@ -89,8 +91,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments.remove("--debug")
     _prepare()
     try:
-        command, name, arguments = _asked(arguments)
-        code = command.main(arguments, name, standalone_mode=False)
+        whole: Any = typer.main.get_command(app)
+        command, name, arguments = _asked(whole, arguments)
+        code = command.main(arguments, name, standalone_mode=False, obj=whole)
         sys.stdout.flush()  # a closed pipe must be noticed here, not when the interpreter ends
     except BrokenPipeError:
         return _pipe_closed()
@@ -103,13 +106,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     return code if isinstance(code, int) else 0
 
 
-def _asked(arguments: list[str]) -> tuple[Any, str, list[str]]:
+def _asked(whole: Any, arguments: list[str]) -> tuple[Any, str, list[str]]:
     """The command a line asks for, its name and its own arguments.
 
     A line that begins with a command goes to it straight, not through the root: typer reads the
     root's options with pydantic, whose import would double the time of ``sysid fit --help``.
     """
-    whole: Any = typer.main.get_command(app)
     first = arguments[0] if arguments else ""
     if not arguments:
         return whole, "sysid", ["--help"]

@@ -30,7 +30,7 @@ def compare(
         list[str] | None,
         typer.Argument(metavar="[MODEL]...", help="Ids; all of the workspace unless given."),
     ] = None,
-    criteria: Annotated[
+    criterion: Annotated[
         str,
         typer.Option(
             "--criteria",
@@ -39,7 +39,7 @@ def compare(
             "nobody knows lists all.",
         ),
     ] = "fit",
-    val: Annotated[
+    validation: Annotated[
         list[Path] | None,
         typer.Option("--val", metavar="LOG", help="Log to judge on. Again for more."),
     ] = None,
@@ -66,15 +66,15 @@ def compare(
     from sysid.data.finding import notes, warned
     from sysid.estimation.selection.comparison import compare as rank
 
-    criteria = known_name(criteria)
+    criterion = known_name(criterion)
     targets.check_picture(plot)
     place = Workspace(workspace)
     stored = [place.load(i) for i in dict.fromkeys(models)] if models else place.all()
     with render.progress("Comparing"):
         data = StoredData()
         contenders = [data.contender(s) for s in stored]
-        held, findings = _validation(stored, val, read)
-        ranking = rank(contenders, criteria, held, policy)
+        held, findings = _validation(stored, validation, read)
+        ranking = rank(contenders, criterion, held, policy)
     ranking = replace(ranking, notes=(*ranking.notes, *warned(findings)))
     crossed = _cross_validated(ranking, folds)
     place.remember("best", ranking.best.contender.id)

@@ -13,6 +13,7 @@ from sysid.workspace.store import StoredModel, Workspace
 from . import reading, render, targets
 from .diagnose_files import keep_models, write_results
 from .diagnose_report import show
+from .field_options import with_options
 from .mission_options import Driven, driven
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def diagnose(
             help="Model to doubt [the workspace's best for these channels, else the plainest].",
         ),
     ] = None,
-    val: Annotated[
+    validation: Annotated[
         list[Path] | None,
         typer.Option(
             "--val",
@@ -65,21 +66,21 @@ def diagnose(
     place = Workspace(workspace)
     if output is not None:
         targets.check(output, "-o")
-    folder = _folder(output or place.diagnosis_dir, logs, val or [])
+    folder = _folder(output or place.diagnosis_dir, logs, validation or [])
     if drive.package is not None and model is not None:
         raise UsageError("--model and --plant both name the model to doubt; give one of them")
     given = place.load(model) if model is not None else None
     read, steps = as_fitted(given, read, steps)
     data = _estimation_data(logs, read, steps, place, given, drive)
-    held, held_as = _records(val, data.read, steps) if val else (None, ())
+    held, held_as = _records(validation, data.read, steps) if validation else (None, ())
     _apart(data.records, held)
     found = _run(data, held, drive, (*data.findings, *held_as))
     files = [str(p.resolve()) for p in logs]
     origin = {"files": files, "read": data.read.to_json(), "prepare": steps.to_json()}
-    judged = judged_on(held or (), val or ())
+    judged = judged_on(held or (), validation or ())
     before, after = keep_models(place, found, data.base, origin, judged)
     document = write_results(folder, found, before, after)
-    render.document(document) if json else show(found, before, after, folder, val or ())
+    render.document(document) if json else show(found, before, after, folder, validation or ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,4 +188,6 @@ def _run(
             geometry=drive.geometry,
             progress=progress,
         )
-    return replace(found, reading=notes(read_as), warnings=(*warned(read_as), *found.warnings))
+    said = (*warned(read_as), *found.warnings)
+    read = tuple(map(with_options, notes(read_as)))
+    return replace(found, reading=read, warnings=tuple(map(with_options, said)))

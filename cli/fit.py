@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 )
 def fit(
     logs: reading.Logs,
-    structure: Annotated[
+    structures: Annotated[
         str | None,
         typer.Option(
             "--structure",
@@ -47,7 +47,7 @@ def fit(
             '"arx: na=2 nb=2; oe: nb=2 nf=2". Searched unless given.',
         ),
     ] = None,
-    val: Annotated[
+    validation: Annotated[
         list[Path] | None,
         typer.Option(
             "--val",
@@ -65,7 +65,7 @@ def fit(
             help="Fit on this share of each log, judge on the rest, e.g. 0.7.",
         ),
     ] = None,
-    criteria: Annotated[
+    criterion: Annotated[
         str,
         typer.Option(
             "--criteria",
@@ -109,18 +109,18 @@ def fit(
     files = [str(p.resolve()) for p in logs]
     origin = {"files": files, "read": read.to_json(), "prepare": steps.to_json()}
     request = Request(
-        structures=fit_options.structures(structure),
+        structures=fit_options.names(structures),
         orders=orders,
         options=replace(options, extra=origin),
         detrend=detrend,
-        criterion=criteria,
+        criterion=criterion,
         split=split,
         policy=policy,
         jobs=jobs,
     )
-    found, notes = _identify(logs, val or [], read, steps, request)
+    found, notes = _identify(logs, validation or [], read, steps, request)
     place = Workspace(workspace)
-    held = {"judged_on": judged_on(found.validation, val or logs)}
+    held = {"judged_on": judged_on(found.validation, validation or logs)}
     stored = [place.save(a.model, a.to_json() | held) for a in reversed(found.assessments)][::-1]
     place.remember("latest", [s.id for s in stored])
     if plot is not None:

@@ -18,7 +18,7 @@ JUDGING = "Judging"
 """Panels of the help."""
 
 
-def structures(text: str | None) -> tuple[str, ...]:
+def names(text: str | None) -> tuple[str, ...]:
     """``--structure arx,oe`` as names; none where the option is not given."""
     return tuple(n.strip().lower() for n in (text or "").split(",") if n.strip())
 
@@ -42,7 +42,7 @@ def estimation(
             help="Initial states in the fit: auto, zero, estimated or backcast.",
         ),
     ] = "auto",
-    fix: Annotated[
+    fixed: Annotated[
         list[str] | None,
         typer.Option(
             "--fix",
@@ -51,7 +51,7 @@ def estimation(
             help="Hold a parameter at a value, e.g. a1=-0.9.",
         ),
     ] = None,
-    bound: Annotated[
+    bounds: Annotated[
         list[str] | None,
         typer.Option(
             "--bound",
@@ -60,7 +60,7 @@ def estimation(
             help="Keep a parameter between bounds, e.g. a1=-1:0.",
         ),
     ] = None,
-    option: Annotated[
+    structure_options: Annotated[
         list[str] | None,
         typer.Option(
             "--option",
@@ -86,7 +86,7 @@ def estimation(
             help="Iterations of the search: levenberg-marquardt, gauss-newton or gradient.",
         ),
     ] = "levenberg-marquardt",
-    max_iterations: Annotated[
+    max_evaluations: Annotated[
         int | None,
         typer.Option(
             "--max-iterations",
@@ -122,17 +122,19 @@ def estimation(
         initial=Initial(reading.choice(initial, [i.value for i in Initial], "--initial")),
         robust=robust,
         stable=stable,
-        fixed=dict(_fixed(item) for item in fix or []),
-        bounds=dict(_bounded(item) for item in bound or []),
-        max_evaluations=max_iterations,
+        fixed=dict(_fixed(item) for item in fixed or []),
+        bounds=dict(_bounded(item) for item in bounds or []),
+        max_evaluations=max_evaluations,
         tolerance=tolerance,
         method=Method(reading.choice(method, [m.value for m in Method], "--method")),
-        structure_options=dict(_pair(item, "--option", "units=20") for item in option or []),
+        structure_options=dict(
+            _pair(item, "--option", "units=20") for item in structure_options or []
+        ),
     )
 
 
 def judging(
-    initial_state: Annotated[
+    start: Annotated[
         str,
         typer.Option(
             "--initial-state",
@@ -151,7 +153,7 @@ def judging(
             help="Leave the first N samples out of the error figures.",
         ),
     ] = 0,
-    horizon: Annotated[
+    horizons: Annotated[
         list[int] | None,
         typer.Option(
             "--horizon",
@@ -170,8 +172,8 @@ def judging(
     from sysid.estimation.assessment.figures import Start
     from sysid.estimation.assessment.findings import Policy
 
-    start = reading.choice(initial_state, [s.value for s in Start], "--initial-state")
-    return Policy(Start(start), skip, tuple(sorted(set(horizon or []))))
+    chosen = reading.choice(start, [s.value for s in Start], "--initial-state")
+    return Policy(Start(chosen), skip, tuple(sorted(set(horizons or []))))
 
 
 def _fixed(item: str) -> tuple[str, float]:

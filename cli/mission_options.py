@@ -8,13 +8,16 @@ import typer
 
 from sysid.errors import ModelError, UsageError
 
-from . import packages
-
 if TYPE_CHECKING:
     from sysid.plant.package import Package
     from sysid.vehicle.kinematics import Geometry
 
 _PANEL = "On a log with a pose"
+
+AcceptChanges = Annotated[
+    bool,
+    typer.Option("--accept-changes", help="Take a plant package that was changed by hand."),
+]
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ def driven(
             "contradicts that].",
         ),
     ] = None,
-    accept_changes: packages.AcceptChanges = False,
+    accept_changes: AcceptChanges = False,
 ) -> Driven:
     """The drive as every option of it says.
 
@@ -70,6 +73,8 @@ def driven(
         ModelError: the plant package cannot be read.
         UsageError: a file is not there, or an option cannot be.
     """
+    from sysid.plant.package import read_package
+
     if plant is not None and mission is None:
         raise UsageError("--plant is of use only with --mission; name the mission of the log")
     for path, option in ((mission, "--mission"), (plant, "--plant")):
@@ -78,7 +83,7 @@ def driven(
     lengths = None if geometry is None else _lengths(geometry)
     if lengths is not None and mission is not None:
         _agree(lengths, mission)
-    package = None if plant is None else packages.read(plant, accept_changes)
+    package = None if plant is None else read_package(plant, accept_changes)
     return Driven(mission, package, lengths)
 
 

@@ -1,6 +1,7 @@
 """The options that every command with a LOG shares, and the option every command has."""
 
 import inspect
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -202,7 +203,6 @@ def read_options(
     Raises:
         UsageError: an option cannot be.
     """
-    from sysid.data.reading.counters import parse_periods
     from sysid.data.reading.read_options import ReadOptions
     from sysid.data.reading.timing import check_policy
 
@@ -216,7 +216,7 @@ def read_options(
         units=_units(units or []),
         pwm_max=pwm_max,
         resample=check_policy(resample),
-        unwrap=parse_periods(unwrap or []),
+        unwrap=periods(unwrap or []),
         speed_of=_names(speed_of),
         held=held,
         join=tuple(_resolved(j) for j in join or []),
@@ -238,9 +238,9 @@ def preparation(
     Raises:
         UsageError: an option cannot be.
     """
-    from sysid.data.preparation import Preparation, parse_trim
+    from sysid.data.preparation import Preparation
 
-    head, tail = parse_trim(trim) if trim is not None else (0.0, 0.0)
+    head, tail = seconds_to_trim(trim) if trim is not None else (0.0, 0.0)
     return Preparation(head, tail, low_pass, decimate)
 
 
@@ -313,6 +313,43 @@ def _units(given: list[str]) -> dict[str, str]:
                 raise UsageError(f"--unit names {name} twice; give each unit once")
             found[name] = unit
     return found
+
+
+def periods(given: list[str]) -> dict[str, float]:
+    """``["65536"]``, ``["enc=4096", "angle=none"]`` as column → period; an empty name for all.
+
+    Raises:
+        UsageError: a text cannot be read.
+    """
+    found: dict[str, float] = {}
+    for pair in (p for item in given for p in item.split(",")):
+        name, sign, number = (part.strip() for part in pair.rpartition("="))
+        try:
+            period = 0.0 if number == "none" else float(number)
+        except ValueError:
+            period = -1.0
+        if not 0.0 <= period < math.inf or (sign and not name):
+            raise UsageError(
+                f"--unwrap cannot read {pair!r}; write the number after which a counter starts "
+                "over, such as 65536, NAME=65536, or NAME=none"
+            )
+        found[name] = period
+    return found
+
+
+def seconds_to_trim(text: str) -> tuple[float, float]:
+    """``"2:1.5"`` as seconds to cut at the head and at the tail; ``"2"`` cuts the head only.
+
+    Raises:
+        UsageError: the text cannot be read.
+    """
+    head, _, tail = text.partition(":")
+    try:
+        return float(head or 0.0), float(tail or 0.0)
+    except ValueError:
+        raise UsageError(
+            f"--trim cannot read {text!r}; write HEAD:TAIL in seconds, e.g. 2:1.5"
+        ) from None
 
 
 def choice(given: str, allowed: list[str], option: str) -> str:

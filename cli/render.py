@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from sysid.data import documents
 
+from .field_options import with_options
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -31,7 +33,8 @@ _STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "fatal": "bold re
 def document(value: Any) -> None:
     """Print one JSON document on stdout; numbers that are not finite are null."""
     encoding = (getattr(sys.stdout, "encoding", None) or "ascii").lower()
-    sys.stdout.write(documents.text(value, ascii_only="utf" not in encoding))
+    shown = _with_options(documents.plain(value))
+    sys.stdout.write(documents.text(shown, ascii_only="utf" not in encoding))
 
 
 def say(sentence: str, style: str = "") -> None:
@@ -104,10 +107,12 @@ def findings(found: "Sequence[Finding]") -> None:
     for finding in found:
         word = finding.severity.word
         line = Text(f"{word:>8}  ", style=_STYLES[word])
-        line.append(finding.sentence, style="not bold default")
+        line.append(with_options(finding.sentence), style="not bold default")
         console.print(line, soft_wrap=True)
         if finding.advice:
-            console.print(Text(" " * 10 + finding.advice, style="dim"), soft_wrap=True)
+            console.print(
+                Text(" " * 10 + with_options(finding.advice), style="dim"), soft_wrap=True
+            )
 
 
 READING_LINES = 8
@@ -232,11 +237,20 @@ def _spoken(label: str) -> Iterator[Callable[[str, float | None], None]]:
         speaker.join()
 
 
+def _with_options(value: Any) -> Any:
+    """A JSON value whose texts name options instead of fields."""
+    if isinstance(value, dict):
+        return {key: _with_options(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_with_options(item) for item in value]
+    return with_options(value) if isinstance(value, str) else value
+
+
 def _print(sentence: str, stream: Any, style: str) -> None:
     from rich.text import Text
 
     # Text, not markup: a sentence may hold [x, y] or a file called [red].csv
-    _console(stream).print(Text(sentence, style=style), soft_wrap=True)
+    _console(stream).print(Text(with_options(sentence), style=style), soft_wrap=True)
 
 
 def _console(stream: Any) -> "Console":
@@ -257,4 +271,4 @@ def _cell(value: object) -> str:
         return "yes" if value else "no"
     if isinstance(value, float):
         return number(value)
-    return str(value)
+    return with_options(str(value))

@@ -1,6 +1,7 @@
 """Everything that can go wrong, in words: the exceptions and the endings of a fit.
 
-Every message is one sentence that says what is wrong, where, and what to do about it.
+Every message is one sentence that says what is wrong, where, and what to do about it; what to
+choose otherwise is named by its field (``argument``).
 """
 
 from enum import Enum
@@ -25,6 +26,18 @@ class UsageError(SysidError):
     """Wrong use: an unknown option, name or order; the exit code is 2."""
 
     exit_code: ClassVar[int] = 2
+
+
+def argument(**fields: object) -> str:
+    """Fields and their values as messages name them: `` `units={'t': 'ms'}` ``.
+
+    A message names a field in backticks, as a script would give it; without a value the name
+    alone will do, `` `ts` ``. The command line shows its own options instead.
+
+    Args:
+        fields: arguments of a function or of a class of options that a script may use.
+    """
+    return f"`{', '.join(f'{name}={value!r}' for name, value in fields.items())}`"
 
 
 class Termination(Enum):

@@ -161,8 +161,12 @@ def compare(
     return rank(contenders, criterion, (held, name))
 
 
-def load_model(path: str | Path) -> Model:
+def load_model(path: str | Path, accept_changes: bool = False) -> Model:
     """Read a model: a JSON file, one of a workspace, or the model of a plant package.
+
+    Args:
+        path: the file, or the folder or zip of a package.
+        accept_changes: take a package whose content was changed after the export.
 
     Raises:
         ModelError: the file cannot be read as a model.
@@ -171,7 +175,7 @@ def load_model(path: str | Path) -> Model:
 
     where = Path(path)
     if where.is_dir() or where.suffix == ".zip" or where.name == "plant.json":
-        return of_package(where)
+        return of_package(where, accept_changes)
     return Model.load(where)
 
 
@@ -197,7 +201,7 @@ def simulate(mission: "Mission | str | Path", plant: "Plant | Model") -> "Missio
 
 def diagnose(
     records: Records,
-    held: Records | None = None,
+    validation: Records | None = None,
     *,
     model: Model | None = None,
     mission: str | Path | None = None,
@@ -208,7 +212,7 @@ def diagnose(
 
     Args:
         records: logs that effects are searched on.
-        held: logs that judge; None holds out blocks of ``records``.
+        validation: logs that judge; None holds out blocks of ``records``.
         model: the model that disagrees; None fits the plainest base first.
         mission: the mission that the logs drove.
         geometry: the vehicle's lengths, where the log has a pose.
@@ -224,7 +228,7 @@ def diagnose(
         raise UsageError(f"there is no mission file {mission}; give the path of one")
     return search(
         _several(records),
-        None if held is None else _several(held),
+        None if validation is None else _several(validation),
         model=model,
         mission=None if mission is None else Path(mission),
         geometry=geometry,

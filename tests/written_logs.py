@@ -201,7 +201,7 @@ def _spreadsheet_days() -> Written:
 def _nameless_clock() -> Written:
     k, u, y = motor()
     text = "tick_val,u,y\n" + lines([whole(500 + 20 * k), whole(u), point(y)])
-    return Written(text, u, y, said=("was taken for the time, in ms", "--unit 'tick_val=s'"))
+    return Written(text, u, y, said=("was taken for the time, in ms", "`units={'tick_val': 's'}`"))
 
 
 def _zeit_ms() -> Written:

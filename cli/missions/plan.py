@@ -9,6 +9,7 @@ import typer
 from sysid.workspace.store import Workspace
 
 from .. import reading, render, targets
+from ..field_options import Command
 
 if TYPE_CHECKING:
     from sysid.mission.plan import Curves, Plan
@@ -18,7 +19,7 @@ _IN_WORKSPACE = Path("-")
 """What ``--plot`` without a file stands for: the picture goes beside the missions' logs."""
 
 
-class PlotMayStandAlone(typer.core.TyperCommand):
+class PlotMayStandAlone(Command):
     """A command whose ``--plot`` may come without a file."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:

@@ -8,7 +8,8 @@ import typer
 from sysid.errors import ModelError, UsageError
 from sysid.workspace.store import Workspace
 
-from .. import packages, reading, render, targets
+from .. import reading, render, targets
+from ..mission_options import AcceptChanges
 
 if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
@@ -41,7 +42,7 @@ def simulate(
             help="Controller instead of the mission's: a kind, or speed=KIND,yaw=KIND.",
         ),
     ] = None,
-    accept_changes: packages.AcceptChanges = False,
+    accept_changes: AcceptChanges = False,
     *,
     read: "ReadOptions",
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
@@ -79,7 +80,9 @@ def _load(place: Workspace, plant: Path | None, accept_changes: bool) -> "Packag
             f"no plant was exported to {place.plant_dir} yet; run `sysid export` first, or name "
             "one with --plant"
         )
-    return packages.read(plant or place.plant_dir, accept_changes)
+    from sysid.plant.package import read_package
+
+    return read_package(plant or place.plant_dir, accept_changes)
 
 
 def _drive(

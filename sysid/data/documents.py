@@ -1,4 +1,4 @@
-"""Values as JSON text: what every command prints under --json and what the workspace stores."""
+"""Values as JSON text: what every command prints as its document and what the workspace stores."""
 
 import json
 import math

@@ -142,7 +142,7 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
     values, of_pose = pose_in_si(values[rows], choice, pose_units, table.where)
     turning = choice.pose[2:]
     read, jumps = continued(
-        values, signals, outputs, turning, options.unwrap, table.where, options.speed_of
+        values, signals, outputs, turning, options.periods, table.where, options.speed_of
     )
     sizes = (len(choice.inputs), len(choice.outputs))
     slow = slow_sensors(t[rows], read, signals, sizes, options.held, table.where)
@@ -272,7 +272,7 @@ def _complete_rows(
         )
     if policy in ("auto", "refuse"):
         raise DataError(
-            f"{seen}{more}; mend it, or allow --resample fill (interpolate) or --resample split"
+            f"{seen}{more}; mend it, or allow `resample='fill'` (interpolate) or `resample='split'`"
         )
     return keep, (
         Finding(
@@ -395,7 +395,7 @@ def _same_kind(record: Record, first: Record) -> None:
         if mine_c.unit != first_c.unit:
             raise DataError(
                 f"{mine_c.name} is in {mine_c.unit or 'no unit'} in {record.name}, in "
-                f"{first_c.unit or 'no unit'} in {first.name}; give its unit with --unit"
+                f"{first_c.unit or 'no unit'} in {first.name}; give its unit with `units`"
             )
     if abs(record.dt / first.dt - 1.0) > 0.01:
         raise DataError(

@@ -36,11 +36,11 @@ class Preparation:
         for name in ("trim_start", "trim_end"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0.0):
-                raise UsageError(f"--trim needs seconds of at least 0, got {value:g}")
+                raise UsageError(f"trimming needs seconds of at least 0, got {value:g}")
         if self.low_pass is not None and not (np.isfinite(self.low_pass) and self.low_pass > 0.0):
-            raise UsageError(f"--low-pass needs a positive cut-off in Hz, got {self.low_pass:g}")
+            raise UsageError(f"`low_pass` needs a positive cut-off in Hz, got {self.low_pass:g}")
         if self.decimate < 1:
-            raise UsageError(f"--decimate needs a whole number of at least 1, got {self.decimate}")
+            raise UsageError(f"`decimate` needs a whole number of at least 1, got {self.decimate}")
 
     def apply(self, record: Record) -> Record:
         """The prepared record."""
@@ -79,18 +79,3 @@ def read_prepared(
     files = read_files(paths, options)
     records = tuple(steps.apply(r) for file in files for r in file.records)
     return records, tuple(f for file in files for f in file.findings)
-
-
-def parse_trim(text: str) -> tuple[float, float]:
-    """``"2:1.5"`` as seconds to cut at the head and at the tail; ``"2"`` cuts the head only.
-
-    Raises:
-        UsageError: the text cannot be read.
-    """
-    head, _, tail = text.partition(":")
-    try:
-        return float(head or 0.0), float(tail or 0.0)
-    except ValueError:
-        raise UsageError(
-            f"--trim cannot read {text!r}; write HEAD:TAIL in seconds, e.g. 2:1.5"
-        ) from None

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from sysid.data.column_words import words
 from sysid.data.record import PWM_FULL_SCALE, Channel
 from sysid.data.unit_words import ending, synonym
-from sysid.errors import UsageError
+from sysid.errors import UsageError, argument
 
 _TURN = 2.0 * math.pi
 
@@ -141,7 +141,7 @@ def pwm_conversion(pwm_max: float) -> Conversion:
         UsageError: ``pwm_max`` is not a positive number.
     """
     if not (math.isfinite(pwm_max) and pwm_max > 0):
-        raise UsageError(f"--pwm-max must be a positive number, such as 255, got {pwm_max}")
+        raise UsageError(f"`pwm_max` must be a positive number, such as 255, got {pwm_max}")
     return Conversion("µs", PWM_FULL_SCALE / pwm_max, f"±{pwm_max:g}")
 
 
@@ -217,7 +217,7 @@ def conversions(
         meant = [n for n in names if n == name] or [n for n in names if n.lower() == name.lower()]
         if len(meant) != 1:
             raise UsageError(
-                f"--unit names {name!r}, which is no channel of {where}; "
+                f"`units` names {name!r}, which is no channel of {where}; "
                 f"they are {', '.join(names)}"
             )
         told[meant[0]] = conversion(unit, name)
@@ -226,8 +226,8 @@ def conversions(
         named = [n for n in free if "pwm" in words(n)]
         if not free:
             raise UsageError(
-                f"--pwm-max {pwm_max:g} converts PWM inputs, but those of {where} have other units "
-                f"({', '.join(inputs)}); leave it out"
+                f"{argument(pwm_max=pwm_max)} converts PWM inputs, but those of {where} have other "
+                f"units ({', '.join(inputs)}); leave it out"
             )
         told.update(dict.fromkeys(named or free, pwm_conversion(pwm_max)))
     every = {n: told.get(n) or from_name(n) for n in names}

@@ -195,7 +195,7 @@ def _warnings(
     if pose is not None and not pose.effects and sum(pose.windows) < FEW_WINDOWS:
         found.append(
             f"The pose gives only {sum(pose.windows)} windows of motion to judge slip and "
-            "radii by; name a second log with --val or drive longer."
+            "radii by; name a second log with `validation` or drive longer."
         )
     if pose is not None and pose.left.loud:
         found.append(pose.left.sentence)

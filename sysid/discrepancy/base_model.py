@@ -246,7 +246,7 @@ def _require_tracks(records: Sequence[Record]) -> Record:
     if first.nu != first.ny:
         raise DataError(
             f"{first.name} has {first.nu} inputs and {first.ny} outputs; a diagnosis needs one "
-            "input for each output: choose them with --input and --output"
+            "input for each output: choose them with `inputs` and `outputs`"
         )
     return first
 

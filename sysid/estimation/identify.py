@@ -140,9 +140,9 @@ def _parts(
         held = ", ".join(dict.fromkeys(r.name for r in validation))
         return tuple(records), tuple(validation), (names, held)
     if validation:
-        raise UsageError("give either --val or --split, not both")
+        raise UsageError("give either `validation` or `split`, not both")
     if not 0.0 < split < 1.0:
-        raise UsageError(f"--split is the share to fit on, between 0 and 1, got {split:g}")
+        raise UsageError(f"`split` is the share to fit on, between 0 and 1, got {split:g}")
     pairs = [r.split(split) for r in records]
     share = 100.0 * split
     labels = (f"{names}, first {share:g} %", f"{names}, last {100.0 - share:g} %")
@@ -201,7 +201,7 @@ def require_unseen(records: Sequence[Record], validation: Sequence[Record]) -> N
                 called = r.name if r.name == e.name else f"{r.name} (the same as {e.name})"
                 raise UsageError(
                     f"{called} cannot judge what is fitted to it; give another log to judge on, or "
-                    "hold back a part of this one with --split 0.7"
+                    "hold back a part of this one with `split=0.7`"
                 )
 
 

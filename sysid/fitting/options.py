@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import Enum
 
+from sysid.errors import UsageError
 from sysid.fitting.marquardt import Method
 from sysid.fitting.problem import Focus, Initial
 from sysid.fitting.solvers import TOLERANCE
@@ -30,6 +32,9 @@ class FitOptions:
         method: iterations of the search: Levenberg-Marquardt, Gauss-Newton or gradient.
         structure_options: options of the structure itself, as text.
         extra: facts to keep in the model's provenance (how the files were read …).
+
+    Raises:
+        UsageError: there is no such focus, initial state or method.
     """
 
     focus: Focus = Focus.PREDICTION
@@ -45,6 +50,10 @@ class FitOptions:
     structure_options: Mapping[str, str] = field(default_factory=dict)
     extra: Mapping[str, object] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        for name, kind in (("focus", Focus), ("initial", Initial), ("method", Method)):
+            object.__setattr__(self, name, _member(kind, getattr(self, name), name))
+
     def limit(self, usual: int = EVALUATIONS) -> int:
         """Evaluations of a search: what was asked for, else what is usual there."""
         return usual if self.max_evaluations is None else self.max_evaluations
@@ -52,3 +61,12 @@ class FitOptions:
     def precision(self, usual: float = TOLERANCE) -> float:
         """Tolerance of a search: what was asked for, else what is usual there."""
         return usual if self.tolerance is None else self.tolerance
+
+
+def _member(kind: type[Enum], given: object, name: str) -> Enum:
+    """The member that a script may give by its value: ``"simulation"``."""
+    try:
+        return kind(given)
+    except ValueError:
+        known = ", ".join(str(m.value) for m in kind)
+        raise UsageError(f"`{name}` is one of {known}, got {given!r}") from None

@@ -71,10 +71,6 @@ def write(path: str | Path, files: Files) -> Path:
     return write_files(path, files, frozenset({MARK, CARD, *files, *replaced}))
 
 
-class ChangedPackageError(ModelError):
-    """A package's content is not what was exported; the sentence lacks how to accept it."""
-
-
 @dataclass(frozen=True, eq=False)
 class Package:
     """A plant package, read and checked.
@@ -116,8 +112,8 @@ def read_package(path: str | Path, accept_changes: bool = False) -> Package:
         accept_changes: take a package whose content was changed after the export, with a note.
 
     Raises:
-        ChangedPackageError: the content was changed and that is not accepted.
-        ModelError: there is no package, or it is damaged or of another schema.
+        ModelError: there is no package, it is damaged or of another schema, or its content was
+            changed and that is not accepted.
     """
     described = read_description(path)
     if KEY not in described:
@@ -135,7 +131,9 @@ def read_package(path: str | Path, accept_changes: bool = False) -> Package:
     changed = f"{path} was changed after it was exported: its content and its hash differ"
     if not accept_changes:
         description.to_plant(described, str(path))  # damage has a sentence of its own
-        raise ChangedPackageError(f"{changed}; export it again")
+        raise ModelError(
+            f"{changed}; export it again, or take it as it is with `accept_changes=True`"
+        )
     return Package(str(path), described, (f"{changed}; taken as it is.",))
 
 

@@ -95,8 +95,8 @@ def replay(plant: Plant, record: Record) -> Replay:
         simulated = run(plant, record.u)
     if not np.all(np.isfinite(simulated)):
         raise ModelError(
-            f"the plant runs away on {record.name}: it is unstable; fit it with "
-            "`sysid fit --stable` or choose another model"
+            f"the plant runs away on {record.name}: it is unstable; fit it with `stable=True` or "
+            "choose another model"
         )
     told = (*outside_domain(plant, record.u), *begins_elsewhere(record, simulated))
     return Replay(record, simulated, told)
@@ -115,7 +115,7 @@ def begins_elsewhere(record: Record, simulated: Array) -> tuple[str, ...]:
             found.append(
                 f"{channel.name} begins at {measured:.4g}{unit} in the log and the plant rests at "
                 f"{rest:.4g}{unit}: the figures count the way from one to the other; `sysid "
-                "compare --val LOG` judges from the log's own start."
+                "compare` judges the model from a log's own start."
             )
     return tuple(found)
 

@@ -1,4 +1,4 @@
-"""Pictures for ``--plot FILE``: SVG or PNG by suffix, the same bytes for the same content.
+"""Pictures of results: SVG or PNG by suffix, the same bytes for the same content.
 
 This is the only module that imports matplotlib, inside its functions, because that import takes
 longer than many a fit. What makes a picture reproducible:

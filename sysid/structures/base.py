@@ -177,4 +177,4 @@ def refuse_options(structure: str, options: Mapping[str, str] | None, known: Seq
     for name in options or {}:
         if name not in known:
             has = f"its options are {', '.join(known)}" if known else "it has none"
-            raise UsageError(f"--option: {structure} has no option {name!r}; {has}")
+            raise UsageError(f"`structure_options`: {structure} has no option {name!r}; {has}")

@@ -223,7 +223,7 @@ class Model:
         if wanted != got:
             raise ModelError(
                 f"{record.name} has {_arrow(got)} but the model was fitted to {_arrow(wanted)}; "
-                "choose the columns with --input and --output"
+                "choose the columns with `inputs` and `outputs`"
             )
         if not self.fits_clock(record):
             raise ModelError(

@@ -92,24 +92,24 @@ def parse_orders(text: str) -> dict[str, int | list[list[int]]]:
         name, sign, value = item.partition("=")
         if not sign or not name or not value:
             raise UsageError(
-                f'--orders: cannot read {item!r}; write name=value pairs such as "na=2 nb=2 nk=1"'
+                f'`orders`: cannot read {item!r}; write name=value pairs such as "na=2 nb=2 nk=1"'
             )
         if name in found:
-            raise UsageError(f"--orders: {name} is given twice; give each order once")
+            raise UsageError(f"`orders`: {name} is given twice; give each order once")
         try:
             rows = [[int(cell) for cell in row.split(",")] for row in value.split(";")]
         except ValueError:
             raise UsageError(
-                f"--orders: {item!r} is not a whole number or a matrix such as {name}=1,0;0,1"
+                f"`orders`: {item!r} is not a whole number or a matrix such as {name}=1,0;0,1"
             ) from None
         if len({len(row) for row in rows}) != 1:
-            raise UsageError(f"--orders: the rows of {item!r} differ in length")
+            raise UsageError(f"`orders`: the rows of {item!r} differ in length")
         if any(not 0 <= cell <= MAX_ORDER for row in rows for cell in row):
-            raise UsageError(f"--orders: {item!r} must lie between 0 and {MAX_ORDER}")
+            raise UsageError(f"`orders`: {item!r} must lie between 0 and {MAX_ORDER}")
         scalar = "," not in value and ";" not in value
         found[name] = rows[0][0] if scalar else rows
     if not found:
-        raise UsageError('--orders is empty; write for example --orders "na=2 nb=2 nk=1"')
+        raise UsageError("`orders` is empty; write for example `orders='na=2 nb=2 nk=1'`")
     return found
 
 
@@ -127,12 +127,12 @@ def spread(raw: RawOrders, letters: str, nu: int, ny: int, structure: str) -> Or
     for name in raw:
         if name not in known:
             raise UsageError(
-                f"--orders: {structure} has no order {name!r}; its orders are {' '.join(known)}"
+                f"`orders`: {structure} has no order {name!r}; its orders are {' '.join(known)}"
             )
     for name in needed:
         if name not in raw:
             raise UsageError(
-                f"--orders: {structure} needs {name}; give all of {' '.join(needed)} (nk is 1 "
+                f"`orders`: {structure} needs {name}; give all of {' '.join(needed)} (nk is 1 "
                 "unless given)"
             )
     get = {name: raw.get(name, 1 if name == "nk" else 0) for name in ("na", *_SHAPES)}
@@ -145,7 +145,7 @@ def spread(raw: RawOrders, letters: str, nu: int, ny: int, structure: str) -> Or
         nk=_matrix("nk", get["nk"], ny, nu),
     )
     if nu and not any(any(row) for row in orders.nb):
-        raise UsageError(f"--orders: {structure} with nb=0 has no input; give nb of at least 1")
+        raise UsageError(f"`orders`: {structure} with nb=0 has no input; give nb of at least 1")
     return orders
 
 
@@ -165,7 +165,7 @@ def _matrix(name: str, value: object, rows: int, columns: int, diagonal: bool = 
     if len(cells) != rows or any(len(row) != columns for row in cells):
         got = f"{len(cells)}x{len(cells[0]) if cells else 0}"
         raise UsageError(
-            f"--orders: {name} must be a number or a {rows}x{columns} matrix (outputs x "
+            f"`orders`: {name} must be a number or a {rows}x{columns} matrix (outputs x "
             f"{'outputs' if diagonal else 'inputs'}), got {got}"
         )
     return tuple(tuple(_checked(name, cell) for cell in row) for row in cells)
@@ -176,7 +176,7 @@ def _vector(name: str, value: object, rows: int) -> tuple[int, ...]:
         return (_checked(name, value),) * rows
     flat = [c for row in value for c in (row if isinstance(row, list | tuple) else [row])]
     if len(flat) != rows:
-        raise UsageError(f"--orders: {name} must be a number or {rows} numbers, got {len(flat)}")
+        raise UsageError(f"`orders`: {name} must be a number or {rows} numbers, got {len(flat)}")
     return tuple(_checked(name, cell) for cell in flat)
 
 
@@ -188,7 +188,7 @@ def _checked(name: str, value: Any) -> int:
 
 
 def orders_text(orders: Mapping[str, Any]) -> str:
-    """``na=2 nb=2 nk=1``, matrices as ``na=1,0;0,1``, as short as --orders reads them back."""
+    """``na=2 nb=2 nk=1``, matrices as ``na=1,0;0,1``, as short as they are read back."""
     parts = []
     for name, value in orders.items():
         rows = value if isinstance(value, list | tuple) else [value]

@@ -7,6 +7,8 @@ import pytest
 from command_line import robot_log, run
 from sysid_cli import diagnose, fit, inspect, reading
 
+from sysid.errors import UsageError
+
 
 @pytest.mark.parametrize("command", [fit.fit, inspect.inspect, diagnose.diagnose])
 def test_every_command_with_a_log_has_every_option_of_reading_and_preparing(command) -> None:
@@ -24,3 +26,15 @@ def test_a_log_is_inspected_as_it_will_be_fitted(
     (record,) = halved["records"]
     assert record["samples"] == 100  # 300 samples of 0.1 s less 5 s at both ends, every second
     assert record["sample_time_s"] == pytest.approx(0.2)
+
+
+def test_texts_of_trimming_and_unwrapping() -> None:
+    assert reading.seconds_to_trim("2:1.5") == (2.0, 1.5)
+    assert reading.seconds_to_trim("2") == (2.0, 0.0)
+    assert reading.seconds_to_trim(":3") == (0.0, 3.0)
+    with pytest.raises(UsageError, match="HEAD:TAIL"):
+        reading.seconds_to_trim("a:b")
+    assert reading.periods(["65536", "a=4096,b=none"]) == {"": 65536.0, "a": 4096.0, "b": 0.0}
+    for text in ("enc", "=256", "enc=-5", "enc=nan", "enc=inf"):
+        with pytest.raises(UsageError, match="--unwrap cannot read"):
+            reading.periods([text])

@@ -226,7 +226,7 @@ def test_counter_and_missing_time(tmp_path: Path) -> None:
 def test_ts_overrules_the_time_column_aloud(tmp_path: Path) -> None:
     log = read_file(put(tmp_path, GOOD), ReadOptions(ts=0.5))
     assert log.records[0].dt == 0.5
-    assert "--ts was used" in " ".join(log.notes)
+    assert "`ts` was used" in " ".join(log.notes)
 
 
 def test_rounded_stamps_are_a_uniform_grid(tmp_path: Path) -> None:
@@ -267,7 +267,7 @@ GAPPY = np.delete(np.arange(100) * 0.1, np.r_[40:52])
 
 def test_long_gaps_are_refused_split_or_filled(tmp_path: Path) -> None:
     path = put(tmp_path, table("t,u,y", rows_of(GAPPY)))
-    with pytest.raises(DataError, match=r"line 42: 1\.3 s without samples.*--resample split"):
+    with pytest.raises(DataError, match=r"line 42: 1\.3 s without samples.*`resample='split'`"):
         read_file(path)
     parts = read_logs([path], ReadOptions(resample="split"))
     assert [len(p) for p in parts] == [40, 48]
@@ -300,7 +300,7 @@ def test_missing_cells(tmp_path: Path) -> None:
 def test_two_logs_in_one_file(tmp_path: Path) -> None:
     twice = GOOD + "".join(line + "\n" for line in GOOD.splitlines()[1:])
     path = put(tmp_path, twice)
-    with pytest.raises(DataError, match=r"line 32.*several logs: --resample split"):
+    with pytest.raises(DataError, match=r"line 32.*several logs: `resample='split'`"):
         read_log(path)
     assert [len(r) for r in read_logs([path], ReadOptions(resample="split"))] == [30, 30]
 
@@ -357,7 +357,7 @@ BAD_FILES: dict[str, tuple[str | bytes, str]] = {
     "mixed decimals": ("t;u;y\n0;1,5;2.5\n1;2;3\n", "'1,5' is no number.*decimal comma"),
     "strange names": (
         "a,b,c\n0,1,2\n1,2,3\n",
-        "cannot tell which column is input and which output among a, b, c.*--input NAME",
+        "cannot tell which column is input and which output among a, b, c.*`inputs=NAME`",
     ),
     "two columns without names": ("left,right\n0,1\n1,2\n", "cannot tell which column"),
     "no output": ("t,u1,u2\n0,1,2\n1,2,3\n", "no column left for the output"),
@@ -416,25 +416,25 @@ def test_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 BAD_OPTIONS: list[tuple[dict[str, object], str]] = [
-    ({"ts": 0.0}, "--ts must be a positive"),
-    ({"ts": -1.0}, "--ts must be a positive"),
-    ({"ts": float("nan")}, "--ts must be a positive"),
-    ({"inputs": ("v",)}, r"--input asks for 'v'.*columns are t, u, y"),
-    ({"inputs": ("",)}, "--input asks for an empty name"),
+    ({"ts": 0.0}, "`ts` must be a positive"),
+    ({"ts": -1.0}, "`ts` must be a positive"),
+    ({"ts": float("nan")}, "`ts` must be a positive"),
+    ({"inputs": ("v",)}, r"`inputs` asks for 'v'.*columns are t, u, y"),
+    ({"inputs": ("",)}, "`inputs` asks for an empty name"),
     ({"inputs": ("u", "u")}, "column u of log.csv twice"),
     ({"inputs": ("u",), "outputs": ("u",)}, "both input and output"),
     ({"inputs": ("t",), "time": "t"}, "is the time"),
-    ({"time": "clock"}, "--time asks for 'clock'"),
+    ({"time": "clock"}, "`time` asks for 'clock'"),
     ({"units": {"y": "furlong"}}, "unknown unit 'furlong' of y; known are rad/s, rpm"),
-    ({"units": {"z": "rpm"}}, "--unit names 'z', which is no channel"),
+    ({"units": {"z": "rpm"}}, "`units` names 'z', which is no channel"),
     ({"units": {"y": "ticks/0"}}, "ticks per turn must be a positive"),
     ({"units": {"y": "ticks/e"}}, "ticks per turn must be a positive"),
-    ({"pwm_max": 0.0}, "--pwm-max must be a positive"),
-    ({"pwm_max": float("inf")}, "--pwm-max must be a positive"),
+    ({"pwm_max": 0.0}, "`pwm_max` must be a positive"),
+    ({"pwm_max": float("inf")}, "`pwm_max` must be a positive"),
     ({"delimiter": "ab"}, "the delimiter must be"),
     ({"decimal": ";"}, "the decimal sign must be"),
     ({"delimiter": ",", "decimal": ","}, "cannot both be"),
-    ({"resample": "maybe"}, "unknown --resample 'maybe'"),
+    ({"resample": "maybe"}, "unknown `resample` 'maybe'"),
 ]
 
 

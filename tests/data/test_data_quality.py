@@ -200,13 +200,13 @@ FAULTS: dict[str, tuple[Callable[[], Record], str, Severity, str]] = {
         lambda: spoil(robot, y=lambda r: r.y * 60 / (2 * np.pi)),
         "omega-unit",
         Severity.WARNING,
-        "--unit omega_l=rpm",
+        r"`units=\{'omega_l': 'rpm'\}`",
     ),
     "degrees": (
         lambda: spoil(robot, y=lambda r: np.degrees(r.y)),
         "omega-unit",
         Severity.WARNING,
-        "--unit omega_l=deg/s",
+        r"`units=\{'omega_l': 'deg/s'\}`",
     ),
     "ticks": (
         lambda: spoil(robot, y=lambda r: r.y * 1920 / (2 * np.pi)),
@@ -218,19 +218,19 @@ FAULTS: dict[str, tuple[Callable[[], Record], str, Severity, str]] = {
         lambda: spoil(robot, y=lambda r: r.y / (2 * np.pi)),
         "omega-unit",
         Severity.WARNING,
-        "--unit omega_l=rev/s",
+        r"`units=\{'omega_l': 'rev/s'\}`",
     ),
     "8-bit PWM": (
         lambda: spoil(robot, u=lambda r: np.round(r.u / 20000 * 255)),
         "pwm-scale",
         Severity.WARNING,
-        "--pwm-max 255",
+        "`pwm_max=255.0`",
     ),
     "PWM in ±1": (
         lambda: spoil(robot, u=lambda r: r.u / 20000),
         "pwm-scale",
         Severity.WARNING,
-        "--pwm-max 1",
+        "`pwm_max=1.0`",
     ),
     "PWM too large": (
         lambda: spoil(robot, u=lambda r: r.u * 2),

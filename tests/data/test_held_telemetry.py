@@ -136,7 +136,7 @@ def test_a_log_is_read_at_the_rate_of_its_sensors(log: Path) -> None:
     with pytest.raises(UsageError, match="leaves 4"):
         read_file(log, ReadOptions(held="600"))
     for how in ("no", "0", "-1", "2.5"):
-        with pytest.raises(UsageError, match="--held is auto, keep or a number"):
+        with pytest.raises(UsageError, match="`held` is auto, keep or a number"):
             ReadOptions(held=how)
 
 

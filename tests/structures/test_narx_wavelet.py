@@ -357,7 +357,7 @@ def test_what_it_cannot_do_it_says(options: FitOptions, says: str) -> None:
 
 
 def test_simulation_focus_needs_refinement() -> None:
-    with pytest.raises(UsageError, match="refine=none"):
+    with pytest.raises(UsageError, match="'refine': 'none'"):
         fit(made({"refine": "none"}), [simulated(200)], FitOptions(focus=Focus.SIMULATION))
 
 

@@ -131,9 +131,9 @@ def test_orders_by_structure_keep_matrices_and_leave_others_to_the_search() -> N
         ("na=1 nb=1 nc=2", "none of arx, oe has an order nc"),
         ("bj: nb=1", "bj is not one of the structures to fit: arx, oe"),
         ("arx: na=1 nb=1; arx: na=2 nb=1", "arx is given twice"),
-        ("na=1 arx: na=2", "--orders"),
+        ("na=1 arx: na=2", "`orders`"),
         ("na=1; arx: na=2 nb=1", "stands before the first structure"),
-        ("arx:", "--orders"),
+        ("arx:", "`orders`"),
     ],
 )
 def test_orders_that_cannot_be_are_refused(text: str, words: str) -> None:

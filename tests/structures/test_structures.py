@@ -487,7 +487,7 @@ def test_orders_are_read(text: str, orders: object) -> None:
 def test_malformed_orders_are_refused_in_one_sentence(text: str) -> None:
     with pytest.raises(UsageError) as caught:
         parse_orders(text)
-    assert "--orders" in str(caught.value)
+    assert "`orders`" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 

@@ -9,6 +9,7 @@ from sysid.data.column_words import meaning, words
 from sysid.data.finding import Finding, Severity
 from sysid.data.record import PWM_FULL_SCALE, Array, Record
 from sysid.data.units import LEAST_PULSE
+from sysid.errors import argument
 
 TOP_OMEGA = 0.43 / 0.0215
 """Sprocket speed at top speed [rad/s]: 0.43 m/s over the sprocket radius of 0.0215 m."""
@@ -69,7 +70,7 @@ def _pwm_scale(record: Record, u: Array) -> list[Finding]:
             "pwm-scale",
             Severity.WARNING,
             f"The PWM {why}.",
-            f"If full drive is {guess:g} there, give --pwm-max {guess:g}.",
+            f"If full drive is {guess:g} there, give {argument(pwm_max=float(f'{guess:g}'))}.",
             ", ".join(record.input_names),
         )
     ]
@@ -93,16 +94,18 @@ def _omega_unit(record: Record, u: Array, y: Array) -> list[Finding]:
         return []
     near = [(abs(math.log(ratio / factor)), unit) for unit, factor in _SUSPECTS]
     distance, unit = min(near)
+    hint = ""
     if distance > math.log(2.0):
-        unit = "ticks/360 (with your encoder's ticks per turn)" if ratio > 2 else "rev/s"
+        unit = "ticks/360" if ratio > 2 else "rev/s"
+        hint = " (with your encoder's ticks per turn)" if ratio > 2 else ""
     return [
         Finding(
             "omega-unit",
             Severity.WARNING,
             f"ω reaches {seen:.4g}, but at {100 * drive:.0f} % drive the robot's sprockets turn at "
             f"about {expected:.3g} rad/s.",
-            f"If the log is not in rad/s, say so, for example --unit {record.output_names[0]}="
-            f"{unit}.",
+            "If the log is not in rad/s, say so, for example "
+            f"{argument(units={record.output_names[0]: unit})}{hint}.",
             ", ".join(record.output_names),
         )
     ]

@@ -29,7 +29,7 @@ def check_finite(records: Sequence[Record]) -> list[Finding]:
                         "missing",
                         Severity.FATAL,
                         f"{text}t = {record.t0 + bad[0] * record.dt:.6g} s.",
-                        "Mend the log, or read it with --resample fill or split.",
+                        "Mend the log, or read it with `resample='fill'` or `resample='split'`.",
                         name,
                         record.name,
                     )

@@ -33,7 +33,7 @@ from sysid.data.reading.row_times import column_reader, median_step, row_times
 from sysid.data.reading.table import Table, read_table
 from sysid.data.reading.time_column import TimeColumn, find_time
 from sysid.data.record import Array
-from sysid.errors import DataError, UsageError
+from sysid.errors import DataError, UsageError, argument
 
 FEWEST = 20
 """Rows of the log that the second file must cover."""
@@ -165,7 +165,7 @@ def _brought(
         raise DataError(
             f"{where}: both cover {_rows(int(np.count_nonzero(rows)))} of the log, which runs from "
             f"{mine.t[0]:.6g} to {mine.t[-1]:.6g} s and the other, on its clock, from {at[0]:.6g} "
-            f"to {at[-1]:.6g} s; give the shift of the clocks with --join-offset SECONDS"
+            f"to {at[-1]:.6g} s; give the shift of the clocks with `join_offset=SECONDS`"
         )
     columns = {n: step.values[rows] for n, step in zip(kept, steps, strict=True)}
     for name in (n for n in known if n not in kept):
@@ -185,7 +185,7 @@ def _series(table: Table, time: str | None, ts: float | None, units: Mapping[str
     column = find_time(table.names, read, ()) if time is None else TimeColumn(time)
     if column is None and ts is None:
         raise DataError(
-            f"{table.where} has no time column; files are joined by time, so name one with --time"
+            f"{table.where} has no time column; files are joined by time, so name one with `time`"
         )
     found = row_times(table, column, units, ts)
     taken = () if column is None else (column.name, *((column.fine,) if column.fine else ()))
@@ -268,7 +268,7 @@ def _shift(
         dated = bool(theirs.origin and mine.origin)
         if dated and not pose:
             text = f"{other}: the dates of both files say which of its rows belong to {log}."
-        advice = "If their clocks differ, give the shift with --join-offset SECONDS."
+        advice = "If their clocks differ, give the shift with `join_offset=SECONDS`."
         severity = Severity.NOTE if dated else Severity.WARNING
         return Shift(start), (Finding("join", severity, text, advice, record=log),)
     found = clock_shift(mine.t, moved[0], theirs.t, moved[1])
@@ -276,12 +276,13 @@ def _shift(
     if found.agreement < AGREES:
         raise DataError(
             f"{sentence} at no shift of the clocks (best agreement {100 * found.agreement:.0f} %); "
-            "check that they are of one drive, or give the shift with --join-offset SECONDS"
+            "check that they are of one drive, or give the shift with `join_offset=SECONDS`"
         )
     if found.rival is not None:
         raise DataError(
             f"{sentence} nearly as well {found.seconds:.3f} s and {found.rival:.3f} s later, as a "
-            f"repeated motion does; say which with --join-offset {found.seconds:.3f}"
+            f"repeated motion does; say which with "
+            f"{argument(join_offset=round(float(found.seconds), 3))}"
         )
     late = "behind" if found.seconds >= 0.0 else "ahead of"
     error = f" ± {max(found.std_error, 1e-4):.1g}" if found.std_error else ""
@@ -340,7 +341,7 @@ def companion(joins: Sequence[str], log: Path) -> Path | None:
     found = own or plain
     if len(found) > 1:
         raise UsageError(
-            f"--join names {', '.join(found)} for {log.name}; join one file to a log, LOG=FILE "
+            f"`join` names {', '.join(found)} for {log.name}; join one file to a log, LOG=FILE "
             "where there are several logs"
         )
     return Path(found[0]) if found else None

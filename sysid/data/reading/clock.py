@@ -15,7 +15,7 @@ from sysid.data.reading.time_column import (
     unit_of,
 )
 from sysid.data.record import Array
-from sysid.errors import DataError, UsageError
+from sysid.errors import DataError, UsageError, argument
 
 Place = Callable[[int], str]
 
@@ -75,8 +75,8 @@ def told_unit(column: TimeColumn, bracket: str, asked: str | None) -> float | No
         unit = unit_of(asked)
         if unit is None:
             raise UsageError(
-                f"--unit {column.name}={asked} is no unit of time; {column.name} is the time "
-                f"column, so choose one of {', '.join(UNIT_NAMES.values())}"
+                f"{argument(units={column.name: asked})} is no unit of time; {column.name} is the "
+                f"time column, so choose one of {', '.join(UNIT_NAMES.values())}"
             )
         return unit
     return unit_of(bracket) or unit_in_name(column.name)
@@ -182,8 +182,8 @@ def _guess(
             Severity.NOTE if sure else Severity.WARNING,
             f"{where}: column {name} rises by {step:.6g} a row and {taken} {own} ({how}): a "
             f"sample every {step * unit:.4g} s.",
-            f"If that is wrong, say so: --unit '{name}={other}'"
-            + ("" if column.by_name else ", or --ts SECONDS if it is no time")
+            f"If that is wrong, say so: {argument(units={name: other})}"
+            + ("" if column.by_name else ", or `ts=SECONDS` if it is no time")
             + ".",
             record=where,
         ),

@@ -24,7 +24,7 @@ from sysid.data.reading.time_column import (
     tells_time,
     unit_in_name,
 )
-from sysid.errors import DataError, UsageError
+from sysid.errors import DataError, UsageError, argument
 
 NO_INPUT = "none"
 """Asked for as the input of a log that has none: a signal on its own."""
@@ -98,8 +98,8 @@ def choose_columns(
         DataError: inputs or outputs cannot be told from the names.
     """
     driven = tuple(inputs) != (NO_INPUT,) or NO_INPUT in names
-    asked_u = tuple(_find(n, names, "--input", where) for n in inputs) if driven else ()
-    asked_y = tuple(_find(n, names, "--output", where) for n in outputs)
+    asked_u = tuple(_find(n, names, "`inputs`", where) for n in inputs) if driven else ()
+    asked_y = tuple(_find(n, names, "`outputs`", where) for n in outputs)
     _no_repeats(asked_u, asked_y, where)
     clock = _clock(names, asked_u, asked_y, time, where, read, timed)
     taken = () if clock is None else (clock.name, *((clock.fine,) if clock.fine else ()))
@@ -153,7 +153,7 @@ def _clock(
     """The time column; a signal asked for that is the time is refused."""
     asked = (*asked_u, *asked_y)
     if time is not None:
-        name = _find(time, names, "--time", where)
+        name = _find(time, names, "`time`", where)
         if name in asked:
             raise UsageError(f"column {name} of {where} is the time; it cannot be a signal too")
         return TimeColumn(name, counts=is_counter(name))
@@ -168,7 +168,10 @@ def _clock(
             what = (
                 "counts rows" if is_counter(name) else "is the time" if told else "rises as a time"
             )
-            instead = f"such as --{side} {_quoted(others[:1])}" if others else "or record one"
+            instead = "or record one"
+            if others:
+                way = {"input": argument(inputs=others[0]), "output": argument(outputs=others[0])}
+                instead = f"such as {way[side]}"
             raise UsageError(
                 f"column {name} of {where} {what} and cannot be the {side}; name another column, "
                 f"{instead}"
@@ -255,7 +258,7 @@ def _plainest(meant: Mapping[str, Meaning], quantities: Sequence[str]) -> tuple[
     return ()
 
 
-def _find(name: str, names: Sequence[str], option: str, where: str) -> str:
+def _find(name: str, names: Sequence[str], which: str, where: str) -> str:
     wanted = name.strip()
     if wanted in names:
         return wanted
@@ -264,16 +267,15 @@ def _find(name: str, names: Sequence[str], option: str, where: str) -> str:
         return near[0]
     shown = repr(wanted) if wanted else "an empty name"
     raise UsageError(
-        f"{option} asks for {shown}, which is no column of {where}; "
-        f"its columns are {_listed(names)}"
+        f"{which} asks for {shown}, which is no column of {where}; its columns are {_listed(names)}"
     )
 
 
 def _no_repeats(inputs: tuple[str, ...], outputs: tuple[str, ...], where: str) -> None:
-    for option, chosen in (("--input", inputs), ("--output", outputs)):
+    for which, chosen in (("`inputs`", inputs), ("`outputs`", outputs)):
         twice = {n for n in chosen if chosen.count(n) > 1}
         if twice:
-            raise UsageError(f"{option} names column {min(twice)} of {where} twice; name it once")
+            raise UsageError(f"{which} names column {min(twice)} of {where} twice; name it once")
     both = set(inputs) & set(outputs)
     if both:
         raise UsageError(
@@ -297,10 +299,10 @@ def _unclear(
             f"{where} has no column left for {missing}: its columns are {_listed(names)}; "
             "a log needs at least one input and one output"
         )
-    alone = "" if inputs else " (--input none where nothing drives it)"
+    alone = "" if inputs else " (`inputs='none'` where nothing drives it)"
     return (
         f"{where}: cannot tell which column is {missing} among {_listed(names)}; "
-        f"say so with --input NAME{alone} and --output NAME, or name the columns u… and y…"
+        f"say so with `inputs=NAME`{alone} and `outputs=NAME`, or name the columns u… and y…"
         f"{_example(free, inputs, outputs)}"
     )
 
@@ -327,7 +329,7 @@ def _example(free: Sequence[str], inputs: tuple[str, ...], outputs: tuple[str, .
     if not u or not y:
         return ""
     u, y = u[:MOST_IN_AN_EXAMPLE], y[:MOST_IN_AN_EXAMPLE]
-    return f" (for example --input {_quoted(u)} --output {_quoted(y)})"
+    return f" (for example {argument(inputs=_plain(u), outputs=_plain(y))})"
 
 
 def _with_partners(likely: Sequence[str]) -> tuple[str, ...]:
@@ -351,9 +353,8 @@ def _signals_only(free: Sequence[str], read: Read | None) -> list[str]:
     return moving if len(moving) > 1 else kept
 
 
-def _quoted(names: Sequence[str]) -> str:
-    text = ",".join(names)
-    return f"'{text}'" if re.search(r"[^\w,.+-]", text) else text
+def _plain(names: Sequence[str]) -> str | list[str]:
+    return names[0] if len(names) == 1 else [*names]
 
 
 def _listed(names: Sequence[str], most: int = 15) -> str:

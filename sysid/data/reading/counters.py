@@ -16,7 +16,7 @@ from sysid.data.column_words import READINGS, words
 from sysid.data.finding import Finding, Severity
 from sysid.data.record import Array
 from sysid.data.units import Conversion
-from sysid.errors import DataError, UsageError
+from sysid.errors import DataError, UsageError, argument
 
 EVERY = ""
 """Key of a period that holds for every output."""
@@ -183,7 +183,7 @@ def without_jumps(
     for name in asked:
         if name != EVERY and name not in turns:
             raise UsageError(
-                f"--unwrap names {name!r}, which is no output of {where}; they are "
+                f"`unwrap` names {name!r}, which is no output of {where}; they are "
                 f"{', '.join(turns)}"
             )
     out = values.copy()
@@ -228,9 +228,10 @@ def _running_count(y: Array, wraps: int, name: str, where: str) -> list[Finding]
         f"{where}: {name} counts on and on in whole numbers, as an encoder does: it is a position "
         "without a unit, and most models are of a speed."
     )
+    unit = {name: "counts=N/rev"}
     advice = (
-        f"Fit its speed with --speed-of {name} --unit {name}=counts=N/rev, N the counts of one "
-        f"turn (or --output {name} --unit {name}=counts=N/rev for the position)."
+        f"Fit its speed with {argument(speed_of=name, units=unit)}, N the counts of one "
+        f"turn (or {argument(outputs=name, units=unit)} for the position)."
     )
     return [Finding("counter", Severity.WARNING, text, advice, name, where)]
 
@@ -242,7 +243,8 @@ def _doubted(period: float, name: str, where: str) -> list[Finding]:
         f"{where}: {name} jumps by about {period:g} and goes on at the same speed, as a counter "
         "that starts over does; it was read as it stands."
     )
-    advice = f"Say where it starts over, --unwrap {name}={period:g}, or --unwrap {name}=none."
+    there = argument(unwrap={name: float(f"{period:g}")})
+    advice = f"Say where it starts over, {there}, or {argument(unwrap={name: None})}."
     return [Finding("counter", Severity.WARNING, text, advice, name, where)]
 
 
@@ -258,44 +260,26 @@ def _forced(y: Array, period: float, name: str, where: str, named: bool) -> Coun
     return Counted(unwrapped(y, period), period, n)
 
 
+def _real(name: str) -> str:
+    return f"If these jumps are real, say {argument(unwrap={name: None})}."
+
+
 def _said(found: Counted, name: str, where: str, asked: bool) -> list[Finding]:
     if found.wraps:
         times = "once" if found.wraps == 1 else f"{found.wraps} times"
         text = f"{where}: {name} starts over every {found.period:.6g}, {times}; it was unwrapped."
-        advice = "" if asked else f"If these jumps are real, say --unwrap {name}=none."
+        advice = "" if asked else _real(name)
     elif found.resets:
         times = "once" if len(found.resets) == 1 else f"{len(found.resets)} times"
         text = (
             f"{where}: {name} was reset to zero {times} while it moved, first in row "
             f"{found.resets[0] + 1}; it was continued from its last value."
         )
-        advice = f"If these jumps are real, say --unwrap {name}=none."
+        advice = _real(name)
     else:
         return []
     severity = Severity.NOTE if asked else Severity.WARNING
     return [Finding("counter", severity, text, advice, name, where)]
-
-
-def parse_periods(given: Sequence[str]) -> dict[str, float]:
-    """``["65536"]``, ``["enc=4096", "angle=none"]`` as column → period; ``EVERY`` for all.
-
-    Raises:
-        UsageError: a text cannot be read.
-    """
-    found: dict[str, float] = {}
-    for pair in (p for item in given for p in item.split(",")):
-        name, sign, number = (part.strip() for part in pair.rpartition("="))
-        try:
-            period = 0.0 if number == "none" else float(number)
-        except ValueError:
-            period = -1.0
-        if not (np.isfinite(period) and period >= 0.0) or (sign and not name):
-            raise UsageError(
-                f"--unwrap cannot read {pair!r}; write the number after which a counter starts "
-                "over, such as 65536, NAME=65536, or NAME=none"
-            )
-        found[name] = period
-    return found
 
 
 def continued(
@@ -351,7 +335,7 @@ def as_speeds(
     for name in speed_of:
         if name not in outputs:
             raise UsageError(
-                f"--speed-of names {name!r}, which is no output of {where}; they are "
+                f"`speed_of` names {name!r}, which is no output of {where}; they are "
                 f"{', '.join(outputs)}"
             )
     out = values.copy()

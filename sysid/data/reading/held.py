@@ -321,7 +321,7 @@ def _said(
         f"{100 * repeated:.0f} % of the rows repeat the last reading, so {their} fresh readings "
         f"are used, one sample every {rows * step:.4g} s."
     )
-    advice = "--held keep reads every row as it was logged."
+    advice = "`held='keep'` reads every row as it was logged."
     only = names[next(iter(slow))] if len(slow) == 1 else None
     return Finding("held-telemetry", Severity.WARNING, text, advice, only, where)
 
@@ -351,7 +351,7 @@ def check_held(how: str) -> str:
     """
     if how in ("auto", "keep") or (how.isdigit() and int(how) >= 1):
         return how
-    raise UsageError(f"--held is auto, keep or a number of rows in a sample, got {how!r}")
+    raise UsageError(f"`held` is auto, keep or a number of rows in a sample, got {how!r}")
 
 
 def every_rows(record: Record, rows: int, phase: int) -> Record:

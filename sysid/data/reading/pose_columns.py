@@ -9,7 +9,7 @@ from sysid.data.column_words import words
 from sysid.data.record import Array
 from sysid.data.unit_words import ending, without_unit
 from sysid.data.units import Conversion, conversion
-from sysid.errors import UsageError
+from sysid.errors import UsageError, argument
 
 AXES = ("x", "y", "angle")
 _ANGLES = frozenset(
@@ -105,7 +105,7 @@ def pose_conversions(
         if known.unit != wanted:
             raise UsageError(
                 f"the unit of {name} is {told}, which is none of the pose; "
-                f"give --unit {name}={examples.split(',')[0].split(' ')[0]} ({examples})"
+                f"give {argument(units={name: wanted})} ({examples})"
             )
         found.append(known)
     return tuple(found)

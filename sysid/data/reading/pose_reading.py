@@ -17,7 +17,7 @@ from sysid.data.reading.pose_columns import (
 )
 from sysid.data.record import Array
 from sysid.data.units import Conversion
-from sysid.errors import UsageError
+from sysid.errors import UsageError, argument
 
 Units = tuple[Conversion, ...]
 
@@ -86,11 +86,11 @@ def pose_in_si(
         unit = Conversion("rad", np.pi / 180.0 if told == "deg" else 1.0, told)
         if told == "deg":
             text = f"{where}: {name} tells no unit and was read in degrees, as its values show."
-            advice = f"If that is wrong, say so: --unit {name}=rad."
+            advice = f"If that is wrong, say so: {argument(units={name: 'rad'})}."
             said.append(Finding("pose", Severity.WARNING, text, advice, name, where))
         elif not seen and np.ptp(angle) > 4.0 * np.pi:
             text = f"{where}: {name} tells no unit and was read in radians."
-            advice = f"If it holds degrees, say so: --unit {name}=deg."
+            advice = f"If it holds degrees, say so: {argument(units={name: 'deg'})}."
             said.append(Finding("pose", Severity.WARNING, text, advice, name, where))
     angle = unfolded(angle * unit.scale)
     if is_compass(choice.pose[2]) and counts_as_compass(x, y, angle):

@@ -25,7 +25,7 @@ class ReadOptions:
         units: channel name → unit of its numbers in the file (see ``units.UNITS``).
         pwm_max: the command value of full drive, where it is not 20000; None otherwise.
         resample: what to do about jitter, gaps and missing cells (see ``timing``).
-        unwrap: output → number after which its counter starts over, 0 to leave its jumps alone;
+        unwrap: output → number after which its counter starts over, None to leave its jumps alone;
             an empty name for every output; else it is seen from the readings (see ``counters``).
         held: what to do about sensors slower than the log: ``auto`` reads the log at their rate,
             ``keep`` leaves every row, a number is that of the rows in a sample (see ``held``).
@@ -47,7 +47,7 @@ class ReadOptions:
     units: Mapping[str, str] = field(default_factory=dict, hash=False)
     pwm_max: float | None = None
     resample: ResamplePolicy = "auto"
-    unwrap: Mapping[str, float] = field(default_factory=dict, hash=False)
+    unwrap: Mapping[str, float | None] = field(default_factory=dict, hash=False)
     speed_of: tuple[str, ...] = ()
     held: str = "auto"
     join: tuple[str, ...] = ()
@@ -59,11 +59,11 @@ class ReadOptions:
             given = getattr(self, name)
             put(self, name, (given,) if isinstance(given, str) else tuple(given))
         put(self, "units", dict(self.units))
-        put(self, "unwrap", {name: float(period) for name, period in self.unwrap.items()})
+        put(self, "unwrap", self.periods)
         check_policy(self.resample)
         check_held(self.held)
         if self.ts is not None and not (np.isfinite(self.ts) and self.ts > 0):
-            raise UsageError(f"--ts must be a positive sample time in seconds, got {self.ts:g}")
+            raise UsageError(f"`ts` must be a positive sample time in seconds, got {self.ts:g}")
         if self.decimal not in (None, ".", ","):
             raise UsageError(f"the decimal sign must be '.' or ',', got {self.decimal!r}")
         if self.pwm_max is not None:
@@ -71,6 +71,11 @@ class ReadOptions:
         for channel, unit in self.units.items():
             if unit_of(unit) is None:  # a unit of time may be that of the time column
                 conversion(unit, channel)
+
+    @property
+    def periods(self) -> dict[str, float]:
+        """Output → number after which its counter starts over, 0 where its jumps are real."""
+        return {name: float(period or 0.0) for name, period in self.unwrap.items()}
 
     def to_json(self) -> dict[str, Any]:
         """The options as a JSON object; defaults are left out."""

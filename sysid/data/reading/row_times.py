@@ -16,7 +16,7 @@ from sysid.data.reading.clock import (
 from sysid.data.reading.table import Table
 from sysid.data.reading.time_column import Read, TimeColumn
 from sysid.data.record import Array
-from sysid.errors import DataError
+from sysid.errors import DataError, argument
 
 SAME_STEP = 0.01
 """A sample time by option and one by the time column within this fraction of each other agree."""
@@ -72,7 +72,7 @@ def row_times(
         f"{table.where}: the time is {column.name}, the sender's own stamp; {column.over}, when "
         "the message was recorded, was left aside."
     )
-    advice = f"To go by the recorder's clock say --time '{column.over}'."
+    advice = f"To go by the recorder's clock say {argument(time=column.over)}."
     note = Finding("time-unit", Severity.NOTE, text, advice, record=table.where)
     return replace(found, findings=(*found.findings, note))
 
@@ -140,10 +140,10 @@ def _checked(found: Clock, column: TimeColumn, ts: float | None, where: str) -> 
     if ts is None or abs(step / ts - 1.0) <= SAME_STEP:
         return found
     text = (
-        f"{where}: column {column.name} says {step:.4g} s between samples, --ts says {ts:g} s; "
-        "--ts was used."
+        f"{where}: column {column.name} says {step:.4g} s between samples, `ts` says {ts:g} s; "
+        "`ts` was used."
     )
-    advice = "Leave --ts out if the time column is right."
+    advice = "Leave `ts` out if the time column is right."
     note = Finding("sample-time", Severity.WARNING, text, advice, record=where)
     return Clock(found.t / step * ts, found.origin, (*found.findings, note))
 
@@ -157,18 +157,19 @@ def _untold(
         return ()
     if table.interval is not None:
         text = f"{where}: the title above the header says one row every {table.interval:.6g} s."
-        advice = "If that is not so, give the sample time in seconds with --ts."
+        advice = "If that is not so, give the sample time in seconds with `ts`."
         return (Finding("sample-time", Severity.NOTE, text, advice, record=where),)
-    counts = f" ({column.name} only counts rows)" if column is not None else ""
+    counts, unit = "", ""
+    if column is not None:
+        counts = f" ({column.name} only counts rows)"
+        unit = f", or the unit with {argument(units={column.name: 'ms'})}"
     return (
         Finding(
             "sample-time",
             Severity.WARNING,
             f"{where} does not tell its sample time{counts}: it was set to 1 s, so every time "
             "below counts samples.",
-            "Give the sample time in seconds with --ts"
-            + (f", or the unit with --unit '{column.name}=ms'" if column is not None else "")
-            + ".",
+            f"Give the sample time in seconds with `ts`{unit}.",
             record=where,
         ),
     )

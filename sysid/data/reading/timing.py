@@ -62,7 +62,7 @@ def check_policy(policy: str) -> ResamplePolicy:
         UsageError: it is not; the sentence lists them.
     """
     if policy not in POLICIES:
-        raise UsageError(f"unknown --resample {policy!r}; choose one of {', '.join(POLICIES)}")
+        raise UsageError(f"unknown `resample` {policy!r}; choose one of {', '.join(POLICIES)}")
     return policy  # type: ignore[return-value]
 
 
@@ -103,7 +103,8 @@ def plan_grid(t: Array, policy: ResamplePolicy, place: Place, where: str) -> Gri
     if np.mean(np.abs(ratio - 1.0) > 0.5) > 0.2 and policy in ("auto", "split"):
         raise DataError(
             f"{where}: the sampling is irregular, with intervals from {d[inside].min():.3g} to "
-            f"{d[inside].max():.3g} s; record at a fixed rate, or interpolate with --resample fill"
+            f"{d[inside].max():.3g} s; record at a fixed rate, or interpolate with "
+            "`resample='fill'`"
         )
     findings: list[Finding] = []
     if uneven:
@@ -165,7 +166,7 @@ def _increasing(t: Array, policy: ResamplePolicy, place: Place, where: str) -> t
     if not np.any(d > 0) or np.count_nonzero(d == 0) > len(d) // 3:
         raise DataError(
             f"{place(i + 1)}: time stands still at {t[i]:.9g} (as {np.count_nonzero(d == 0)} rows "
-            "do); log it with more digits, or give the sample time with --ts"
+            "do); log it with more digits, or give the sample time with `ts`"
         )
     if d[i] == 0:
         raise DataError(
@@ -176,7 +177,7 @@ def _increasing(t: Array, policy: ResamplePolicy, place: Place, where: str) -> t
     if policy == "split" and not np.any(d == 0):
         return tuple(int(j) for j in back)
     hint = (
-        "it holds several logs: --resample split makes an experiment of each"
+        "it holds several logs: `resample='split'` makes an experiment of each"
         if restarts.all()
         else "sort the rows or delete that line"
     )
@@ -205,7 +206,7 @@ def _jitter(d: Array, dt: float, policy: ResamplePolicy, where: str) -> Finding:
     rms, peak = 100 * np.std(d) / dt, 100 * np.max(np.abs(d / dt - 1.0))
     seen = f"{where}: the sample time jitters by {rms:.2g} % rms ({peak:.2g} % at most) of {dt:.4g}"
     if policy == "refuse":
-        raise DataError(f"{seen} s; record at a fixed rate, or allow --resample auto")
+        raise DataError(f"{seen} s; record at a fixed rate, or allow `resample='auto'`")
     return Finding(
         "jitter",
         Severity.WARNING if rms > 3 else Severity.NOTE,
@@ -233,7 +234,7 @@ def _gap_findings(
     seen = f"{place(first + 1)}: {d[first]:.4g} s without samples before this line{more}"
     if policy == "refuse" or (policy == "auto" and long.any()):
         raise DataError(
-            f"{seen}; --resample split makes several experiments of it, --resample fill "
+            f"{seen}; `resample='split'` makes several experiments of it, `resample='fill'` "
             "interpolates"
         )
     lost = int(missing[gaps].sum())

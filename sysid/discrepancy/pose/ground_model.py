@@ -38,7 +38,7 @@ def with_ground(
     if not isinstance(old, Augmented) or old.ny != 2:
         raise ModelError(
             f"effects of the vehicle cannot be added to a {old.name} model of {old.ny} outputs; "
-            "diagnose without --model, so that the base is one linear core per track"
+            "diagnose without `model`, so that the base is one linear core per track"
         )
     if any(effect(id).place is Place.POSE for id in old.effects):
         raise ModelError("the model has effects of the vehicle already; start from one without")

@@ -105,7 +105,7 @@ def _stability(model: Model) -> list[str]:
     size = f" (largest pole at radius {worst:.4f})" if np.isfinite(worst) else ""
     return [
         f"The free run of this model is unstable{size}: lower "
-        "the orders, or fit it with `sysid fit --stable` or `sysid fit --focus simulation`."
+        "the orders, or fit it with `stable=True` or `focus='simulation'`."
     ]
 
 
@@ -149,7 +149,7 @@ def _simulation(free_run: Figures, one_step: Figures) -> list[str]:
             found.append(
                 f"{name}: one step ahead the fit is {predicted:.1f} % but in free run only "
                 f"{simulated:.1f} %: a good predictor, not a good simulator. Try oe, "
-                "`sysid fit --focus simulation` or a nonlinear structure."
+                "`focus='simulation'` or a nonlinear structure."
             )
     return found
 

@@ -12,7 +12,7 @@ from sysid.criteria.nonlinear import further_tests
 from sysid.criteria.residuals import residual_report
 from sysid.criteria.verdicts import ResidualReport
 from sysid.data.record import Array, Record
-from sysid.errors import UsageError
+from sysid.errors import UsageError, argument
 from sysid.estimation.assessment.robust_judging import judged
 from sysid.estimation.levels.states import (
     estimated_columns,
@@ -149,8 +149,8 @@ def require_left(records: Sequence[Record], skip: int) -> None:
     longest = max(records, key=len)
     if skip >= len(longest):
         raise UsageError(
-            f"--skip {skip} leaves nothing of {longest.name}, which has {len(longest)} samples "
-            "to judge on; skip fewer"
+            f"{argument(skip=skip)} leaves nothing of {longest.name}, which has {len(longest)} "
+            "samples to judge on; skip fewer"
         )
 
 

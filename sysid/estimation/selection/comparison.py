@@ -118,7 +118,7 @@ def compare(
     if validation is None and len({figures[c.id]["data"] for c in usable}) > 1:
         notes.append(
             "Not all of these models were judged on the same held-out data, so the figures are "
-            "those on the data they were fitted to: give --val LOG."
+            "those on the data they were fitted to: give `validation=LOG`."
         )
         for c in usable:
             figures[c.id] = _figures_made(c, "estimation", policy)
@@ -146,7 +146,7 @@ def compare(
     if validation is None and ranks.of_free_run and not lines[0].figures["held_out"]:
         notes.append(
             "Judged on the data the models were fitted to, which favours large models: give "
-            "--val LOG, or fit with `sysid fit --split`."
+            "`validation=LOG`, or fit with `split`."
         )
     data = validation[1] if validation else str(lines[0].figures["data"])
     best = _leading(lines, criterion, notes)
@@ -272,7 +272,7 @@ def _figures_made(c: Contender, role: str, policy: Policy) -> dict[str, Any]:
         return {**part, "held_out": held_out}  # reports of other commands and versions
     raise ModelError(
         f"{c.id} was judged in another way, and the log it was judged on is gone or has changed: "
-        "name a log to judge on (--val LOG)"
+        "name a log to judge on (`validation=LOG`)"
     )
 
 
@@ -294,8 +294,8 @@ def _same_data(contenders: Sequence[Contender], excluded: dict[str, str]) -> lis
         else:
             excluded[c.id] = (
                 f"{c.id} was fitted to other data or channels than {newest.id}: such models must "
-                "not be ranked against each other by this criterion (use --val LOG with "
-                "--criteria fit)"
+                "not be ranked against each other by this criterion (use `validation=LOG` with "
+                "`criterion='fit'`)"
             )
     return kept
 

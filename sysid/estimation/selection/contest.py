@@ -150,7 +150,7 @@ def run_contest(
             made = [_structure(name, orders, records, options) for orders in chosen]
         except UsageError as error:
             if name in given and len(names) > 1:
-                raise UsageError(f"{error}; or name fewer structures with --structure") from None
+                raise UsageError(f"{error}; or name fewer structures with `structures`") from None
             raise
         own = offsets.for_structure(made[0], small)
         data[name] = (cut.of(own.detrend.remove), own.estimated)

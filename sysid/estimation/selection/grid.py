@@ -30,21 +30,21 @@ def parse_grid(text: str) -> list[RawOrders]:
             if not (low.isdigit() and high.isdigit() and int(low) <= int(high)):
                 apart = "; put spaces between orders, no commas" if item.count("=") > 1 else ""
                 raise UsageError(
-                    f"--orders: {item!r} is not a range such as {name or 'na'}=1:4{apart}"
+                    f"`orders`: {item!r} is not a range such as {name or 'na'}=1:4{apart}"
                 )
             if name in choices:
-                raise UsageError(f"--orders: {name} is given twice; give each order once")
+                raise UsageError(f"`orders`: {name} is given twice; give each order once")
             choices[name] = list(range(int(low), int(high) + 1))
         else:
             plain.append(item)
     if plain or not choices:
         for name, fixed in parse_orders(" ".join(plain)).items():
             if name in choices:
-                raise UsageError(f"--orders: {name} is given twice; give each order once")
+                raise UsageError(f"`orders`: {name} is given twice; give each order once")
             choices[name] = [fixed]
     size = int(np.prod([len(c) for c in choices.values()]))
     if size > MAX_GRID:
-        raise UsageError(f"--orders names {size} combinations; at most {MAX_GRID} are searched")
+        raise UsageError(f"`orders` names {size} combinations; at most {MAX_GRID} are searched")
     return [dict(zip(choices, values, strict=True)) for values in product(*choices.values())]
 
 
@@ -63,7 +63,7 @@ def parse_grids(text: str, names: Sequence[str]) -> dict[str, list[RawOrders]]:
         return _shared_grids(text, names)
     if text[: heads[0].start()].strip():
         raise UsageError(
-            f"--orders: {text[: heads[0].start()].strip()!r} stands before the first structure; "
+            f"`orders`: {text[: heads[0].start()].strip()!r} stands before the first structure; "
             f'write each behind its own, such as "{names[0]}: …; {names[-1]}: …"'
         )
     ends = [*(h.start() for h in heads[1:]), len(text)]
@@ -72,10 +72,10 @@ def parse_grids(text: str, names: Sequence[str]) -> dict[str, list[RawOrders]]:
         name = head[1].lower()
         if name not in names:
             raise UsageError(
-                f"--orders: {name} is not one of the structures to fit: {', '.join(names)}"
+                f"`orders`: {name} is not one of the structures to fit: {', '.join(names)}"
             )
         if name in grids:
-            raise UsageError(f"--orders: {name} is given twice; give each structure once")
+            raise UsageError(f"`orders`: {name} is given twice; give each structure once")
         grids[name] = parse_grid(text[head.end() : end])
     return grids
 
@@ -92,7 +92,7 @@ def _shared_grids(text: str, names: Sequence[str]) -> dict[str, list[RawOrders]]
     known = {name: structure_class(name).order_names for name in names}
     for order in grid[0]:
         if not any(order in orders for orders in known.values()):
-            raise UsageError(f"--orders: none of {', '.join(names)} has an order {order}")
+            raise UsageError(f"`orders`: none of {', '.join(names)} has an order {order}")
     found = {}
     for name, orders in known.items():
         own = [{k: v for k, v in raw.items() if k in orders} for raw in grid]

@@ -134,7 +134,7 @@ def search_orders(
     if not found:
         raise DataError(
             f"{data.whole[0].name}: none of the {len(grid)} orders of {name} could be fitted; "
-            "record more data or give --orders"
+            "record more data or give `orders`"
         )
     margin = tie_margin(data.held)
     equations = (sum(len(r) for r in data.train), ny)

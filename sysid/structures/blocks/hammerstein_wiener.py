@@ -89,7 +89,9 @@ class HammersteinWiener(BlockStructure):
         refuse_options(cls.name, option_names(given), tuple(cls.options))
         form = given.pop("form", "both").lower()
         if form not in FORMS:
-            raise UsageError(f"--option form: choose one of {', '.join(FORMS)}, not {form!r}")
+            raise UsageError(
+                f"`structure_options['form']`: choose one of {', '.join(FORMS)}, not {form!r}"
+            )
         asked = [read_asked("input", given), read_asked("output", given)]
         closed = {"hammerstein": 1, "wiener": 0}.get(form)
         if closed is not None and asked[closed].common is None:

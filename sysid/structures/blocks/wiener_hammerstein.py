@@ -96,7 +96,7 @@ class WienerHammerstein(BlockStructure):
         for name in raw:
             if name not in known:
                 raise UsageError(
-                    f"--orders: {cls.name} has no order {name!r}; its orders are "
+                    f"`orders`: {cls.name} has no order {name!r}; its orders are "
                     f"{' '.join(cls.order_names)}"
                 )
         choose = not set(raw) - {"nk"}
@@ -104,13 +104,13 @@ class WienerHammerstein(BlockStructure):
         for name in cls.order_names[:-1]:
             if name not in full:
                 raise UsageError(
-                    f"--orders: {cls.name} needs {name}; give all of nb1 nf1 nb nf (nk is 1 "
+                    f"`orders`: {cls.name} needs {name}; give all of nb1 nf1 nb nf (nk is 1 "
                     "unless given)"
                 )
         second: dict[str, Any] = {k: full[k] for k in ("nb", "nf", "nk") if k in full}
         rows = [_per_input(full[k], k, nu) for k in ("nb1", "nf1")]
         if not all(rows[0]):
-            raise UsageError(f"--orders: {cls.name} needs nb1 of at least 1 for every input")
+            raise UsageError(f"`orders`: {cls.name} needs nb1 of at least 1 for every input")
         first = Orders(
             na=_diagonal([0] * nu),
             nb=_diagonal(rows[0]),
@@ -213,6 +213,6 @@ def _per_input(value: Any, name: str, nu: int) -> list[int]:
     whole = all(isinstance(v, int) and not isinstance(v, bool) and 0 <= v <= 200 for v in flat)
     if len(flat) != nu or not whole:
         raise UsageError(
-            f"--orders: {name} must be a whole number from 0 to 200, or {nu} of them, got {value!r}"
+            f"`orders`: {name} must be a whole number from 0 to 200, or {nu} of them, got {value!r}"
         )
     return [int(v) for v in flat]

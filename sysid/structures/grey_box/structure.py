@@ -15,7 +15,7 @@ import numpy as np
 
 from sysid import floats
 from sysid.data.record import Array, Channel, Record
-from sysid.errors import UsageError
+from sysid.errors import UsageError, argument
 from sysid.fitting.compiled import repeated
 from sysid.fitting.problem import (
     Focus,
@@ -225,7 +225,7 @@ class GreyBox(NamedStructure):
         refuse_options(cls.name, options, tuple(cls.options))
         if raw:
             raise UsageError(
-                f"--orders: {cls.name} is a physical model and has no orders; leave --orders out"
+                f"`orders`: {cls.name} is a physical model and has no orders; leave `orders` out"
             )
         given = dict(options or {})
         substeps = _substeps(given.get("substeps", "auto"))
@@ -235,7 +235,8 @@ class GreyBox(NamedStructure):
         for name in opened:
             if name not in known:
                 raise UsageError(
-                    f"--option free: {cls.name} has no constant {name!r}; it has {', '.join(known)}"
+                    f"`structure_options['free']`: {cls.name} has no constant {name!r}; it has "
+                    f"{', '.join(known)}"
                 )
         return made
 
@@ -453,6 +454,7 @@ def _substeps(text: str) -> int:
         return 0
     if not text.isdigit() or not 1 <= int(text) <= MAX_SUBSTEPS:
         raise UsageError(
-            f"--option substeps={text}: give a whole number from 1 to {MAX_SUBSTEPS}, or auto"
+            f"{argument(structure_options={'substeps': text})}: give a whole number from 1 to "
+            f"{MAX_SUBSTEPS}, or auto"
         )
     return int(text)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.data.record import Array, Record
-from sysid.errors import DataError, Termination, UsageError
+from sysid.errors import DataError, Termination, UsageError, argument
 from sysid.fitting.holdout import shortened
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter, Problem
@@ -84,7 +84,7 @@ def _check(s: NARMAX, parameters: Sequence[Parameter], options: FitOptions) -> N
     if not s.terms and (options.fixed or options.bounds):
         raise UsageError(
             "narmax chooses its terms from the data; to hold or bound a coefficient name the "
-            'terms, e.g. --option "terms=y(t-1), u(t-1), u(t-1)*y(t-1)"'
+            f"terms, e.g. {argument(structure_options={'terms': 'y(t-1), u(t-1), u(t-1)*y(t-1)'})}"
         )
 
 

@@ -23,8 +23,8 @@ def explicit_terms(text: str, orders: Orders) -> tuple[tuple[Term, ...], ...]:
         terms = [parsed(entry, orders.nu, orders.ny, i) for entry in entries]
         if len(set(terms)) != len(terms) or not any(not is_noise(t) for t in terms):
             raise UsageError(
-                f"--option terms: {','.join(entries)!r} must name at least one term without e, "
-                "each once"
+                f"`structure_options['terms']`: {','.join(entries)!r} must name at least one term "
+                "without e, each once"
             )
         # terms of the process first: they are what the noise terms are added to
         found.append(tuple(sorted(terms, key=is_noise)))
@@ -39,6 +39,6 @@ def require_inside(rows: Sequence[Sequence[Term]], orders: Orders) -> None:
         for f in (f for t in row for f in t if f.kind != "e"):
             if f not in allowed:
                 raise UsageError(
-                    f"--option terms: {f.kind}{f.channel + 1}(t-{f.lag}) in the equation of "
-                    f"output {i + 1} lies outside na, nb and nk; raise the orders"
+                    f"`structure_options['terms']`: {f.kind}{f.channel + 1}(t-{f.lag}) in the "
+                    f"equation of output {i + 1} lies outside na, nb and nk; raise the orders"
                 )

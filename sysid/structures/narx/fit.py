@@ -123,7 +123,8 @@ def _rungs(s: NarxWavelet, options: FitOptions) -> tuple[int, ...]:
     if length == 0:
         if options.focus.value == "simulation":
             raise UsageError(
-                "--option refine=none fits one step ahead; leave out --focus simulation"
+                "`structure_options={'refine': 'none'}` fits one step ahead; leave out "
+                "`focus='simulation'`"
             )
         return ()
     if length is None:

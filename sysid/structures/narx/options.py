@@ -100,10 +100,10 @@ def check_regressors(orders: Orders, customs: Sequence[Row]) -> None:
     for i in range(orders.ny):
         count = len(lagged_signals(orders, i)) + (len(customs[i]) if customs else 0)
         if count == 0:
-            raise UsageError(f"--orders: output {i + 1} has no regressor; raise na or nb")
+            raise UsageError(f"`orders`: output {i + 1} has no regressor; raise na or nb")
         if count > MAX_REGRESSORS:
             raise UsageError(
-                f"--orders: output {i + 1} would have {count} regressors, at most "
+                f"`orders`: output {i + 1} would have {count} regressors, at most "
                 f"{MAX_REGRESSORS} are possible; lower na and nb"
             )
 

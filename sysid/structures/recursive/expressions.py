@@ -195,7 +195,7 @@ EXAMPLES: Mapping[str, str] = {
 def cannot_read(option: str, text: str, why: str) -> UsageError:
     """The one sentence about an expression that cannot be read."""
     return UsageError(
-        f"--option {option}: cannot read {text.strip()!r}: {why}; write for example "
+        f"`structure_options[{option!r}]`: cannot read {text.strip()!r}: {why}; write for example "
         f"{EXAMPLES[option]}"
     )
 
@@ -217,8 +217,8 @@ def parse(
     """
     if len(text) > MAX_TEXT:
         raise UsageError(
-            f"--option {option}: an expression of {len(text)} characters is longer than "
-            f"{MAX_TEXT}; split it"
+            f"`structure_options[{option!r}]`: an expression of {len(text)} characters is longer "
+            f"than {MAX_TEXT}; split it"
         )
     reader = _Reader(text, {"u": nu, "y": ny, "e": 0 if error_of is None else ny}, option)
     reader.first["e"] = error_of or 0

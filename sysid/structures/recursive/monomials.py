@@ -53,7 +53,7 @@ def pool(orders: Orders, output: int, degree: int) -> tuple[Term, ...]:
     if size > MAX_POOL:
         raise UsageError(
             f"narmax: degree {degree} in {len(factors)} lagged signals makes {size} candidate "
-            f"terms, more than {MAX_POOL}; lower na, nb or --option degree"
+            f"terms, more than {MAX_POOL}; lower na, nb or `structure_options['degree']`"
         )
     return tuple(
         term(c) for d in range(degree + 1) for c in combinations_with_replacement(factors, d)
@@ -147,12 +147,14 @@ def parsed(text: str, nu: int, ny: int, output: int) -> Term:
     found = list(_factors(parse(text, nu, ny, "terms", output), text))
     if len(found) > MAX_DEGREE:
         raise UsageError(
-            f"--option terms: {text!r} has degree {len(found)}, at most {MAX_DEGREE} is kept"
+            f"`structure_options['terms']`: {text!r} has degree {len(found)}, at most "
+            f"{MAX_DEGREE} is kept"
         )
     errors = [f for f in found if f.kind == "e"]
     if len(errors) > 1 or any(f.channel != output for f in errors):
         raise UsageError(
-            f"--option terms: {text!r} must hold at most one past error, the output's own"
+            f"`structure_options['terms']`: {text!r} must hold at most one past error, "
+            "the output's own"
         )
     return term(found)
 

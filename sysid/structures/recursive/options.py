@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from sysid.errors import UsageError
+from sysid.errors import UsageError, argument
 
 MARGIN = 0.15
 """How far beyond its training range an output may go in free run, as a share of that range: a
@@ -22,8 +22,8 @@ def whole_number(given: Given, name: str, low: int, high: int, structure: str) -
         return None
     if not text.isdecimal() or not low <= int(text) <= high:
         raise UsageError(
-            f"--option {name}={text}: {structure} needs a whole number from {low} to {high}, or "
-            "auto"
+            f"{argument(structure_options={name: text})}: {structure} needs a whole number from "
+            f"{low} to {high}, or auto"
         )
     return int(text)
 
@@ -32,7 +32,8 @@ def choice(given: Given, name: str, known: Sequence[str]) -> str:
     """An option that is one of some words, the first unless given; UsageError for another."""
     text = given.get(name, known[0]).strip()
     if text not in known:
-        raise UsageError(f"--option {name}={text}: choose one of {', '.join(known)}")
+        asked = argument(structure_options={name: text})
+        raise UsageError(f"{asked}: choose one of {', '.join(known)}")
     return text
 
 
@@ -44,7 +45,8 @@ def margin(given: Given) -> float:
     except ValueError:
         value = -1.0
     if not 0.0 <= value <= 10.0:
-        raise UsageError(f"--option margin={text}: give a share from 0 to 10, such as {MARGIN}")
+        asked = argument(structure_options={"margin": text})
+        raise UsageError(f"{asked}: give a share from 0 to 10, such as {MARGIN}")
     return value
 
 
@@ -66,8 +68,8 @@ def by_output(text: str, name: str, ny: int, *, one_for_all: bool) -> list[list[
     if len(groups) != ny:
         also = " or give one group for all" if one_for_all else ""
         raise UsageError(
-            f"--option {name} names those of {len(groups)} outputs but there are {ny}; divide the "
-            f"outputs by ;{also}"
+            f"`structure_options[{name!r}]` names those of {len(groups)} outputs but there are "
+            f"{ny}; divide the outputs by ;{also}"
         )
     return [_entries(group) for group in groups]
 

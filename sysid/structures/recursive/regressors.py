@@ -63,8 +63,8 @@ def _expanded(e: Expression, orders: Orders, output: int, text: str) -> list[Exp
     count = min(len(v) for v in lags.values())
     if count == 0:
         raise UsageError(
-            f"--option regressors: {text.strip()!r} has a signal without a time and the orders "
-            "name no lag of it; write one, such as u(t-1)"
+            f"`structure_options['regressors']`: {text.strip()!r} has a signal without a time and "
+            "the orders name no lag of it; write one, such as u(t-1)"
         )
     return [replaced(e, EveryLag, lambda s, k=k: lags[s][k]) for k in range(count)]  # type: ignore[misc]
 

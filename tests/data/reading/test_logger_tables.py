@@ -72,7 +72,7 @@ def test_counters_of_rows_are_no_signals(tmp_path: Path, counter: str, signals: 
         with pytest.raises(SysidError) as refused:
             read_file(path)
         example = str(refused.value).split("for example ")[1]
-        assert example.startswith("--input alpha --output beta")
+        assert example.startswith("`inputs='alpha', outputs='beta'`")
 
 
 def test_a_counter_beside_one_signal_is_a_time_series(tmp_path: Path) -> None:
@@ -94,7 +94,7 @@ def test_text_clocks_and_switches_are_not_offered(tmp_path: Path) -> None:
     rows = "\n".join(
         f"{0.1 * k:.1f},{k % 2},base,{np.sin(k):.3f},{np.cos(k):.3f}" for k in range(N)
     )
-    with pytest.raises(DataError, match=r"--input alpha --output beta\)"):
+    with pytest.raises(DataError, match=r"`inputs='alpha', outputs='beta'`\)"):
         read_file(put(tmp_path, f"t,barrier,frame_id,alpha,beta\n{rows}\n"))
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import run
+from named_fields import arguments
 from written_logs import RPM, STEP, lines, motor, point, put, robot_drive, whole
 
 from sysid.data.io import ReadOptions, read_file
@@ -96,15 +97,15 @@ def test_names(names: str, inputs: str, outputs: str, pose: str) -> None:
 @pytest.mark.parametrize(
     ("names", "example"),
     [
-        ("t duty left_thing right_thing", "--input duty --output left_thing"),
-        ("t pwm gain rate", "--input pwm --output gain"),
-        ("t alpha beta", "--input alpha --output beta"),
-        ("t duty throttle rpm drehzahl", "--output rpm"),
+        ("t duty left_thing right_thing", "inputs='duty', outputs=['left_thing', 'right_thing']"),
+        ("t pwm gain rate", "inputs='pwm', outputs='gain'"),
+        ("t alpha beta", "inputs='alpha', outputs='beta'"),
+        ("t duty throttle rpm drehzahl", "outputs='rpm'"),
         ("t motor 1", ""),
-        ("t ML MR rpmL rpmR", "--input ML,MR --output rpmL,rpmR"),
-        ("t p1 p2 rpm", "--input p1,p2 --output rpm"),
-        ("t zone_a zone_b temp1 temp2", "--input zone_a,zone_b --output temp1,temp2"),
-        ("t FU_Sollwert Geber_Istwert", "--input FU_Sollwert --output Geber_Istwert"),
+        ("t ML MR rpmL rpmR", "inputs=['ML', 'MR'], outputs=['rpmL', 'rpmR']"),
+        ("t p1 p2 rpm", "inputs=['p1', 'p2'], outputs='rpm'"),
+        ("t zone_a zone_b temp1 temp2", "inputs=['zone_a', 'zone_b'], outputs=['temp1', 'temp2']"),
+        ("t FU_Sollwert Geber_Istwert", "inputs='FU_Sollwert', outputs='Geber_Istwert'"),
     ],
 )
 def test_ambiguous_names_are_refused_with_an_example_that_works(
@@ -121,9 +122,7 @@ def test_ambiguous_names_are_refused_with_an_example_that_works(
         assert "\n" not in text
         assert example in text
         if "for example" in text:
-            words = text.split("for example ")[1].rstrip(")").split()
-            sides = [tuple(words[i].split(",")) for i in (1, 3)]
-            read_file(path, ReadOptions(inputs=sides[0], outputs=sides[1]))
+            read_file(path, ReadOptions(**arguments(text.split("for example ")[1])))
     else:
         assert not example
 
@@ -320,7 +319,7 @@ def test_what_looks_like_a_pose_and_is_none_is_said(
 
 def test_a_wrong_unit_of_the_pose_is_refused(tmp_path: Path) -> None:
     path = pose_log(tmp_path, ("x", "y", "psi"), (X, Y, PSI))
-    with pytest.raises(UsageError, match=r"unit of psi is V.*--unit psi=rad"):
+    with pytest.raises(UsageError, match=r"unit of psi is V.*`units={'psi': 'rad'}`"):
         read_file(path, ReadOptions(units={"psi": "V"}))
-    with pytest.raises(UsageError, match=r"t=rpm is no unit of time.*s, ms, us"):
+    with pytest.raises(UsageError, match=r"units={'t': 'rpm'}` is no unit of time.*s, ms, us"):
         read_file(path, ReadOptions(units={"t": "rpm"}))

@@ -7,6 +7,7 @@ import pytest
 from command_line import run
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from named_fields import arguments
 from written_logs import lines, motor, point, put, whole
 
 from sysid.data.finding import Severity
@@ -50,11 +51,11 @@ def test_unit_of_the_time(tmp_path: Path, name: str, step: float, dt: float) -> 
     guessed = [f for f in log.findings if f.code == "time-unit" and "by its steps" in f.text]
     unsure = name in ("time", "timestamp") and step >= 10
     assert bool(guessed) == unsure
-    for finding in guessed:  # the option in the sentence works, and is believed
+    for finding in guessed:  # the field in the sentence works, and is believed
         assert finding.severity is Severity.WARNING
-        said = finding.advice.split("'")[1]
-        assert said.startswith(f"{name}=")
-        other = ReadOptions(units=dict([said.split("=")]))
+        units = arguments(finding.advice.partition(", or `ts")[0])["units"]
+        assert [*units] == [name]
+        other = ReadOptions(units=units)
         assert not [
             f
             for f in read_file(tmp_path / "log.csv", other).findings
@@ -104,7 +105,7 @@ def test_a_restart_is_no_rollover(tmp_path: Path) -> None:
     k, u, y = motor(100)
     body = lines([whole(20 * k), whole(u), point(y)])
     path = put(tmp_path, "millis,u,y\n" + body + body)
-    with pytest.raises(DataError, match="several logs: --resample split"):
+    with pytest.raises(DataError, match="several logs: `resample='split'`"):
         read_file(path)
     assert len(read_file(path, ReadOptions(resample="split")).records) == 2
 
@@ -117,7 +118,7 @@ def test_without_a_time_it_is_said_loudly(tmp_path: Path) -> None:
         log = read_file(put(tmp_path, head + "\n" + lines(columns)))
         (found,) = (f for f in log.findings if f.code == "sample-time")
         assert found.severity is Severity.WARNING
-        assert "--ts" in found.text
+        assert "`ts`" in found.text
         timed = read_file(tmp_path / "log.csv", ReadOptions(ts=0.02))
         assert timed.records[0].dt == 0.02
         assert not timed.findings
@@ -159,7 +160,7 @@ def test_the_time_is_no_signal(tmp_path: Path, name: str, side: str) -> None:
     k, u, y = motor(60)
     stamps = whole(k) if name in ("sample", "k") else point(0.02 * k)
     path = put(tmp_path, f"{name},u,y\n" + lines([stamps, whole(u), point(y)]))
-    instead = "--input u" if side == "inputs" else "--output y"
+    instead = "`inputs='u'`" if side == "inputs" else "`outputs='y'`"
     with pytest.raises(UsageError, match=f"column {name} of log.csv .* such as {instead}"):
         read_file(path, ReadOptions(**{side: (name,)}))  # type: ignore[arg-type]
 
@@ -185,7 +186,7 @@ def test_a_current_named_like_a_counter_is_no_counter(tmp_path: Path) -> None:
 def test_a_clock_too_coarse_is_left_where_the_sample_time_is_given(tmp_path: Path) -> None:
     k, u, y = motor(200)
     path = put(tmp_path, "Zeit,u,y\n" + lines([whole(k // 50), whole(u), point(y)]))
-    with pytest.raises(DataError, match=r"time stands still.*--ts"):
+    with pytest.raises(DataError, match=r"time stands still.*`ts`"):
         read_file(path)
     assert read_file(path, ReadOptions(ts=0.02)).records[0].dt == 0.02
 

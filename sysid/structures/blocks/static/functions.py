@@ -116,22 +116,26 @@ def parse_static(text: str) -> Static:
         kind, colon, number = item.partition(":")
         if kind not in KINDS:
             raise UsageError(
-                f"--option: there is no static {item!r}; the kinds are {', '.join(KINDS)}, joined "
-                f"by commas, e.g. {EXAMPLES}"
+                f"`structure_options`: there is no static {item!r}; the kinds are "
+                f"{', '.join(KINDS)}, joined by commas, e.g. {EXAMPLES}"
             )
         least = KINDS[kind].smallest
         if least and not (number.isdigit() and least <= int(number) <= MAX_SIZE):
             raise UsageError(
-                f"--option: {item!r} needs a size from {least} to {MAX_SIZE}, "
+                f"`structure_options`: {item!r} needs a size from {least} to {MAX_SIZE}, "
                 f"e.g. {kind}:{max(least, 5)}"
             )
         if colon and not least:
-            raise UsageError(f"--option: {kind} has no size; write {kind} instead of {item!r}")
+            raise UsageError(
+                f"`structure_options`: {kind} has no size; write {kind} instead of {item!r}"
+            )
         if kind == "identity":
             continue
         stage = Stage(kind, int(number) if least else 0)
         if set(stage.names) & {n for s in stages for n in s.names}:
-            raise UsageError(f"--option: {text!r} has two stages with the same parameters")
+            raise UsageError(
+                f"`structure_options`: {text!r} has two stages with the same parameters"
+            )
         stages.append(stage)
     return Static(tuple(stages))
 

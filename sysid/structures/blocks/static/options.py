@@ -39,8 +39,8 @@ class Asked:
         for name, _ in self.named:
             if name not in names:
                 raise UsageError(
-                    f"--option {self.place}[{name}]: there is no {self.place} {name!r}; there "
-                    f"are {', '.join(names)}"
+                    f"`structure_options[{f'{self.place}[{name}]'!r}]`: there is no "
+                    f"{self.place} {name!r}; there are {', '.join(names)}"
                 )
         given = dict(self.named)
         return tuple(given.get(n, self.common) or default for n in names)

@@ -9,7 +9,7 @@ import numpy as np
 
 from sysid.data.integrating import is_position
 from sysid.data.record import Array, Channel, Record
-from sysid.errors import UsageError
+from sysid.errors import UsageError, argument
 from sysid.structures.grey_box.constants import Constant, Rung, Signal
 from sysid.structures.grey_box.dc_motor.constants import (
     OPTIONAL_EACH,
@@ -106,13 +106,14 @@ class DCMotor(GreyBox):
         if nu != ny or nu not in (1, 2):
             raise UsageError(
                 f"dc-motor needs one motor (1 input, 1 output) or two tracks (2 and 2), got {nu} "
-                f"inputs and {ny} outputs; choose columns with --input and --output"
+                f"inputs and {ny} outputs; choose columns with `inputs` and `outputs`"
             )
         found: dict[str, Any] = {}
         for option, choices in _CHOICES.items():
             value = given.get(option, choices[0])
             if value not in choices:
-                raise UsageError(f"--option {option}={value}: choose one of {', '.join(choices)}")
+                asked = argument(structure_options={option: value})
+                raise UsageError(f"{asked}: choose one of {', '.join(choices)}")
             found["parametrisation" if option == "parameters" else option] = value
         shared = given.get("shared")
         if shared is not None:
@@ -120,7 +121,9 @@ class DCMotor(GreyBox):
             for n in names:
                 if n not in OPTIONAL_EACH:
                     known = ", ".join(OPTIONAL_EACH)
-                    raise UsageError(f"--option shared: {n!r} cannot be shared; choose of {known}")
+                    raise UsageError(
+                        f"`structure_options['shared']`: {n!r} cannot be shared; choose of {known}"
+                    )
             found["shared"] = names
         found["torque_per_input"] = _positive(given.get("torque_constant", "0"))
         return found
@@ -331,7 +334,7 @@ def _positive(text: str) -> float:
         value = -1.0
     if not (np.isfinite(value) and value >= 0.0):
         raise UsageError(
-            f"--option torque_constant={text}: give the stall torque or force per unit of input, "
-            "a number above 0"
+            f"{argument(structure_options={'torque_constant': text})}: give the stall torque or "
+            "force per unit of input, a number above 0"
         )
     return value

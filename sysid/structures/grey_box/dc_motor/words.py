@@ -95,7 +95,7 @@ def _physical(
         return [
             f"From these data alone only ratios are known. With G, the stall torque per {u}: "
             "damping D = Kc·Kem·n²/R + f = G/gain, inertia J = time_constant·D, friction torque = "
-            "G·coulomb; `sysid fit --option torque_constant=G` writes them out."
+            "G·coulomb; `structure_options={'torque_constant': G}` writes them out."
         ]
     D = G / e["gain"]
     found = []

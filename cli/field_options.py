@@ -1,0 +1,112 @@
+"""Messages of the library name fields; on the command line these are options of the command.
+
+In a message fields stand in backticks as a script would give them: `` `ts` ``,
+`` `stable=True` ``, `` `inputs='u', outputs=['a', 'b']` ``, `` `units={'t': 'ms'}` ``,
+`` `structure_options['degree']` ``; a name in capitals stands for what the reader puts in, as in
+`` `validation=LOG` ``. An option's parameter is called as the field it gives, so the declarations
+of the commands are the only table.
+"""
+
+import ast
+import re
+import shlex
+from importlib import import_module
+from typing import Any
+
+import typer
+from typer.core import TyperCommand
+
+from sysid.errors import SysidError
+
+_MARKED = re.compile(r"`([a-z_]+(?:[=\[][^`]*)?)`")
+
+Given = tuple[str, list[str]]
+"""A field, and what follows its option: a word, or several where it is given several times."""
+
+
+class Command(TyperCommand):
+    """A command whose errors name its own options."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run it; a field that an error names becomes an option while the command is known."""
+        try:
+            return super().invoke(ctx)
+        except SysidError as error:
+            error.args = (with_options(str(error)),)
+            raise
+
+
+def with_options(text: str) -> str:
+    """The text with its fields as options of the running command: `` `ts` `` as ``--ts``.
+
+    Fields that the running command lacks are named with the first command that has them,
+    `` `sysid fit --stable` ``; what no command has stays as it is.
+    """
+    return _MARKED.sub(_options, text) if "`" in text else text
+
+
+def options_of(command: Any) -> dict[str, str]:
+    """Field → option, as a command declares them."""
+    return {p.name: max(p.opts, key=len) for p in command.params if p.opts[0].startswith("-")}
+
+
+def fields_in(marked: str) -> list[Given]:
+    """The fields of what stands in backticks; none where it is no such thing."""
+    try:
+        call: Any = ast.parse(f"f({marked})", mode="eval").body
+        return [_given(part) for part in (*call.args, *call.keywords)]
+    except (SyntaxError, ValueError, AttributeError):
+        return []
+
+
+def _options(found: re.Match[str]) -> str:
+    fields = fields_in(found[1])
+    command, options = _declared({name for name, _ in fields})
+    if not (fields and options):
+        return found[0]
+    said = " ".join(f"{options[name]} {word}".rstrip() for name, words in fields for word in words)
+    return f"`sysid {command} {said}`" if command else said
+
+
+def _declared(fields: set[str]) -> tuple[str, dict[str, str]]:
+    """The options of the running command, else a command that has all the fields, and its."""
+    # typer carries its own click or uses an installed one, depending on its version
+    click = typer.Context.__mro__[1].__module__.rpartition(".")[0]
+    context = import_module(f"{click}.globals").get_current_context(silent=True)
+    if context is None:
+        return "", {}
+    root = context.obj  # of every line that ``main`` runs
+    commands = {"": context.command, **getattr(root, "commands", {})}
+    every = ((name, options_of(command)) for name, command in commands.items())
+    return next(((name, found) for name, found in every if fields <= found.keys()), ("", {}))
+
+
+def _given(part: Any) -> Given:
+    """One argument of a call, as options spell it.
+
+    Raises:
+        AttributeError, ValueError: it is no field.
+    """
+    if isinstance(part, ast.Name):
+        return part.id, [""]
+    if isinstance(part, ast.Subscript):
+        return _plain(part.value), [_plain(part.slice)]
+    value = part.value
+    if isinstance(value, ast.Dict):
+        pairs = zip(value.keys, value.values, strict=True)
+        return part.arg, [shlex.quote(f"{_plain(key)}={_plain(item)}") for key, item in pairs]
+    if isinstance(value, ast.Constant) and value.value is True:
+        return part.arg, [""]  # a flag
+    word = _plain(value)
+    return part.arg, [word if isinstance(value, ast.Name) else shlex.quote(word)]
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, ast.Name):
+        return value.id
+    if isinstance(value, ast.Tuple | ast.List):
+        return ",".join(map(_plain, value.elts))
+    found = ast.literal_eval(value)
+    if found is None:
+        return "none"
+    return f"{found:.15g}" if isinstance(found, float) else str(found)
