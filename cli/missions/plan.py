@@ -10,6 +10,7 @@ from sysid.workspace.store import Workspace
 
 from .. import reading, render, targets
 from ..field_options import Command
+from .law_options import Guidance, LawChoice
 
 if TYPE_CHECKING:
     from sysid.mission.plan import Curves, Plan
@@ -43,6 +44,7 @@ def plan(
             "[WORKSPACE/missions/NAME_plan.svg].",
         ),
     ] = None,
+    guidance: Guidance = None,
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
     json: reading.Json = False,
 ) -> None:
@@ -52,7 +54,7 @@ def plan(
     from sysid.mission.plan import plan as follow
     from sysid.mission.spec import load_mission
 
-    given = load_mission(mission)
+    given = LawChoice(guidance).applied(load_mission(mission))
     with render.progress(f"Following {mission.name}"):
         found = follow(given)
     facts: dict[str, Any] = {"guidance": type(given.guidance).__name__, **found.summary()}

@@ -10,6 +10,7 @@ from sysid.workspace.store import Workspace
 
 from .. import reading, render, targets
 from ..mission_options import AcceptChanges
+from .law_options import LawChoice, law_choice, refuse_for_log
 
 if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 _MISSION_FILES = (".yaml", ".yml")
 
 
-@reading.composed(read=reading.read_options)
+@reading.composed(read=reading.read_options, laws=law_choice)
 def simulate(
     mission: Annotated[
         Path, typer.Argument(metavar="MISSION|LOG", help="A mission (YAML), or a log to replay.")
@@ -35,16 +36,11 @@ def simulate(
         Path | None,
         typer.Option(metavar="FILE", help="CSV to write [WORKSPACE/missions/NAME.csv]."),
     ] = None,
-    control: Annotated[
-        str | None,
-        typer.Option(
-            metavar="KIND",
-            help="Controller instead of the mission's: a kind, or speed=KIND,yaw=KIND.",
-        ),
-    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the sensors' noise.")] = 0,
     accept_changes: AcceptChanges = False,
     *,
     read: "ReadOptions",
+    laws: LawChoice,
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
     json: reading.Json = False,
 ) -> None:
@@ -58,8 +54,8 @@ def simulate(
     drives = mission.suffix.lower() in _MISSION_FILES
     if drives and read != ReadOptions():
         raise UsageError(f"{mission} is a mission: options of reading a log have no use with it")
-    if control is not None and not drives:
-        raise UsageError(f"{mission} is a log to replay: --control has no use with it")
+    if not drives:
+        refuse_for_log(laws, mission)
     name = f"{mission.stem}.csv" if drives else f"{mission.stem}_replay.csv"
     if log is not None:
         targets.check(log, "--log")
@@ -67,7 +63,7 @@ def simulate(
     if target.exists() and mission.exists() and target.samefile(mission):
         raise UsageError(f"--log {target} would overwrite what is simulated; name another file")
     if drives:
-        facts = _drive(mission, package.plant(), target, plot, control)
+        facts = _drive(mission, package.plant(), target, plot, laws, seed)
     else:
         facts = _replay(mission, package.plant(), target, plot, read)
     facts["warnings"] = [*package.notes, *facts["warnings"]]
@@ -86,7 +82,7 @@ def _load(place: Workspace, plant: Path | None, accept_changes: bool) -> "Packag
 
 
 def _drive(
-    path: Path, plant: "Plant", log: Path, plot: Path | None, control: str | None
+    path: Path, plant: "Plant", log: Path, plot: Path | None, laws: LawChoice, seed: int
 ) -> dict[str, Any]:
     import numpy as np
 
@@ -97,15 +93,11 @@ def _drive(
     from sysid.plant.replay import outside_domain
 
     from ..pictures import draw_mission
-    from .control_option import chosen_controller
 
-    mission = load_mission(path)
-    if control is not None:
-        other = chosen_controller(control, mission.control)
-        mission = mission.model_copy(update={"control": other})
+    mission = laws.applied(load_mission(path))
     robot, warnings = as_robot(plant, mission)
     with render.progress(f"Driving {path.name}"):
-        result = simulate(mission, robot)
+        result = simulate(mission, robot, seed)
     named = [c.name for c in plant.inputs]
     if set(named) <= result.log.keys():  # the plant's inputs are the robot's own PWM
         warnings += outside_domain(plant, np.column_stack([result.log[n] for n in named]))

@@ -16,7 +16,7 @@ from mission_cases import Robot, check_law, goal
 from sysid import floats
 from sysid.data.record import Array, Channel
 from sysid.effects.ground import Ground
-from sysid.errors import DataError, ModelError
+from sysid.errors import DataError, ModelError, UsageError
 from sysid.mission.contracts import (
     ROBOT_INPUTS,
     ROBOT_OUTPUTS,
@@ -363,3 +363,17 @@ def test_a_mistake_in_a_sensor_is_named_with_its_line(
     path.write_text(f"goal: [1, 0]\nsensors:\n  {keys}\n")
     with pytest.raises(DataError, match=f"m.yaml:{line}: {words}"):
         load_mission(path)
+
+
+def test_a_law_chosen_on_the_command_line_replaces_the_mission_s(tmp_path: Path) -> None:
+    from sysid_cli.missions.law_options import LawChoice
+
+    path = tmp_path / "m.yaml"
+    path.write_text("goal: [1, 0]\nguidance: {theta: 1}\nnavigation: {r: 0.03}\n")
+    mission = load_mission(path)
+    other = LawChoice(guidance="steps", navigation="odometry", motion="kinematic").applied(mission)
+    assert type(other.guidance).__name__ == "Steps"
+    assert other.navigation == Odometry(r=0.03)  # the same kind keeps its keys
+    assert LawChoice(guidance="field").applied(mission) == mission
+    with pytest.raises(UsageError, match="unknown kind 'x' of navigation: the kinds are odometry"):
+        LawChoice(navigation="x").applied(mission)
