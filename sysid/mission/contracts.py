@@ -66,6 +66,8 @@ class Disc(NamedTuple):
 
     def at(self, t: Real) -> "Disc":
         """The obstacle with its place at ``t`` [s]."""
+        if type(self.vx) is type(self.vy) is float and self.vx == self.vy == 0.0:
+            return self
         return self._replace(x=self.x + self.vx * t, y=self.y + self.vy * t)
 
 

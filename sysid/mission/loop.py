@@ -88,19 +88,17 @@ class Tick(NamedTuple):
 
 def ticks(dt: float, period: float) -> Iterator[Tick]:
     """Every sample of the plant, k·dt, with the control instants j·period; without end."""
-    calls = 0
-
-    def until(limit: float) -> tuple[float, ...]:
-        nonlocal calls
-        first = calls
-        while calls * period < limit:
-            calls += 1
-        return tuple(j * period for j in range(first, calls))
-
+    instants = (j * period for j in itertools.count())
+    coming = next(instants)
     for k in itertools.count():
         t = round(k * dt, 12)  # 5.3, not 5.300000000000001
         slack = 1e-9 * (period + t)  # k·dt and j·period of one instant differ by rounding
-        yield Tick(t, dt if k else 0.0, until(t - slack), until(t + slack))
+        before: list[float] = []
+        now: list[float] = []
+        while coming < t + slack:
+            (before if coming < t - slack else now).append(coming)
+            coming = next(instants)
+        yield Tick(t, dt if k else 0.0, tuple(before), tuple(now))
 
 
 class Progress(NamedTuple):

@@ -224,16 +224,19 @@ class PolynomialStructure(NamedStructure):
 
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
         """x⁺ = A x + B u, y = C x + D u with the matrices of G(q)."""
-        A, B, C, D = self.transfer(theta).matrices
+        A, B, _, _ = self.transfer(theta).matrices
+        read = self.readout(theta)
 
         def advance(x: Array, u: Array) -> tuple[Array, Array]:
-            return A @ x + B @ u, C @ x + D @ u
+            return A @ x + B @ u, read(x, u)
 
         return advance
 
     def readout(self, theta: Array) -> Callable[[Array, Array], Array]:
-        """y = C x + D u."""
+        """y = C x + D u; D is zero wherever a command acts a sample later."""
         _, _, C, D = self.transfer(theta).matrices
+        if not np.any(D):
+            return lambda x, u: C @ x
         return lambda x, u: C @ x + D @ u
 
     def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
