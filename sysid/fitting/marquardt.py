@@ -21,7 +21,6 @@ from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dsyrk
 
 from sysid.data.record import Array
 from sysid.errors import Termination
@@ -101,6 +100,8 @@ def loss(r: Array, huber: Array | None = None) -> float:
 
 def products(jacobian: Function) -> NormalEquations:
     """Normal equations of a Jacobian: a twentieth of its QR's time, of its condition squared."""
+
+    from scipy.linalg.blas import dsyrk  # a mission fits nothing
 
     def equations(x: Array, r: Array) -> tuple[Array, Array]:
         J = jacobian(x)

@@ -13,8 +13,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
-from scipy.linalg.lapack import dgeqrf
 
 from sysid.data.record import Array, Record
 
@@ -123,6 +121,8 @@ class LeastSquares:
 
 def solve(gram: LagGram, target: int, regressors: Sequence[int]) -> LeastSquares | None:
     """Least squares from the Gram matrix, or None when it is too ill-conditioned for that."""
+    from scipy.linalg import cho_factor, cho_solve  # what fits nothing does not wait for it
+
     index = np.asarray(regressors, dtype=np.intp)
     H = gram.matrix[np.ix_(index, index)]
     g = gram.matrix[index, target]
@@ -177,6 +177,8 @@ def triangle(A: Array) -> Array:
 
     LAPACK itself: ``numpy.linalg.qr(mode="r")`` takes five times as long for 10⁴ x 8.
     """
+    from scipy.linalg.lapack import dgeqrf
+
     return np.asarray(np.triu(dgeqrf(A, overwrite_a=True)[0][: A.shape[1]]))
 
 

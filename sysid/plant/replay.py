@@ -4,17 +4,19 @@ import csv
 import io
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sysid.criteria.fit import fit_percent, rmse
 from sysid.data.files import write_atomic
-from sysid.data.io import ReadOptions, read_file, read_log
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import ModelError
 from sysid.plant.selftest import run
 from sysid.structures.plant import Plant
+
+if TYPE_CHECKING:
+    from sysid.data.io import ReadOptions
 
 ELSEWHERE = 0.1
 """Share of an output's range in the log by which it may begin beside the plant's rest: less than
@@ -50,7 +52,7 @@ class Replay:
         }
 
 
-def read_for(plant: Plant, path: str | Path, options: ReadOptions | None = None) -> Record:
+def read_for(plant: Plant, path: str | Path, options: "ReadOptions | None" = None) -> Record:
     """Read the columns of a log that a plant needs.
 
     Args:
@@ -61,6 +63,8 @@ def read_for(plant: Plant, path: str | Path, options: ReadOptions | None = None)
     Raises:
         DataError, UsageError: the log cannot serve; see ``sysid.data.io``.
     """
+    from sysid.data.io import ReadOptions, read_file, read_log  # a mission reads no log
+
     options = options or ReadOptions()
     options = replace(
         options,
