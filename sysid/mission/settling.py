@@ -86,7 +86,11 @@ def settle(plant: SteppablePlant, state: Array, u: Array) -> Settling:
         values = np.empty((block, len(plant.outputs)))
         with np.errstate(over="ignore", invalid="ignore"):
             for k in range(block):
-                state, values[k] = plant.step(state, u)
+                after, values[k] = plant.step(state, u)
+                if np.array_equal(after, state):  # a step is pure: the others change nothing
+                    values[k:] = values[k]
+                    break
+                state = after
         last = values[-1].copy()
         if not np.all(np.abs(values) < RULE.runaway):
             return Settling(Ending.RUNS_AWAY, state, last, swing)

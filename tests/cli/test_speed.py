@@ -177,6 +177,17 @@ def processor_time(code: str, folder: Path) -> float:
     return spent + after.children_system - before.children_system
 
 
+def test_a_mission_waits_for_no_reader_and_no_solver(tmp_path: Path) -> None:
+    """Half of the second that a cold ``simulate`` took was importing what only fits need."""
+    fitted = ["fit", str(LOG), "--structure", "arx", "--orders", "na=2 nb=2"]
+    for line in (fitted, ["export", "--format", "json"]):
+        assert main([*line, "--workspace", str(tmp_path / ".sysid")]) == 0
+    mission = LOG.parents[1] / "missions" / "obstacles_6_3.yaml"
+    slow = ("scipy", "joblib", "sysid.data.io", "sysid.estimation", *HEAVY)
+    done = imported_by(["simulate", str(mission)], slow, tmp_path)
+    assert (done["code"], done["found"]) == (0, [])
+
+
 def test_linear_fit_imports_nothing_heavy_and_caps_blas(tmp_path: Path) -> None:
     line = ["fit", str(LOG), "--structure", "arx", "--orders", "na=2 nb=2 nk=1"]
     assert imported_by(line, HEAVY, tmp_path) == {"code": 0, "found": [], "cap": "1"}

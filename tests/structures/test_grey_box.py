@@ -180,6 +180,19 @@ def test_one_run_on_plain_numbers_is_the_run_on_arrays(
     assert np.min(run) < 0.0 < np.max(run)
 
 
+def test_tanks_on_plain_numbers_are_tanks_on_arrays() -> None:
+    s = replace(Tanks.from_orders({}, 1, 1, {}), dt=4.0, substeps=3)
+    theta = s.pack(TANKS)
+    step, p, x = s.step(theta), s.prepared(np, s.unpack(np, theta), s.h), np.array([2.0, 1.0])
+    for u in 2.5 + steps(100, 5, 2.5, held=10):
+        after, y = step(x, u)
+        moved = s.sample(np, x[:, None], u[:, None], p, s.h, s.steps)[:, 0]
+        # powers of NumPy and of math may differ in their last bit
+        np.testing.assert_allclose(after, moved, rtol=1e-14)
+        np.testing.assert_array_equal(y, x[1:])
+        x = after
+
+
 def test_coupling_of_bench_constants_is_the_kinetic_energy_of_the_body() -> None:
     s = motor(2, parameters="bench")
     p = s.unpack(np, s.pack({}))

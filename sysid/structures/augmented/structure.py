@@ -304,6 +304,13 @@ class Augmented(Structure):
 
         return advance
 
+    def readout(self, theta: Array) -> Callable[[Array, Array], Array]:
+        """The speeds in the state, which the reading is unless an effect changes it."""
+        if any(e.place is Place.READING for e in self.active):
+            return super().readout(theta)
+        own, tracks = self._given_states, self.ny
+        return lambda x, u: x[own : own + tracks]
+
     def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
         """Free-run errors: there is no noise model."""
         x0 = self.fitted_state(theta, u, y, window) if window else None

@@ -13,6 +13,11 @@ def together(xp: Any, values: Sequence[Any]) -> Any:
     return list(values) if xp is floats else xp.stack(values)
 
 
+def ahead(xp: Any, x: Any, h: Any, rate: Any) -> Any:
+    """x + h rate."""
+    return [v + h * d for v, d in zip(x, rate, strict=True)] if xp is floats else x + h * rate
+
+
 def in_floats(value: Any) -> Any:
     """Prepared constants for one run: (n, 1) becomes a list of floats, (1,) and () a float."""
     if isinstance(value, Mapping):

@@ -32,7 +32,7 @@ from sysid.structures.grey_box.runs import (
     stays_bounded,
     tangents,
 )
-from sysid.structures.grey_box.single_runs import in_floats
+from sysid.structures.grey_box.single_runs import ahead, in_floats
 
 if TYPE_CHECKING:
     from sysid.structures.outcome import Fitter
@@ -101,10 +101,11 @@ class GreyBox(NamedStructure):
     def advance(self, xp: Any, x: Signal, u: Signal, p: Mapping[str, Signal], h: float) -> Signal:
         """x after a step h with u held: classical Runge-Kutta 4 unless overridden."""
         a = self.rates(xp, x, u, p)
-        b = self.rates(xp, x + 0.5 * h * a, u, p)
-        c = self.rates(xp, x + 0.5 * h * b, u, p)
-        d = self.rates(xp, x + h * c, u, p)
-        return x + h / 6.0 * (a + 2.0 * (b + c) + d)
+        b = self.rates(xp, ahead(xp, x, 0.5 * h, a), u, p)
+        c = self.rates(xp, ahead(xp, x, 0.5 * h, b), u, p)
+        d = self.rates(xp, ahead(xp, x, h, c), u, p)
+        total = ahead(xp, ahead(xp, a, 2.0, ahead(xp, b, 1.0, c)), 1.0, d)
+        return ahead(xp, x, h / 6.0, total)
 
     def prepared(self, xp: Any, p: dict[str, Signal], h: Signal) -> Mapping[str, Signal]:
         """p for ``advance`` and ``reading``, with whatever need be computed only once a run."""

@@ -9,6 +9,7 @@ import numpy as np
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError
 from sysid.structures.grey_box.constants import Constant, Rung, Signal
+from sysid.structures.grey_box.single_runs import together
 from sysid.structures.grey_box.structure import GreyBox
 
 SMALL = 1e-3
@@ -33,6 +34,7 @@ class Tanks(GreyBox):
     zero.
     """
 
+    takes_floats: ClassVar[bool] = True
     name: ClassVar[str] = "tanks"
     title: ClassVar[str] = "Two tanks in cascade: a grey box with outflow and overflow"
     equation: ClassVar[str] = (
@@ -95,17 +97,18 @@ class Tanks(GreyBox):
         upper = xp.maximum(free[0] - over, 0.0)
         caught = p["share"] * over
         lower = xp.minimum(xp.maximum(free[1] + caught, xp.minimum(-p["d2"], 0.0)), p["limit2"])
-        return xp.stack([upper, lower])
+        return together(xp, [upper, lower])
 
     def rates(self, xp: Any, x: Signal, u: Signal, p: Mapping[str, Signal]) -> Signal:
         """Balance of each tank."""
         through = _outflow(xp, x[0], p["a1"])
         out = _outflow(xp, x[1] + p["d2"], p["a2"])
-        return xp.stack(
+        return together(
+            xp,
             [
                 xp.maximum(p["k3"] * u[0] + p["k4"], 0.0) - p["k1"] * through,
                 p["k1"] * through - p["k2"] * out,
-            ]
+            ],
         )
 
     def reading(self, xp: Any, x: Signal, p: Mapping[str, Signal]) -> Signal:
