@@ -102,7 +102,7 @@ EXAMPLE: dict[str, Any] = {
 
 
 def leaves(tree: Any) -> list[float]:
-    return [float(leaf) for leaf in jax.tree.leaves(tree)]
+    return [float(number) for leaf in jax.tree.leaves(tree) for number in np.ravel(leaf)]
 
 
 def check_law(role: str, law: Any) -> None:

@@ -1,0 +1,50 @@
+"""The extended Kalman filter."""
+
+from typing import Any
+
+from sysid.mission.navigation.delays import Slot
+from sysid.mission.navigation.design import Design
+from sysid.mission.navigation.fusion import Filter, Sight
+from sysid.mission.navigation.gaussian import Gaussian, Innovation, corrected, symmetric, wrapped
+from sysid.mission.navigation.process import PSI, Process, matrix
+
+
+def predicted(belief: Gaussian, process: Process, slot: Slot, xp: Any) -> Gaussian:
+    """x⁻ = f(x), P⁻ = FPFᵀ + Q with F the slopes of f at x (thesis 4.6, 4.7)."""
+    s = {name: belief.x[i] for i, name in enumerate(process.names)}
+    after = process.advanced(s, slot.dt, slot.drive, xp)
+    F, Q = process.slopes(s, slot.dt, slot.drive, xp)
+    x = xp.array([after[name] for name in process.names])
+    return Gaussian(wrapped(x, PSI, xp), symmetric(F @ belief.P @ F.T + Q))
+
+
+def measured(
+    belief: Gaussian, names: tuple[str, ...], sight: Sight, xp: Any
+) -> tuple[Gaussian, Innovation]:
+    """Correct by z = h(x) + v, with the slopes of h at x."""
+    at = {name: i for i, name in enumerate(names)}
+    s = {name: belief.x[i] for name, i in at.items()}
+    expected = sight.group.expected(s, sight.setting, xp)
+    entries = {
+        (row, at[name]): slope
+        for row, one in enumerate(expected)
+        for name, slope in one.slopes.items()
+    }
+    H = matrix(entries, len(expected), len(names), xp)
+    nu = sight.group.off(sight.z - xp.array([one.value for one in expected]), xp)
+    belief, found = corrected(belief, nu, H, sight.variance, sight.quantiles, xp)
+    return Gaussian(wrapped(belief.x, PSI, xp), belief.P), found
+
+
+class ExtendedKalman(Filter):
+    """Pose, speed, yaw rate, slip and biases of the sensors, linearised at each estimate."""
+
+    def predicted(self, of: Gaussian, plan: Design, slot: Slot, xp: Any) -> Gaussian:
+        """What is believed ``slot.dt`` later."""
+        return predicted(of, plan.process, slot, xp)
+
+    def corrected(
+        self, of: Gaussian, plan: Design, sight: Sight, xp: Any
+    ) -> tuple[Gaussian, Innovation]:
+        """What is believed after one group of readings."""
+        return measured(of, plan.process.names, sight, xp)

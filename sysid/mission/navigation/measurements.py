@@ -1,0 +1,239 @@
+"""What each reading tells about the state of the vehicle: expected values and their slopes.
+
+Encoders read the mean of ω_l,r = (v ∓ ψ̇B/2)/(r(1 − i_l,r)) (2.13 with the slip of 2.24) since their
+last reading, a gyroscope ψ̇, an accelerometer the mean of v̇ since its last reading and vψ̇ to the
+left, a magnetometer the field H(cos(ψ − north), −sin(ψ − north)), position fixes X and Y, and
+visual odometry the motion since its last frame, seen from there; each plus its bias where that is
+a state.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from sysid.mission.navigation.compass import compass_heading
+from sysid.mission.navigation.process import States, is_angle
+from sysid.vehicle.kinematics import Geometry, Real, wrap_angle
+
+LOST_AFTER = 1.5
+"""A reading that comes after more than so many intervals follows one that was lost."""
+
+
+class Setting(NamedTuple):
+    """What expected readings are computed with.
+
+    Attributes:
+        geometry: lengths of the vehicle.
+        slip: part of the track speeds that is lost on top of the states ``slip_l, slip_r``.
+        elapsed: time since the last reading of the same sensor [s].
+        known_heading: slopes by the heading are left out where it turns a way.
+    """
+
+    geometry: Geometry
+    slip: float = 0.0
+    elapsed: Real = 0.0
+    known_heading: bool = False
+
+
+class Compass(NamedTuple):
+    """The undisturbed field: its size, in the unit of the readings, and its heading [rad]."""
+
+    field: float = 1.0
+    north: float = 0.0
+
+
+UNIT_FIELD = Compass()
+
+
+class Expected(NamedTuple):
+    """What a reading should be, and its slopes by the states it depends on."""
+
+    value: Real
+    slopes: Mapping[str, Real]
+
+
+Expectation = Callable[[States, Setting, Compass, Any], Expected]
+
+
+def _wheel(side: float, slip: str, way: str, turn: str) -> Expectation:
+    def expected(s: States, c: Setting, _: Compass, xp: Any) -> Expected:
+        half = side * 0.5 * c.geometry.B
+        share = 1.0 / (c.geometry.r * (1.0 - c.slip))
+        if way == "way":
+            share = share / xp.maximum(c.elapsed, 1e-9)
+        slopes: dict[str, Real] = {way: share, turn: half * share}
+        value = share * (s[way] + half * s[turn])
+        if slip in s:
+            grip = 1.0 / (1.0 - s[slip])
+            slopes = {name: slope * grip for name, slope in slopes.items()}
+            value = value * grip
+            slopes[slip] = value * grip
+        return Expected(value, slopes)
+
+    return expected
+
+
+def _state(name: str) -> Expectation:
+    """A reading of a state itself."""
+    return lambda s, c, compass, xp: Expected(s[name], {name: 1.0})
+
+
+def _forward(s: States, c: Setting, _: Compass, xp: Any) -> Expected:
+    share = 1.0 / xp.maximum(c.elapsed, 1e-9)
+    return Expected(share * (s["v"] - s["v_acc"]), {"v": share, "v_acc": -share})
+
+
+def _sideways(s: States, c: Setting, _: Compass, xp: Any) -> Expected:
+    return Expected(s["v"] * s["yaw_rate"], {"v": s["yaw_rate"], "yaw_rate": s["v"]})
+
+
+def _field_forward(s: States, c: Setting, compass: Compass, xp: Any) -> Expected:
+    angle = s["psi"] - compass.north
+    return Expected(compass.field * xp.cos(angle), {"psi": -compass.field * xp.sin(angle)})
+
+
+def _field_left(s: States, c: Setting, compass: Compass, xp: Any) -> Expected:
+    angle = s["psi"] - compass.north
+    return Expected(-compass.field * xp.sin(angle), {"psi": -compass.field * xp.cos(angle)})
+
+
+def _moved(left: bool) -> Expectation:
+    """The way since the last frame, forward or to the left of the heading at that frame."""
+
+    def expected(s: States, c: Setting, _: Compass, xp: Any) -> Expected:
+        dx, dy = s["x"] - s["x_vo"], s["y"] - s["y_vo"]
+        cos, sin = xp.cos(s["psi_vo"]), xp.sin(s["psi_vo"])
+        along, across = (-sin, cos) if left else (cos, sin)
+        value = along * dx + across * dy
+        slopes = {"x": along, "y": across, "x_vo": -along, "y_vo": -across}
+        if not c.known_heading:
+            slopes["psi_vo"] = -across * dx + along * dy
+        return Expected(value, slopes)
+
+    return expected
+
+
+def _turned(s: States, c: Setting, _: Compass, xp: Any) -> Expected:
+    return Expected(s["psi"] - s["psi_vo"], {"psi": 1.0, "psi_vo": -1.0})
+
+
+EXPECTED: Mapping[str, Expectation] = {
+    "omega_l": _wheel(-1.0, "slip_l", "v", "yaw_rate"),
+    "omega_r": _wheel(1.0, "slip_r", "v", "yaw_rate"),
+    "gyro_z": _state("yaw_rate"),
+    "acc_x": _forward,
+    "acc_y": _sideways,
+    "mag_x": _field_forward,
+    "mag_y": _field_left,
+    "heading": _state("psi"),
+    "vo_x": _state("x"),
+    "vo_y": _state("y"),
+    "vo_psi": _state("psi"),
+    "fix_x": _state("x"),
+    "fix_y": _state("y"),
+}
+"""Expected readings by name; ``heading`` is that of a magnetometer, by atan2."""
+
+ADDED_UP: Mapping[str, Expectation] = {
+    "omega_l": _wheel(-1.0, "slip_l", "way", "turn"),
+    "omega_r": _wheel(1.0, "slip_r", "way", "turn"),
+    "vo_x": _moved(left=False),
+    "vo_y": _moved(left=True),
+    "vo_psi": _turned,
+}
+"""The same of sensors whose readings are what has added up since their last reading."""
+
+VO = ("vo_x", "vo_y", "vo_psi")
+
+SINCE: Mapping[str, tuple[tuple[str, str], ...]] = {
+    "omega_l": (("way", ""), ("turn", "")),
+    "vo_x": (("x_vo", "x"), ("y_vo", "y"), ("psi_vo", "psi")),
+    "acc_x": (("v_acc", "v"),),
+}
+"""States that a reading sets to another state, or to 0, for the next one of its sensor."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Readings that come together from one sensor and are used together.
+
+    Attributes:
+        kind: of the sensor.
+        names: of the readings, (m,).
+        variance: of each [unit²], (m,).
+        delay: samples between the instant they are of and the sample where they come.
+        interval: time between two readings [s].
+        biased: those whose bias is a state.
+        adds_up: whether a reading is what has added up since the last one.
+        compass: the field that a magnetometer is in.
+    """
+
+    kind: str
+    names: tuple[str, ...]
+    variance: tuple[float, ...]
+    delay: int = 0
+    interval: float = 0.0
+    biased: frozenset[str] = frozenset()
+    adds_up: bool = False
+    compass: Compass = UNIT_FIELD
+
+    @property
+    def since(self) -> tuple[tuple[str, str], ...]:
+        """States that a reading sets for the next one: (state, its source or nothing for 0)."""
+        counted = [n for n in self.names if n == "acc_x" or (n in SINCE and self.adds_up)]
+        return tuple(pair for name in counted for pair in SINCE[name])
+
+    def values(self, readings: Mapping[str, Real], xp: Any) -> Any:
+        """The numbers read, (m,); NaN where nothing was."""
+        if self.names == ("heading",):
+            seen = compass_heading(readings.get("mag_x", xp.nan), readings.get("mag_y", xp.nan), xp)
+            return xp.array([wrap_angle(seen + self.compass.north)])
+        return xp.array([readings.get(name, xp.nan) for name in self.names])
+
+    def told(self, z: Any, last: Any, elapsed: Real, xp: Any) -> Any:
+        """What numbers read tell by themselves, (m,); NaN where they tell nothing.
+
+        Args:
+            z: the numbers, (m,).
+            last: those of the last reading, (m,).
+            elapsed: time since then [s].
+            xp: array namespace.
+        """
+        if self.names == VO and self.adds_up:
+            dx, dy = z[0] - last[0], z[1] - last[1]
+            c, s = xp.cos(last[2]), xp.sin(last[2])
+            return xp.array([c * dx + s * dy, c * dy - s * dx, wrap_angle(z[2] - last[2])])
+        if self.adds_up:
+            return xp.where(elapsed > 0, z, xp.nan)
+        if "acc_x" in self.names:  # the mean over one interval, which is not known after a loss
+            usable = (elapsed > 0) & (elapsed < LOST_AFTER * self.interval)
+            fits = xp.array([usable | (name != "acc_x") for name in self.names])
+            return xp.where(fits, z, xp.nan)
+        return z
+
+    def spread(self, elapsed: Real, xp: Any) -> Any:
+        """Variance of each number, (m,): that of motions from frame to frame grows with time."""
+        variance = xp.array(self.variance)
+        if self.names == VO and self.adds_up:
+            return variance * xp.maximum(elapsed / self.interval, 1e-3)
+        return variance
+
+    def expected(self, s: States, setting: Setting, xp: Any) -> list[Expected]:
+        """What each should be."""
+        found = []
+        for name in self.names:
+            table = ADDED_UP if self.adds_up and name in ADDED_UP else EXPECTED
+            value, slopes = table[name](s, setting, self.compass, xp)
+            if name in self.biased:
+                bias = f"{name}_bias"
+                share = setting.elapsed if name in VO and self.adds_up else 1.0
+                value, slopes = value + share * s[bias], {**slopes, bias: share}
+            found.append(Expected(value, slopes))
+        return found
+
+    def off(self, difference: Any, xp: Any) -> Any:
+        """Differences of readings, (…, m), headings around the circle."""
+        angles = [is_angle(name) for name in self.names]
+        if not any(angles):
+            return difference
+        return xp.where(xp.array(angles), wrap_angle(difference), difference)
