@@ -1,0 +1,157 @@
+"""What each kind of sensor measures, and that its figures are those of its errors."""
+
+import math
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from sensor_cases import SCENE, readings, way
+
+from sysid import floats
+from sysid.data.record import Array
+from sysid.mission.contracts import Body, Pose, SensorInputs
+from sysid.mission.noise import block, generator
+from sysid.mission.registry import kinds, law_class
+from sysid.mission.sensors.imperfect import ImperfectSensor
+from sysid.mission.sensors.magnetometer import Magnetometer
+from sysid.mission.sensors.visual_odometry import motion_between
+
+NO_ERRORS: dict[str, Any] = {
+    "noise": 0.0, "bias_std": 0.0, "bias_walk": 0.0, "saturation": None, "resolution": 0.0,
+    "latency": 0.0,
+}  # fmt: skip
+
+
+def sensor(kind: str, **keys: Any) -> ImperfectSensor:
+    """A sensor without errors but for those of ``keys``."""
+    found = law_class("sensors", kind).model_validate(NO_ERRORS | keys)
+    assert isinstance(found, ImperfectSensor)
+    return found
+
+
+def poses(found: dict[str, Array], *names: str) -> list[Pose]:
+    return [Pose(*values) for values in zip(*(found[n].tolist() for n in names), strict=True)]
+
+
+# Without errors -----------------------------------------------------------------------------------
+
+
+def test_the_acceleration_adds_up_to_the_speed_at_any_rate() -> None:
+    for rate in (3.0, 10.0):
+        found = readings(sensor("accelerometer", rate=rate), 200)
+        read = ~np.isnan(found["acc_x"])
+        steps = np.diff(found["t"][read], prepend=0.0)
+        added = np.cumsum(found["acc_x"][read] * steps)
+        np.testing.assert_allclose(added, found["v"][read], rtol=0, atol=1e-12)
+        lateral = (found["v"] * found["yaw_rate"])[read]
+        np.testing.assert_array_equal(found["acc_y"][read], lateral)
+
+
+def test_the_heading_comes_from_the_field_where_no_iron_is() -> None:
+    found = readings(sensor("magnetometer", field=18.0, north=0.4), 200)
+    psi = 0.4 + np.arctan2(-found["mag_y"], found["mag_x"])
+    np.testing.assert_allclose(np.exp(1j * psi), np.exp(1j * found["psi"]), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(np.hypot(found["mag_x"], found["mag_y"]), 18.0, rtol=1e-12)
+
+
+def test_iron_in_the_world_bends_the_field_as_a_dipole() -> None:
+    iron = Magnetometer(iron=((2.0, 1.0, 3.0),), north=0.0, field=20.0)
+
+    def added(dx: float, dy: float) -> tuple[float, float]:
+        bx, by = iron.world_field(Pose(2.0 + dx, 1.0 + dy, 0.0), floats)
+        return bx - 20.0, by
+
+    # s beside it and against the earth's field, twice that before it; the size of iron, 0.1 m in a
+    # metre, takes 3/2 · 1 % and 5/2 · 1 %.
+    assert added(0.0, 1.0) == pytest.approx((-3.0, 0.0), rel=0.02, abs=1e-12)
+    assert added(1.0, 0.0) == pytest.approx((6.0, 0.0), rel=0.05, abs=1e-12)
+    near, far = (math.hypot(*added(0.6 * r, 0.8 * r)) for r in (2.0, 4.0))
+    assert near / far == pytest.approx(8.0, rel=0.01)
+    assert math.hypot(*added(0.0, 0.0)) == pytest.approx(3.0 / 0.1**3)
+
+
+def test_iron_on_the_robot_turns_with_it() -> None:
+    found = readings(sensor("magnetometer", bias=[4.0, -2.0]), 100)
+    plain = readings(sensor("magnetometer"), 100)
+    np.testing.assert_allclose(found["mag_x"] - plain["mag_x"], 4.0, rtol=1e-12)
+    np.testing.assert_allclose(found["mag_y"] - plain["mag_y"], -2.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("keys", [{}, {"rate": 3.0}, {"dropout": 0.5}])
+def test_visual_odometry_and_fixes_without_errors_are_the_pose(keys: dict[str, float]) -> None:
+    for kind, names in (
+        ("visual_odometry", ("vo_x", "vo_y", "vo_psi")),
+        ("position_fixes", ("fix_x", "fix_y")),
+    ):
+        found = readings(sensor(kind, **keys), 300)
+        read = ~np.isnan(found[names[0]])
+        assert 0 < read.sum() <= 300
+        for name in names:
+            error = found[name][read] - found[name.split("_")[1]][read]
+            # A pose of visual odometry is the sum of up to 300 motions, each rounded.
+            np.testing.assert_allclose(error, 0.0, rtol=0, atol=1e-12)
+
+
+# With errors --------------------------------------------------------------------------------------
+
+
+def errors_of(found: dict[str, Array], kind: str) -> dict[str, Array]:
+    """What each reading errs by, by name."""
+    t, v, yaw = found["t"], found["v"], found["yaw_rate"]
+    if kind == "visual_odometry":
+        truth, seen = poses(found, "x", "y", "psi"), poses(found, "vo_x", "vo_y", "vo_psi")
+        pairs = [(truth[k - 1 : k + 1], seen[k - 1 : k + 1]) for k in range(1, t.size)]
+        moves = [
+            np.subtract(motion_between(*s, floats), motion_between(*p, floats)) for p, s in pairs
+        ]
+        return dict(zip(("vo_x", "vo_y", "vo_psi"), np.transpose(moves), strict=True))
+    exact = readings(sensor(kind), t.size)
+    if kind == "encoders":
+        mean = np.array([[left, right] for *_, left, right in way(t.size)])
+        mean = 0.5 * (mean[1:] + mean[:-1])
+        exact = {"omega_l": np.r_[0.0, mean[:, 0]], "omega_r": np.r_[0.0, mean[:, 1]]}
+    assert yaw.shape == v.shape
+    return {name: (found[name] - column)[1:] for name, column in exact.items() if name in found}
+
+
+@pytest.mark.parametrize("kind", kinds("sensors"))
+def test_the_variance_that_filters_are_told_is_that_of_the_readings(kind: str) -> None:
+    cls = law_class("sensors", kind)
+    plain = cls.model_validate({"bias_std": 0.0, "bias_walk": 0.0, "latency": 0.0})
+    assert isinstance(plain, ImperfectSensor)
+    found = readings(plain, 3000)
+    errors = errors_of(found, kind)
+    for name, figures in plain.figures(0.1).items():
+        got = np.mean(errors[name] ** 2)
+        # Five standard deviations of a variance of 3000 numbers; rounding of counts is correlated
+        # between neighbours, which makes half of them count.
+        assert got / figures.variance == pytest.approx(1.0, abs=5 * math.sqrt(2 / 1500)), name
+
+
+@pytest.mark.parametrize("kind", kinds("sensors"))
+def test_a_batch_reads_what_single_runs_read(kind: str) -> None:
+    """All errors at once, compiled and mapped over runs, against plain numbers."""
+    jax.config.update("jax_enable_x64", True)
+    keys = {"rate": 7.0, "bias_std": 0.1, "bias_walk": 0.1, "dropout": 0.2, "latency": 0.25}
+    several: Any = law_class("sensors", kind).model_validate(keys | {"noise": 0.02})
+    samples, truth = 60, way(60)
+    draws = np.stack([block(generator(seed, kind), several.draws, samples) for seed in range(3)])
+    times = np.array([(t, 0.1 if t else 0.0) for t, *_ in truth])
+    numbers = np.array([(*b.pose, b.speed, b.yaw_rate, left, right) for _, b, left, right in truth])
+
+    def step(state: Any, given: Any) -> Any:
+        (t, dt), n, z = given
+        body = Body(Pose(n[0], n[1], n[2]), n[3], n[4])
+        return several.step(state, SensorInputs(t, body, n[5], n[6], z, SCENE), dt, jnp)
+
+    def one(z: Any) -> Any:
+        first = jax.tree.map(jnp.float64, several.start(SCENE, jnp))
+        return jax.lax.scan(step, first, (times, numbers, z))[1]
+
+    batch = np.stack(jax.jit(jax.vmap(one))(draws), axis=-1)
+    single = [readings(several, samples, seed=seed, name=kind) for seed in range(3)]
+    wanted = np.stack([[run[name] for name in several.names] for run in single]).transpose(0, 2, 1)
+    assert np.isnan(wanted).any()
+    np.testing.assert_allclose(batch, wanted, rtol=0, atol=1e-12 * np.nanmax(np.abs(wanted)))
