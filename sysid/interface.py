@@ -179,12 +179,15 @@ def load_model(path: str | Path, accept_changes: bool = False) -> Model:
     return Model.load(where)
 
 
-def simulate(mission: "Mission | str | Path", plant: "Plant | Model") -> "MissionResult":
+def simulate(
+    mission: "Mission | str | Path", plant: "Plant | Model", *, seed: int = 0
+) -> "MissionResult":
     """Drive a plant through a mission in closed loop.
 
     Args:
         mission: a mission, or the file that holds one.
         plant: what drives; a plant that is no robot is wired as one (``mission.mapping``).
+        seed: of the sensors' noise; without sensors nothing is random.
 
     Raises:
         DataError: the mission file cannot be read.
@@ -196,7 +199,7 @@ def simulate(mission: "Mission | str | Path", plant: "Plant | Model") -> "Missio
 
     spec = mission if isinstance(mission, Mission) else load_mission(mission)
     robot, _ = as_robot(plant.plant() if isinstance(plant, Model) else plant, spec)
-    return drive(spec, robot)
+    return drive(spec, robot, seed)
 
 
 def diagnose(

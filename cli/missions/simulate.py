@@ -36,7 +36,9 @@ def simulate(
         Path | None,
         typer.Option(metavar="FILE", help="CSV to write [WORKSPACE/missions/NAME.csv]."),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the sensors' noise.")] = 0,
+    seed: Annotated[
+        int | None, typer.Option(min=0, metavar="N", help="Seed of the sensors' noise [0].")
+    ] = None,
     accept_changes: AcceptChanges = False,
     *,
     read: "ReadOptions",
@@ -56,6 +58,8 @@ def simulate(
         raise UsageError(f"{mission} is a mission: options of reading a log have no use with it")
     if not drives:
         refuse_for_log(laws, mission)
+        if seed is not None:
+            raise UsageError(f"{mission} is a log to replay: --seed has no use with it")
     name = f"{mission.stem}.csv" if drives else f"{mission.stem}_replay.csv"
     if log is not None:
         targets.check(log, "--log")
@@ -63,7 +67,7 @@ def simulate(
     if target.exists() and mission.exists() and target.samefile(mission):
         raise UsageError(f"--log {target} would overwrite what is simulated; name another file")
     if drives:
-        facts = _drive(mission, package.plant(), target, plot, laws, seed)
+        facts = _drive(mission, package.plant(), target, plot, laws, seed or 0)
     else:
         facts = _replay(mission, package.plant(), target, plot, read)
     facts["warnings"] = [*package.notes, *facts["warnings"]]
@@ -102,7 +106,8 @@ def _drive(
     if set(named) <= result.log.keys():  # the plant's inputs are the robot's own PWM
         warnings += outside_domain(plant, np.column_stack([result.log[n] for n in named]))
     targets.make_folder(log, "--log")
-    facts = result.summary() | {"log": write_log(result, log), "warnings": list(warnings)}
+    facts = result.summary() | {"seed": seed, "log": write_log(result, log)}
+    facts["warnings"] = list(warnings)
     if plot is not None:
         draw_mission(plot, path.stem, mission, result)
         facts["plot"] = plot

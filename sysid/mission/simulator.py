@@ -10,7 +10,7 @@ import numpy as np
 
 from sysid import floats
 from sysid.data.record import Array
-from sysid.errors import ModelError
+from sysid.errors import ModelError, UsageError
 from sysid.mission.clearance import has_surfaces
 from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS, Pose, SteppablePlant
 from sysid.mission.ending import sentence
@@ -67,10 +67,13 @@ def simulate(mission: Mission, plant: SteppablePlant, seed: int = 0) -> MissionR
         The outcome, its figures and the log.
 
     Raises:
+        UsageError: the seed is negative.
         ModelError: the plant is no robot plant, samples too fast for the timeout, or diverges; or
             a law gives no numbers.
     """
     _check(mission, plant)
+    if seed < 0:
+        raise UsageError(f"the seed is {seed}: give a whole number of at least 0")
     scene = mission.scene()
     if mission.control.uses_plant:
         drive = partial(command_module, xp=floats)
