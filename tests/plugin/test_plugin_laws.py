@@ -15,6 +15,7 @@ LAWS = {
     "guidance": ("line_of_sight", "LineOfSight"),
     "control": ("rate_limited", "RateLimited"),
     "navigation": ("smoothed_odometry", "SmoothedOdometry"),
+    "sensors": ("beacon", "Beacon"),
 }
 
 
@@ -59,6 +60,10 @@ def test_a_mission_is_flown_by_laws_of_another_package(
     really = np.hypot(log["x"] - 1.5, log["y"] - 0.5)
     assert np.all(log["rho_goal"][5:] > really[5:] + 1e-4)
     assert facts["time_s"] == pytest.approx(len(rows) / 10 - 0.1)
+    # beacon: five times a second, with σ = 0.02·√5 m
+    assert np.isnan(log["beacon_distance"][1::2]).all()
+    error = (log["beacon_distance"] - really)[::2]
+    assert 0.5 < np.std(error) / (0.02 * math.sqrt(5)) < 1.5
 
 
 def test_a_wrong_key_of_such_a_law_is_one_sentence_with_its_line(
