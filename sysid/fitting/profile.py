@@ -8,7 +8,7 @@ value, fit all others, and see how far the cost rises (Venzon & Moolgavkar 1988,
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,14 +28,63 @@ precision."""
 TRIALS = 6
 """Values tried on a side."""
 
-CLOSE = 1.2
-"""Ends bracketed within this ratio are known well enough for two digits of an error."""
-
-GROWTH = 3.0
-"""Largest step outwards, as a multiple of the last one."""
-
 Rise = Callable[[float, Array], tuple[float, Array]]
 """(value, where the others begin) → twice the fall of the log likelihood, where they ended."""
+
+
+@dataclass(frozen=True)
+class End:
+    """One end of an interval in the making: where the profile is asked next, told what it is there.
+
+    Whoever fits the others may so look for many ends side by side.
+
+    Attributes:
+        distance: from the estimate, where the profile is asked next; None where the end is known.
+        room: distance of the bound.
+        level: rise at the end.
+        close: ends bracketed within this ratio are known well enough: two digits of an error.
+        growth: largest step outwards, as a multiple of the last one.
+        inside, low: largest distance with less rise, and that rise.
+        outside, high: smallest distance with more; infinite where none was met.
+    """
+
+    distance: float | None
+    room: float
+    level: float = LEVEL
+    close: float = 1.2
+    growth: float = 3.0
+    inside: float = 0.0
+    low: float = 0.0
+    outside: float = np.inf
+    high: float = np.inf
+
+    @staticmethod
+    def beginning(
+        first: float, room: float, level: float = LEVEL, close: float = 1.2, growth: float = 3.0
+    ) -> "End":
+        """Nothing known, ``first`` asked; there is no end to look for where there is no room."""
+        first = min(first, room)
+        return End(first if first > 0.0 else None, room, level, close, growth)
+
+    def told(self, rise: float) -> "End":
+        """What is known once the profile's rise at ``distance`` is."""
+        assert self.distance is not None
+        if rise <= self.level:
+            known = replace(self, inside=self.distance, low=max(rise, 0.0))
+        else:
+            known = replace(self, outside=self.distance, high=rise)
+        done = known.inside >= known.room or known.outside <= known.close * known.inside
+        return replace(known, distance=None if done else min(known._next(), known.room))
+
+    def _next(self) -> float:
+        """Where a parabola through the ends known so far crosses the level; safely within them."""
+        if not np.isfinite(self.outside):
+            reach = self.inside * np.sqrt(self.level / self.low) if self.low > 0.0 else np.inf
+            return float(min(1.05 * reach, self.growth * self.inside))
+        a, b = np.sqrt(self.low), np.sqrt(self.high)
+        gap = self.outside - self.inside
+        guess = self.inside + gap * (np.sqrt(self.level) - a) / (b - a)
+        return float(np.clip(1.05 * guess, self.inside + 0.2 * gap, self.outside - 0.2 * gap))
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,34 +129,13 @@ def _end(
     rise: Rise, p: Array, k: int, side: float, error: float, room: float
 ) -> tuple[float, Array | None]:
     """Distance at which the profile crosses the level, its outer bracket where it jumps there."""
-    inside, low, outside, high = 0.0, 0.0, np.inf, np.inf
-    start, distance = p, min(NORMAL * error, room)
+    end, start = End.beginning(NORMAL * error, room), p
     for _ in range(TRIALS):
-        if not 0.0 < distance <= room:
+        if end.distance is None:
             break
-        value, fitted = rise(float(p[k] + side * distance), start)
+        value, fitted = rise(float(p[k] + side * end.distance), start)
         if value < LOWER:
             return 0.0, fitted
-        if value <= LEVEL:
-            inside, low, start = distance, max(value, 0.0), fitted
-            if inside >= room:
-                break
-        else:
-            outside, high = distance, value
-        if outside <= CLOSE * inside:
-            break
-        distance = min(_next(inside, low, outside, high), room)
-    if not np.isfinite(outside):
-        return inside, None
-    return outside, None
-
-
-def _next(inside: float, low: float, outside: float, high: float) -> float:
-    """Where a parabola through the ends known so far crosses the level; safely within them."""
-    if not np.isfinite(outside):
-        reach = inside * np.sqrt(LEVEL / low) if low > 0.0 else np.inf
-        return float(min(1.05 * reach, GROWTH * inside))
-    a, b = np.sqrt(low), np.sqrt(high)
-    guess = inside + (outside - inside) * (np.sqrt(LEVEL) - a) / (b - a)
-    gap = outside - inside
-    return float(np.clip(1.05 * guess, inside + 0.2 * gap, outside - 0.2 * gap))
+        start = fitted if value <= LEVEL else start
+        end = end.told(value)
+    return (end.outside if np.isfinite(end.outside) else end.inside), None

@@ -12,7 +12,7 @@ V_i the mean squared error of output i, n_i the samples that its coloured errors
 itself jumps, that of a threshold (Hansen 2000, Econometrica 68, 575: 7.35).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,15 +25,17 @@ from sysid.discrepancy.search.named_sets import Interval, Node
 from sysid.discrepancy.search.naming import NamingSearch
 from sysid.discrepancy.search.walkers import Drifted, drifted
 from sysid.effects.catalogue import CHANGED, effect
+from sysid.fitting.profile import LEVEL, End
 
-LEVEL, THRESHOLD = 3.84, 7.35
-"""95 % points of the likelihood ratio: of a number the run depends on without jumps, and with."""
+THRESHOLD = 7.35
+"""95 % point of the likelihood ratio of a number at which the run jumps."""
 
-STEPS = 2.0 ** np.arange(-7.0, 3.0)
-"""How far from its estimate a number is held at first, outwards, in units of its typical size."""
+FIRST = 2.0**-7
+"""How far from its estimate a number is held first, in units of its typical size."""
 
-HALVINGS = 4
-"""Rounds that then halve the stretch which holds an interval's end."""
+TRIALS, GROWTH, CLOSE = 14, 2.0, 1.06
+"""Values held on a side, the largest step from one to the next, and how well an end is then known:
+the others follow larger steps too slowly, and an interval would end too early."""
 
 FITTED = 4
 """Steps of the other numbers at every value held."""
@@ -149,31 +151,28 @@ class _Walk:
 
     def intervals(self) -> dict[int, Interval]:
         """Every number's interval."""
+        rows = [self.node.q.copy() for _ in self.lanes]
+        ends = [{k: self._beginning(k, side) for k in group} for group, side in self.lanes]
+        for _ in range(TRIALS):
+            asked = [
+                {k: end for k, end in mine.items() if end.distance is not None} for mine in ends
+            ]
+            if not any(asked):
+                break
+            for i, told in self._tried(asked, rows).items():
+                ends[i] |= told
         found = {k: Interval(None, None, visited=False) for k in self.unseen}
-        if not self.lanes:
-            return found
-        inside = [self.node.q.copy() for _ in self.lanes]
-        within = [{k: float(self.node.q[k]) for k in group} for group, _ in self.lanes]
-        beyond: list[dict[int, float | None]] = [dict.fromkeys(g) for g, _ in self.lanes]
-        for step in STEPS:
-            wanted = [
-                {k: self._stepped(k, side * float(step)) for k in group if beyond[i][k] is None}
-                for i, (group, side) in enumerate(self.lanes)
-            ]
-            self._tried(wanted, inside, within, beyond)
-        for _ in range(HALVINGS):
-            wanted = [
-                {k: 0.5 * (within[i][k] + end) for k in group if (end := beyond[i][k]) is not None}
-                for i, (group, _) in enumerate(self.lanes)
-            ]
-            self._tried(wanted, inside, within, beyond)
-        ends: dict[tuple[int, float], float | None] = {}
-        for i, (group, side) in enumerate(self.lanes):
-            for k in group:
-                ends[k, side] = beyond[i][k]
-        for k in self.moves:
-            found[k] = self._closed(k, ends[k, -1.0], ends[k, 1.0])
-        return found
+        both: dict[int, dict[float, float | None]] = {k: {} for k in self.moves}
+        for (_, side), mine in zip(self.lanes, ends, strict=True):
+            for k, end in mine.items():
+                known = np.isfinite(end.outside)
+                both[k][side] = float(self.node.q[k]) + side * end.outside if known else None
+        return found | {k: self._closed(k, v[-1.0], v[1.0]) for k, v in both.items()}
+
+    def _beginning(self, k: int, side: float) -> End:
+        s, value = self.model.slots[k], float(self.node.q[k])
+        room = s.upper - value if side > 0 else value - s.lower
+        return End.beginning(FIRST * max(abs(value), s.scale), room, self._level(k), CLOSE, GROWTH)
 
     def _closed(self, k: int, low: float | None, high: float | None) -> Interval:
         """Ends that nothing contradicts are the number's bounds; towards no limit they are open."""
@@ -182,45 +181,40 @@ class _Walk:
         high = high if high is not None or s.null > ENDLESS else s.upper
         return Interval(low, high)
 
-    def _stepped(self, k: int, share: float) -> float:
-        s = self.model.slots[k]
-        size = max(abs(float(self.node.q[k])), s.scale)
-        return float(np.clip(self.node.q[k] + share * size, s.lower, s.upper))
-
     def _tried(
-        self,
-        wanted: Sequence[dict[int, float]],
-        inside: list[Array],
-        within: list[dict[int, float]],
-        beyond: list[dict[int, float | None]],
-    ) -> None:
-        """Hold numbers at the values wanted, fit the others, and sort the values."""
-        at = [i for i, w in enumerate(wanted) if w]
-        if not at:
-            return
-        rows, free = [], []
+        self, asked: Sequence[Mapping[int, End]], rows: list[Array]
+    ) -> dict[int, dict[int, End]]:
+        """Hold numbers where ends are asked for, fit the others; what the ends then know, by lane.
+
+        Args:
+            asked: ends of each lane.
+            rows: the outermost fit of each lane within its interval; moved outwards.
+        """
+        at = [i for i, mine in enumerate(asked) if mine]
+        held, free = [], []
         for i in at:
-            row = inside[i].copy()
-            for k, value in wanted[i].items():
-                row[k] = value
-            rows.append(row)
-            free.append(tuple(k for k in self.node.free if k not in self.lanes[i][0]))
+            group, side = self.lanes[i]
+            row = rows[i].copy()
+            for k, end in asked[i].items():
+                row[k] = self.node.q[k] + side * (end.distance or 0.0)
+            held.append(row)
+            free.append(tuple(k for k in self.node.free if k not in group))
         fitted, cost = search(
-            self.model, np.array(rows), free, self.base.data, FITTED, BUDGET.coarse
+            self.model, np.array(held), free, self.base.data, FITTED, BUDGET.coarse
         )
         ratio = self.samples * np.log((cost + 1e-300) / (self.cost + 1e-300))
+        found: dict[int, dict[int, End]] = {i: {} for i in at}
         for i, row, change in zip(at, fitted, ratio, strict=True):
-            for k, value in wanted[i].items():
+            for k, end in asked[i].items():
                 track = self.model.slots[k].track
                 whole = self.joined or track < 0
                 rise = float(np.sum(change)) if whole else float(change[track])
                 self._remember(row, change, None if whole else track)
-                if rise > self._level(k):
-                    beyond[i][k] = value
-                else:
-                    within[i][k] = value
+                found[i][k] = end.told(rise)
+                if rise <= end.level:
                     mine = [j for j, s in enumerate(self.model.slots) if whole or s.track == track]
-                    inside[i][mine] = row[mine]
+                    rows[i][mine] = row[mine]
+        return found
 
     def _remember(self, row: Array, change: Array, track: int | None) -> None:
         """Keep what explains more than the estimate."""

@@ -8,9 +8,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array
 from sysid.discrepancy.search.evidence import Errors, Evidence
-
-NORMAL = 1.96
-"""Half a 95 % interval in standard errors of a normal law."""
+from sysid.fitting.profile import NORMAL
 
 
 @dataclass(frozen=True)
