@@ -55,6 +55,7 @@ bench: $(BENCH)/.installed  ## Time and memory against the plainest reference an
 	OPENBLAS_NUM_THREADS=1 $(BENCH)/bin/python benchmarks/bench_linear.py
 	$(BENCH)/bin/python benchmarks/bench_nonlinear.py
 	$(BENCH)/bin/python benchmarks/bench_diagnose.py
+	$(BENCH)/bin/python benchmarks/bench_missions.py
 
 study: $(VENV)/.installed-test  ## Slow studies: coverage, alarm rates, every structure on every record
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_coverage.py

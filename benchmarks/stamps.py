@@ -48,6 +48,7 @@ MADE_BY: dict[str, tuple[str, str]] = {
     "benchmark_linear.md": ("bench_linear.py", "make bench"),
     "benchmark_nonlinear.md": ("bench_nonlinear.py", "make bench"),
     "benchmark_diagnose.md": ("bench_diagnose.py", "make bench"),
+    "benchmark_missions.md": ("bench_missions.py", "make bench"),
 }
 """Report → the script that makes it and the command a person types."""
 

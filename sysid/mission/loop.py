@@ -294,7 +294,10 @@ class Loop:
         guidance, references = self.guidance.step(state.guidance, asked, dt, xp)
         given = ControlInputs(t, references, state.estimate, scene, drive_of(state.pwm))
         control, command = self.control.step(state.control, given, dt, xp)
-        command = Command(*(xp.where(references.arrived, 0.0, c) for c in command))
+        command = Command(
+            xp.where(references.arrived, 0.0, command.v_cmd),
+            xp.where(references.arrived, 0.0, command.psi_cmd),
+        )
         return state._replace(
             guidance=guidance,
             control=control,

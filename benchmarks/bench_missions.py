@@ -1,0 +1,140 @@
+"""How long one run of a mission takes, structure by structure, and `sysid simulate` from cold.
+
+    python benchmarks/bench_missions.py [file]
+
+Mission 2 of the thesis with plants fitted to the bundled logs. Processor time on one core; the
+quickest of several runs counts, as load only adds. Writes ``reports/benchmark_missions.md``; ends
+with 1 when a target is missed. About two minutes, most of them spent by the fits.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+REPORT = Path(__file__).resolve().parent.parent / "reports" / "benchmark_missions.md"
+
+MISSION = "obstacles_6_3"
+
+STRUCTURES = {
+    "arx": 20.0,
+    "oe": 20.0,
+    "narmax": 100.0,
+    "wiener-hammerstein": 100.0,
+    "hammerstein-wiener": 100.0,
+    "narx-wavelet": 100.0,
+    "dc-motor": 100.0,
+}
+"""The longest that a run may take [ms]: nobody should wait for one, nor hours for many."""
+
+COLD = {"arx": 1.0, "dc-motor": 1.0}
+"""The longest that the command may take [s]: a person who tries a mission does not wait."""
+
+REPEATS = 15
+
+HEAD = """# Time of one run of a mission
+
+Made by `make bench`; processor time on one core, the quickest of {repeats} runs. Mission 2 of the
+thesis (`{mission}`), some 330 samples; plants fitted to the bundled `multilevel` log. A float
+loop of 10⁶ turns (`x = 0.5 x (1 − x) + 0.1`) takes {loop:.0f} ms on this machine: divide by it to
+compare machines.
+
+"""
+
+
+def main(target: Path) -> int:
+    """Fit, drive, and write the report."""
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    from sysid.data.files import write_atomic
+    from sysid.report.markdown import table
+
+    rows, missed = [], []
+    with tempfile.TemporaryDirectory() as folder:
+        for structure, limit in STRUCTURES.items():
+            print(f"{structure} …", flush=True)
+            plant = fitted(structure, Path(folder))
+            took = 1e3 * one_run(plant)
+            cold = cold_start(plant) if structure in COLD else None
+            if took > limit or (cold or 0.0) > COLD.get(structure, 1.0):
+                missed.append(structure)
+            wanted = f"{limit:.0f}" + (f"; {COLD[structure]:g} s cold" if cold else "")
+            rows.append([f"`{structure}`", f"{took:.1f}", f"{cold:.2f}" if cold else "", wanted])
+    head = HEAD.format(repeats=REPEATS, mission=MISSION, loop=1e3 * quickest(float_loop))
+    headers = ["plant", "run in the library [ms]", "`sysid simulate` cold [s]", "at most"]
+    write_atomic(target, head + table(headers, rows, "lrrr"))
+    from stamps import stamped
+
+    stamped(target)
+    print(f"Written to {target}; missed: {', '.join(missed) or 'none'}")
+    return 1 if missed else 0
+
+
+def fitted(structure: str, folder: Path) -> Path:
+    """A plant package of this structure."""
+    import sysid_datasets
+    from sysid_cli.app import main as sysid
+
+    place, plant = str(folder / f"{structure}.sysid"), folder / structure
+    logs = [str(sysid_datasets.path(name)) for name in ("multilevel", "multilevel_val")]
+    fit = ["fit", logs[0], "--val", logs[1], "--structure", structure]
+    for line in (fit, ["export", "--format", "json", "--out", str(plant)]):
+        if sysid([*line, "--workspace", place]) != 0:
+            raise SystemExit(f"{structure}: {line[0]} failed")
+    return plant
+
+
+def one_run(plant: Path) -> float:
+    """Processor time of one run in the library [s]."""
+    import sysid_datasets
+
+    from sysid.mission.mapping import as_robot
+    from sysid.mission.simulator import simulate
+    from sysid.mission.spec import load_mission
+    from sysid.plant.package import load_plant
+
+    mission = load_mission(sysid_datasets.path(MISSION))
+    robot, _ = as_robot(load_plant(plant), mission)
+    return quickest(lambda: simulate(mission, robot))
+
+
+def cold_start(plant: Path) -> float:
+    """Processor time of the command, with the start of Python and all imports [s]."""
+    import sysid_datasets
+
+    mission = sysid_datasets.path(MISSION)
+    code = f"from sysid_cli.app import main; main(['simulate', '{mission}', '--plant', '{plant}'])"
+    times = []
+    for _ in range(5):
+        before = os.times()
+        subprocess.run(
+            [sys.executable, "-c", code], check=True, capture_output=True, cwd=plant.parent
+        )
+        after = os.times()
+        spent = after.children_user - before.children_user
+        times.append(spent + after.children_system - before.children_system)
+    return min(times)
+
+
+def float_loop() -> float:
+    """A million turns of plain arithmetic."""
+    x = 0.3
+    for _ in range(1_000_000):
+        x = 0.5 * x * (1.0 - x) + 0.1
+    return x
+
+
+def quickest(run: Callable[[], object]) -> float:
+    """Processor time of the quickest of several runs [s]."""
+    times = []
+    for _ in range(REPEATS):
+        start = time.process_time()
+        run()
+        times.append(time.process_time() - start)
+    return min(times)
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1]) if len(sys.argv) > 1 else REPORT))
