@@ -28,7 +28,7 @@ def model_card(model: Model, described: Mapping[str, Any], usage: str) -> str:
         summary=f"{model.structure.title}, from {_cell(ins)} to {_cell(outs)}, one sample every "
         f"{described['sample_time']:.6g} s. {model.structure.equation}",
         dt=f"{described['sample_time']:.6g}",
-        equations="\n".join(equations).replace("`", "'"),
+        equations="\n".join(equations).replace("`", ""),
         input_offset=_offsets("subtracts", described["inputs"], before["offset"]),
         structure=core["structure"],
         orders=_cell(f"orders {orders_text(core['orders'])}" if core["orders"] else "no orders"),

@@ -353,7 +353,7 @@ def test_whole_numbered_times_are_doubted(tmp_path: Path, capsys: Capture) -> No
     found = run(capsys, "fit", log, *ARX, "--json").document
     # Read as milliseconds, as such steps nearly always are, and said with the way to change it.
     assert found["sample_time"] == pytest.approx(0.1)
-    assert any("was read in ms" in w and "--unit 'timestamp=s'" in w for w in found["warnings"])
+    assert any("was read in ms" in w and "--unit timestamp=s" in w for w in found["warnings"])
     slow = run(capsys, "fit", log, *ARX, "--unit", "timestamp=s", "--json").document
     assert slow["sample_time"] == pytest.approx(100.0)
     named = signals | {"timestamp_ms": signals["timestamp"]}

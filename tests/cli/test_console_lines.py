@@ -110,9 +110,9 @@ def test_what_moves_a_plant_is_the_input(
 @pytest.mark.parametrize(
     ("names", "example"),
     [
-        (("t", "flow", "freq", "pressure"), "--input freq --output flow"),
-        (("t", "angle", "force", "torque"), "--input force --output angle"),
-        (("TIME", "CH1", "CH2"), "--input CH1 --output CH2"),
+        (("t", "flow", "freq", "pressure"), "inputs='freq', outputs='flow'"),
+        (("t", "angle", "force", "torque"), "inputs='force', outputs='angle'"),
+        (("TIME", "CH1", "CH2"), "inputs='CH1', outputs='CH2'"),
     ],
 )
 def test_what_stays_open_is_refused_with_an_example_in_order(
