@@ -15,6 +15,7 @@ import numpy as np
 float64 = float
 array = np.array
 inf = math.inf
+nan = math.nan
 
 
 def __getattr__(name: str) -> Any:

@@ -11,17 +11,16 @@ from sysid.vehicle.kinematics import Geometry, Real, body_velocity, step_pose
 class Reckoned(NamedTuple):
     """The last estimate, and for how long no encoder has been read [s]."""
 
-    pose: Pose
-    speed: Real
-    yaw_rate: Real
+    estimate: Body
     waited: Real
 
 
 class Odometry(Settings):
     """Dead reckoning by the kinematics (thesis 6.2.2): V_x and ψ̇ of (2.13), integrated.
 
-    Speeds that are known exactly are those of the instant, and vary linearly in between. Encoders
-    give the mean since their last reading, and the pose moves on by it when it comes.
+    Speeds that are known exactly are those of the instant, and vary linearly in between; its state
+    is the last estimate. Encoders give the mean since their last reading, and the pose moves on by
+    it when it comes.
 
     Attributes:
         r, B: lengths that odometry believes [m]; the vehicle's unless given.
@@ -30,23 +29,26 @@ class Odometry(Settings):
     r: Positive | None = None
     B: Positive | None = None
 
-    def start(self, scene: Scene, xp: Any) -> Reckoned:
+    def start(self, scene: Scene, xp: Any) -> Body | Reckoned:
         """At rest in the start pose, which is known."""
-        return Reckoned(scene.start, 0.0, 0.0, 0.0)
+        at_rest = Body(scene.start, 0.0, 0.0)
+        counted = any("omega_l" in sensor.names for sensor in scene.sensors.values())
+        return Reckoned(at_rest, 0.0) if counted else at_rest
 
     def step(
-        self, state: Reckoned, inputs: NavigationInputs, dt: Real, xp: Any
-    ) -> tuple[Reckoned, Body]:
+        self, state: Body | Reckoned, inputs: NavigationInputs, dt: Real, xp: Any
+    ) -> tuple[Body | Reckoned, Body]:
         """The estimate ``dt`` seconds later."""
         geometry = inputs.scene.geometry
         if self.r is not None or self.B is not None:
             geometry = Geometry(self.r or geometry.r, self.B or geometry.B)
-        omega = inputs.readings["omega_l"], inputs.readings["omega_r"]
-        if any("omega_l" in sensor.names for sensor in inputs.scene.sensors.values()):
-            after = _counted(state, *omega, geometry, dt, xp)
-            return after, Body(*after[:3])
-        estimate = moved(Body(*state[:3]), *omega, geometry, dt, xp)
-        return Reckoned(*estimate, 0.0), estimate
+        readings = inputs.readings
+        omega_l, omega_r = readings["omega_l"], readings["omega_r"]
+        if isinstance(state, Reckoned):
+            after = _counted(state, omega_l, omega_r, geometry, dt, xp)
+            return after, after.estimate
+        estimate = moved(state, omega_l, omega_r, geometry, dt, xp)
+        return estimate, estimate
 
 
 def _counted(
@@ -54,12 +56,11 @@ def _counted(
 ) -> Reckoned:
     """Moved on by the mean speeds since the last reading, if there is one."""
     came = xp.logical_not(xp.isnan(omega_l + omega_r))
-    waited = state.waited + dt
+    last, waited = state.estimate, state.waited + dt
     speed, yaw_rate = body_velocity(omega_l, omega_r, geometry)
     speed, yaw_rate = (
-        xp.where(came, now, last)
-        for now, last in ((speed, state.speed), (yaw_rate, state.yaw_rate))
+        xp.where(came, new, old) for new, old in ((speed, last.speed), (yaw_rate, last.yaw_rate))
     )
     time = xp.where(came, waited, 0.0)
-    pose = Pose(*step_pose(*state.pose, speed, yaw_rate, time, xp=xp))
-    return Reckoned(pose, speed, yaw_rate, waited - time)
+    pose = Pose(*step_pose(*last.pose, speed, yaw_rate, time, xp=xp))
+    return Reckoned(Body(pose, speed, yaw_rate), waited - time)
