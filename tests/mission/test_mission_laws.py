@@ -183,11 +183,16 @@ def broken_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         "control.number = broken_laws:NUMBER\n"
         "control.bare = broken_laws:Bare\n"
         "control.pi-p = broken_laws:NUMBER\n"
+        "sensors.mute = mute_sensor:Mute\n"
     )
     (tmp_path / "site" / "broken_laws.py").write_text(
         "from sysid.mission.settings import ControlSettings\n"
         "NUMBER = 3\n"
         "class Bare(ControlSettings):\n    def start(self, scene, xp):\n        return 0.0\n"
+    )
+    (tmp_path / "site" / "mute_sensor.py").write_text(
+        "from sysid.mission.sensors.imperfect import ImperfectSensor\n"
+        "class Mute(ImperfectSensor):\n    rate: float = 1.0\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
 
@@ -209,6 +214,15 @@ def test_a_package_with_a_broken_law_is_named(kind: str, words: str, tmp_path: P
     assert str(caught.value).startswith(f"m.yaml:2: {words}")
     assert kinds("control") == ("pi-p", "gone", "number", "bare")
     assert law_class("control", "pi-p") is SpeedPIYawP  # ours stays ours
+
+
+@pytest.mark.usefixtures("broken_package")
+def test_a_sensor_of_a_package_that_reads_nothing_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "m.yaml"
+    path.write_text("goal: [1, 0]\nsensors:\n  gyroscope:\n  mute:\n")
+    words = "m.yaml:4: the law 'sensors.mute' .*the sensor Mute needs names in `measured`"
+    with pytest.raises(DataError, match=words):
+        load_mission(path)
 
 
 class Wild(ControlSettings):

@@ -89,6 +89,12 @@ class ImperfectSensor(Settings):
     saturation: AboveZero | None = None
     resolution: NotNegative = (0.0,)
 
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        """Refuse a kind that does not say what it measures, where it is defined."""
+        if not cls.measured or cls.measure is ImperfectSensor.measure:
+            raise TypeError(f"the sensor {cls.__name__} needs names in `measured`, and `measure`")
+
     @field_validator(
         "noise", "bias", "bias_std", "bias_walk", "saturation", "resolution", mode="before"
     )

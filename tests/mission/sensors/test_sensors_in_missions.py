@@ -2,12 +2,14 @@
 
 import math
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
 from command_line import run
 from mission_cases import Robot, goal
 from plant_models import robot_model
+from pydantic import ValidationError
 
 import sysid
 from sysid.data.record import Array
@@ -87,3 +89,18 @@ def test_without_sensors_a_mission_is_what_it_was() -> None:
     assert not {"ticks_l", "gyro_z", "true_omega_l"} & log.keys()
     for name, column in simulate(goal(1, 0), Robot()).log.items():
         np.testing.assert_array_equal(column, log[name])
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("gyro_z", "gyro_z is read by sensors.gyroscope already: remove one of them"),
+        ("psi", "a sensor reads psi, which is a column of every mission: rename it"),
+    ],
+)
+def test_two_columns_of_one_name_are_refused(name: str, words: str) -> None:
+    class Other(Gyroscope):
+        measured: ClassVar[tuple[str, ...]] = (name,)
+
+    with pytest.raises(ValidationError, match=words):
+        goal(1, 0, sensors={"gyroscope": None, "encoders": Other()})
