@@ -12,6 +12,7 @@ Inputs are named tuples: a field that is added later does not concern the laws t
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -157,6 +158,15 @@ class Figures(NamedTuple):
     dropout: float = 0.0
 
 
+class Hold(IntEnum):
+    """What a law of guidance has noticed to keep a robot from its goal, as a number for arrays."""
+
+    NOTHING = 0
+    LOCAL_MINIMUM = 1
+    OSCILLATION = 2
+    NO_WAY_THROUGH = 3
+
+
 class References(NamedTuple):
     """What guidance asks of control.
 
@@ -164,11 +174,17 @@ class References(NamedTuple):
         speed: V_ref [m/s].
         psi: ψ_ref [rad] in (−π, π].
         arrived: the "end of simulation" signal: there is nothing more to drive to.
+        held: what keeps the robot from coming closer, as a number of :class:`Hold`.
+        detour: it is led away from the goal on purpose, so that coming no closer is no fault.
+        gives_up: there is no way that the law could lead; ``held`` says why.
     """
 
     speed: Real
     psi: Real
     arrived: Real
+    held: Real = 0
+    detour: Real = False
+    gives_up: Real = False
 
 
 class Command(NamedTuple):
@@ -255,12 +271,36 @@ class GuidanceAdvice:
         faster, slower: to drive faster, or slower, e.g. "lower v_max".
         wider: to keep farther from obstacles.
         closer: to let obstacles push less.
+        escape: to leave what holds the robot.
     """
 
     faster: str = ""
     slower: str = ""
     wider: str = ""
     closer: str = ""
+    escape: str = ""
+
+
+@dataclass(frozen=True)
+class GuidanceTraits:
+    """What a law of guidance can do and needs.
+
+    Attributes:
+        passes_waypoints: it knows ``scene.way``; otherwise it is given one waypoint after the other
+            as its goal.
+        follows_path: it knows ``scene.path``; otherwise a mission with a path is refused.
+        feasible: its references are kept within the limits of the plant unless a mission says
+            otherwise.
+        batchable: ``start`` runs on traced numbers, too, so that goal, start and obstacles may
+            differ between the runs of one compiled batch.
+        top_speed: no reference of speed is above it [m/s].
+    """
+
+    passes_waypoints: bool = False
+    follows_path: bool = False
+    feasible: bool = False
+    batchable: bool = True
+    top_speed: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -288,6 +328,11 @@ class Guidance(Protocol):
     @property
     def advice(self) -> GuidanceAdvice:
         """What to change when a mission fails."""
+        ...
+
+    @property
+    def traits(self) -> GuidanceTraits:
+        """What it can do and needs."""
         ...
 
     def start(self, scene: Scene, xp: Any) -> State: ...

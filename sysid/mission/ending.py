@@ -7,9 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.mission.clearance import nearest_point
+from sysid.mission.contracts import Hold, References
+from sysid.mission.guidance.field import PotentialField
+from sysid.mission.guidance.traps import hold_of
+from sysid.mission.guidance.waypoints import targets
 from sysid.mission.loop import STUCK
-from sysid.mission.result import Outcome
-from sysid.mission.spec import Mission, Obstacle
+from sysid.mission.result import Outcome, Stuck, StuckReason
+from sysid.mission.spec import Mission
 
 
 @dataclass(frozen=True)
@@ -29,25 +34,55 @@ class StuckReading:
 
 _READING = StuckReading()
 
+STANDING = References(0.0, 0.0, False)
+"""What guidance asks of a robot while nothing is to be said of it."""
 
-def sentence(outcome: Outcome, mission: Mission, log: Mapping[str, Array]) -> str:
+
+def sentence(
+    outcome: Outcome,
+    mission: Mission,
+    log: Mapping[str, Array],
+    last: References = STANDING,
+) -> str:
     """One sentence on the end of a mission, with the next step.
 
     Args:
         outcome: how it ended.
         mission: what was to be done, by which laws.
         log: columns of its log.
+        last: references at the end.
     """
     guidance = mission.guidance.advice
     if outcome is Outcome.ARRIVED:
         return "The robot reached the goal within the tolerance."
     if outcome is Outcome.TIMEOUT:
         faster = _either("raise timeout", guidance.faster)
-        return f"Time ran out before the goal was reached: {faster}."
+        led = f" while it was led out of {_HELD[Hold(int(last.held))]}" if last.detour else ""
+        return f"Time ran out before the goal was reached{led}: {faster}."
     if outcome is Outcome.COLLISION:
         advice = _either(guidance.wider, guidance.slower) or "lead it farther away from obstacles"
         return f"The robot touched an obstacle: {advice}."
-    return _why_stuck(mission, log)
+    return _stuck(mission, log, last)[1]
+
+
+def stuck(mission: Mission, log: Mapping[str, Array], last: References) -> Stuck:
+    """Why and where a robot got nowhere.
+
+    Args:
+        mission: what was to be done, by which laws.
+        log: columns of its log.
+        last: references at the end.
+    """
+    place = float(log["x"][-1]), float(log["y"][-1])
+    return Stuck(_stuck(mission, log, last)[0], place)
+
+
+_HELD = {
+    Hold.NOTHING: "a place that it did not get on from",
+    Hold.LOCAL_MINIMUM: "a local minimum of the field",
+    Hold.OSCILLATION: "an oscillation between obstacles",
+    Hold.NO_WAY_THROUGH: "a place without a way through",
+}
 
 
 def _either(*advice: str) -> str:
@@ -56,48 +91,94 @@ def _either(*advice: str) -> str:
     return (", or " if any(" or " in a for a in given) else " or ").join(given)
 
 
-def _why_stuck(mission: Mission, log: Mapping[str, Array]) -> str:
-    """Standing still, past the goal, held by an obstacle, or driving in circles."""
-    t, x, y = log["t"], log["x"], log["y"]
+def _stuck(mission: Mission, log: Mapping[str, Array], last: References) -> tuple[StuckReason, str]:
+    """Gave up, past the goal, held by an obstacle, standing still, or driving in circles."""
+    x, y, to_go = float(log["x"][-1]), float(log["y"][-1]), _to_goal(mission, log)
+    if last.gives_up:
+        return _gave_up(mission, Hold(int(last.held)), x, y)
+    closest = int(np.argmin(to_go))
+    said = f"The robot came less than {STUCK.progress} m closer in {STUCK.time:g} s"
+    if to_go[closest] < min(to_go[-1] - STUCK.progress, _READING.near * mission.tolerance):
+        wider = _either(
+            f"raise tolerance (now {mission.tolerance:g} m)", mission.guidance.advice.slower
+        )
+        return StuckReason.PAST_GOAL, (
+            f"{said}: it came within {to_go[closest]:.2g} m of the goal at "
+            f"t = {log['t'][closest]:.4g} s and drove past it; {wider}."
+        )
+    held = _held(mission, log, last)
+    if held is not Hold.NOTHING:
+        return StuckReason[held.name], f"{said}: {_held_words(mission, held, log['t'][-1], x, y)}."
+    return _misled(mission, log, said)
+
+
+def _gave_up(mission: Mission, held: Hold, x: float, y: float) -> tuple[StuckReason, str]:
+    """Guidance itself found no way on."""
+    advice = mission.guidance.advice
+    if held is Hold.NO_WAY_THROUGH:
+        change = _either("move the goal or what walls it off", advice.closer)
+        return StuckReason.NO_WAY_THROUGH, (
+            f"Guidance found no way to the goal and gave up at ({x:.3g}, {y:.3g}): {change}."
+        )
+    reason = StuckReason.OSCILLATION if held is Hold.OSCILLATION else StuckReason.LOCAL_MINIMUM
+    return reason, (
+        f"Guidance did not get out of {_HELD[held]} at ({x:.3g}, {y:.3g}) and gave up: "
+        f"{_either('choose another kind of guidance', advice.escape)}."
+    )
+
+
+def _misled(mission: Mission, log: Mapping[str, Array], said: str) -> tuple[StuckReason, str]:
+    """It stands still, or its course does not lead to the goal."""
+    t, x, y, to_go = log["t"], log["x"], log["y"], _to_goal(mission, log)
     guidance, control = mission.guidance.advice, mission.control.advice
-    to_go = np.hypot(x - mission.goal[0], y - mission.goal[1])
     last = t >= t[-1] - STUCK.time
     way = float(np.sum(np.hypot(np.diff(x[last]), np.diff(y[last]))))
     turned = float(np.ptp(np.unwrap(log["psi"][last])))
-    closest = int(np.argmin(to_go))
-    said = f"The robot came less than {STUCK.progress} m closer in {STUCK.time:g} s"
-    held = _holding(mission, float(x[-1]), float(y[-1]))
-    if to_go[closest] < min(to_go[-1] - STUCK.progress, _READING.near * mission.tolerance):
-        wider = _either(f"raise tolerance (now {mission.tolerance:g} m)", guidance.slower)
-        return (
-            f"{said}: it came within {to_go[closest]:.2g} m of the goal at t = {t[closest]:.4g} s "
-            f"and drove past it; {wider}."
-        )
-    if held is not None:
-        return (
-            f"{said}: the obstacle at ({held.x:g}, {held.y:g}) pushes as hard as the goal pulls, a "
-            f"local minimum of the field; {_either('move the goal', guidance.closer)}."
-        )
     if way < STUCK.progress and turned < _READING.still:
         largest = max(float(np.max(np.abs(log[n][last]))) for n in ("pwm_l", "pwm_r"))
         stronger = _either(control.stronger, "export a plant that moves at such commands")
-        return (
+        return StuckReason.STANDS_STILL, (
             f"{said}: it stands still {to_go[-1]:.2g} m from the goal at commands up to "
             f"{largest:.4g} µs, which the plant does not answer; {stronger}."
         )
     course = _either(guidance.slower, control.steer) or "choose another law of guidance"
-    return (
-        f"{said} while it drove {way:.2g} m, at least {to_go[closest]:.2g} m from the goal: its "
+    return StuckReason.OFF_COURSE, (
+        f"{said} while it drove {way:.2g} m, at least {np.min(to_go):.2g} m from the goal: its "
         f"course does not lead there; {course}."
     )
 
 
-def _holding(mission: Mission, x: float, y: float) -> Obstacle | None:
-    """The nearest obstacle that pushes at a place."""
+def _to_goal(mission: Mission, log: Mapping[str, Array]) -> Array:
+    """Distance to the goal at every sample [m]."""
+    return np.hypot(log["x"] - mission.goal[0], log["y"] - mission.goal[1])
+
+
+def _held(mission: Mission, log: Mapping[str, Array], last: References) -> Hold:
+    """What held the robot: what guidance noticed, or what a potential field did at the end."""
+    if last.held:
+        return Hold(int(last.held))
+    law, scene = mission.guidance, mission.scene()
+    if not isinstance(law, PotentialField) or not law.advice.closer:
+        return Hold.NOTHING
+    late = log["t"] >= log["t"][-1] - STUCK.time
+    t, x, y = (log[n][late] for n in ("t", "x", "y"))
+    # Of several legs only the one that it was on counts; its goal is the one ahead.
+    held = (hold_of(law, scene._replace(goal=g), t, x, y) for g in targets(scene))
+    return max(held, key=lambda h: h is Hold.LOCAL_MINIMUM)
+
+
+def _held_words(mission: Mission, held: Hold, t: float, x: float, y: float) -> str:
+    """Which obstacle or wall holds the robot, how, and what to do."""
+    advice, scene = mission.guidance.advice, mission.scene()
     near = [
-        (math.hypot(o.x - x, o.y - y), k)
-        for k, o in enumerate(mission.obstacles)
-        if math.hypot(o.x - x, o.y - y) <= mission.guidance.reach
+        (math.hypot(o.x - x, o.y - y), f"the obstacle at ({o.x:.4g}, {o.y:.4g})")
+        for o in (o.at(t) for o in scene.obstacles)
     ]
-    pushes = near and mission.guidance.advice.closer
-    return mission.obstacles[min(near)[1]] if pushes else None
+    for wall in scene.walls:
+        px, py = nearest_point(wall, x, y, np)
+        near.append((math.hypot(px - x, py - y), f"the wall at ({px:.3g}, {py:.3g})"))
+    what = min(near)[1]
+    change = _either(_either("move the goal", advice.closer), advice.escape)
+    if held is Hold.LOCAL_MINIMUM:
+        return f"{what} pushes as hard as the goal pulls, a local minimum of the field; {change}"
+    return f"{what} makes it swing to and fro, an oscillation; {change}"

@@ -108,12 +108,14 @@ class Progress(NamedTuple):
         path_length: way driven [m].
         clearance: smallest distance from the robot's centre to an obstacle's surface [m].
         best, best_time: the smallest distance to go that counted as progress [m], and when [s].
+        best_way: the way driven until then [m].
     """
 
     path_length: Real
     clearance: Real
     best: Real
     best_time: Real
+    best_way: Real
 
 
 class LoopState(NamedTuple):
@@ -177,7 +179,7 @@ class Loop:
             command=Command(0.0, 0.0),
             pwm=(0.0, 0.0),
             body=at_rest,
-            progress=Progress(0.0, xp.inf, xp.inf, 0.0),
+            progress=Progress(0.0, xp.inf, xp.inf, 0.0, 0.0),
             verdict=int(Verdict.GOES_ON),
         )
 
@@ -294,9 +296,9 @@ class Loop:
         guidance, references = self.guidance.step(state.guidance, asked, dt, xp)
         given = ControlInputs(t, references, state.estimate, scene, drive_of(state.pwm))
         control, command = self.control.step(state.control, given, dt, xp)
+        over = references.arrived | references.gives_up
         command = Command(
-            xp.where(references.arrived, 0.0, command.v_cmd),
-            xp.where(references.arrived, 0.0, command.psi_cmd),
+            xp.where(over, 0.0, command.v_cmd), xp.where(over, 0.0, command.psi_cmd)
         )
         return state._replace(
             guidance=guidance,
@@ -313,21 +315,26 @@ class Loop:
         passed = step_clearance(scene, state.body.pose, body.pose, tick.t, tick.dt, xp)
         clearance = xp.minimum(last.clearance, passed)
         to_go = self.guidance.to_go(state.guidance, body.pose, scene, xp)
-        closer = to_go < last.best - STUCK.progress
+        way = last.path_length + abs(0.5 * (state.body.speed + body.speed)) * tick.dt
+        wanted = state.references
+        # On a detour any way is progress; where it ends, the distance to go counts from there.
+        moving = wanted.detour & (way >= last.best_way + STUCK.progress)
+        closer = moving | (to_go < last.best - STUCK.progress)
         late = tick.t + self.plant.dt > self.timeout * (1 + 1e-9)
-        standing = (to_go >= last.best - STUCK.progress) & (tick.t - last.best_time >= STUCK.time)
+        standing = xp.logical_not(closer) & (tick.t - last.best_time >= STUCK.time)
         verdict = xp.where(late, Verdict.TIMEOUT, Verdict.GOES_ON)
         for condition, name in (
-            (standing, Verdict.STUCK),
-            (state.references.arrived, Verdict.ARRIVED),
+            (standing | wanted.gives_up, Verdict.STUCK),
+            (wanted.arrived, Verdict.ARRIVED),
             (clearance <= 0, Verdict.COLLISION),
         ):
             verdict = xp.where(condition, name, verdict)
         progress = Progress(
-            path_length=last.path_length + abs(0.5 * (state.body.speed + body.speed)) * tick.dt,
+            path_length=way,
             clearance=clearance,
             best=xp.where(closer, to_go, last.best),
             best_time=xp.where(closer, tick.t, last.best_time),
+            best_way=xp.where(closer, way, last.best_way),
         )
         return progress, verdict
 

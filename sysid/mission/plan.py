@@ -127,7 +127,7 @@ def plan(mission: Mission) -> Plan:
     Args:
         mission: scene and law of guidance.
     """
-    law, scene = mission.guidance, mission.scene()
+    law, scene = mission.complete_guidance, mission.scene()
     x, y = _map(scene)
     start = np.array([[scene.start.x, scene.start.y]])
     ways, arrived, times = _followed(law, scene, start)
@@ -139,9 +139,9 @@ def plan(mission: Mission) -> Plan:
     psi, speed = _references(law, scene, grid_x, grid_y)
     clearance = float(np.min(point_clearance(scene, way[:, 0], way[:, 1], 0.0, np)))
     potential = None
-    if isinstance(law, HasPotential):
-        potential = np.asarray(law.potential(grid_x, grid_y, scene, np))
-    published = law if isinstance(law, PotentialField) else None
+    if isinstance(mission.guidance, HasPotential):
+        potential = np.asarray(mission.guidance.potential(grid_x, grid_y, scene, np))
+    published = mission.guidance if isinstance(mission.guidance, PotentialField) else None
     return Plan(
         way=way,
         arrives=bool(arrived[0]),

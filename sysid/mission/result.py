@@ -23,6 +23,35 @@ class Outcome(StrEnum):
     STUCK = "stuck"
 
 
+class StuckReason(StrEnum):
+    """Why a robot got nowhere."""
+
+    PAST_GOAL = "past-goal"
+    LOCAL_MINIMUM = "local-minimum"
+    OSCILLATION = "oscillation"
+    NO_WAY_THROUGH = "no-way-through"
+    STANDS_STILL = "stands-still"
+    OFF_COURSE = "off-course"
+
+
+@dataclass(frozen=True)
+class Stuck:
+    """Why and where a robot got nowhere.
+
+    Attributes:
+        reason: why.
+        place: where: X, Y [m].
+    """
+
+    reason: StuckReason
+    place: tuple[float, float]
+
+    def summary(self) -> dict[str, Any]:
+        """Plain values for a JSON document."""
+        x, y = self.place
+        return {"reason": self.reason.value, "place": {"x": x, "y": y}}
+
+
 @dataclass(frozen=True)
 class MissionResult:
     """What a mission came to.
@@ -38,6 +67,7 @@ class MissionResult:
         log: columns of equal length by name (:data:`sysid.mission.loop.COLUMNS`), one row a plant
             sample; read-only.
         sentence: how it ended, with the next step.
+        stuck: why and where it got nowhere; None where it did not.
     """
 
     outcome: Outcome
@@ -48,6 +78,7 @@ class MissionResult:
     max_deviation_m: float
     log: Mapping[str, Array]
     sentence: str
+    stuck: Stuck | None = None
 
     def summary(self) -> dict[str, Any]:
         """Return everything but the log as plain values for a JSON document."""
@@ -59,6 +90,7 @@ class MissionResult:
             "path_length_m": self.path_length_m,
             "min_clearance_m": self.min_clearance_m,
             "max_deviation_m": self.max_deviation_m,
+            "stuck": None if self.stuck is None else self.stuck.summary(),
         }
 
 

@@ -8,7 +8,14 @@ from typing import Annotated, Any, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from sysid.mission.contracts import ControlAdvice, GuidanceAdvice, Pose, Scene, State
+from sysid.mission.contracts import (
+    ControlAdvice,
+    GuidanceAdvice,
+    GuidanceTraits,
+    Pose,
+    Scene,
+    State,
+)
 from sysid.vehicle.kinematics import Real
 
 # Bounds far outside any use, which keep every later formula inside the range of floats.
@@ -75,6 +82,11 @@ class GuidanceSettings(Settings):
     def advice(self) -> GuidanceAdvice:
         """What to change when a mission fails."""
         return GuidanceAdvice()
+
+    @property
+    def traits(self) -> GuidanceTraits:
+        """What it can do and needs."""
+        return GuidanceTraits()
 
     def to_go(self, state: State, pose: Pose, scene: Scene, xp: Any) -> Real:
         """The way still to go from a pose [m]."""

@@ -13,7 +13,7 @@ from sysid.data.record import Array
 from sysid.errors import ModelError, UsageError
 from sysid.mission.clearance import has_surfaces
 from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS, Pose, SteppablePlant
-from sysid.mission.ending import sentence
+from sysid.mission.ending import sentence, stuck
 from sysid.mission.loop import COLUMNS, Loop, LoopState, Tick, Verdict, command_module, ticks
 from sysid.mission.noise import sensor_draws
 from sysid.mission.nominal import nominal_of
@@ -79,7 +79,7 @@ def simulate(mission: Mission, plant: SteppablePlant, seed: int = 0) -> MissionR
         drive = partial(command_module, xp=floats)
         scene = scene._replace(nominal=nominal_of(plant, scene.geometry, drive))
     loop = Loop(
-        guidance=mission.guidance,
+        guidance=mission.complete_guidance,
         control=mission.control,
         navigation=mission.navigation,
         motion=mission.motion,
@@ -93,7 +93,7 @@ def simulate(mission: Mission, plant: SteppablePlant, seed: int = 0) -> MissionR
     table.setflags(write=False)
     log = MappingProxyType({name: table[:, i] for i, name in enumerate(loop.columns)})
     outcome = Outcome[Verdict(int(state.verdict)).name]
-    x, y, psi = state.body.pose
+    (x, y, psi), last = state.body.pose, state.references
     return MissionResult(
         outcome=outcome,
         time_s=float(table[-1, 0]),
@@ -102,7 +102,8 @@ def simulate(mission: Mission, plant: SteppablePlant, seed: int = 0) -> MissionR
         min_clearance_m=float(state.progress.clearance) if has_surfaces(loop.scene) else None,
         max_deviation_m=_deviation(mission, log),
         log=log,
-        sentence=sentence(outcome, mission, log),
+        sentence=sentence(outcome, mission, log, last),
+        stuck=stuck(mission, log, last) if outcome is Outcome.STUCK else None,
     )
 
 

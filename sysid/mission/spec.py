@@ -34,7 +34,9 @@ from sysid.mission.contracts import (
     Wall,
 )
 from sysid.mission.control.pi_p import SpeedPIYawP
+from sysid.mission.guidance.escape import leading_out
 from sysid.mission.guidance.field import PotentialField
+from sysid.mission.guidance.waypoints import PassingWaypoints, targets, way_length
 from sysid.mission.motion.kinematic import Kinematic
 from sysid.mission.navigation.odometry import Odometry
 from sysid.mission.registry import law, sensor_set, sentence_at
@@ -236,6 +238,32 @@ class Mission(Settings):
                 )
         return self
 
+    @model_validator(mode="after")
+    def _one_way(self) -> "Mission":
+        """A path and waypoints are two ways to say one thing."""
+        if self.path and self.waypoints:
+            raise sentence_at(("waypoints",), "a path leads past its own points: keep one of them")
+        return self
+
+    @property
+    def complete_guidance(self) -> Guidance:
+        """The law of guidance with what a mission asks of every law.
+
+        Raises:
+            DataError: there is a path, and the law follows none.
+        """
+        law = self.guidance
+        if self.path and not law.traits.follows_path:
+            raise DataError(
+                "the mission has a path, which its law of guidance does not follow: write "
+                "guidance: {kind: pure-pursuit}, or waypoints instead of path"
+            )
+        if isinstance(law, PotentialField):
+            law = leading_out(law)
+        if self.waypoints and not law.traits.passes_waypoints:
+            law = PassingWaypoints(law)
+        return law
+
     def scene(self) -> Scene:
         """What a run of this mission is about, as the laws take it."""
         x, y, psi = self.start
@@ -277,9 +305,27 @@ def load_mission(path: str | Path) -> Mission:
     """
     source = read_yaml(path)
     try:
-        return Mission.model_validate(source.values)
+        mission = Mission.model_validate(source.values)
     except ValidationError as error:
         raise DataError(first_problem(error, source, Mission)) from None
+    short = _too_short(mission)
+    if short:
+        raise DataError(f"{source.where(('timeout',))}: {short}")
+    return mission
+
+
+def _too_short(mission: Mission) -> str:
+    """What to say of a mission that nothing could finish in time; empty where it could."""
+    scene, speed = mission.scene(), mission.guidance.traits.top_speed
+    stops = (*scene.path, *targets(scene))
+    # Each place counts as reached a tolerance before it.
+    way = way_length(scene.start, stops) - scene.tolerance * (2 * len(stops) - 1)
+    if not way / speed > mission.timeout:
+        return ""
+    return (
+        f"timeout is {mission.timeout:g} s, but the way of {way:.3g} m takes {way / speed:.3g} s "
+        f"at the largest speed of {speed:g} m/s that guidance asks for: raise timeout"
+    )
 
 
 _LINES_FORM = "write {}: [[[x, y], [x, y], [x, y]]]"

@@ -5,13 +5,21 @@ Equations are the thesis's.
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Any, NamedTuple, Protocol
+from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from pydantic import Field
 
 from sysid.mission.clearance import nearest_point
-from sysid.mission.contracts import Disc, GuidanceAdvice, GuidanceInputs, Pose, References, Scene
+from sysid.mission.contracts import (
+    Disc,
+    GuidanceAdvice,
+    GuidanceInputs,
+    GuidanceTraits,
+    Pose,
+    References,
+    Scene,
+)
 from sysid.mission.settings import Gain, GuidanceSettings, Positive
 from sysid.vehicle.kinematics import Real, wrap_angle
 
@@ -86,6 +94,8 @@ class PotentialField(GuidanceSettings):
         v_max: largest speed reference [m/s].
         theta, h: shape of the speed reference V_max θʰ/(θʰ + Δʰ).
         Kg, Ki: weight of the goal and of each obstacle in range in Δ [m].
+        escape: the way out of a local minimum or an oscillation: none, a virtual obstacle where the
+            robot is held, or along the wall that holds it.
     """
 
     K: Positive = 0.15
@@ -97,6 +107,7 @@ class PotentialField(GuidanceSettings):
     h: Annotated[float, Field(gt=0, le=10)] = 1.0
     Kg: Gain = 0.4
     Ki: Gain = 1.0
+    escape: Literal["none", "virtual-obstacle", "wall"] = "none"
 
     @property
     def reach(self) -> float:
@@ -111,7 +122,13 @@ class PotentialField(GuidanceSettings):
             slower="lower v_max",
             wider="raise eta or rho0",
             closer="lower eta" if self.eta > 0 else "",
+            escape="set guidance.escape to wall" if self.escape == "none" else "",
         )
+
+    @property
+    def traits(self) -> GuidanceTraits:
+        """Published references, which no limit changes."""
+        return GuidanceTraits(top_speed=self.v_max)
 
     def start(self, scene: Scene, xp: Any) -> InitialTurn:
         """The initial turn."""
