@@ -72,6 +72,7 @@ SCENE = goal(
     obstacles=[*AROUND.obstacles, {"at": (1.0, 1.0), "velocity": (0.1, -0.2)}],
     walls=[[(-1.5, 2.0), (1.0, 2.5), (1.5, 1.5)]],
     polygons=[[(-2.0, -1.0), (-1.0, -1.0), (-1.5, -2.0)]],
+    waypoints=[(2.0, 1.0), (3.0, 2.0)],
 ).scene()
 """One of everything that laws may have to do with."""
 
