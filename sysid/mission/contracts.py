@@ -11,14 +11,13 @@ Inputs are named tuples: a field that is added later does not concern the laws t
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from enum import IntEnum
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from sysid.data.record import Array, Channel
 from sysid.effects.ground import Ground
 from sysid.mission.axis import PUBLISHED, Nominal
+from sysid.mission.traits import ControlAdvice, GuidanceAdvice, GuidanceTraits, Hold
 from sysid.vehicle.kinematics import Geometry, Real
 
 State = Any
@@ -132,6 +131,11 @@ class Scene(NamedTuple):
     sensors: Mapping[str, "Sensor"] = MappingProxyType({})
     dt: float = 0.1
 
+    @property
+    def targets(self) -> tuple[Point, ...]:
+        """The waypoints and the goal, in the order in which they are to be reached."""
+        return (*self.way, self.goal)
+
     def to_goal(self, pose: Pose, xp: Any) -> Real:
         """The distance from a pose to the goal [m]."""
         return xp.hypot(pose.x - self.goal[0], pose.y - self.goal[1])
@@ -156,15 +160,6 @@ class Figures(NamedTuple):
     interval: float = 0.0
     delay: int = 0
     dropout: float = 0.0
-
-
-class Hold(IntEnum):
-    """What a law of guidance has noticed to keep a robot from its goal, as a number for arrays."""
-
-    NOTHING = 0
-    LOCAL_MINIMUM = 1
-    OSCILLATION = 2
-    NO_WAY_THROUGH = 3
 
 
 class References(NamedTuple):
@@ -261,59 +256,6 @@ class MotionInputs(NamedTuple):
 
 
 # Parts --------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class GuidanceAdvice:
-    """What to change in a guidance law, for sentences about missions that failed; may be empty.
-
-    Attributes:
-        faster, slower: to drive faster, or slower, e.g. "lower v_max".
-        wider: to keep farther from obstacles.
-        closer: to let obstacles push less.
-        escape: to leave what holds the robot.
-    """
-
-    faster: str = ""
-    slower: str = ""
-    wider: str = ""
-    closer: str = ""
-    escape: str = ""
-
-
-@dataclass(frozen=True)
-class GuidanceTraits:
-    """What a law of guidance can do and needs.
-
-    Attributes:
-        passes_waypoints: it knows ``scene.way``; otherwise it is given one waypoint after the other
-            as its goal.
-        follows_path: it knows ``scene.path``; otherwise a mission with a path is refused.
-        feasible: its references are kept within the limits of the plant unless a mission says
-            otherwise.
-        batchable: ``start`` runs on traced numbers, too, so that goal, start and obstacles may
-            differ between the runs of one compiled batch.
-        top_speed: no reference of speed is above it [m/s].
-    """
-
-    passes_waypoints: bool = False
-    follows_path: bool = False
-    feasible: bool = False
-    batchable: bool = True
-    top_speed: float = math.inf
-
-
-@dataclass(frozen=True)
-class ControlAdvice:
-    """What to change in a controller.
-
-    Attributes:
-        stronger: to command more.
-        steer: to steer harder.
-    """
-
-    stronger: str = ""
-    steer: str = ""
 
 
 @runtime_checkable
@@ -431,6 +373,15 @@ class Sensor(Protocol):
         self, state: State, inputs: SensorInputs, dt: Real, xp: Any
     ) -> tuple[State, tuple[Real, ...]]:
         """The readings in the order of ``names``; NaN where nothing is read at this sample."""
+        ...
+
+
+@runtime_checkable
+class Holding(Protocol):
+    """A law of guidance that knows where it may hold a robot back."""
+
+    def hold(self, scene: Scene, t: Array, x: Array, y: Array) -> Hold:
+        """What held a robot that was at these places [m] at ``t`` [s] and got nowhere."""
         ...
 
 

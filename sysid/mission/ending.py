@@ -8,13 +8,11 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.mission.clearance import nearest_point
-from sysid.mission.contracts import Hold, References
-from sysid.mission.guidance.field import PotentialField
-from sysid.mission.guidance.traps import hold_of
-from sysid.mission.guidance.waypoints import targets
+from sysid.mission.contracts import Holding, References
 from sysid.mission.loop import STUCK
 from sysid.mission.result import Outcome, Stuck, StuckReason
 from sysid.mission.spec import Mission
+from sysid.mission.traits import Hold
 
 
 @dataclass(frozen=True)
@@ -157,14 +155,10 @@ def _held(mission: Mission, log: Mapping[str, Array], last: References) -> Hold:
     """What held the robot: what guidance noticed, or what a potential field did at the end."""
     if last.held:
         return Hold(int(last.held))
-    law, scene = mission.guidance, mission.scene()
-    if not isinstance(law, PotentialField) or not law.advice.closer:
+    if not isinstance(mission.guidance, Holding):
         return Hold.NOTHING
     late = log["t"] >= log["t"][-1] - STUCK.time
-    t, x, y = (log[n][late] for n in ("t", "x", "y"))
-    # Of several legs only the one that it was on counts; its goal is the one ahead.
-    held = (hold_of(law, scene._replace(goal=g), t, x, y) for g in targets(scene))
-    return max(held, key=lambda h: h is Hold.LOCAL_MINIMUM)
+    return mission.guidance.hold(mission.scene(), *(log[n][late] for n in ("t", "x", "y")))
 
 
 def _held_words(mission: Mission, held: Hold, t: float, x: float, y: float) -> str:

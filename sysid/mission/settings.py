@@ -8,14 +8,8 @@ from typing import Annotated, Any, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from sysid.mission.contracts import (
-    ControlAdvice,
-    GuidanceAdvice,
-    GuidanceTraits,
-    Pose,
-    Scene,
-    State,
-)
+from sysid.mission.contracts import Pose, Scene, State
+from sysid.mission.traits import ControlAdvice, GuidanceAdvice, GuidanceTraits
 from sysid.vehicle.kinematics import Real
 
 # Bounds far outside any use, which keep every later formula inside the range of floats.

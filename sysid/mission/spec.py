@@ -36,7 +36,7 @@ from sysid.mission.contracts import (
 from sysid.mission.control.pi_p import SpeedPIYawP
 from sysid.mission.guidance.escape import leading_out
 from sysid.mission.guidance.field import PotentialField
-from sysid.mission.guidance.waypoints import PassingWaypoints, targets, way_length
+from sysid.mission.guidance.waypoints import PassingWaypoints, way_length
 from sysid.mission.motion.kinematic import Kinematic
 from sysid.mission.navigation.odometry import Odometry
 from sysid.mission.registry import law, sensor_set, sentence_at
@@ -317,7 +317,7 @@ def load_mission(path: str | Path) -> Mission:
 def _too_short(mission: Mission) -> str:
     """What to say of a mission that nothing could finish in time; empty where it could."""
     scene, speed = mission.scene(), mission.guidance.traits.top_speed
-    stops = (*scene.path, *targets(scene))
+    stops = (*scene.path, *scene.targets)
     # Each place counts as reached a tolerance before it.
     way = way_length(scene.start, stops) - scene.tolerance * (2 * len(stops) - 1)
     if not way / speed > mission.timeout:

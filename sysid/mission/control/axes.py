@@ -6,9 +6,10 @@ from typing import Annotated, Any, NamedTuple, Self, cast
 from pydantic import Field, ValidationInfo, field_validator
 
 from sysid.mission.axis import AxisInputs, AxisLaw, State
-from sysid.mission.contracts import Command, ControlAdvice, ControlInputs, Scene
+from sysid.mission.contracts import Command, ControlInputs, Scene
 from sysid.mission.control.linear import PI, YawP
 from sysid.mission.settings import ControlSettings
+from sysid.mission.traits import ControlAdvice
 from sysid.vehicle.kinematics import Real, wrap_angle
 
 AXES = ("speed", "yaw")

@@ -5,9 +5,10 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from sysid.mission.contracts import Command, ControlAdvice, ControlInputs, Scene
+from sysid.mission.contracts import Command, ControlInputs, Scene
 from sysid.mission.control.linear import conditional
 from sysid.mission.settings import ControlSettings, Gain, Search
+from sysid.mission.traits import ControlAdvice
 from sysid.vehicle.kinematics import Real, wrap_angle
 
 

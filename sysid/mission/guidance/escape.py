@@ -6,26 +6,18 @@ from itertools import pairwise
 from typing import Any, NamedTuple, Protocol
 
 from sysid.mission.clearance import nearest_point
-from sysid.mission.contracts import (
-    Disc,
-    GuidanceAdvice,
-    GuidanceInputs,
-    GuidanceTraits,
-    Hold,
-    Pose,
-    References,
-    Scene,
-    State,
-    Wall,
-)
+from sysid.mission.contracts import Disc, GuidanceInputs, Pose, References, Scene, State, Wall
 from sysid.mission.guidance.field import (
     InitialTurn,
     PotentialField,
     acting_points,
+    hold_at,
+    is_pushed,
     speed_reference,
 )
-from sysid.mission.guidance.traps import TRAP, Watch, hold_at, is_pushed
+from sysid.mission.guidance.traps import TRAP, Watch
 from sysid.mission.states import chosen
+from sysid.mission.traits import GuidanceAdvice, GuidanceTraits, Hold
 from sysid.vehicle.kinematics import Real, wrap_angle
 
 FAR = 1e6
@@ -130,7 +122,7 @@ class Escaping:
         turning = state.turn.remaining(pose.psi, xp) > 0.0
         pushed = is_pushed(pose, inputs.scene, t, self.field, xp)
         trapped = state.watch.held & pushed & xp.logical_not(turning)
-        named = hold_at(self.field, inputs.scene, t, *state.watch.middle(xp), xp)
+        named = hold_at(*state.watch.middle(xp), inputs.scene, t, self.field, xp)
         held = xp.where(trapped, named, state.held)
         out, seen = self.out.step(state.out, trapped, state.watch, inputs, dt, xp)
         turn, references = self.field.step(state.turn, inputs._replace(scene=seen), dt, xp)

@@ -10,21 +10,20 @@ from typing import Annotated, Any, Literal, NamedTuple, Protocol
 import numpy as np
 from pydantic import Field
 
+from sysid.data.record import Array
 from sysid.mission.clearance import nearest_point
-from sysid.mission.contracts import (
-    Disc,
-    GuidanceAdvice,
-    GuidanceInputs,
-    GuidanceTraits,
-    Pose,
-    References,
-    Scene,
-)
+from sysid.mission.contracts import Disc, GuidanceInputs, Pose, References, Scene
 from sysid.mission.settings import Gain, GuidanceSettings, Positive
+from sysid.mission.traits import GuidanceAdvice, GuidanceTraits, Hold
 from sysid.vehicle.kinematics import Real, wrap_angle
 
 NEAREST = 1e-6
 """Distances below this [m] count as this: the field is not defined in an obstacle's point."""
+
+CANCELS = 0.5
+"""A force below this share of the attraction, in the middle of where a robot goes to and fro, means
+a local minimum: at the minimum itself it is nothing, and half is reached only at the edge of the
+orbits of a robot that cannot stand still."""
 
 
 class Point(Protocol):
@@ -164,10 +163,37 @@ class PotentialField(GuidanceSettings):
             total = total + xp.where(rho <= self.rho0, push, 0.0)
         return total
 
+    def hold(self, scene: Scene, t: Array, x: Array, y: Array) -> Hold:
+        """A local minimum or an oscillation; nothing where nothing repelled."""
+        if not np.any(is_pushed(Pose(x, y, 0.0), scene, t, self)):
+            return Hold.NOTHING
+        now, middle = float(t[-1]), (float(x.mean()), float(y.mean()))
+        # Of several legs it was on the one whose goal the forces cancel before, if any.
+        legs = (scene._replace(goal=goal) for goal in scene.targets)
+        held = [Hold(int(hold_at(*middle, leg, now, self))) for leg in legs]
+        return Hold.LOCAL_MINIMUM if Hold.LOCAL_MINIMUM in held else Hold.OSCILLATION
+
     def to_go(self, state: InitialTurn, pose: Pose, scene: Scene, xp: Any) -> Real:
         """The distance to the goal plus the track travel B/2·|angle| still to turn [m]."""
         still_to_turn = state.remaining(pose.psi, xp)
         return scene.to_goal(pose, xp) + 0.5 * scene.geometry.B * still_to_turn
+
+
+def is_pushed(pose: Pose, scene: Scene, t: Real, gains: PotentialField, xp: Any = np) -> Any:
+    """Whether anything repels at a place."""
+    acting = acting_points(scene, pose.x, pose.y, t, xp)
+    fx, fy = total_force(pose.x, pose.y, scene.goal, acting, gains, xp)
+    ax, ay = attractive_force(pose.x, pose.y, scene.goal, gains, xp)
+    return (fx != ax) | (fy != ay)
+
+
+def hold_at(x: Real, y: Real, scene: Scene, t: Real, gains: PotentialField, xp: Any = np) -> Real:
+    """What holds a robot that goes to and fro about a place, as a number of :class:`Hold`."""
+    fx, fy = total_force(x, y, scene.goal, acting_points(scene, x, y, t, xp), gains, xp)
+    pull = xp.hypot(*attractive_force(x, y, scene.goal, gains, xp))
+    return xp.where(
+        xp.hypot(fx, fy) < CANCELS * pull, int(Hold.LOCAL_MINIMUM), int(Hold.OSCILLATION)
+    )
 
 
 def acting_points(scene: Scene, x: Real, y: Real, t: Real, xp: Any = np) -> tuple[Disc, ...]:

@@ -3,16 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from sysid.data.record import Array
-from sysid.mission.contracts import Hold, Pose, Scene
-from sysid.mission.guidance.field import (
-    PotentialField,
-    acting_points,
-    attractive_force,
-    total_force,
-)
+from sysid.mission.contracts import Pose
 from sysid.vehicle.kinematics import Real
 
 
@@ -25,15 +16,11 @@ class TrapRule:
         around: … and no farther than this share of the field's range from where it was, …
         time: … in this time [s]: half of that after which a mission is stuck, so that a way out
             has begun by then.
-        cancels: a force below this share of the attraction, in the middle of where the robot goes
-            to and fro, means a local minimum: at the minimum itself it is nothing, and half is
-            reached only at the edge of the orbits of a robot that cannot stand still.
     """
 
     progress: float = 0.05
     around: float = 0.5
     time: float = 5.0
-    cancels: float = 0.5
 
 
 TRAP = TrapRule()
@@ -82,32 +69,3 @@ class Watch(NamedTuple):
     def again(self, pose: Pose, xp: Any) -> "Watch":
         """A watch that begins here and keeps what was best."""
         return Watch(self.best, pose.x, pose.y)
-
-
-def is_pushed(pose: Pose, scene: Scene, t: Real, field: PotentialField, xp: Any) -> Any:
-    """Whether anything repels at a place."""
-    acting = acting_points(scene, pose.x, pose.y, t, xp)
-    fx, fy = total_force(pose.x, pose.y, scene.goal, acting, field, xp)
-    ax, ay = attractive_force(pose.x, pose.y, scene.goal, field, xp)
-    return (fx != ax) | (fy != ay)
-
-
-def hold_at(field: PotentialField, scene: Scene, t: Real, x: Real, y: Real, xp: Any) -> Real:
-    """What holds a robot that goes to and fro about a place, as a number of :class:`Hold`."""
-    fx, fy = total_force(x, y, scene.goal, acting_points(scene, x, y, t, xp), field, xp)
-    pull = xp.hypot(*attractive_force(x, y, scene.goal, field, xp))
-    cancels = xp.hypot(fx, fy) < TRAP.cancels * pull
-    return xp.where(cancels, int(Hold.LOCAL_MINIMUM), int(Hold.OSCILLATION))
-
-
-def hold_of(field: PotentialField, scene: Scene, t: Array, x: Array, y: Array) -> Hold:
-    """What held a robot that was at these places and got nowhere.
-
-    Args:
-        field: its law.
-        scene: what it was about; its goal is the place that it was driving to.
-        t, x, y: instants [s] and places [m], (N,) each.
-    """
-    if not np.any(is_pushed(Pose(x, y, 0.0), scene, t, field, np)):
-        return Hold.NOTHING
-    return Hold(int(hold_at(field, scene, float(t[-1]), float(x.mean()), float(y.mean()), np)))

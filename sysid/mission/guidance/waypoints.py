@@ -8,18 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sysid.mission.contracts import (
-    Guidance,
-    GuidanceAdvice,
-    GuidanceInputs,
-    GuidanceTraits,
-    Point,
-    Pose,
-    References,
-    Scene,
-    State,
-)
+from sysid.mission.contracts import Guidance, GuidanceInputs, Point, Pose, References, Scene, State
 from sysid.mission.states import chosen, pick
+from sysid.mission.traits import GuidanceAdvice, GuidanceTraits
 from sysid.vehicle.kinematics import Real
 
 
@@ -60,7 +51,7 @@ class PassingWaypoints:
 
     def start(self, scene: Scene, xp: Any) -> LegState:
         """The law on its way to the first waypoint."""
-        first = scene._replace(goal=targets(scene)[0], way=())
+        first = scene._replace(goal=scene.targets[0], way=())
         return LegState(0, self.law.start(first, xp))
 
     def step(
@@ -81,17 +72,12 @@ class PassingWaypoints:
 
     def to_go(self, state: LegState, pose: Pose, scene: Scene, xp: Any) -> Real:
         """The way to the end of this leg and along those after it [m]."""
-        places = targets(scene)
+        places = scene.targets
         left: list[Real] = [0.0]
         for a, b in zip(places[-2::-1], places[:0:-1], strict=True):
             left.insert(0, left[0] + xp.hypot(b[0] - a[0], b[1] - a[1]))
         on_leg = self.law.to_go(state.law, pose, _on_leg(scene, state.leg, xp), xp)
         return on_leg + pick(left, state.leg, xp)
-
-
-def targets(scene: Scene) -> tuple[Point, ...]:
-    """The waypoints and the goal, in the order in which they are to be reached."""
-    return (*scene.way, scene.goal)
 
 
 def way_length(start: Pose, places: Sequence[Point]) -> float:
@@ -101,6 +87,6 @@ def way_length(start: Pose, places: Sequence[Point]) -> float:
 
 def _on_leg(scene: Scene, leg: Real, xp: Any) -> Scene:
     """The scene of one leg: its end is the goal."""
-    places = targets(scene)
+    places = scene.targets
     goal = (pick([p[0] for p in places], leg, xp), pick([p[1] for p in places], leg, xp))
     return scene._replace(goal=goal, way=())

@@ -11,13 +11,13 @@ import pytest
 from mission_cases import Robot, goal, leaves
 
 from sysid import floats
-from sysid.mission.contracts import Body, GuidanceInputs, Hold, Pose
+from sysid.mission.contracts import Body, GuidanceInputs, Pose
 from sysid.mission.guidance.escape import leading_out
-from sysid.mission.guidance.field import PotentialField
-from sysid.mission.guidance.traps import hold_at
+from sysid.mission.guidance.field import PotentialField, hold_at
 from sysid.mission.result import MissionResult, Outcome, StuckReason
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission
+from sysid.mission.traits import Hold
 
 TRAPS: dict[str, dict[str, Any]] = {
     "two close obstacles": {"obstacles": [(1.5, 0.25), (1.5, -0.25)]},
@@ -84,6 +84,7 @@ def test_where_nothing_holds_the_robot_the_field_is_as_published(escape: str) ->
 def test_ways_out_are_the_same_on_every_namespace(escape: str) -> None:
     """Along a mission that needs them: compiled and plain numbers give the same references."""
     law = leading_out(PotentialField(escape=escape))  # type: ignore[arg-type]
+    jax.config.update("jax_enable_x64", True)
     scene = trapped(TRAPS["two close obstacles"], escape).scene()
     log = driven(TRAPS["two close obstacles"], escape).log
     step = jax.jit(
@@ -107,6 +108,6 @@ def test_ways_out_are_the_same_on_every_namespace(escape: str) -> None:
 def test_a_minimum_is_told_from_an_oscillation_by_the_force_in_its_middle() -> None:
     field, scene = PotentialField(), trapped(TRAPS["two close obstacles"], "none").scene()
     # Before the gap both obstacles push back as hard as the goal pulls; 0.5 m aside nothing does.
-    assert hold_at(field, scene, 0.0, 1.1, 0.0, floats) == Hold.LOCAL_MINIMUM
-    assert hold_at(field, scene, 0.0, 1.1, 1.0, floats) == Hold.OSCILLATION
+    assert hold_at(1.1, 0.0, scene, 0.0, field, floats) == Hold.LOCAL_MINIMUM
+    assert hold_at(1.1, 1.0, scene, 0.0, field, floats) == Hold.OSCILLATION
     assert math.hypot(1.1 - 1.5, 1.0 - 0.25) > field.rho0
