@@ -297,9 +297,7 @@ class Loop:
         given = ControlInputs(t, references, state.estimate, scene, drive_of(state.pwm))
         control, command = self.control.step(state.control, given, dt, xp)
         over = references.arrived | references.gives_up
-        command = Command(
-            xp.where(over, 0.0, command.v_cmd), xp.where(over, 0.0, command.psi_cmd)
-        )
+        command = Command(xp.where(over, 0.0, command.v_cmd), xp.where(over, 0.0, command.psi_cmd))
         return state._replace(
             guidance=guidance,
             control=control,
