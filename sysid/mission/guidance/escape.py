@@ -15,8 +15,8 @@ from sysid.mission.guidance.field import (
     is_pushed,
     speed_reference,
 )
+from sysid.mission.guidance.states import chosen
 from sysid.mission.guidance.traps import TRAP, Watch
-from sysid.mission.states import chosen
 from sysid.mission.traits import GuidanceAdvice, GuidanceTraits, Hold
 from sysid.vehicle.kinematics import Real, wrap_angle
 

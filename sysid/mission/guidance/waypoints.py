@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sysid.mission.contracts import Guidance, GuidanceInputs, Point, Pose, References, Scene, State
-from sysid.mission.states import chosen, pick
+from sysid.mission.guidance.states import chosen, pick
 from sysid.mission.traits import GuidanceAdvice, GuidanceTraits
 from sysid.vehicle.kinematics import Real
 
