@@ -154,45 +154,6 @@ def test_every_integrator_tends_to_the_same_motion(tracks: int) -> None:
     np.testing.assert_allclose(runs[0], runs[2], atol=0.03)
 
 
-@pytest.mark.parametrize("integrator", ["exact", "rk4", "implicit"])
-@pytest.mark.parametrize("output", ["speed", "position"])
-@pytest.mark.parametrize("tracks", [1, 2])
-def test_one_run_on_plain_numbers_is_the_run_on_arrays(
-    tracks: int, output: str, integrator: str
-) -> None:
-    """The same operations in the same order: through stops and reversals, to the last bit."""
-    s = replace(motor(tracks, friction="full", integrator=integrator, output=output), substeps=7)
-    more = {"drag": 0.01, "viscous_back": 1.2, "coulomb_back": 0.8, "offset": 0.1, "limit": 5.0}
-    theta = s.pack((ONE if tracks == 1 else TWO) | more)
-    step, read = s.step(theta), s.readout(theta)
-    p = s.prepared(np, s.unpack(np, theta), s.h)
-    x = np.zeros(s.n_states(theta))
-    speeds = []
-    for u in steps(120, 3, 6.0, tracks, held=4):
-        after, y = step(x, u)
-        moved = s.sample(np, x[:, None], u[:, None], p, s.h, s.steps)[:, 0]
-        np.testing.assert_array_equal(after, moved)
-        np.testing.assert_array_equal(y, read(x, u))
-        x = after
-        speeds.append(after[:tracks])
-    run = np.array(speeds)
-    assert np.any(run == 0.0)
-    assert np.min(run) < 0.0 < np.max(run)
-
-
-def test_tanks_on_plain_numbers_are_tanks_on_arrays() -> None:
-    s = replace(Tanks.from_orders({}, 1, 1, {}), dt=4.0, substeps=3)
-    theta = s.pack(TANKS)
-    step, p, x = s.step(theta), s.prepared(np, s.unpack(np, theta), s.h), np.array([2.0, 1.0])
-    for u in 2.5 + steps(100, 5, 2.5, held=10):
-        after, y = step(x, u)
-        moved = s.sample(np, x[:, None], u[:, None], p, s.h, s.steps)[:, 0]
-        # powers of NumPy and of math may differ in their last bit
-        np.testing.assert_allclose(after, moved, rtol=1e-14)
-        np.testing.assert_array_equal(y, x[1:])
-        x = after
-
-
 def test_coupling_of_bench_constants_is_the_kinetic_energy_of_the_body() -> None:
     s = motor(2, parameters="bench")
     p = s.unpack(np, s.pack({}))
