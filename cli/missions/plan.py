@@ -52,12 +52,13 @@ def plan(
     if plot is not None and plot != _IN_WORKSPACE:
         targets.check_picture(plot)
     from sysid.mission.plan import plan as follow
+    from sysid.mission.registry import kind_of
     from sysid.mission.spec import load_mission
 
     given = LawChoice(guidance).applied(load_mission(mission))
     with render.progress(f"Following {mission.name}"):
         found = follow(given)
-    facts: dict[str, Any] = {"guidance": type(given.guidance).__name__, **found.summary()}
+    facts: dict[str, Any] = {"guidance": kind_of("guidance", given.guidance), **found.summary()}
     facts["sentence"] = _sentence(given, found)
     if plot == _IN_WORKSPACE:
         plot = Workspace(workspace).missions_dir / f"{mission.stem}_plan.svg"

@@ -137,6 +137,16 @@ def section_class(role: str, section: Mapping[str, Any]) -> tuple[type[BaseModel
         raise sentence_at(("kind",), str(error)) from None
 
 
+def kind_of(role: str, law: Any) -> str:
+    """The kind under which a law is known; the name of its class where it is known under none."""
+    name = f"{type(law).__module__}:{type(law).__qualname__}"
+    places = {f"sysid.mission.{place}": known for known, place in BUILT_IN.items()}
+    places |= {point.value: known for known, point in points(GROUP).items()}
+    known = places.get(name, "")
+    of_role = known.startswith(f"{role}.")
+    return known.removeprefix(f"{role}.") if of_role else type(law).__name__
+
+
 def law(role: str, section: Any) -> Any:
     """The law that a section of a mission file describes.
 

@@ -95,10 +95,19 @@ class MissionResult:
 
 
 def write_log(result: MissionResult, path: str | Path) -> Path:
-    """Write a mission's log as CSV, a valid input of ``sysid fit``; numbers survive unrounded.
+    """Write a mission's log as CSV, a valid input of ``sysid fit``.
+
+    Raises:
+        DataError: the file cannot be written there.
+    """
+    return write_columns(result.log, path)
+
+
+def write_columns(columns: Mapping[str, Array], path: str | Path) -> Path:
+    """Write columns of equal length as CSV; numbers survive unrounded, what is none is left empty.
 
     Args:
-        result: the mission.
+        columns: by name.
         path: the file; it appears complete or not at all.
 
     Returns:
@@ -113,8 +122,9 @@ def write_log(result: MissionResult, path: str | Path) -> Path:
         try:
             with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
                 writer = csv.writer(file, lineterminator="\n")
-                writer.writerow(result.log)
-                writer.writerows(zip(*(c.tolist() for c in result.log.values()), strict=True))
+                writer.writerow(columns)
+                cells = (["" if v != v else v for v in c.tolist()] for c in columns.values())
+                writer.writerows(zip(*cells, strict=True))
             os.chmod(temporary, 0o644)
             os.replace(temporary, path)
         except BaseException:
@@ -122,6 +132,6 @@ def write_log(result: MissionResult, path: str | Path) -> Path:
             raise
     except OSError as error:
         raise DataError(
-            f"the mission log {path} cannot be written ({error.strerror}): choose another place"
+            f"{path} cannot be written ({error.strerror}): choose another place"
         ) from None
     return path

@@ -35,6 +35,7 @@ class Panel:
         lines: at most six that are no reference.
         plane: whether both axes are lengths with one scale.
         discs: obstacles and goals of a plane, (x, y, radius, colour) [m].
+        outlines: closed lines drawn faintly, (x, y) each.
     """
 
     title: str
@@ -43,6 +44,7 @@ class Panel:
     lines: tuple[Line, ...]
     plane: bool = False
     discs: tuple[tuple[float, float, float, str], ...] = ()
+    outlines: tuple[tuple[Array, Array], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +82,8 @@ def _draw_panel(axes: "Axes", panel: Panel) -> None:
     angle = np.linspace(0.0, 2.0 * np.pi, 73)
     for x, y, radius, colour in panel.discs:
         axes.fill(x + radius * np.cos(angle), y + radius * np.sin(angle), color=colour, zorder=2)
+    for x_out, y_out in panel.outlines:
+        axes.fill(x_out, y_out, facecolor=style.BLUE, alpha=0.15, linewidth=0.8, edgecolor="none")
     colours = iter(style.SERIES)
     for line in panel.lines:
         if line.reference:

@@ -1,0 +1,179 @@
+"""Logs of sensors: columns that need not be complete, at the instants at which they were written.
+
+A log for a fit is brought onto an even grid; here nothing is filled in: a sensor that read nothing
+at a row has an empty cell there, and the rows keep their own times.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from sysid.data.column_words import meaning
+from sysid.data.files import read_bytes
+from sysid.data.finding import Finding
+from sysid.data.reading.columns import NO_INPUT, choose_columns
+from sysid.data.reading.pose_reading import pose_in_si, usable_pose
+from sysid.data.reading.read_options import ReadOptions
+from sysid.data.reading.row_times import column_reader, row_times
+from sysid.data.reading.table import Table, read_table
+from sysid.data.record import Array
+from sysid.data.unit_words import ending
+from sysid.data.units import Conversion, conversion
+from sysid.errors import DataError, UsageError
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A reading that a log may hold.
+
+    Attributes:
+        name: as the workbench calls it, e.g. ``gyro_z``.
+        unit: it is to be in; empty where any will do.
+        quantity, side: what a column of another name must say to be taken for it, e.g. ``speed``
+            and ``left``; empty where only its own name counts.
+    """
+
+    name: str
+    unit: str
+    quantity: str = ""
+    side: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class SensorLog:
+    """What sensors read over time.
+
+    Attributes:
+        name: of the file.
+        t: instants from the first row on, (N,) [s], rising.
+        readings: name → values in SI units, (N,); NaN where nothing was read.
+        pose: true x, y [m], ψ [rad] where the log holds a pose, (N, 3).
+        findings: what there is to say about the reading.
+    """
+
+    name: str
+    t: Array
+    readings: Mapping[str, Array]
+    pose: Array | None
+    findings: tuple[Finding, ...] = field(default=())
+
+
+def read_sensor_log(
+    path: str | Path,
+    wanted: Sequence[Wanted],
+    columns: Mapping[str, str] | None = None,
+    options: ReadOptions | None = None,
+) -> SensorLog:
+    """Read the sensors that a log holds.
+
+    Args:
+        path: CSV or Parquet.
+        wanted: the readings to look for.
+        columns: reading → column, where the names differ; ``-column`` where its sign does.
+        options: ``time``, ``ts``, ``units``, ``delimiter`` and ``decimal`` count here.
+
+    Raises:
+        DataError: the file cannot be read, its time does not rise, or it holds none of them.
+        UsageError: a column or unit named is not there.
+    """
+    path, options = Path(path), options or ReadOptions()
+    table = read_table(read_bytes(path), path.name, options.delimiter, options.decimal)
+    signs = {n: -1.0 if c.startswith("-") else 1.0 for n, c in (columns or {}).items()}
+    named = {n: c.removeprefix("-") for n, c in (columns or {}).items()}
+    places = _places(table, wanted, named, options.units)
+    if not places:
+        names = ", ".join(w.name for w in wanted)
+        raise DataError(
+            f"{table.where} holds none of the readings {names}: name the columns, e.g. "
+            f"gyro_z={table.names[-1]}"
+        )
+    known = {w.name: w for w in wanted}
+    readings = {
+        n: signs.get(n, 1.0) * _in_si(table, known[n], c, options.units) for n, c in places.items()
+    }
+    choice = choose_columns(
+        table.names,
+        (NO_INPUT,),
+        tuple(dict.fromkeys(places.values())),
+        options.time,
+        table.where,
+        column_reader(table),
+        options.ts is not None,
+    )
+    clock = row_times(table, choice.clock, options.units, options.ts)
+    t = clock.t - clock.t[0]
+    falls = np.flatnonzero(np.diff(t) <= 0)
+    if len(falls):
+        raise DataError(f"{table.place(int(falls[0]) + 1)}: the time does not rise: sort the rows")
+    brackets = dict(zip(table.names, table.units, strict=True))
+    choice, pose_units = usable_pose(choice, brackets, options.units, table.where)
+    pose: Array | None = None
+    said: tuple[Finding, ...] = ()
+    if choice.pose:
+        block = table.columns((*choice.outputs, *choice.pose))
+        block, said = pose_in_si(block, choice, pose_units, table.where)
+        pose = block[:, -3:]
+    return SensorLog(path.name, t, readings, pose, (*clock.findings, *said))
+
+
+def _places(
+    table: Table, wanted: Sequence[Wanted], named: Mapping[str, str], units: Mapping[str, str]
+) -> dict[str, str]:
+    """Reading → column: as named, else of the same name, else by what a name says."""
+    lower = {n.lower(): n for n in table.names}
+    for name, column in named.items():
+        if column.lower() not in lower:
+            raise UsageError(
+                f"{table.where} has no column {column!r} for {name}: its columns are "
+                f"{', '.join(table.names[:20])}"
+            )
+        if name not in {w.name for w in wanted}:
+            known = ", ".join(w.name for w in wanted)
+            raise UsageError(f"{name!r} is no reading of a sensor: the readings are {known}")
+    found = {name: lower[column.lower()] for name, column in named.items()}
+    for w in wanted:
+        if w.name not in found and w.name in lower:
+            found[w.name] = lower[w.name]
+    meant = {n: meaning(n) for n in table.names if n not in found.values()}
+    for w in wanted:
+        if w.name in found or not w.quantity:
+            continue
+        like = [
+            n
+            for n, m in meant.items()
+            if (m.quantity, m.side) == (w.quantity, w.side) and _fits(table, w, n, units)
+        ]
+        if len(like) == 1:
+            found[w.name] = like[0]
+    return found
+
+
+def _unit(table: Table, wanted: Wanted, column: str, units: Mapping[str, str]) -> str:
+    """The unit that a column says it is in, by option, in brackets or in its name."""
+    by_option = {n.lower(): u for n, u in units.items()}
+    said = by_option.get(column.lower()) or by_option.get(wanted.name)
+    said = said or table.units[table.names.index(column)]
+    return said or ("" if column.lower() == wanted.name else ending(column)[1])
+
+
+def _fits(table: Table, wanted: Wanted, column: str, units: Mapping[str, str]) -> bool:
+    """Whether a column can be the reading by its unit."""
+    unit = _unit(table, wanted, column, units)
+    return not unit or conversion(unit, column).unit == wanted.unit
+
+
+def _in_si(table: Table, wanted: Wanted, column: str, units: Mapping[str, str]) -> Array:
+    """A column in the unit of its reading."""
+    unit = _unit(table, wanted, column, units)
+    values = table.columns((column,))[:, 0]
+    if not unit or not wanted.unit:
+        return values
+    known: Conversion = conversion(unit, column)
+    if known.unit != wanted.unit:
+        raise UsageError(
+            f"{table.where}: {column} is in {unit}, but {wanted.name} is to be in {wanted.unit}; "
+            f"say its unit, e.g. {column}={wanted.unit}"
+        )
+    return values * known.scale
