@@ -11,6 +11,7 @@ from sysid.workspace.store import Workspace
 from .. import reading, render, targets
 from ..mission_options import AcceptChanges
 from .law_options import LawChoice, law_choice, refuse_for_log
+from .many_runs import Repeats, Ride, drive_many, repeats, ride, show_files, show_many
 
 if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 _MISSION_FILES = (".yaml", ".yml")
 
 
-@reading.composed(read=reading.read_options, laws=law_choice)
+@reading.composed(read=reading.read_options, laws=law_choice, how=repeats)
 def simulate(
     mission: Annotated[
         Path, typer.Argument(metavar="MISSION|LOG", help="A mission (YAML), or a log to replay.")
@@ -36,17 +37,19 @@ def simulate(
         Path | None,
         typer.Option(metavar="FILE", help="CSV to write [WORKSPACE/missions/NAME.csv]."),
     ] = None,
-    seed: Annotated[
-        int | None, typer.Option(min=0, metavar="N", help="Seed of the sensors' noise [0].")
-    ] = None,
     accept_changes: AcceptChanges = False,
     *,
     read: "ReadOptions",
     laws: LawChoice,
+    how: Repeats,
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
     json: reading.Json = False,
 ) -> None:
-    """Drive the exported plant through a mission, or replay a log's inputs through it."""
+    """Drive the exported plant through a mission, once or many times, or replay a log through it.
+
+    With --runs every run has numbers of its own: plant parameters within their standard errors,
+    sensor noise, start pose, obstacles, friction. What comes of it is told with its probability.
+    """
 
     from sysid.data.reading.read_options import ReadOptions
 
@@ -58,20 +61,25 @@ def simulate(
         raise UsageError(f"{mission} is a mission: options of reading a log have no use with it")
     if not drives:
         refuse_for_log(laws, mission)
-        if seed is not None:
-            raise UsageError(f"{mission} is a log to replay: --seed has no use with it")
-    name = f"{mission.stem}.csv" if drives else f"{mission.stem}_replay.csv"
+        how.refuse_for_log(mission)
+    kind = "_replay" if not drives else "" if how.runs is None else "_runs"
+    name = f"{mission.stem}{kind}.csv"
     if log is not None:
         targets.check(log, "--log")
     target = log or place.missions_dir / name
     if target.exists() and mission.exists() and target.samefile(mission):
         raise UsageError(f"--log {target} would overwrite what is simulated; name another file")
     if drives:
-        facts = _drive(mission, package.plant(), target, plot, laws, seed or 0)
+        facts = _driven(mission, package, target, plot, laws, how)
     else:
         facts = _replay(mission, package.plant(), target, plot, read)
     facts["warnings"] = [*package.notes, *facts["warnings"]]
-    render.document(facts) if json else _show(mission.name, facts)
+    if json:
+        render.document(facts)
+    elif "runs" in facts:
+        show_many(mission, facts, how)
+    else:
+        _show(mission.name, facts)
 
 
 def _load(place: Workspace, plant: Path | None, accept_changes: bool) -> "Package":
@@ -85,28 +93,40 @@ def _load(place: Workspace, plant: Path | None, accept_changes: bool) -> "Packag
     return read_package(plant or place.plant_dir, accept_changes)
 
 
-def _drive(
-    path: Path, plant: "Plant", log: Path, plot: Path | None, laws: LawChoice, seed: int
+def _driven(
+    path: Path,
+    package: "Package",
+    log: Path,
+    plot: Path | None,
+    laws: LawChoice,
+    how: Repeats,
 ) -> dict[str, Any]:
+    """Once, or many times."""
+    from sysid.mission.spec import load_mission
+
+    mission = laws.applied(load_mission(path))
+    if how.runs is not None:
+        return drive_many(path, mission, package, log, how)
+    return _drive(path, package.plant(), log, plot, ride(mission, package, how))
+
+
+def _drive(path: Path, plant: "Plant", log: Path, plot: Path | None, given: Ride) -> dict[str, Any]:
     import numpy as np
 
-    from sysid.mission.mapping import as_robot
     from sysid.mission.result import write_log
     from sysid.mission.simulator import simulate
-    from sysid.mission.spec import load_mission
     from sysid.plant.replay import outside_domain
 
     from ..pictures import draw_mission
 
-    mission = laws.applied(load_mission(path))
-    robot, warnings = as_robot(plant, mission)
+    mission, warnings = given.mission, given.warnings
     with render.progress(f"Driving {path.name}"):
-        result = simulate(mission, robot, seed)
+        result = simulate(mission, given.robot, given.noise_seed, given.known)
     named = [c.name for c in plant.inputs]
     if set(named) <= result.log.keys():  # the plant's inputs are the robot's own PWM
         warnings += outside_domain(plant, np.column_stack([result.log[n] for n in named]))
     targets.make_folder(log, "--log")
-    facts = result.summary() | {"seed": seed, "log": write_log(result, log)}
+    facts = result.summary() | {"seed": given.seed, "log": write_log(result, log)}
     facts["warnings"] = list(warnings)
     if plot is not None:
         draw_mission(plot, path.stem, mission, result)
@@ -150,8 +170,4 @@ def _show(name: str, facts: dict[str, Any]) -> None:
             [(n, fits[n], facts["rmse"][n]) for n in fits],
             title=f"The plant on {name}, {facts['horizon']} from {facts['initial_state']}",
         )
-    for warning in facts["warnings"]:
-        render.warn(f"! {warning}")
-    render.say(f"Log: {facts['log']}")
-    if "plot" in facts:
-        render.say(f"Picture: {facts['plot']}")
+    show_files(facts)

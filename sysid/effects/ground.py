@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
@@ -55,19 +56,44 @@ class Ground:
             return omega
         from sysid.effects.catalogue import effect
 
+        xp: Any = omega.__array_namespace__()
         for id in self.effects:
-            omega, _ = effect(id).step(np, omega, (), self.parameters[id], _CONTEXT)
+            omega, _ = effect(id).step(xp, omega, (), self.parameters[id], _CONTEXT)
         return omega
 
     def ordered(self, tracks: tuple[int, int]) -> "Ground":
         """For outputs in another order: ``tracks`` are the indices of left and right."""
-        at = list(tracks)
+        at = np.array(tracks)
         return Ground(
             self.effects,
             {k: {n: v[at] for n, v in named.items()} for k, named in self.parameters.items()},
         )
 
-    def __call__(self, left: float, right: float) -> tuple[float, float]:
-        """``rolled`` for one pair of speeds."""
-        rolled = self.rolled(np.array([left, right]))
-        return float(rolled[0]), float(rolled[1])
+    def __call__(self, left: Any, right: Any) -> tuple[Any, Any]:
+        """``rolled`` for one pair of speeds: plain numbers, or those of another namespace."""
+        if isinstance(left, float | np.floating):
+            rolled = self.rolled(np.array([left, right]))
+            return float(rolled[0]), float(rolled[1])
+        pair = self.rolled(left.__array_namespace__().stack([left, right]))
+        return pair[0], pair[1]
+
+
+def slipping(ground: Ground, share: Any) -> Ground:
+    """The ground with more slip where the vehicle turns.
+
+    Args:
+        ground: what is there.
+        share: of the way that is lost in a turn on the spot, added to what is lost already.
+    """
+    from sysid.effects.vehicle import SLIP, SLIP_SHARE
+
+    pair = _both(share)
+    there = ground.parameters.get(SLIP, {})
+    more = {SLIP_SHARE: there[SLIP_SHARE] + pair if there else pair}
+    return Ground(tuple({*ground.effects, SLIP}), {**ground.parameters, SLIP: more})
+
+
+def _both(value: Any) -> Any:
+    if isinstance(value, float | np.floating):
+        return np.full(2, value)
+    return value.__array_namespace__().stack([value, value])

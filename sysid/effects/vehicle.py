@@ -49,16 +49,19 @@ def _width_in_numbers(value: float, error: float, side: int) -> str:
     )
 
 
+SLIP, SLIP_SHARE = "track-slip", "share"
+"""The effect, and its parameter, that another floor changes."""
+
 EFFECTS = (
     Effect(
-        "track-slip",
+        SLIP,
         "vehicle",
         Place.POSE,
         "v → v(1 − i |ω_R − ω_L| / (|ω_R| + |ω_L|))",
         "Wheels or tracks slip where the robot turns.",
         "Turns fall short of what the wheels say; straight runs do not.",
         "Turns of several radii, straight runs between them.",
-        (EffectParameter("share", "", 0.0, 0.0, 0.9, (0.1, 0.3), "one"),),
+        (EffectParameter(SLIP_SHARE, "", 0.0, 0.0, 0.9, (0.1, 0.3), "one"),),
         _slip,
         shared=True,
         ties=("track-width",),

@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from sysid.data.record import PWM_FULL_SCALE, Array, Channel
-from sysid.effects.ground import Ground
+from sysid.effects.ground import Ground, slipping
 from sysid.mission.contracts import (
     ROBOT_INPUTS,
     ROBOT_OUTPUTS,
@@ -14,6 +15,7 @@ from sysid.mission.contracts import (
     SteppablePlant,
     readout_of,
 )
+from sysid.vehicle.kinematics import Real
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +34,8 @@ class RobotPlant:
         zero: outputs at zero drive, shape (2,).
         scale: wheel speed per unit of output [rad/s], shape (2,).
         rest: state at rest at zero drive; with twins shape (2, …).
+        slip: share of its way that it loses where it turns on the spot, beside what the plant says
+            of the ground; None for nothing.
     """
 
     plant: SteppablePlant
@@ -43,6 +47,7 @@ class RobotPlant:
     zero: Array
     scale: Array
     rest: Array
+    slip: Real | None = None
 
     @property
     def dt(self) -> float:
@@ -61,9 +66,10 @@ class RobotPlant:
 
     @cached_property
     def ground(self) -> Ground:
-        """What stands between the tracks and the ground; copies of one plant have no such thing."""
+        """What stands between tracks and ground; copies of one plant bring no such thing."""
         ground = self.plant.ground
-        return ground.ordered(self.read) if ground and not self.twins else Ground()
+        own = ground.ordered(self.read) if ground and not self.twins else Ground()
+        return own if self.slip is None else slipping(own, self.slip)
 
     @property
     def input_range(self) -> tuple[tuple[float, float], ...]:
@@ -106,8 +112,8 @@ class RobotPlant:
         left, right = self.centre + (self._spread * u).T / PWM_FULL_SCALE
         state_l, y_l = self.plant.step(state[0], left)
         state_r, y_r = self.plant.step(state[1], right)
-        y = np.array((y_l[self.read[0]], y_r[self.read[1]]))
-        return np.array((state_l, state_r)), self._speeds(y)
+        y = _pair(y_l[self.read[0]], y_r[self.read[1]])
+        return _pair(state_l, state_r), self._speeds(y)
 
     def readout(self, state: Array, u: Array) -> Array:
         """Wheel speeds [rad/s] alone, as ``step`` gives them."""
@@ -116,4 +122,11 @@ class RobotPlant:
             return self._speeds(y[self._tracks])
         left, right = self.centre + (self._spread * u).T / PWM_FULL_SCALE
         y_l, y_r = self._readout(state[0], left), self._readout(state[1], right)
-        return self._speeds(np.array((y_l[self.read[0]], y_r[self.read[1]])))
+        return self._speeds(_pair(y_l[self.read[0]], y_r[self.read[1]]))
+
+
+def _pair(left: Any, right: Any) -> Any:
+    """Both along a first axis, in their own namespace."""
+    if isinstance(left, np.ndarray | np.generic):
+        return np.array((left, right))
+    return left.__array_namespace__().stack((left, right))

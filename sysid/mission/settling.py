@@ -58,12 +58,14 @@ class Settling:
         state: its last state.
         y: the outputs it rests at, shape (ny,); the last ones where it does not rest.
         swing: the largest excursion of each output from its first value, shape (ny,).
+        steps: samples that it took.
     """
 
     ending: Ending
     state: Array
     y: Array
     swing: Array
+    steps: int = 0
 
 
 def settle(plant: SteppablePlant, state: Array, u: Array) -> Settling:
@@ -92,19 +94,19 @@ def settle(plant: SteppablePlant, state: Array, u: Array) -> Settling:
                     break
                 state = after
         last = values[-1].copy()
+        steps += block
         if not np.all(np.abs(values) < RULE.runaway):
-            return Settling(Ending.RUNS_AWAY, state, last, swing)
+            return Settling(Ending.RUNS_AWAY, state, last, swing, steps)
         first = values[0] if first is None else first
         swing = np.maximum(swing, np.max(np.abs(values - first), axis=0))
         half = values[block // 2 :]
         mean = half.mean(axis=0)
         floor = 1e-12 * np.max(np.abs(values), axis=0)
         if np.all(np.ptp(half, axis=0) <= RULE.still * swing + floor):
-            return Settling(Ending.RESTS, state, last, swing)
-        steps += block
+            return Settling(Ending.RESTS, state, last, swing, steps)
         if steps + 2 * block > RULE.most_steps and previous is not None:
             if np.all(np.abs(mean - previous) <= RULE.agree * np.abs(mean - first) + floor):
-                return Settling(Ending.RESTS, state, mean, swing)
-            return Settling(Ending.KEEPS_MOVING, state, last, swing)
+                return Settling(Ending.RESTS, state, mean, swing, steps)
+            return Settling(Ending.KEEPS_MOVING, state, last, swing, steps)
         previous = mean
         block *= 2

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from sysid import floats
 from sysid.data.record import Array
 from sysid.errors import ModelError, UsageError
 from sysid.mission.clearance import has_surfaces
-from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS, Pose, SteppablePlant
+from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS, Pose, Scene, SteppablePlant
 from sysid.mission.ending import sentence, stuck
 from sysid.mission.loop import COLUMNS, Loop, LoopState, Tick, Verdict, command_module, ticks
 from sysid.mission.noise import sensor_draws
@@ -38,7 +39,9 @@ class RunLimits:
 LIMITS = RunLimits()
 
 
-def simulate(mission: Mission, plant: SteppablePlant, seed: int = 0) -> MissionResult:
+def simulate(
+    mission: Mission, plant: SteppablePlant, seed: int = 0, known: SteppablePlant | None = None
+) -> MissionResult:
     """Drive a robot plant through a mission.
 
     Two clocks run on one time line: the plant's, t = k·dt, and the controller's, t = j·period; no
@@ -62,6 +65,7 @@ def simulate(mission: Mission, plant: SteppablePlant, seed: int = 0) -> MissionR
         plant: inputs ``pwm_l, pwm_r`` [µs], outputs ``omega_l, omega_r`` [rad/s] in this order;
             :func:`sysid.mission.mapping.as_robot` makes one of any plant.
         seed: of the sensors' noise; without sensors nothing is random.
+        known: the robot plant that control takes this one for, where it is another.
 
     Returns:
         The outcome, its figures and the log.
@@ -71,23 +75,10 @@ def simulate(mission: Mission, plant: SteppablePlant, seed: int = 0) -> MissionR
         ModelError: the plant is no robot plant, samples too fast for the timeout, or diverges; or
             a law gives no numbers.
     """
-    _check(mission, plant)
+    check_robot(mission, plant)
     if seed < 0:
         raise UsageError(f"the seed is {seed}: give a whole number of at least 0")
-    scene = mission.scene()
-    if mission.control.uses_plant:
-        drive = partial(command_module, xp=floats)
-        scene = scene._replace(nominal=nominal_of(plant, scene.geometry, drive))
-    loop = Loop(
-        guidance=mission.complete_guidance,
-        control=mission.control,
-        navigation=mission.navigation,
-        motion=mission.motion,
-        plant=plant,
-        scene=scene,
-        timeout=mission.timeout,
-        xp=floats,
-    )
+    loop = closed_loop(mission, plant, scene_of(mission, plant if known is None else known))
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         state, table = _run(loop, seed)
     table.setflags(write=False)
@@ -104,6 +95,29 @@ def simulate(mission: Mission, plant: SteppablePlant, seed: int = 0) -> MissionR
         log=log,
         sentence=sentence(outcome, mission, log, last),
         stuck=stuck(mission, log, last) if outcome is Outcome.STUCK else None,
+    )
+
+
+def scene_of(mission: Mission, known: SteppablePlant) -> Scene:
+    """The scene of a mission, with what control knows of the plant where it uses that."""
+    scene = mission.scene()
+    if not mission.control.uses_plant:
+        return scene
+    drive = partial(command_module, xp=floats)
+    return scene._replace(nominal=nominal_of(known, scene.geometry, drive))
+
+
+def closed_loop(mission: Mission, plant: SteppablePlant, scene: Scene, xp: Any = floats) -> Loop:
+    """The loop of a mission's laws, a robot plant and a scene, over an array namespace."""
+    return Loop(
+        guidance=mission.complete_guidance,
+        control=mission.control,
+        navigation=mission.navigation,
+        motion=mission.motion,
+        plant=plant,
+        scene=scene,
+        timeout=mission.timeout,
+        xp=xp,
     )
 
 
@@ -152,7 +166,12 @@ def _check_numbers(state: LoopState, row: tuple[float, ...]) -> None:
     )
 
 
-def _check(mission: Mission, plant: SteppablePlant) -> None:
+def check_robot(mission: Mission, plant: SteppablePlant) -> None:
+    """Refuse what cannot be driven through a mission.
+
+    Raises:
+        ModelError: the plant is no robot plant, or samples too fast for the timeout.
+    """
     names = tuple(c.name for c in (*plant.inputs, *plant.outputs))
     wanted = tuple(c.name for c in (*ROBOT_INPUTS, *ROBOT_OUTPUTS))
     if names != wanted:

@@ -42,6 +42,7 @@ from sysid.mission.navigation.odometry import Odometry
 from sysid.mission.registry import law, sensor_set, sentence_at
 from sysid.mission.settings import Coordinate, Positive, Settings
 from sysid.mission.spec_problems import first_problem
+from sysid.mission.variation import Variation
 from sysid.mission.yaml_source import read_yaml, shown
 from sysid.vehicle.kinematics import Geometry, wrap_angle
 
@@ -149,6 +150,7 @@ class Mission(Settings):
             whose ``kind`` names the law and whose other keys are that law's own.
         sensors: what navigation reads besides the wheels, by kind.
         vehicle: lengths and scales.
+        vary: what differs from run to run where there are many, and by how much.
     """
 
     goal: tuple[Coordinate, Coordinate]
@@ -168,6 +170,7 @@ class Mission(Settings):
         default_factory=dict
     )
     vehicle: VehicleSpec = VehicleSpec()
+    vary: Variation = Variation()
 
     @field_validator("goal", mode="before")
     @classmethod

@@ -37,6 +37,9 @@ def first_problem(error: ValidationError, source: YamlSource, model: type[BaseMo
     return f"{source.name}:{first}: {_sentence(problems[0], model, source.values)}{more}"
 
 
+NAMED = "named"
+"""Type of a custom error whose sentence begins behind the name of the key."""
+
 _LIMITS = {
     "greater_than": ("gt", "above"),
     "greater_than_equal": ("ge", "of at least"),
@@ -53,6 +56,8 @@ def _sentence(details: ErrorDetails, model: type[BaseModel], values: Mapping[str
     if kind == "missing":
         example = "goal: [1, 0]" if name == "goal" else f"{name}: a number"
         return f"the key {name!r} is missing: add {example}"
+    if kind == NAMED:
+        return f"{name} {details['msg']}"
     if kind in _LIMITS:
         context, words = _LIMITS[kind]
         limit = details.get("ctx", {}).get(context, 0)

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -49,6 +49,7 @@ def describe(model: Model, report: Mapping[str, Any], name: str) -> dict[str, An
             }
             for p in model.parameter_table()
         ],
+        "covariance": _lower_rows(model.covariance),
     }
     described = {
         "schema": SCHEMA,
@@ -77,6 +78,27 @@ def describe(model: Model, report: Mapping[str, Any], name: str) -> dict[str, An
     }
     finite: dict[str, Any] = documents.plain(described)
     return finite
+
+
+def _lower_rows(matrix: Array) -> list[str]:
+    """The lower triangle, a line a row: nine digits are more than a covariance is known to."""
+    return [" ".join(f"{v:.9g}" for v in row[: k + 1]) for k, row in enumerate(matrix.tolist())]
+
+
+def _symmetric(rows: tuple[str, ...], n: int) -> Array:
+    """Undo ``_lower_rows``; zeros where a package of an older version has no rows.
+
+    Raises:
+        ValueError: they are no lower triangle of n rows.
+    """
+    if not rows:
+        return np.zeros((n, n))
+    lower = np.zeros((n, n))
+    if len(rows) != n:
+        raise ValueError(f"its covariance has {len(rows)} rows for {n} parameters")
+    for k, row in enumerate(rows):
+        lower[k, : k + 1] = [float(v) for v in row.split()]
+    return lower + np.tril(lower, -1).T
 
 
 def _ground(model: Model) -> dict[str, Any]:
@@ -162,6 +184,7 @@ class _Core:
     __pydantic_config__: ClassVar[Mapping[str, Any]] = STORED
 
     parameters: tuple[_StoredValue, ...]
+    covariance: tuple[str, ...] = ()  # of 0.1.0, the first packages held none
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,6 +198,8 @@ class _Parsed:
     outputs: tuple[Channel, ...]
     detrend: Detrend
     ranges: Array
+    covariance: Array
+    fixed: tuple[bool, ...]
 
 
 def to_plant(raw: Mapping[str, Any], where: str) -> Plant:
@@ -188,20 +213,23 @@ def to_plant(raw: Mapping[str, Any], where: str) -> Plant:
 
 
 def to_model(raw: Mapping[str, Any], where: str) -> Model:
-    """The model of a package: what it runs like; how well it is known stayed behind.
+    """The model of a package: what it runs like, and how well its parameters are known.
 
-    Covariance and noise are zero and it has no criteria.
+    Its noise is zero and it has no criteria; packages of older versions have no covariance either.
 
     Raises:
         ModelError: the description is damaged, or its structure is not known here.
     """
     p = _parsed(raw, where)
-    n, ny = len(p.theta), len(p.outputs)
+    ny = len(p.outputs)
+    named = zip(p.structure.parameters(p.inputs, p.outputs), p.theta, p.fixed, strict=True)
     return Model(
         structure=p.structure,
         theta=p.theta,
-        covariance=np.zeros((n, n)),
-        parameters=p.structure.parameters(p.inputs, p.outputs),
+        covariance=p.covariance,
+        parameters=tuple(
+            replace(q, fixed=float(value)) if fixed else q for q, value, fixed in named
+        ),
         dt=p.dt,
         inputs=p.inputs,
         outputs=p.outputs,
@@ -210,7 +238,7 @@ def to_model(raw: Mapping[str, Any], where: str) -> Model:
         n_estimated=0,
         criteria={},
         termination=Termination.CLOSED_FORM,
-        ranges=np.zeros((0, 2)),
+        ranges=p.ranges,
         provenance=Provenance(options={"package": where}),
     )
 
@@ -221,7 +249,8 @@ def _parsed(raw: Mapping[str, Any], where: str) -> _Parsed:
         if tuple(b.get("kind") for b in file.blocks) != BLOCKS:
             raise ValueError(f"its blocks must be {', '.join(BLOCKS)}")
         before, after = (checked(_OperatingPoint, file.blocks[k]) for k in (0, 2))
-        values = checked(_Core, file.blocks[1], others=True).parameters
+        core = checked(_Core, file.blocks[1], others=True)
+        values = core.parameters
         structure = structure_from_json(file.blocks[1])
         if (structure.nu, structure.ny) != (len(file.inputs), len(file.outputs)):
             raise ValueError("its channels do not fit its structure")
@@ -243,6 +272,8 @@ def _parsed(raw: Mapping[str, Any], where: str) -> _Parsed:
                 _offsets(after, len(file.outputs), "output"),
             ),
             np.array([] if None in domain else domain, dtype=np.float64).reshape(-1, 2),
+            _symmetric(core.covariance, len(values)),
+            tuple(p.fixed for p in values),
         )
     except ModelError as error:
         raise ModelError(f"{where}: {error}") from None

@@ -94,7 +94,7 @@ class Package:
         return description.to_plant(self.description, self.where)
 
     def model(self) -> Model:
-        """The model, to be run on logs; standard errors are not part of a package.
+        """The model, to be run on logs or drawn many times within its standard errors.
 
         Raises:
             ModelError: the description is damaged, or its structure is not known here.

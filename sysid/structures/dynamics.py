@@ -58,6 +58,18 @@ class Dynamics(ABC):
         step = self.step(theta)
         return lambda x, u: step(x, u)[1]
 
+    def traced_step(self, theta: Any, like: Array) -> Callable[[Any, Any], tuple[Any, Any]]:
+        """``step`` of a θ whose numbers a compiler traces, for many θ in one compiled run.
+
+        By default ``step`` itself: enough where it takes θ apart with functions of
+        ``theta.__array_namespace__()``. What fails is run one after the other instead.
+
+        Args:
+            theta: traced, (n,).
+            like: a θ of numbers; x has the states that it has.
+        """
+        return self.step(theta)
+
     def c_step(self, theta: Array) -> CStep | None:
         """C of its own for a step; None: it is recorded from ``step``."""
         return None
@@ -69,6 +81,14 @@ class Dynamics(ABC):
     @abstractmethod
     def stable(self, theta: Array) -> bool:
         """Whether the free run is bounded for bounded inputs."""
+
+    def stable_each(self, thetas: Array) -> NDArray[np.bool_]:
+        """``stable`` of every row of thetas (K, n), (K,) of bool."""
+        return np.array([self.stable(theta) for theta in thetas], dtype=bool)
+
+    def friction_entries(self) -> tuple[int, ...]:
+        """Entries of θ that are dry friction: another floor or grease changes them together."""
+        return ()
 
     def poles(self, theta: Array) -> NDArray[np.complex128]:
         """Poles of the linear motion in the z plane; none where there is no such motion."""

@@ -23,6 +23,7 @@ from sysid.mission.registry import ROLES, kinds, law_class
 from sysid.mission.result import Outcome
 from sysid.mission.sensors.imperfect import ImperfectSensor
 from sysid.mission.spec import Mission
+from sysid.mission.variation import FrictionSpread, StartSpread, Variation
 from sysid.structures.base import Structure
 from sysid.structures.registry import structure_classes
 
@@ -174,7 +175,7 @@ def mission_keys(model: type[BaseModel] = Mission, prefix: str = "") -> list[str
     """Keys of a mission file, those of a section as section.key."""
     found = []
     for name, field in model.model_fields.items():
-        if name == "sensors":
+        if name in ("sensors", "vary"):
             found.append(name)  # its keys have a page of their own
             continue
         kind = law_class(name, kinds(name)[0]) if name in ROLES else field.annotation
@@ -183,6 +184,13 @@ def mission_keys(model: type[BaseModel] = Mission, prefix: str = "") -> list[str
         else:
             found.append(f"{prefix}{name}")
     return found
+
+
+def vary_keys() -> list[str]:
+    """Keys of what varies from run to run, those of a part as part.key."""
+    parts = {"start": StartSpread, "friction": FrictionSpread}
+    inner = [f"{part}.{key}" for part, model in parts.items() for key in model.model_fields]
+    return [*(k for k in Variation.model_fields if k not in parts), *inner]
 
 
 def sensor_keys() -> list[str]:
@@ -198,6 +206,7 @@ def sensor_keys() -> list[str]:
         ("criteria.md", list(BUILT_IN)),
         ("missions.md", [*mission_keys(), *(o.value for o in Outcome)]),
         ("sensors.md", sensor_keys()),
+        ("monte-carlo.md", vary_keys()),
         ("data.md", list(DESIGNS)),
     ],
 )

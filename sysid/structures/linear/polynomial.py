@@ -232,6 +232,18 @@ class PolynomialStructure(NamedStructure):
 
         return advance
 
+    def traced_step(self, theta: Any, like: Array) -> Callable[[Any, Any], tuple[Any, Any]]:
+        """The same run in direct form, in the states that ``like`` has."""
+        from sysid.structures.linear.many_thetas import traced_step
+
+        return traced_step(self, theta, like)
+
+    def stable_each(self, thetas: Array) -> NDArray[np.bool_]:
+        """Whether all poles of G(q) lie inside the unit circle, for each row."""
+        from sysid.structures.linear.many_thetas import stable_each
+
+        return stable_each(self, thetas)
+
     def readout(self, theta: Array) -> Callable[[Array, Array], Array]:
         """y = C x + D u; D is zero wherever a command acts a sample later."""
         _, _, C, D = self.transfer(theta).matrices

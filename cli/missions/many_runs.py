@@ -1,0 +1,187 @@
+"""Options of many runs of a mission, and what ``sysid simulate --runs`` shows."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sysid.errors import UsageError
+
+from .. import render, targets
+
+if TYPE_CHECKING:
+    from sysid.mission.contracts import SteppablePlant
+    from sysid.mission.spec import Mission
+    from sysid.plant.package import Package
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """How often a mission is driven, and what differs from run to run.
+
+    Attributes:
+        runs: None for one.
+        seed: of the batch, of a run of it to replay, or of the noise of one run; None for 0.
+        vary: names of what varies; None for what the mission says.
+    """
+
+    runs: int | None = None
+    seed: int | None = None
+    vary: tuple[str, ...] | None = None
+
+    def refuse_for_log(self, log: Path) -> None:
+        """A log is replayed once.
+
+        Raises:
+            UsageError: an option of runs is given.
+        """
+        for name, given in (("runs", self.runs), ("seed", self.seed), ("vary", self.vary)):
+            if given is not None:
+                raise UsageError(f"{log} is a log to replay: --{name} has no use with it")
+
+
+@dataclass(frozen=True, eq=False)
+class Ride:
+    """One run as it is driven.
+
+    Attributes:
+        mission: with its own start and obstacles.
+        robot: what drives.
+        known: what control takes it for.
+        warnings: what was assumed.
+        seed: of the run.
+        noise_seed: of the sensors' noise.
+    """
+
+    mission: "Mission"
+    robot: "SteppablePlant"
+    known: "SteppablePlant"
+    warnings: tuple[str, ...]
+    seed: int
+    noise_seed: int
+
+
+def repeats(
+    runs: Annotated[
+        int | None, typer.Option(metavar="N", help="Drive it so often, with draws for every run.")
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            metavar="N",
+            help="Seed of the runs [0]; without --runs, of the sensors' noise, or of the one of "
+            "many runs to replay.",
+        ),
+    ] = None,
+    vary: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST",
+            help="What differs from run to run, of parameters, noise, start, obstacles, friction "
+            "and models [what the mission says].",
+        ),
+    ] = None,
+) -> Repeats:
+    """The options of many runs."""
+    if vary is not None and runs is None and seed is None:
+        raise UsageError("--vary says what differs between runs: give --runs, or --seed of one run")
+    names = None if vary is None else tuple(name.strip() for name in vary.split(","))
+    return Repeats(runs, seed, names)
+
+
+def ride(mission: "Mission", package: "Package", how: Repeats) -> Ride:
+    """One run: nominal with the noise of a small seed, or the run of a batch whose seed it is."""
+    from sysid.mission.mapping import as_robot
+    from sysid.mission.monte_carlo.draws import is_run_seed
+
+    seed = how.seed or 0
+    if how.vary is None and not is_run_seed(seed):
+        robot, warnings = as_robot(package.plant(), mission)
+        return Ride(mission, robot, robot, warnings, seed, seed)
+    from sysid.mission.monte_carlo.setup import Setup
+
+    setup = Setup.of(mission, [package.model()], how.vary)
+    own, robot, noise = setup.alone(seed)
+    told = f"A run of many: drawn were {', '.join(setup.varied) or 'no quantities'}."
+    return Ride(own, robot, setup.known(seed), (told, *setup.notes(0, 1)), seed, noise)
+
+
+def drive_many(
+    path: Path, mission: "Mission", package: "Package", table: Path, how: Repeats
+) -> dict[str, Any]:
+    """Drive the mission many times; a row a run is written to ``table``."""
+    from sysid.mission.monte_carlo.runs import simulate_runs
+    from sysid.mission.monte_carlo.runs_table import write_runs
+
+    runs = how.runs or 0
+    with render.progress(f"Driving {path.name}", runs) as advance:
+        found = simulate_runs(mission, [package.model()], runs, how.seed or 0, how.vary, advance)
+    targets.make_folder(table, "--log")
+    return {
+        "runs": found.summary(),
+        "log": write_runs(found, table),
+        "warnings": list(found.notes),
+    }
+
+
+def show_many(path: Path, facts: dict[str, Any], how: Repeats) -> None:
+    """Tables, the sentence, and how to see a run again."""
+    found = facts["runs"]
+    rows = [
+        (name, o["count"], f"{100 * o['share']:.3g}", _interval(o["interval"]))
+        for name, o in found["outcomes"].items()
+    ]
+    render.table(("outcome", "runs", "%", "95 % interval"), rows, title=path.name)
+    figures = (("time [s]", "time_s"), ("nearest obstacle [m]", "min_clearance_m"),
+               ("off the goal [m]", "final_error_m"))  # fmt: skip
+    quantiles = [
+        (words, *(render.number(found[key][q], 4) for q in ("p05", "p50", "p95")))
+        for words, key in figures
+        if found[key]
+    ]
+    render.table(("", "5 %", "half", "95 %"), quantiles)
+    _show_drivers(found)
+    render.say(found["sentence"])
+    worst = ", ".join(
+        f"{w['seed']} ({w['outcome']}, {render.number(w['time_s'], 4)} s)" for w in found["worst"]
+    )
+    render.say(f"Worst: {worst}")
+    again = f" --vary {','.join(how.vary)}" if how.vary else ""
+    first = found["worst"][0]["seed"]
+    render.say(f"See one again: sysid simulate {path} --seed {first}{again}")
+    show_files(facts)
+
+
+def show_files(facts: dict[str, Any]) -> None:
+    """Warnings, and what was written."""
+    for warning in facts["warnings"]:
+        render.warn(f"! {warning}")
+    render.say(f"Log: {facts['log']}")
+    if "plot" in facts:
+        render.say(f"Picture: {facts['plot']}")
+
+
+def _show_drivers(found: dict[str, Any]) -> None:
+    rest = "noise, and what acts together" if "noise" in found["vary"] else "what acts together"
+    columns = [
+        {d["name"]: d["share_of_variance"] for d in found[key]} | {rest: found[unexplained]}
+        for key, unexplained in (
+            ("drivers", "unexplained_share"),
+            ("drivers_of_final_error", "unexplained_share_of_final_error"),
+        )
+        if found[unexplained] is not None
+    ]
+    if not columns:
+        return
+    names = list(columns[0])
+    render.table(
+        ("what matters", "time [%]", "off the goal [%]")[: 1 + len(columns)],
+        [(n, *(f"{100 * c[n]:.1f}" for c in columns)) for n in names],
+    )
+
+
+def _interval(ends: Sequence[float]) -> str:
+    return f"{100 * ends[0]:.3g} to {100 * ends[1]:.3g}"

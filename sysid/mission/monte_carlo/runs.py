@@ -1,0 +1,96 @@
+"""Driving a mission many times: chunks of runs to workers, their figures to one result."""
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from os import cpu_count
+from time import perf_counter
+
+import numpy as np
+
+from sysid.errors import UsageError
+from sysid.mission.clearance import has_surfaces
+from sysid.mission.contracts import SteppablePlant
+from sysid.mission.monte_carlo.chunks import LANES, Chunk, ChunkResult, Runner, chunks
+from sysid.mission.monte_carlo.draws import run_seeds
+from sysid.mission.monte_carlo.drivers import added, shares
+from sysid.mission.monte_carlo.figures import Figures, joined
+from sysid.mission.monte_carlo.mission_runs import MissionRuns
+from sysid.mission.monte_carlo.setup import Setup
+from sysid.mission.spec import Mission
+from sysid.structures.model import Model
+
+MOST_RUNS = 10_000_000
+"""A batch of more runs would not end while somebody waits, and tells no more."""
+
+Progress = Callable[[int], None]
+"""Takes how many more runs are done."""
+
+
+def simulate_runs(
+    mission: Mission,
+    plants: Sequence[Model | SteppablePlant],
+    runs: int,
+    seed: int = 0,
+    vary: Sequence[str] | None = None,
+    progress: Progress | None = None,
+) -> MissionRuns:
+    """Drive a mission many times, with what is not known for sure drawn for every run.
+
+    All runs of a chunk go side by side in one compiled loop over the laws and the plant that a
+    single run takes; their draws are made by NumPy from a seed a run.
+
+    Args:
+        mission: what to do, and, in its ``vary``, what differs from run to run.
+        plants: fitted models, or plants that are the same in every run; the first is nominal, and
+            the others drive where models vary.
+        runs: how many.
+        seed: of the batch; run k of it has the seed ``run_seeds(seed, runs)[k]``.
+        vary: names of what varies, in the sizes of the mission; None for what the mission says.
+        progress: called when runs are done.
+
+    Returns:
+        Outcomes with intervals, quantiles, what matters, and the worst runs.
+
+    Raises:
+        UsageError: a name or a number makes no sense.
+        ModelError: the plant is none that could drive, or cannot be drawn.
+    """
+    if not 1 <= runs <= MOST_RUNS:
+        raise UsageError(f"{runs} runs cannot be made: give a number from 1 to {MOST_RUNS}")
+    began = perf_counter()
+    setup = Setup.of(mission, plants, vary)
+    seeds = run_seeds(seed, runs)
+    parts = chunks(setup, seeds, LANES)
+    runner = Runner.of(setup)
+    found: list[ChunkResult] = []
+    for chunk, result in zip(parts, _threaded(runner, parts), strict=True):
+        found.append(result)
+        if progress is not None:
+            progress(len(chunk.runs))
+    varying = setup.drivers[0].drawing.varying
+    same = len(setup.plants) == 1  # the numbers of several plants are not the same numbers
+    return MissionRuns(
+        seed=seed,
+        seconds=perf_counter() - began,
+        goal=mission.goal,
+        obstacles=has_surfaces(mission.scene()),
+        vary=setup.varied,
+        seeds=tuple(seeds),
+        figures=_in_order(parts, found),
+        redrawn=sum(r.redrawn for r in found),
+        time_drivers=shares(added([r.time for r in found]), varying) if same else None,
+        error_drivers=shares(added([r.error for r in found]), varying) if same else None,
+        notes=setup.notes(sum(r.redrawn for r in found), runs),
+    )
+
+
+def _threaded(runner: Runner, parts: Sequence[Chunk]) -> Iterator[ChunkResult]:
+    """Chunk after chunk in this process, one on each core at a time."""
+    with ThreadPoolExecutor(cpu_count()) as pool:
+        yield from pool.map(runner.run, parts)
+
+
+def _in_order(parts: Sequence[Chunk], found: Sequence[ChunkResult]) -> Figures:
+    """Figures of all runs by their numbers."""
+    places = np.argsort([k for chunk in parts for k in chunk.runs])
+    return joined([r.figures for r in found], places)

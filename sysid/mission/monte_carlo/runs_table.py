@@ -1,0 +1,32 @@
+"""Many runs as a table: a row a run."""
+
+from pathlib import Path
+
+from sysid.data.files import write_atomic
+from sysid.mission.monte_carlo.mission_runs import MissionRuns
+
+COLUMNS = (
+    "seed", "outcome", "time_s", "x", "y", "psi", "path_length_m", "min_clearance_m",
+    "max_deviation_m",
+)  # fmt: skip
+
+
+def write_runs(found: MissionRuns, path: Path) -> Path:
+    """Write a CSV with the figures of every run, numbers unrounded; empty where there is none.
+
+    Args:
+        found: the runs.
+        path: the file; it appears complete or not at all.
+
+    Returns:
+        The path written.
+
+    Raises:
+        DataError: the file cannot be written there.
+    """
+    columns = [column.tolist() for column in found.figures[1:]]
+    lines = [",".join(COLUMNS)]
+    for k, (seed, row) in enumerate(zip(found.seeds, zip(*columns, strict=True), strict=True)):
+        numbers = ("" if abs(v) == float("inf") or v != v else repr(v) for v in row)
+        lines.append(",".join((str(seed), found.figures.outcome(k), *numbers)))
+    return write_atomic(path, ("\n".join(lines) + "\n").encode("ascii"))

@@ -1,0 +1,224 @@
+"""A mission, the plants that may drive it and what varies: one run of it as NumPy takes it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from sysid.errors import ModelError
+from sysid.mission.contracts import Scene, SteppablePlant
+from sysid.mission.mapping import as_robot
+from sysid.mission.monte_carlo.draws import Drawing, Draws
+from sysid.mission.monte_carlo.figures import NOTHING, figures_of
+from sysid.mission.monte_carlo.varied_plant import FixedPlant, ModelPlant, VariedPlant
+from sysid.mission.noise import generator
+from sysid.mission.result import MissionResult
+from sysid.mission.robot_plant import RobotPlant
+from sysid.mission.settling import settle
+from sysid.mission.simulator import check_robot, scene_of, simulate
+from sysid.mission.spec import Mission
+from sysid.mission.variation import QUANTITIES, Variation
+from sysid.structures.model import Model
+
+
+@dataclass(frozen=True, eq=False)
+class Driver:
+    """One plant wired as a robot, and how its runs are drawn.
+
+    Wiring and scales are those of the estimated plant in every run: they say what its numbers
+    mean. Only the state at rest follows the run's own parameters.
+
+    Attributes:
+        drawing: how its runs are drawn.
+        robot: the robot of the estimated plant.
+        warnings: what was assumed to make it one.
+        held: samples without drive after which it is at rest; 0 where it rests as it is.
+    """
+
+    drawing: Drawing
+    robot: RobotPlant
+    warnings: tuple[str, ...]
+    held: int
+
+    @staticmethod
+    def of(plant: VariedPlant, mission: Mission, variation: Variation) -> "Driver":
+        """The plant wired for a mission."""
+        nominal = plant.plant(plant.theta)
+        robot, warnings = as_robot(nominal, mission)
+        check_robot(mission, robot)
+        state = nominal.initial_state()
+        fresh = np.array((state, state)) if robot.twins else state
+        held = 0
+        if not np.array_equal(robot.rest, fresh):
+            held = settle(nominal, state, robot.centre).steps
+        return Driver(Drawing(mission, plant, variation), robot, warnings, held)
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The scene of the mission, with what control knows of the estimated plant."""
+        return scene_of(self.drawing.mission, self.robot)
+
+    @property
+    def slips(self) -> bool:
+        """Whether slip varies."""
+        return bool(self.drawing.variation.friction.slip)
+
+    def robot_of(self, theta: Any, slip: Any) -> RobotPlant:
+        """The robot with a run's numbers, of NumPy or traced; it stands where nothing moved yet."""
+        plant = self.drawing.plant.plant(theta)
+        state = plant.initial_state()
+        fresh = np.array((state, state)) if self.robot.twins else state
+        return replace(self.robot, plant=plant, rest=fresh, slip=slip if self.slips else None)
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """What many runs of one mission have in common.
+
+    Attributes:
+        mission: nominal.
+        plants: what may drive it, one or several of a comparison.
+        variation: what varies; several plants where it says so.
+    """
+
+    mission: Mission
+    plants: tuple[VariedPlant, ...]
+    variation: Variation
+
+    @staticmethod
+    def of(
+        mission: Mission,
+        plants: Sequence[Model | SteppablePlant],
+        vary: Sequence[str] | None = None,
+    ) -> "Setup":
+        """The setup of a mission as its file has it.
+
+        Args:
+            mission: nominal; its ``vary`` says what varies and by how much.
+            plants: fitted models, or plants that are the same in every run; the first is nominal.
+            vary: names of what varies instead.
+
+        Raises:
+            UsageError: a name is not known.
+        """
+        variation = mission.vary if vary is None else mission.vary.of(vary)
+        kept = plants if variation.models else plants[:1]
+        return Setup(
+            mission,
+            tuple(
+                ModelPlant(p, variation.parameters or 1.0)
+                if isinstance(p, Model)
+                else FixedPlant(p)
+                for p in kept
+            ),
+            variation,
+        )
+
+    @cached_property
+    def drivers(self) -> tuple[Driver, ...]:
+        """Every plant, wired."""
+        return tuple(Driver.of(p, self.mission, self.variation) for p in self.plants)
+
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """Names of what differs between the runs, as a user asks for them."""
+        there = {name.partition(".")[0].partition("[")[0] for name, _ in self._varying}
+        if self.variation.noise and self.mission.sensors:
+            there.add("noise")
+        if len(self.plants) > 1:
+            there.add("models")
+        return tuple(name for name in QUANTITIES if name in there)
+
+    @property
+    def _varying(self) -> tuple[tuple[str, tuple[int, ...]], ...]:
+        return tuple(v for d in self.drivers for v in d.drawing.varying)
+
+    def notes(self, redrawn: int, runs: int) -> tuple[str, ...]:
+        """Sentences about what was assumed, and what was asked for and is not there."""
+        found = list(dict.fromkeys(w for d in self.drivers for w in d.warnings))
+        if self.variation.parameters:
+            found += [_unknown(p) for p in self.plants if p.unknown]
+            found += [
+                f"The parameters of {p.name} do not vary: no covariance came with them; fit the "
+                "model again, and export it with this version."
+                for p in self.plants
+                if not p.size
+            ]
+        if redrawn:
+            share = redrawn / (redrawn + runs)
+            found.append(
+                f"{100 * share:.2g} % of the draws could not be driven (an unstable plant, a "
+                "parameter out of its bounds, a start or goal inside an obstacle) and were made "
+                "again: the runs tell what happens where none of that is so."
+            )
+        return tuple(found)
+
+    def choice(self, seed: int) -> int:
+        """Which plant the run of a seed has: each is as likely as another."""
+        if len(self.plants) == 1:
+            return 0
+        z = float(generator(seed, "variation").standard_normal())
+        return min(int(len(self.plants) * _below(z)), len(self.plants) - 1)
+
+    def noise_seed(self, seed: int) -> int:
+        """Of a run's sensor noise; that of a single run where noise does not vary."""
+        return seed if self.variation.noise else 0
+
+    def alone(self, seed: int) -> tuple[Mission, RobotPlant, int]:
+        """Mission, robot and noise seed of one run, for NumPy."""
+        driver = self.drivers[self.choice(seed)]
+        draws = driver.drawing.draw([seed])
+        robot = driver.robot_of(draws.theta[0], float(draws.slip[0]))
+        state = robot.initial_state()
+        for _ in range(driver.held):
+            state, _ = robot.step(state, np.zeros(2))
+        mission = varied_mission(driver.drawing, draws)
+        return mission, replace(robot, rest=state), self.noise_seed(seed)
+
+    def simulated(self, seed: int) -> MissionResult:
+        """One run, as :func:`sysid.mission.simulator.simulate` gives it.
+
+        Raises:
+            ModelError: its plant runs away.
+        """
+        mission, robot, noise = self.alone(seed)
+        return simulate(mission, robot, noise, self.known(seed))
+
+    def known(self, seed: int) -> RobotPlant:
+        """The robot that control takes a run's for: that of the estimated plant."""
+        return self.drivers[self.choice(seed)].robot
+
+
+def figures_alone(setup: Setup, seed: int) -> tuple[float, ...]:
+    """Figures of one run, driven alone in NumPy; those of a failed run where it cannot end."""
+    try:
+        return figures_of(setup.simulated(seed))
+    except ModelError:
+        return NOTHING
+
+
+def varied_mission(drawing: Drawing, draws: Draws) -> Mission:
+    """The mission of the first of some runs."""
+    mission = drawing.mission
+    changed: dict[str, Any] = {}
+    if drawing.variation.start:
+        changed["start"] = tuple(draws.start[0].tolist())
+    if drawing.moves_obstacles:
+        pairs = zip(mission.obstacles, draws.obstacles[0].tolist(), strict=True)
+        changed["obstacles"] = tuple(o.model_copy(update={"x": x, "y": y}) for o, (x, y) in pairs)
+    return mission.model_copy(update=changed)
+
+
+def _unknown(plant: VariedPlant) -> str:
+    names = ", ".join(plant.unknown[:5]) + (" …" if len(plant.unknown) > 5 else "")
+    return (
+        f"The data say nothing about {names} of {plant.name}: they stay as they are in every run."
+    )
+
+
+def _below(z: float) -> float:
+    from math import erfc, sqrt
+
+    return 0.5 * erfc(-z / sqrt(2.0))

@@ -1,0 +1,188 @@
+"""A plant whose numbers differ from run to run: drawn by NumPy, run one by one or compiled."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Array, Index
+from sysid.mission.contracts import SteppablePlant
+from sysid.structures.model import Model
+from sysid.structures.plant import Plant
+
+
+class VariedPlant(Protocol):
+    """What is asked of a plant that many runs drive.
+
+    Attributes:
+        name: for sentences.
+        size: standard normal numbers that a draw of its parameters needs.
+        unknown: names of parameters about which the data say nothing; they stay as they are.
+        theta: its estimated parameters, (n,).
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def size(self) -> int: ...
+
+    @property
+    def unknown(self) -> tuple[str, ...]: ...
+
+    @property
+    def theta(self) -> Array: ...
+
+    def drawn(self, z: Array, friction: Array) -> Array:
+        """θ (K, n) from standard normal numbers (K, size) and factors of dry friction (K,)."""
+        ...
+
+    def feasible(self, thetas: Array) -> NDArray[np.bool_]:
+        """Which rows are inside their bounds and stable, (K,)."""
+        ...
+
+    @property
+    def has_friction(self) -> bool:
+        """Whether it has numbers of dry friction."""
+        ...
+
+    def plant(self, theta: Any) -> SteppablePlant:
+        """The plant of a θ of numbers, or of one that a compiler traces."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class FixedPlant:
+    """A plant without a covariance: the same in every run.
+
+    Attributes:
+        given: the plant.
+    """
+
+    given: SteppablePlant
+    size = 0
+    unknown: tuple[str, ...] = ()
+    has_friction = False
+
+    @property
+    def name(self) -> str:
+        """What kind of thing it is."""
+        return type(self.given).__name__
+
+    @property
+    def theta(self) -> Array:
+        """No numbers."""
+        return np.zeros(0)
+
+    def drawn(self, z: Array, friction: Array) -> Array:
+        """Nothing to draw."""
+        return np.zeros((len(z), 0))
+
+    def feasible(self, thetas: Array) -> NDArray[np.bool_]:
+        """Always."""
+        return np.ones(len(thetas), dtype=bool)
+
+    def plant(self, theta: Any) -> SteppablePlant:
+        """The plant itself."""
+        return self.given
+
+
+@dataclass(frozen=True, eq=False)
+class ModelPlant:
+    """The plant of a fitted model, drawn from θ ~ N(θ̂, P) inside the parameters' bounds.
+
+    A direction in which the data hold no information has no draws: it stays as estimated.
+
+    Attributes:
+        model: a fitted model.
+        factor: of the standard errors.
+    """
+
+    model: Model
+    factor: float = 1.0
+
+    @property
+    def name(self) -> str:
+        """The structure's name."""
+        return self.model.structure.name
+
+    @property
+    def theta(self) -> Array:
+        """θ̂."""
+        return self.model.theta
+
+    @cached_property
+    def _free(self) -> Index:
+        """Entries of θ that are estimated, with a finite standard error."""
+        variance = np.diag(self.model.covariance)
+        free = [p.fixed is None for p in self.model.parameters]
+        return np.flatnonzero(np.array(free) & np.isfinite(variance) & (variance > 0.0))
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Names of estimated parameters without a finite standard error."""
+        variance = np.diag(self.model.covariance)
+        pairs = zip(self.model.parameters, variance, strict=True)
+        return tuple(p.name for p, v in pairs if p.fixed is None and not np.isfinite(v))
+
+    @cached_property
+    def _root(self) -> Array:
+        """L with L Lᵀ = P over the free entries, (free, size): eigenvectors of the correlation."""
+        free = self._free
+        P = np.nan_to_num(self.model.covariance[np.ix_(free, free)], posinf=0.0, neginf=0.0)
+        error = np.sqrt(np.diag(P))
+        values, vectors = np.linalg.eigh(P / np.outer(error, error))
+        kept = values > 1e-12 * max(len(free), 1)  # beyond it is rounding
+        return np.asarray(error[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
+
+    @property
+    def size(self) -> int:
+        """Rank of the covariance."""
+        return int(self._root.shape[1])
+
+    @property
+    def has_friction(self) -> bool:
+        """Whether the structure says which of its parameters are dry friction."""
+        return bool(self.model.structure.friction_entries())
+
+    def drawn(self, z: Array, friction: Array) -> Array:
+        """θ̂ + factor·L z, the entries of dry friction times their factor."""
+        thetas = np.repeat(self.theta[None], len(z), axis=0)
+        change = np.zeros((len(z), len(self._free)))
+        for k in range(self.size):  # not a product of matrices: one run alone gives the same bits
+            change += z[:, k, None] * self._root[:, k]
+        thetas[:, self._free] += self.factor * change
+        entries = list(self.model.structure.friction_entries())
+        thetas[:, entries] *= friction[:, None]
+        return thetas
+
+    def feasible(self, thetas: Array) -> NDArray[np.bool_]:
+        """Inside the bounds of what is estimated, and stable."""
+        inside = np.ones(len(thetas), dtype=bool)
+        for k, p in enumerate(self.model.parameters):
+            if p.fixed is None:
+                inside &= (thetas[:, k] >= p.lower) & (thetas[:, k] <= p.upper)
+        inside[inside] = self.model.structure.stable_each(thetas[inside])
+        return inside
+
+    @cached_property
+    def _nominal(self) -> Plant:
+        return self.model.plant()
+
+    def plant(self, theta: Any) -> SteppablePlant:
+        """The model's plant with another θ."""
+        if isinstance(theta, np.ndarray):
+            return replace(self.model, theta=theta).plant()
+        structure = self.model.structure
+        step = structure.traced_step(theta, self.theta)
+        return replace(
+            self._nominal, core=step, core_readout=_output(step), ground=structure.ground(theta)
+        )
+
+
+def _output(step: Callable[[Any, Any], tuple[Any, Any]]) -> Callable[[Any, Any], Any]:
+    """y alone: a compiler leaves out what is not asked for."""
+    return lambda x, u: step(x, u)[1]

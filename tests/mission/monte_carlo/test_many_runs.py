@@ -1,0 +1,228 @@
+"""Many runs at once: they are the single runs, drawn as their figures say, told honestly."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import run
+from mission_cases import Robot, goal
+from plant_models import robot_record
+
+from sysid.errors import DataError, ModelError, UsageError
+from sysid.estimation.pem import fit
+from sysid.export.package import write_package
+from sysid.mission.monte_carlo.agreement import TOLERANCE, agreement
+from sysid.mission.monte_carlo.compiled import CompiledRuns
+from sysid.mission.monte_carlo.draws import Drawing, run_seeds
+from sysid.mission.monte_carlo.drivers import added, moments, shares
+from sysid.mission.monte_carlo.mission_runs import MissionRuns, wilson
+from sysid.mission.monte_carlo.runs import simulate_runs
+from sysid.mission.monte_carlo.setup import Setup
+from sysid.mission.monte_carlo.varied_plant import ModelPlant
+from sysid.mission.spec import load_mission
+from sysid.mission.variation import Spread, Variation
+from sysid.structures.model import Model
+from sysid.structures.registry import structure_class
+
+SHORT = goal(1.2, 0.5, obstacles=[(0.7, 0.0)])
+
+
+@cache
+def robot_model() -> Model:
+    """A model without a parameter too many: none of its draws is unstable."""
+    orders = {"na": 1, "nb": 1, "nk": 1}
+    return fit(structure_class("arx").from_orders(orders, 2, 2), [robot_record()])
+
+
+@cache
+def batch() -> MissionRuns:
+    return simulate_runs(SHORT, [robot_model()], 1500, seed=4)
+
+
+# The same runs as one after the other ------------------------------------------------------------
+
+
+def test_runs_at_once_are_runs_alone() -> None:
+    """Two or three commands a sample, a sensor, everything varied."""
+    mission = goal(
+        0.5, 0.2, obstacles=[(0.3, 0.6)], sensors={"gyroscope": None}, control={"period": 0.04}
+    )
+    setup = Setup.of(mission, [robot_model()])
+    assert setup.varied == ("parameters", "noise", "start", "obstacles", "friction")
+    seeds = run_seeds(1, 12)
+    draws = setup.drivers[0].drawing.draw(seeds)
+    figures = CompiledRuns(setup, 0, 16).figures(draws)
+    found = agreement(setup, seeds, figures)
+    assert found.apart == ()
+    assert found.largest < TOLERANCE
+    assert len(set(figures.x.tolist())) == len(seeds)  # the padding is not among them
+    moved = figures._replace(x=figures.x + 1e-6)
+    assert len(agreement(setup, seeds, moved).apart) == len(seeds)  # it can fail
+
+
+def test_a_plant_that_is_no_model_runs_at_once_too() -> None:
+    setup = Setup.of(goal(0.4, 0), [Robot()])
+    assert setup.varied == ("start", "friction")
+    seeds = run_seeds(0, 4)
+    figures = CompiledRuns(setup, 0, 4).figures(setup.drivers[0].drawing.draw(seeds))
+    assert agreement(setup, seeds, figures).apart == ()
+
+
+# What is drawn ------------------------------------------------------------------------------------
+
+
+def drawing(**vary: object) -> Drawing:
+    mission = SHORT.model_copy(update={"vary": Variation.model_validate(vary)})
+    return Setup.of(mission, [robot_model()]).drivers[0].drawing
+
+
+def test_draws_have_the_covariance_of_the_estimate() -> None:
+    model = robot_model()
+    draws = drawing(friction=False).draw(run_seeds(0, 4000))
+    assert draws.redrawn.sum() == 0
+    error = np.sqrt(np.diag(model.covariance))
+    standardised = (draws.theta - model.theta) / error
+    # 4000 draws give a correlation within 4/√4000 = 0.063
+    np.testing.assert_allclose(
+        np.cov(standardised.T), model.covariance / np.outer(error, error), atol=0.07
+    )
+    np.testing.assert_allclose(draws.start.std(axis=0), (0.02, 0.02, 0.03), rtol=0.05)
+
+
+def test_what_is_left_out_changes_nothing_else() -> None:
+    seeds = run_seeds(3, 5)
+    every, few = drawing().draw(seeds), drawing(obstacles=False, parameters=False).draw(seeds)
+    np.testing.assert_array_equal(every.start, few.start)
+    np.testing.assert_array_equal(every.slip, few.slip)
+    np.testing.assert_array_equal(few.theta, np.tile(robot_model().theta, (5, 1)))
+    np.testing.assert_array_equal(few.obstacles, np.tile((0.7, 0.0), (5, 1, 1)))
+    alone = drawing().draw(seeds[2:3])
+    np.testing.assert_array_equal(alone.theta[0], every.theta[2])
+
+
+def test_draws_that_nobody_could_drive_are_made_again() -> None:
+    far = drawing(obstacles=0.4, start=False).draw(run_seeds(0, 300))
+    gap = np.hypot(*(far.obstacles[:, 0] - (0.0, 0.0)).T)
+    assert far.redrawn.sum() > 0
+    assert gap.min() > 0.15  # the obstacle's radius
+    hopeless = Drawing(SHORT, Unstable(robot_model()), SHORT.vary)
+    with pytest.raises(ModelError, match="none could be driven"):
+        hopeless.draw([1])
+
+
+class Unstable(ModelPlant):
+    """A plant of which no draw is stable."""
+
+    def feasible(self, thetas: np.ndarray) -> np.ndarray:
+        return np.zeros(len(thetas), dtype=bool)
+
+
+def test_a_range_is_drawn_evenly() -> None:
+    spread = Spread.model_validate([-1.0, 3.0])
+    found = spread.deviation(np.random.default_rng(0).standard_normal(4000))
+    assert found.min() > -1.0
+    assert found.max() < 3.0
+    np.testing.assert_allclose(np.quantile(found, (0.25, 0.5, 0.75)), (0, 1, 2), atol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("section", "words"),
+    [
+        ("vary: {start: {x: -1}}", "m.yaml:2: vary.start.x"),
+        ("vary: {obstacles: [3, 1]}", "m.yaml:2: vary.obstacles"),
+        ("vary: {wind: 1}", "unknown key 'wind' in vary: the keys are parameters"),
+        ("vary: {start: {phi: 1}}", "unknown key 'phi' in vary.start: did you mean 'psi'"),
+        ("vary: {friction: {slip: true}}", "vary.friction.slip"),
+    ],
+)
+def test_a_mistake_in_what_varies_is_named_with_its_line(
+    section: str, words: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "m.yaml"
+    path.write_text(f"goal: [1, 0]\n{section}\n")
+    with pytest.raises(DataError) as caught:
+        load_mission(path)
+    assert words in str(caught.value)
+
+
+# What is told -------------------------------------------------------------------------------------
+
+
+def test_intervals_are_wilsons() -> None:
+    # Newcombe 1998, table I: 81 of 263, and 0 of 20
+    assert wilson(81, 263) == pytest.approx((0.2553, 0.3662), abs=5e-5)
+    assert wilson(0, 20) == pytest.approx((0.0, 0.1611), abs=5e-5)
+    assert wilson(20, 20) == pytest.approx((0.8389, 1.0), abs=5e-5)
+
+
+def test_shares_of_variance_are_found() -> None:
+    """y = 3a + (b² − 1) + 2ab + noise: 9, 2, 4 and 1 of 16."""
+    rng = np.random.default_rng(2)
+    z = rng.standard_normal((8000, 12))
+    y = 3 * z[:, 0] + z[:, 1] ** 2 + 2 * z[:, 0] * z[:, 1] + rng.standard_normal(8000)
+    varying = (("a", (0,)), ("b", (1,)), ("many", tuple(range(2, 12))))
+    counts = np.ones(8000, dtype=bool)
+    halves = [moments(z[s], varying, y[s], counts[s]) for s in (slice(4000), slice(4000, None))]
+    found = shares(added(halves), varying)
+    assert found is not None
+    assert [d.name for d in found.ranked] == ["a", "b", "many"]
+    told = [d.share_of_variance for d in found.ranked]
+    # shares of 8000 runs are known to a hundredth or two
+    assert told == pytest.approx([9 / 16, 2 / 16, 0.0], abs=0.03)
+    assert found.remainder == pytest.approx(5 / 16, abs=0.04)
+    few = moments(z[:40], varying, y[:40], counts[:40])
+    assert shares(few, varying) is None
+
+
+def test_a_batch_tells_what_its_runs_came_to() -> None:
+    found = batch()
+    told = found.summary()
+    assert sum(o["count"] for o in told["outcomes"].values()) == told["n"] == 1500
+    assert told["time_s"]["p05"] <= told["time_s"]["p50"] <= told["time_s"]["p95"]
+    assert "of 1 500 runs" in found.sentence
+    assert {d["name"] for d in told["drivers"]} == {
+        "parameters", "start.x", "start.y", "start.psi", "obstacles[1]", "friction.slip",
+    }  # fmt: skip
+
+
+def test_a_worst_run_replays_alone() -> None:
+    setup, found = Setup.of(SHORT, [robot_model()]), batch()
+    worst = found.worst[0]
+    alone = setup.simulated(worst.seed)
+    assert (alone.outcome.value, alone.time_s) == (worst.outcome, worst.time_s)
+    assert worst.time_s == max(found.time_s)
+
+
+@pytest.mark.parametrize(("runs", "vary"), [(0, None), (10, ["wind"])])
+def test_numbers_and_names_without_sense_are_refused(runs: int, vary: list[str] | None) -> None:
+    with pytest.raises(UsageError):
+        simulate_runs(SHORT, [robot_model()], runs, vary=vary)
+
+
+# On the command line ------------------------------------------------------------------------------
+
+
+def test_the_command_drives_many_and_replays_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mission = tmp_path / "short.yaml"
+    write_package(robot_model(), tmp_path / "plant")
+    mission.write_text("goal: [0.6, 0.2]\nvary: {start: {x: 0.05, psi: 0.1}}\n")
+    place = ("--plant", tmp_path / "plant", "--workspace", tmp_path / "w")
+    many = run(capsys, "simulate", mission, "--runs", 40, "--seed", 5, *place, "--json").document
+    runs = many["runs"]
+    assert set(runs["outcomes"]) == {"arrived", "collision", "stuck", "timeout"}
+    assert set(runs["outcomes"]["arrived"]) == {"count", "share", "interval"}
+    assert set(runs["time_s"]) == {"p05", "p50", "p95"}
+    assert runs["vary"] == ["parameters", "start", "friction"]
+    rows = Path(many["log"]).read_text().splitlines()
+    assert len(rows) == 41
+    worst = runs["worst"][0]
+    alone = run(capsys, "simulate", mission, "--seed", worst["seed"], *place, "--json").document
+    assert (alone["outcome"], alone["time_s"]) == (worst["outcome"], worst["time_s"])
+    shown = run(capsys, "simulate", mission, "--runs", 40, "--vary", "start", *place)
+    assert "of 40 runs" in shown.out
+    assert "--vary start" in shown.out
+    refused = run(capsys, "simulate", mission, "--vary", "start", *place)
+    assert refused.code == 2
