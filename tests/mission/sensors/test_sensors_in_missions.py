@@ -1,6 +1,7 @@
 """Sensors of a mission: at the command line, in its log, in its navigation."""
 
 import math
+import re
 from pathlib import Path
 from typing import ClassVar
 
@@ -18,6 +19,7 @@ from sysid.mission.registry import kinds
 from sysid.mission.sensors.encoders import Encoders
 from sysid.mission.sensors.gyroscope import Gyroscope
 from sysid.mission.simulator import simulate
+from sysid.mission.spec import load_mission
 
 Capture = pytest.CaptureFixture[str]
 
@@ -54,6 +56,18 @@ def test_a_seed_at_the_command_line_draws_the_noise_of_all_sensors(
     refused = run(capsys, "simulate", log, "--seed", 1)
     assert refused.code == 2
     assert "is a log to replay: --seed has no use with it" in refused.err
+
+
+def test_the_mission_of_the_page_is_driven_past_its_iron(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[3] / "docs" / "sensors.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
+    (tmp_path / "m.yaml").write_text(example)
+    result = simulate(load_mission(tmp_path / "m.yaml"), Robot(), seed=7)
+    assert result.outcome == "arrived"
+    field = np.hypot(result.log["mag_x"], result.log["mag_y"])
+    near = np.hypot(result.log["x"] - 3, result.log["y"] - 2) < 0.7
+    assert np.abs(field[near] - 20.0).max() > 5.0
+    assert np.abs(field[~near & (result.log["x"] < 1)] - 20.0).max() < 5.0
 
 
 def test_a_seed_in_python() -> None:
