@@ -28,7 +28,7 @@ EVERYTHING = "goal: [1, 0.3]\nsensors:\n" + "".join(f"  {kind}:\n" for kind in k
 
 def columns(path: Path) -> dict[str, Array]:
     header = path.read_text().splitlines()[0].split(",")
-    table = np.loadtxt(path, delimiter=",", skiprows=1).T
+    table = np.genfromtxt(path, delimiter=",", skip_header=1).T
     return dict(zip(header, table, strict=True))
 
 
