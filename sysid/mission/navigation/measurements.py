@@ -204,7 +204,7 @@ class Group:
             c, s = xp.cos(last[2]), xp.sin(last[2])
             return xp.array([c * dx + s * dy, c * dy - s * dx, wrap_angle(z[2] - last[2])])
         if self.adds_up:
-            return xp.where(elapsed > 0, z, xp.nan)
+            return z + xp.where(elapsed > 0, 0.0, xp.nan)
         if "acc_x" in self.names:  # the mean over one interval, which is not known after a loss
             usable = (elapsed > 0) & (elapsed < LOST_AFTER * self.interval)
             fits = xp.array([usable | (name != "acc_x") for name in self.names])
