@@ -12,6 +12,7 @@ import numpy as np
 from sysid.data.record import PWM_FULL_SCALE, Array, Channel
 from sysid.errors import ModelError
 from sysid.mission.contracts import SteppablePlant
+from sysid.mission.equipment import assumed
 from sysid.mission.robot_plant import RobotPlant
 from sysid.mission.settling import Ending, Settling, settle
 from sysid.mission.spec import Mission, VehicleSpec
@@ -90,11 +91,19 @@ def as_robot(
         top_speed: forward speed at full drive [m/s].
 
     Returns:
-        The robot, and a sentence for each assumption.
+        The robot, and a sentence for each assumption, those about navigation's sensors included.
 
     Raises:
         ModelError: no output answers a constant input with a usable constant value.
     """
+    robot, notes = _driving(plant, mission, top_speed)
+    return robot, (*notes, *assumed(mission.navigation, mission.sensors, robot.dt))
+
+
+def _driving(
+    plant: SteppablePlant, mission: Mission, top_speed: float
+) -> tuple[RobotPlant, tuple[str, ...]]:
+    """The robot of the first wiring that drives, and a sentence for each assumption of it."""
     complaint = ""
     for wiring in wirings(plant):
         wired = _wired(plant, wiring, mission.vehicle, top_speed)

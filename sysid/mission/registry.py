@@ -46,6 +46,7 @@ BUILT_IN = {
     "navigation.kf": "navigation.kf:Kalman",
     "navigation.ekf": "navigation.ekf:ExtendedKalman",
     "navigation.ukf": "navigation.ukf:UnscentedKalman",
+    "navigation.finite-model": "navigation.finite_model:FiniteModel",
     "motion.kinematic": "motion.kinematic:Kinematic",
     "sensors.encoders": "sensors.encoders:Encoders",
     "sensors.gyroscope": "sensors.gyroscope:Gyroscope",

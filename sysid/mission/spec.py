@@ -34,6 +34,7 @@ from sysid.mission.contracts import (
     Wall,
 )
 from sysid.mission.control.pi_p import SpeedPIYawP
+from sysid.mission.equipment import equipped, lacking
 from sysid.mission.guidance.escape import leading_out
 from sysid.mission.guidance.field import PotentialField
 from sysid.mission.guidance.waypoints import PassingWaypoints, way_length
@@ -219,6 +220,14 @@ class Mission(Settings):
         return tuple(_points(v, f"{name}[{k}]", at_least) for k, v in enumerate(value, 1))
 
     @model_validator(mode="after")
+    def _sees(self) -> "Mission":
+        """Navigation has what it reads."""
+        sentence = lacking(self.navigation, self.sensors)
+        if sentence:
+            raise sentence_at(("navigation",), sentence)
+        return self
+
+    @model_validator(mode="after")
     def _clear(self) -> "Mission":
         """Nothing drives out of an obstacle, or into one, without touching it."""
         scene = self.scene()
@@ -279,7 +288,7 @@ class Mission(Settings):
             walls=(*map(Wall, self.walls), *(Wall((*p, p[0])) for p in self.polygons)),
             way=self.waypoints,
             path=self.path,
-            sensors=self.sensors,
+            sensors=equipped(self.navigation, self.sensors),
         )
 
     def with_geometry(self, geometry: Geometry) -> "Mission":

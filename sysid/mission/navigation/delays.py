@@ -9,7 +9,7 @@ comes; between them nothing is repeated. The memory is bounded by the longest de
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from sysid.mission.navigation.flow import compiled, either, mapped, repeated
+from sysid.mission.navigation.flow import compiled, mapped, repeated
 from sysid.vehicle.kinematics import Real
 
 
@@ -97,13 +97,9 @@ def advanced(
         joined = mapped(lambda old, new: xp.concatenate([old[:first], new]), beliefs, after)
         return joined, mapped(lambda leaf: leaf.sum(axis=0), figures)
 
-    late = xp.array(
-        [
-            c and d > 0 if not compiled(xp) else c & (d > 0)
-            for c, d in zip(came, delays, strict=True)
-        ]
-    )
-    beliefs, figures = either(xp, late.any(), again, latest)
+    # Side by side, compiled, both would be computed for every run.
+    late = compiled(xp) or any(c and d > 0 for c, d in zip(came, delays, strict=True))
+    beliefs, figures = again() if late else latest()
     return History(slots, beliefs), figures
 
 

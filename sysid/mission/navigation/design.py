@@ -16,6 +16,7 @@ OVER_GROUND = frozenset({"vo_x", "fix_x"})
 EXACT_WHEELS = 1e-6
 """Variance [rad²/s²] of wheel speeds that a mission without encoders reads exactly: far below any
 encoder's, far above rounding."""
+WHEELS = ("omega_l", "omega_r")
 LEAST_VARIANCE = 1e-10
 """A sensor without noise of its own counts as this exact in its unit squared, and so does what is
 set at a reading: far below any use, and covariances stay positive definite."""
@@ -64,6 +65,7 @@ class Design:
             sensor; None where nothing.
         too_late: kinds of sensors whose readings come later than the buffer holds.
         unknown: readings that no filter knows.
+        unread: readings whose variance was given and that no sensor has.
     """
 
     process: Process
@@ -72,6 +74,7 @@ class Design:
     since: tuple[Array | None, ...]
     too_late: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
+    unread: tuple[str, ...] = ()
 
     @property
     def latest(self) -> int:
@@ -118,10 +121,12 @@ def _design(sensors: Sensors, dt: float, noises: Noises, linear: bool) -> Design
         biases |= {name: used[name] for name in used if name in group.biased}
         groups.append(group)
     if not any("omega_l" in g.names for g in groups) and "encoders" not in late:
-        names = ("omega_l", "omega_r")
-        exact = tuple(r.get(n, EXACT_WHEELS) for n in names)
-        groups.insert(0, Group("wheels", names, exact))
-    return _laid_out(tuple(groups), biases, noises, linear, (tuple(late), tuple(unknown)))
+        exact = tuple(r.get(n, EXACT_WHEELS) for n in WHEELS)
+        groups.insert(0, Group("wheels", WHEELS, exact))
+    names = {name for g in groups for name in g.names}
+    unread = tuple(name for name in r if name not in names)
+    notes = tuple(late), tuple(unknown), unread
+    return _laid_out(tuple(groups), biases, noises, linear, notes)
 
 
 _remembered = lru_cache(maxsize=64)(_design)
@@ -162,7 +167,7 @@ def _laid_out(
     biases: Mapping[str, Figures],
     noises: Noises,
     linear: bool,
-    notes: tuple[tuple[str, ...], tuple[str, ...]],
+    notes: tuple[tuple[str, ...], ...],
 ) -> Design:
     """The states that these measurements make sense of, each with its start and its walk."""
     q, names = dict(noises.q), {name for g in groups for name in g.names}

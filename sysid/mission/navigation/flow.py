@@ -1,27 +1,12 @@
-"""Choices and repetitions in laws: short on plain numbers, traced on ``jax.numpy``."""
+"""Repetitions in laws: loops on plain numbers, one compiled loop on ``jax.numpy``."""
 
 from collections.abc import Callable
 from typing import Any
 
 
 def compiled(xp: Any) -> bool:
-    """Whether a namespace is traced by JAX, so that both sides of a choice have to be written."""
+    """Whether a namespace is traced by JAX, where numbers decide nothing about what is done."""
     return getattr(xp, "__name__", "") == "jax.numpy"
-
-
-def either(xp: Any, condition: Any, one: Callable[[], Any], other: Callable[[], Any]) -> Any:
-    """``one()`` where the condition holds, else ``other()``; one run computes only the chosen.
-
-    Both must give numbers of the same structure and shapes.
-    """
-    if not compiled(xp):
-        return one() if condition else other()
-    import jax
-
-    def as_arrays(choice: Callable[[], Any]) -> Callable[[], Any]:
-        return lambda: jax.tree.map(lambda leaf: xp.asarray(leaf, float), choice())
-
-    return jax.lax.cond(condition, as_arrays(one), as_arrays(other))
 
 
 def mapped(f: Callable[..., Any], *trees: Any) -> Any:

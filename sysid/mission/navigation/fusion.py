@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 
 from pydantic import Field, field_validator
 
-from sysid.mission.contracts import Body, NavigationInputs, Pose, Scene
+from sysid.mission.contracts import Body, NavigationInputs, Pose, Scene, Sensor
 from sysid.mission.navigation import delays
 from sysid.mission.navigation.delays import History, Slot
 from sysid.mission.navigation.design import LEAST_VARIANCE, Design, Noises, design
@@ -147,14 +147,23 @@ class Filter(Settings):
 
     def plan(self, scene: Scene) -> Design:
         """The filter laid out for the sensors of a scene."""
+        return self.layout(scene.sensors, scene.dt)
+
+    @property
+    def densities(self) -> Mapping[str, float]:
+        """What is known of the densities q."""
+        return self.q
+
+    def layout(self, sensors: Mapping[str, Sensor], dt: float) -> Design:
+        """The filter for some sensors and a sample time [s]."""
         noises = Noises(
-            tuple(sorted(self.q.items())),
+            tuple(sorted(self.densities.items())),
             tuple(sorted(self.r.items())),
             self.sigma_position,
             self.sigma_heading,
             self.buffer,
         )
-        return design(scene.sensors, scene.dt, noises, self.linear)
+        return design(sensors, dt, noises, self.linear)
 
     @property
     def columns(self) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
+from sysid.mission.navigation.flow import compiled
 from sysid.vehicle.kinematics import Real, wrap_angle
 
 LOG_2PI = 1.8378770664093453
@@ -70,24 +71,24 @@ def innovation(
     Returns:
         The innovation, and S⁻¹.
     """
-    inverse = xp.linalg.inv(S)
+    inverse, determinant = inverted(S, len(nu), xp)
     nis = nu @ inverse @ nu
-    dof = xp.sum(present)
-    volume = xp.log(xp.linalg.det(S)) - xp.sum(xp.where(present, 0.0, xp.log(variance)))
+    dof = present.sum()
+    volume = xp.log(determinant) - xp.where(present, 0.0, xp.log(variance)).sum()
     log_likelihood = -0.5 * (nis + volume + dof * LOG_2PI)
     rejected = 1.0 * (nis > xp.array(quantiles)[dof])
     return Innovation(nis, 1.0 * dof, rejected, log_likelihood), inverse
 
 
 def reset(belief: Gaussian, T: Any, least: float, xp: Any) -> Gaussian:
-    """x⁺ = Tx, P⁺ = TPTᵀ, where T sets some states to others or to 0.
+    """x⁺ = Tx, P⁺ = TPTᵀ, where T sets some states to others or to 0; also of many at once.
 
     Such a copy is as uncertain as its source to the last digit, which makes P singular; ``least``
     is added to the variance of every state that is set.
     """
     kept = xp.eye(len(T)) * T
     added = least * (xp.eye(len(T)) - kept)
-    return Gaussian(T @ belief.x, symmetric(T @ belief.P @ T.T) + added)
+    return Gaussian(belief.x @ T.T, symmetric(T @ belief.P @ T.T) + added)
 
 
 def corrected(
@@ -116,6 +117,28 @@ def corrected(
     rest = xp.eye(len(belief.x)) - K @ H
     P = rest @ belief.P @ rest.T + (K * variance) @ K.T
     return Gaussian(belief.x + K @ nu, symmetric(P)), found
+
+
+def inverted(S: Any, m: int, xp: Any) -> tuple[Any, Real]:
+    """Inverse and determinant of a symmetric positive definite matrix of a few rows.
+
+    The sweep operator (Goodnight 1979), written out: two or three readings come together, for
+    which a library's call takes longer than the arithmetic, and compiles for a second.
+    """
+    a = [[S[i, j] for j in range(m)] for i in range(m)] if compiled(xp) else S.tolist()
+    determinant: Real = 1.0
+    for k in range(m):
+        pivot = a[k][k]
+        determinant = determinant * pivot
+        row = [value / pivot for value in a[k]]
+        for i in range(m):
+            if i != k:
+                by = a[i][k]
+                a[i] = [value - by * of for value, of in zip(a[i], row, strict=True)]
+                a[i][k] = -by / pivot
+        row[k] = 1.0 / pivot
+        a[k] = row
+    return xp.array(a), determinant
 
 
 class Spread(NamedTuple):

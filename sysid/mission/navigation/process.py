@@ -12,6 +12,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from sysid.mission.navigation.flow import compiled
 from sysid.vehicle.kinematics import Real, step_pose
 
 POSE_AND_SPEEDS = ("x", "y", "psi", "v", "yaw_rate")
@@ -149,7 +152,13 @@ def _arc(s: States, v_after: Real, dt: Real, known_heading: bool, xp: Any) -> _A
 
 def matrix(entries: Mapping[tuple[int, int], Real], rows: int, columns: int, xp: Any) -> Any:
     """A matrix of zeros but for its entries (row, column)."""
-    return xp.array([[entries.get((i, j), 0.0) for j in range(columns)] for i in range(rows)])
+    zeros = xp.zeros((rows, columns))
+    if compiled(xp):
+        at = np.array(list(entries)).T
+        return zeros.at[at[0], at[1]].set(xp.array(list(entries.values())))
+    for place, value in entries.items():
+        zeros[place] = value
+    return zeros
 
 
 def is_angle(name: str) -> bool:

@@ -1,0 +1,78 @@
+"""Which sensors a navigation law has: those of the file, or the plainest ones that serve it."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from sysid.mission.contracts import Navigation, Sensor
+from sysid.mission.registry import law_class
+
+
+def equipped(navigation: Navigation, sensors: Mapping[str, Sensor]) -> Mapping[str, Sensor]:
+    """The sensors listed, or those a law takes where none is listed, with their default figures."""
+    if sensors:
+        return sensors
+    return {kind: _default(kind) for kind in _plainest(navigation)}
+
+
+def lacking(navigation: Navigation, sensors: Mapping[str, Sensor]) -> str:
+    """A sentence about sensors that a law needs and the list lacks; empty where it has all."""
+    missing = [kind for kind in getattr(navigation, "needs", ()) if kind not in sensors]
+    if not sensors or not missing:
+        return ""
+    return (
+        f"navigation reads {_listed(getattr(navigation, 'needs', ()))} and sensors has no "
+        f"{' and no '.join(missing)}: add {_listed(missing)} to sensors, or choose another kind of "
+        "navigation"
+    )
+
+
+def assumed(navigation: Navigation, sensors: Mapping[str, Sensor], dt: float) -> tuple[str, ...]:
+    """A sentence for each thing about the sensors that a law takes for granted or leaves out.
+
+    Args:
+        navigation: the law.
+        sensors: those listed.
+        dt: sample time of the plant [s].
+    """
+    said = []
+    if not sensors and _plainest(navigation):
+        said.append(
+            f"no sensors are listed: navigation reads {_listed(_plainest(navigation))} with the "
+            "default figures of a small robot; list sensors to change that"
+        )
+    layout = getattr(navigation, "layout", None)
+    if layout is None:
+        return tuple(said)
+    plan = layout(equipped(navigation, sensors), dt)
+    if plan.too_late:
+        said.append(
+            f"what {_listed(plan.too_late)} reads comes later than navigation.buffer = "
+            f"{getattr(navigation, 'buffer', 0)} samples and is not used: raise the buffer, or "
+            "shorten the latency"
+        )
+    if plan.unknown:
+        said.append(
+            f"navigation does not know what {_listed(plan.unknown)} tells and leaves it out"
+        )
+    if plan.unread:
+        said.append(
+            f"navigation.r gives a variance of {_listed(plan.unread)}, which no sensor reads"
+        )
+    return tuple(said)
+
+
+def _plainest(navigation: Navigation) -> tuple[str, ...]:
+    law: Any = navigation
+    kinds: tuple[str, ...] = getattr(law, "plainest", getattr(law, "needs", ()))
+    return kinds
+
+
+def _default(kind: str) -> Sensor:
+    made: Any = law_class("sensors", kind)()
+    sensor: Sensor = made
+    return sensor
+
+
+def _listed(names: Any) -> str:
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last
