@@ -12,7 +12,8 @@ import numpy as np
 from sysid.data.record import PWM_FULL_SCALE, Array, Channel
 from sysid.errors import ModelError
 from sysid.mission.contracts import SteppablePlant
-from sysid.mission.equipment import assumed
+from sysid.mission.navigation.equipment import assumed
+from sysid.mission.registry import default_sensor
 from sysid.mission.robot_plant import RobotPlant
 from sysid.mission.settling import Ending, Settling, settle
 from sysid.mission.spec import Mission, VehicleSpec
@@ -97,7 +98,8 @@ def as_robot(
         ModelError: no output answers a constant input with a usable constant value.
     """
     robot, notes = _driving(plant, mission, top_speed)
-    return robot, (*notes, *assumed(mission.navigation, mission.sensors, robot.dt))
+    said = assumed(mission.navigation, mission.sensors, robot.dt, default_sensor)
+    return robot, (*notes, *said)
 
 
 def _driving(

@@ -15,7 +15,6 @@ from sysid.errors import ModelError, UsageError
 from sysid.mission.clearance import has_surfaces
 from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS, Pose, Scene, SteppablePlant
 from sysid.mission.ending import sentence, stuck
-from sysid.mission.equipment import lacking
 from sysid.mission.loop import COLUMNS, Loop, LoopState, Tick, Verdict, command_module, ticks
 from sysid.mission.noise import sensor_draws
 from sysid.mission.nominal import nominal_of
@@ -180,9 +179,6 @@ def check_robot(mission: Mission, plant: SteppablePlant) -> None:
             f"the plant's channels are {', '.join(names)} but a mission needs {', '.join(wanted)}: "
             "map the plant with as_robot first"
         )
-    missing = lacking(mission.navigation, mission.sensors)
-    if missing:
-        raise ModelError(missing)
     if not (math.isfinite(plant.dt) and plant.dt > 0):
         raise ModelError(f"the plant's sample time is {plant.dt} s: it must be above 0")
     fastest = min(plant.dt, mission.control.period)

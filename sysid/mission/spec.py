@@ -34,13 +34,13 @@ from sysid.mission.contracts import (
     Wall,
 )
 from sysid.mission.control.pi_p import SpeedPIYawP
-from sysid.mission.equipment import equipped, lacking
 from sysid.mission.guidance.escape import leading_out
 from sysid.mission.guidance.field import PotentialField
 from sysid.mission.guidance.waypoints import PassingWaypoints, way_length
 from sysid.mission.motion.kinematic import Kinematic
+from sysid.mission.navigation.equipment import equipped, lacking
 from sysid.mission.navigation.odometry import Odometry
-from sysid.mission.registry import law, sensor_set, sentence_at
+from sysid.mission.registry import default_sensor, law, sensor_set, sentence_at
 from sysid.mission.settings import Coordinate, Positive, Settings
 from sysid.mission.spec_problems import first_problem
 from sysid.mission.variation import Variation
@@ -288,7 +288,7 @@ class Mission(Settings):
             walls=(*map(Wall, self.walls), *(Wall((*p, p[0])) for p in self.polygons)),
             way=self.waypoints,
             path=self.path,
-            sensors=equipped(self.navigation, self.sensors),
+            sensors=equipped(self.navigation, self.sensors, default_sensor),
         )
 
     def with_geometry(self, geometry: Geometry) -> "Mission":

@@ -1,17 +1,29 @@
 """Which sensors a navigation law has: those of the file, or the plainest ones that serve it."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
+from sysid.errors import ModelError
 from sysid.mission.contracts import Navigation, Sensor
-from sysid.mission.registry import law_class
+
+Make = Callable[[str], Sensor]
+"""From a kind to the sensor with its default figures."""
 
 
-def equipped(navigation: Navigation, sensors: Mapping[str, Sensor]) -> Mapping[str, Sensor]:
-    """The sensors listed, or those a law takes where none is listed, with their default figures."""
+def equipped(
+    navigation: Navigation, sensors: Mapping[str, Sensor], make: Make
+) -> Mapping[str, Sensor]:
+    """The sensors listed, or those a law takes where none is listed, with their default figures.
+
+    Raises:
+        ModelError: the law needs others.
+    """
+    missing = lacking(navigation, sensors)
+    if missing:
+        raise ModelError(missing)
     if sensors:
         return sensors
-    return {kind: _default(kind) for kind in _plainest(navigation)}
+    return {kind: make(kind) for kind in _plainest(navigation)}
 
 
 def lacking(navigation: Navigation, sensors: Mapping[str, Sensor]) -> str:
@@ -26,13 +38,16 @@ def lacking(navigation: Navigation, sensors: Mapping[str, Sensor]) -> str:
     )
 
 
-def assumed(navigation: Navigation, sensors: Mapping[str, Sensor], dt: float) -> tuple[str, ...]:
+def assumed(
+    navigation: Navigation, sensors: Mapping[str, Sensor], dt: float, make: Make
+) -> tuple[str, ...]:
     """A sentence for each thing about the sensors that a law takes for granted or leaves out.
 
     Args:
         navigation: the law.
         sensors: those listed.
         dt: sample time of the plant [s].
+        make: gives the sensors that a law takes where none is listed.
     """
     said = []
     if not sensors and _plainest(navigation):
@@ -43,7 +58,7 @@ def assumed(navigation: Navigation, sensors: Mapping[str, Sensor], dt: float) ->
     layout = getattr(navigation, "layout", None)
     if layout is None:
         return tuple(said)
-    plan = layout(equipped(navigation, sensors), dt)
+    plan = layout(equipped(navigation, sensors, make), dt)
     if plan.too_late:
         said.append(
             f"what {_listed(plan.too_late)} reads comes later than navigation.buffer = "
@@ -65,12 +80,6 @@ def _plainest(navigation: Navigation) -> tuple[str, ...]:
     law: Any = navigation
     kinds: tuple[str, ...] = getattr(law, "plainest", getattr(law, "needs", ()))
     return kinds
-
-
-def _default(kind: str) -> Sensor:
-    made: Any = law_class("sensors", kind)()
-    sensor: Sensor = made
-    return sensor
 
 
 def _listed(names: Any) -> str:
