@@ -93,7 +93,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     _prepare()
     try:
         whole: Any = typer.main.get_command(app)
-        command, name, arguments = _asked(whole, arguments)
+        command, name, arguments = _command_of(whole, arguments)
         code = command.main(arguments, name, standalone_mode=False, obj=whole)
         sys.stdout.flush()  # a closed pipe must be noticed here, not when the interpreter ends
     except BrokenPipeError:
@@ -107,7 +107,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     return code if isinstance(code, int) else 0
 
 
-def _asked(whole: Any, arguments: list[str]) -> tuple[Any, str, list[str]]:
+def _command_of(whole: Any, arguments: list[str]) -> tuple[Any, str, list[str]]:
     """The command a line asks for, its name and its own arguments.
 
     A line that begins with a command goes to it straight, not through the root: typer reads the

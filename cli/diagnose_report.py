@@ -97,9 +97,9 @@ def _added(found: "Diagnosis", before: str, after: str) -> None:
         [
             e.id if k == 0 else "",
             p.name,
-            p.told.value,
-            p.told.words or render.number(None),
-            p.told.unit,
+            p.in_log_units.value,
+            p.in_log_units.words or render.number(None),
+            p.in_log_units.unit,
         ]
         for e in found.effects
         for k, p in enumerate(e.parameters)

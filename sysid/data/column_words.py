@@ -125,8 +125,8 @@ def words(name: str) -> tuple[str, ...]:
 
 def is_set_point(name: str) -> bool:
     """Whether a name tells what a controller is to reach: ``speed_ref``, ``SollDrehzahl``."""
-    told = words(name)
-    return bool(SET_POINTS & set(told)) or any(w.startswith("soll") for w in told)
+    parts = words(name)
+    return bool(SET_POINTS & set(parts)) or any(w.startswith("soll") for w in parts)
 
 
 def meaning(name: str) -> Meaning:
@@ -137,19 +137,19 @@ def meaning(name: str) -> Meaning:
     for a command where nothing else is said (``motor_speed`` is a speed).
     """
     base, unit = ending(name)
-    told = words(base)
-    side = next((SIDES[w] for w in told if w in SIDES), "")
-    if REFERENCES & set(told) or is_set_point(base):
+    parts = words(base)
+    side = next((SIDES[w] for w in parts if w in SIDES), "")
+    if REFERENCES & set(parts) or is_set_point(base):
         return Meaning("reference", 0, side)
-    if SUPPLIES & set(told) or any(w.startswith(("batter", "akku", "versorg")) for w in told):
+    if SUPPLIES & set(parts) or any(w.startswith(("batter", "akku", "versorg")) for w in parts):
         return Meaning("supply", 0, side)
-    pairs = (a + b for a, b in pairwise(told))
-    told = (*told, *(pair for pair in pairs if pair in _KNOWN))  # YawRate, wheel_speed
+    pairs = (a + b for a, b in pairwise(parts))
+    parts = (*parts, *(pair for pair in pairs if pair in _KNOWN))  # YawRate, wheel_speed
     weak = len(COMMANDS) - 1
-    command, speed = _rank(told, COMMANDS), _rank(told, SPEEDS)
+    command, speed = _rank(parts, COMMANDS), _rank(parts, SPEEDS)
     if command is not None and (command < weak or speed is None):
-        reading = _rank(told, READINGS)
-        if command == weak - 1 and _rank(told[-1:], READINGS) in (1, 2):
+        reading = _rank(parts, READINGS)
+        if command == weak - 1 and _rank(parts[-1:], READINGS) in (1, 2):
             return Meaning("reading", reading or 0, side)  # heater_temp, pump_pressure
         if command < weak or reading is None:
             return Meaning("command", command, side)
@@ -157,7 +157,7 @@ def meaning(name: str) -> Meaning:
         speed = 1
     if speed is not None:
         return Meaning("speed", speed, side)
-    reading = _rank(told, READINGS)
+    reading = _rank(parts, READINGS)
     if reading is not None:
         return Meaning("reading", reading, side)
     return Meaning("other", 0, side)
@@ -169,11 +169,11 @@ def family(name: str) -> tuple[str, ...]:
     ``Pump A`` and ``Pump B``, ``y1`` and ``y2``, ``pwm_l`` and ``pwm_r``, ``ML`` and ``MR`` are
     families.
     """
-    told = [w for w in words(without_unit(name)) if not w.isdigit() and w not in SIDES]
-    told = [w for w in told if w not in ("a", "b")] if len(told) > 1 else told
-    if len(told) == 1 and re.search(r"[a-zA-Z][LR]$", name):
-        return (told[0][:-1] if told[0][-1] in "lr" else told[0],)
-    return tuple(told)
+    parts = [w for w in words(without_unit(name)) if not w.isdigit() and w not in SIDES]
+    parts = [w for w in parts if w not in ("a", "b")] if len(parts) > 1 else parts
+    if len(parts) == 1 and re.search(r"[a-zA-Z][LR]$", name):
+        return (parts[0][:-1] if parts[0][-1] in "lr" else parts[0],)
+    return tuple(parts)
 
 
 def is_drive(name: str, unit: str) -> bool:
@@ -182,24 +182,24 @@ def is_drive(name: str, unit: str) -> bool:
     A PWM or duty cycle by itself, other commands if they are those of a side (``cmd_left``). A
     speed that a controller follows is no such command, so its unit must not be one of speed.
     """
-    told = meaning(name)
-    plain = told.rank <= 1 or bool(told.side)
-    return told.quantity == "command" and plain and unit not in SPEED_UNITS
+    found = meaning(name)
+    plain = found.rank <= 1 or bool(found.side)
+    return found.quantity == "command" and plain and unit not in SPEED_UNITS
 
 
 def is_wheel_speed(name: str, unit: str) -> bool:
     """Whether a column is the speed of a motor, wheel or track: 0 is standstill."""
-    told = meaning(name)
-    plain = told.rank <= 1 or bool(told.side) or unit == "rad/s"
-    return told.quantity == "speed" and plain and unit in ("", "rad/s", "m/s")
+    found = meaning(name)
+    plain = found.rank <= 1 or bool(found.side) or unit == "rad/s"
+    return found.quantity == "speed" and plain and unit in ("", "rad/s", "m/s")
 
 
 def may_drive(name: str) -> bool:
     """Whether a column that names no command may be the input beside readings of its effect."""
-    told = meaning(name)
+    found = meaning(name)
     base, unit = ending(name)
     named = bool(DRIVES & {*words(base), unit.lower()})
-    return named and told.quantity in ("reading", "other")
+    return named and found.quantity in ("reading", "other")
 
 
 def is_effect(name: str) -> bool:
@@ -207,11 +207,11 @@ def is_effect(name: str) -> bool:
     return meaning(name).quantity in ("speed", "reading") and not may_drive(name)
 
 
-def _rank(told: tuple[str, ...], groups: tuple[tuple[str, ...], ...]) -> int | None:
+def _rank(parts: tuple[str, ...], groups: tuple[tuple[str, ...], ...]) -> int | None:
     """The first group that has one of the words, or that a compound ends in: Motordrehzahl."""
     for i, group in enumerate(groups):
         long = tuple(word for word in group if len(word) >= COMPOUND)
-        if any(word in group or (long and word.endswith(long)) for word in told):
+        if any(word in group or (long and word.endswith(long)) for word in parts):
             return i
     return None
 

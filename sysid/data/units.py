@@ -153,26 +153,26 @@ def from_name(name: str) -> Conversion:
     (``rpm_left``, ``rpmL``).
     """
     base, unit = ending(name)
-    told = words(base)
-    rotation = told[:1] in (("omega",), ("w",))
+    stated = words(base)
+    rotation = stated[:1] in (("omega",), ("w",))
     if unit:
         found = conversion(unit)
         if not rotation or found.unit == "rad/s":
             return found
     for word, own in (("rpm", "rpm"), ("upm", "rpm"), ("pwm", "us"), ("omega", "rad/s")):
-        if word in told:
+        if word in stated:
             return conversion(own)
     return UNKNOWN
 
 
 def without_false_pulses(
-    found: Mapping[str, Conversion], told: Collection[str], largest: Mapping[str, float]
+    found: Mapping[str, Conversion], stated: Collection[str], largest: Mapping[str, float]
 ) -> dict[str, Conversion]:
     """Inputs that only their names call PWM in µs, and whose size says another scale, unlabelled.
 
     Args:
         found: input → conversion.
-        told: inputs whose unit an option or a bracket tells.
+        stated: inputs whose unit an option or a bracket tells.
         largest: input → its largest absolute number in the file.
     """
     return {
@@ -180,7 +180,7 @@ def without_false_pulses(
         if c.unit == "µs"
         and not c.file_unit.startswith("±")
         and c.scale == 1.0
-        and n not in told
+        and n not in stated
         and 0.0 < largest[n] <= LEAST_PULSE
         else c
         for n, c in found.items()
@@ -212,7 +212,7 @@ def conversions(
         UsageError: an option names no channel or no known unit, or there is no PWM to scale.
     """
     names = (*inputs, *outputs)
-    told = {n: _bracketed(bracketed[n]) for n in names if bracketed.get(n)}
+    stated = {n: _bracketed(bracketed[n]) for n in names if bracketed.get(n)}
     for name, unit in units.items():
         meant = [n for n in names if n == name] or [n for n in names if n.lower() == name.lower()]
         if len(meant) != 1:
@@ -220,17 +220,17 @@ def conversions(
                 f"`units` names {name!r}, which is no channel of {where}; "
                 f"they are {', '.join(names)}"
             )
-        told[meant[0]] = conversion(unit, name)
+        stated[meant[0]] = conversion(unit, name)
     if pwm_max is not None:
-        free = [n for n in inputs if n not in told and from_name(n).unit in ("", "µs")]
+        free = [n for n in inputs if n not in stated and from_name(n).unit in ("", "µs")]
         named = [n for n in free if "pwm" in words(n)]
         if not free:
             raise UsageError(
                 f"{argument(pwm_max=pwm_max)} converts PWM inputs, but those of {where} have other "
                 f"units ({', '.join(inputs)}); leave it out"
             )
-        told.update(dict.fromkeys(named or free, pwm_conversion(pwm_max)))
-    every = {n: told.get(n) or from_name(n) for n in names}
+        stated.update(dict.fromkeys(named or free, pwm_conversion(pwm_max)))
+    every = {n: stated.get(n) or from_name(n) for n in names}
     return {n: every[n] for n in inputs}, {n: every[n] for n in outputs}
 
 

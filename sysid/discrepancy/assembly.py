@@ -19,7 +19,7 @@ from sysid.discrepancy.samples import inspect_samples
 from sysid.discrepancy.search.detectable import detectable
 from sysid.discrepancy.search.named_sets import Naming, Node
 from sysid.discrepancy.study import Outcome, Study, held_runs
-from sysid.discrepancy.verdict import Left, story, undecided, verdict_of
+from sysid.discrepancy.verdict import Remaining, story, undecided, verdict_of
 from sysid.effects.catalogue import CHANGED, about, chain_effects, ground_effects
 from sysid.effects.samples import DROPOUTS, QUANTISATION
 from sysid.errors import SysidError
@@ -41,7 +41,7 @@ def assembled(found: Outcome, model: Model | None, pose: PoseDiagnosis | None) -
     naming = study.measured(found.naming)
     before, base = study.origin.before, study.base
     after = study.residual_structure(naming, after=True) if naming.named else before
-    left = Left(after, study.gap(naming))
+    remaining = Remaining(after, study.gap(naming))
     samples = inspect_samples(base.parts.estimation)
     effects = (
         *(findings.named_effect(base, naming, n) for n in naming.named),
@@ -50,17 +50,17 @@ def assembled(found: Outcome, model: Model | None, pose: PoseDiagnosis | None) -
     )
     ids = [e.id for e in effects]
     poor = _poor(study, naming)
-    off = pose is not None and pose.left.structured
-    verdict = verdict_of(ids, left, found.withdrawn or off or poor.startswith(ASTRAY))
+    off = pose is not None and pose.residuals.structured
+    verdict = verdict_of(ids, remaining, found.withdrawn or off or poor.startswith(ASTRAY))
     traces = _traces(study, naming)
     old, new = _models(study, naming, model, pose)
-    gap = pose.gap if pose is not None and pose.effects and not naming.named else left.gap
+    gap = pose.gap if pose is not None and pose.effects and not naming.named else remaining.gap
     unseen = _unseen(study, naming, pose, ids)
     silent = verdict != "unexplained" and set(ids) <= set(OF_THE_LOG) and not poor
     return Diagnosis(
         verdict=verdict,
-        story=poor or story(verdict, ids, replace(left, gap=gap), base.on_rate),
-        undecided=undecided(left) if silent and left.loud else "",
+        story=poor or story(verdict, ids, replace(remaining, gap=gap), base.on_rate),
+        undecided=undecided(remaining) if silent and remaining.loud else "",
         unfollowed=poor,
         base_words=study.origin.base.words,
         plainer=base.words if study.doubted is not None else "",
@@ -77,7 +77,7 @@ def assembled(found: Outcome, model: Model | None, pose: PoseDiagnosis | None) -
         residuals=tuple(
             r.verdict(name) for name, r in (("before", before), ("after", after)) if r is not None
         ),
-        description=_description(study, naming, left, traces, bool(effects)),
+        description=_description(study, naming, remaining, traces, bool(effects)),
         warnings=_warnings(study, naming, pose, samples.hidden),
         traces=traces,
         geometry=pose.geometry if pose is not None else None,
@@ -101,10 +101,10 @@ def _models(
 
 
 def _description(
-    study: Study, naming: Naming, left: Left, traces: Sequence[Trace], named: bool
+    study: Study, naming: Naming, remaining: Remaining, traces: Sequence[Trace], named: bool
 ) -> str:
     """A sparse description of what no effect explains; empty where nothing is left."""
-    if not left.structured or (named and left.gap.closed_percent >= VERDICT.nearly_all):
+    if not remaining.structured or (named and remaining.gap.closed_percent >= VERDICT.nearly_all):
         return ""
     runs = held_runs(traces, after=True)
     errors = naming.final.errors.held
@@ -197,6 +197,6 @@ def _warnings(
             f"The pose gives only {sum(pose.windows)} windows of motion to judge slip and "
             "radii by; name a second log with `validation` or drive longer."
         )
-    if pose is not None and pose.left.loud:
-        found.append(pose.left.sentence)
+    if pose is not None and pose.residuals.loud:
+        found.append(pose.residuals.sentence)
     return (*found, *(pose.warnings if pose is not None else ()))

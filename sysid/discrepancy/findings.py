@@ -46,7 +46,7 @@ def named_effect(base: Base, naming: Naming, n: Named) -> NamedEffect:
 def sentence_of(e: Effect, values: Sequence[Value], ties: Sequence[str]) -> str:
     """What an effect is, by the sign of its number, and how large; what it cannot be told from."""
     text = _by_sign(e, values)
-    values = [v.told for v in values]
+    values = [v.in_log_units for v in values]
     known = [v for v in values if v.std_error is not None or v.interval is not None][:4]
     shown = [v for v in (*known, *(v for v in values if not v.visited)) if v.words]
     if shown:

@@ -11,7 +11,16 @@ from sysid.discrepancy.policies import VERDICT
 ASTRAY = "The model does not follow the log"
 """How the sentence begins where the errors are more than noise."""
 
-TOLD = ("feedback", "nonlinear", "delay", "sampling", "levels", "excitation", "constant", "stuck")
+EXPLAINING = (
+    "feedback",
+    "nonlinear",
+    "delay",
+    "sampling",
+    "levels",
+    "excitation",
+    "constant",
+    "stuck",
+)
 """Beginnings of the codes of checks whose findings may explain why a model does not follow."""
 
 
@@ -57,4 +66,4 @@ def not_followed(
 
 
 def _tells(finding: Finding) -> bool:
-    return finding.code.startswith(TOLD)
+    return finding.code.startswith(EXPLAINING)

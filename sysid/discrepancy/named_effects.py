@@ -28,7 +28,7 @@ class Value:
     in_file: "Value | None" = None
 
     @property
-    def told(self) -> "Value":
+    def in_log_units(self) -> "Value":
         """The number as a reader of the log's columns meets it."""
         return self.in_file or self
 

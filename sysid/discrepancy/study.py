@@ -13,7 +13,7 @@ from sysid.discrepancy.base_model import Base, may_lack_sign
 from sysid.discrepancy.diagnosis import Trace
 from sysid.discrepancy.gap import Gap, measure_gap
 from sysid.discrepancy.policies import RULE, VERDICT
-from sysid.discrepancy.proof.model_error import FEWEST, ResidualStructure, structure_left
+from sysid.discrepancy.proof.model_error import FEWEST, ResidualStructure, error_structure
 from sysid.discrepancy.search.intervals import intervals_of
 from sysid.discrepancy.search.named_sets import Naming, Node
 from sysid.discrepancy.search.naming import Progress
@@ -105,7 +105,7 @@ class Study:
         if sum(len(e) for e in node.errors.held) < FEWEST:
             return None
         try:
-            return structure_left(
+            return error_structure(
                 base.parts.held, node.errors.held, runs, self.floor, self.scales, own
             )
         except DataError:

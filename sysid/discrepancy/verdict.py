@@ -21,7 +21,7 @@ ON_A_RATE = (
 
 
 @dataclass(frozen=True, eq=False)
-class Left:
+class Remaining:
     """What the errors of the model after hold.
 
     Attributes:
@@ -60,81 +60,83 @@ class Left:
         )
 
 
-def verdict_of(ids: Sequence[str], left: Left, missing: bool) -> str:
+def verdict_of(ids: Sequence[str], remaining: Remaining, missing: bool) -> str:
     """``effects-found``, ``no-missing-effect`` or ``unexplained``.
 
     Args:
         ids: what was named.
-        left: what the errors of the model after hold.
+        remaining: what the errors of the model after hold.
         missing: whether something else shows that something is missing.
     """
-    if not (ids or missing or left.matters):
+    if not (ids or missing or remaining.matters):
         return "no-missing-effect"
     # what is a matter of the log explains no structured error
-    explained = [id for id in ids if id not in OF_THE_LOG or not left.matters]
+    explained = [id for id in ids if id not in OF_THE_LOG or not remaining.matters]
     return "effects-found" if explained else "unexplained"
 
 
-def story(verdict: str, ids: Sequence[str], left: Left, on_rate: bool = False) -> str:
+def story(verdict: str, ids: Sequence[str], remaining: Remaining, on_rate: bool = False) -> str:
     """Why this verdict, in a sentence or two.
 
     Args:
         verdict: see ``verdict_of``.
         ids: what was named.
-        left: what the errors of the model after hold.
+        remaining: what the errors of the model after hold.
         on_rate: whether effects were looked for on the rate of the output.
     """
     missing = [id for id in ids if id not in OF_THE_LOG]
     if verdict == "effects-found" and missing:
-        return f"Missing: {', '.join(missing)}.{_what_remains(left)}"
+        return f"Missing: {', '.join(missing)}.{_what_remains(remaining)}"
     if verdict == "unexplained":
         return (
             "The errors depend on what is known, so something is missing, but most of it is "
             "unexplained by every effect of the catalogue." + ON_A_RATE * on_rate
         )
-    if left.loud:
-        return undecided(left)
-    if left.structured:
+    if remaining.loud:
+        return undecided(remaining)
+    if remaining.structured:
         return (
             "Nothing of the catalogue is missing: what is known predicts only "
-            f"{left.share} of the errors beyond the noise."
+            f"{remaining.share} of the errors beyond the noise."
         )
     return "Nothing is missing that this log could show: the errors look like noise."
 
 
-def _what_remains(left: Left) -> str:
-    if left.structured and (left.gap.closed_percent < VERDICT.nearly_all or left.loud):
-        rest = 100.0 - left.gap.closed_percent
+def _what_remains(remaining: Remaining) -> str:
+    if remaining.structured and (
+        remaining.gap.closed_percent < VERDICT.nearly_all or remaining.loud
+    ):
+        rest = 100.0 - remaining.gap.closed_percent
         share = "Less than 1 %" if rest < 1.0 else f"{rest:.0f} %"
-        loud = f" (errors: {left.loud} the noise)" if left.loud else ""
+        loud = f" (errors: {remaining.loud} the noise)" if remaining.loud else ""
         return (
             f" {share} of the error beyond the noise is left{loud} and still follows inputs and "
             "outputs: something else is missing, too."
         )
-    if left.loud:
+    if remaining.loud:
         return (
-            f" The errors that remain ({left.loud} the noise) depend on nothing known: a "
+            f" The errors that remain ({remaining.loud} the noise) depend on nothing known: a "
             "disturbance acts that no channel records, or the commands are too simple to tell."
         )
     return ""
 
 
-def undecided(left: Left) -> str:
+def undecided(remaining: Remaining) -> str:
     """Why nothing is named where errors are far above the noise of the readings."""
-    if left.structure is None:
+    if remaining.structure is None:
         return (
-            f"The log is too short to tell what is missing: the errors ({left.loud} the noise of "
-            "the readings) cannot be tested on so few held-out samples; record at least "
+            f"The log is too short to tell what is missing: the errors ({remaining.loud} the noise "
+            "of the readings) cannot be tested on so few held-out samples; record at least "
             f"{LONG_ENOUGH} samples, or name a second log of the same system to judge by."
         )
     begin = "No effect is shown, but the errors are not noise: "
-    if left.structured:
+    if remaining.structured:
         return begin + (
-            f"what is known predicts only {left.share} of them. The rest ({left.loud} the noise of "
-            "the readings) no channel records."
+            f"what is known predicts only {remaining.share} of them. The rest ({remaining.loud} "
+            "the noise of the readings) no channel records."
         )
     return begin + (
-        f"they are larger than that of the readings ({left.loud}), yet depend on no command and no "
-        "speed. A load or a disturbance acts that no channel records, or the log is too short or "
-        "its commands too simple to tell."
+        f"they are larger than that of the readings ({remaining.loud}), yet depend on no "
+        "command and no speed. A load or a disturbance acts that no channel records, or the log is "
+        "too short or its commands too simple to tell."
     )

@@ -12,7 +12,7 @@ from sysid.data.finding import Finding
 from sysid.data.record import Record
 from sysid.errors import DataError, UsageError
 from sysid.estimation.assessment.data_notes import notes_for
-from sysid.estimation.assessment.figures import require_left
+from sysid.estimation.assessment.figures import require_samples
 from sysid.estimation.assessment.findings import Assessment, Policy, assess
 from sysid.estimation.levels.choice import start_of
 from sysid.estimation.selection.contest import run_contest, structures_for
@@ -89,7 +89,7 @@ def identify(
     inside, outside, labels = _parts(records, validation, request.split)
     for part in (inside, outside):
         if part:
-            require_left(part, request.policy.skip)
+            require_samples(part, request.policy.skip)
     require_enough(inside, outside, request.split)
     start_of(inside, request.detrend)  # refuses a policy that does not exist
     names = structures_for(request.structures, records[0].input_names)

@@ -66,7 +66,7 @@ class End:
         first = min(first, room)
         return End(first if first > 0.0 else None, room, level, close, growth)
 
-    def told(self, rise: float) -> "End":
+    def with_rise(self, rise: float) -> "End":
         """What is known once the profile's rise at ``distance`` is."""
         assert self.distance is not None
         if rise <= self.level:
@@ -137,5 +137,5 @@ def _end(
         if value < LOWER:
             return 0.0, fitted
         start = fitted if value <= LEVEL else start
-        end = end.told(value)
+        end = end.with_rise(value)
     return (end.outside if np.isfinite(end.outside) else end.inside), None

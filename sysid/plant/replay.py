@@ -102,8 +102,8 @@ def replay(plant: Plant, record: Record) -> Replay:
             f"the plant runs away on {record.name}: it is unstable; fit it with `stable=True` or "
             "choose another model"
         )
-    told = (*outside_domain(plant, record.u), *begins_elsewhere(record, simulated))
-    return Replay(record, simulated, told)
+    notes = (*outside_domain(plant, record.u), *begins_elsewhere(record, simulated))
+    return Replay(record, simulated, notes)
 
 
 def begins_elsewhere(record: Record, simulated: Array) -> tuple[str, ...]:

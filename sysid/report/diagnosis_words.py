@@ -78,8 +78,8 @@ def channel_lines(found: Diagnosis) -> tuple[ChannelLine, ...]:
     for name, c in found.gap.channels.items():
         at = [c.name for c in outputs].index(name) if name in units else -1
         gap = c.rmse_before**2 - c.noise_floor**2
-        left = c.rmse_after**2 - c.noise_floor**2
-        closed = 100.0 * (1.0 - left / gap) if gap > 0.0 else math.nan
+        remaining = c.rmse_after**2 - c.noise_floor**2
+        closed = 100.0 * (1.0 - remaining / gap) if gap > 0.0 else math.nan
         lines.append(
             ChannelLine(
                 name,

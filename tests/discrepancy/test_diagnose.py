@@ -132,8 +132,8 @@ def test_a_model_that_has_absorbed_the_effect_gives_way_to_the_plainest_base(
     y = made["val"].y
     held = [t for t in found.traces if t.role == "held-out"]
     rmse = np.sqrt(np.mean((y - held[0].before) ** 2, axis=0))
-    told = [c.rmse_before for c in found.gap.channels.values()]
-    np.testing.assert_allclose(told, rmse, rtol=1e-9)
+    in_log_units = [c.rmse_before for c in found.gap.channels.values()]
+    np.testing.assert_allclose(in_log_units, rmse, rtol=1e-9)
     assert found.gap.closed_percent > 95.0
 
 
@@ -325,5 +325,5 @@ def test_a_share_of_the_largest_command_is_told_in_the_unit_of_the_input() -> No
     base = Base(divided([log], None), s, node, scales, 1, False, "")
     value = values_of(base, node, "input-saturation", {at: Interval(0.7, 0.8)})[0]
     assert (value.value, value.unit) == (0.75, "drive")
-    assert value.told.shown == "= 60 (56 to 64) %"
+    assert value.in_log_units.shown == "= 60 (56 to 64) %"
     assert value.to_json()["in_file"]["interval"] == pytest.approx([56.0, 64.0])

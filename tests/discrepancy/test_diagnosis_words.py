@@ -16,7 +16,7 @@ from sysid.discrepancy.following import not_followed
 from sysid.discrepancy.gap import ChannelGap, Gap
 from sysid.discrepancy.proof.localise import localise, regimes
 from sysid.discrepancy.proof.model_error import ResidualStructure
-from sysid.discrepancy.verdict import Left, story
+from sysid.discrepancy.verdict import Remaining, story
 from sysid.effects.catalogue import catalogue, chain_effects
 from sysid.report.diagnosis_words import headline
 
@@ -74,9 +74,9 @@ def test_no_sentence_of_the_catalogue_knows_whether_wheels_or_tracks_carry_the_r
 
 def test_of_a_position_it_is_said_where_play_is_looked_for() -> None:
     gap = Gap(1.0, 0.5, 0.1, 50.0, (40.0, 60.0), {"y": ChannelGap(9, 3, 1)})
-    axis = story("unexplained", (), Left(None, gap), on_rate=True)
+    axis = story("unexplained", (), Remaining(None, gap), on_rate=True)
     assert "Play in a gear (backlash) is looked for on a speed" in axis
-    assert "Play" not in story("unexplained", (), Left(None, gap))
+    assert "Play" not in story("unexplained", (), Remaining(None, gap))
     u = np.repeat(np.random.default_rng(1).uniform(-1.0, 1.0, 40), 20)
     place = Record(u, np.cumsum(u) * 0.05, 0.05, (Channel("volts", "V"),), (Channel("y", "m"),))
     assert plain_base([place], None, chain_effects()).on_rate
@@ -109,7 +109,7 @@ def test_a_model_that_does_not_follow_is_called_none() -> None:
 @pytest.mark.parametrize("closed", [99.9, 60.0])
 def test_what_is_left_is_said_in_words(closed: float) -> None:
     gap = Gap(1.0, 1.0 - closed / 100.0, 0.1, closed, (closed, closed), {"y": ChannelGap(9, 3, 1)})
-    text = story("effects-found", ["dead-zone"], Left(ResidualStructure(1e-9, 0.5, ()), gap))
+    text = story("effects-found", ["dead-zone"], Remaining(ResidualStructure(1e-9, 0.5, ()), gap))
     assert "0 % of" not in text.replace("40 % of", "")
     assert ("Less than 1 %" in text) == (closed > 99.0)
     assert "structured" not in text

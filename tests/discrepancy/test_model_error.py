@@ -7,7 +7,7 @@ from sysid_datasets.driving import STYLES, speed_loop
 
 from sysid.data.checks.feedback import in_closed_loop
 from sysid.data.record import Array, Channel, Record
-from sysid.discrepancy.proof.model_error import structure_left
+from sysid.discrepancy.proof.model_error import error_structure
 from sysid.errors import DataError
 
 DT, FULL, SIGMA = 0.05, 20000.0, 0.2
@@ -50,7 +50,7 @@ def logged(style: str, seed: int, kind: str, n: int = 1200) -> tuple[Record, Arr
 def left(record: Record, clean: Array, extra: Array | None = None) -> tuple[float, float]:
     """(p-value, share) of the errors of the plain model, with an error of it added."""
     errors = record.y - clean + (0.0 if extra is None else extra)
-    found = structure_left([record], [errors], [clean], np.array([SIGMA, SIGMA]), SCALES)
+    found = error_structure([record], [errors], [clean], np.array([SIGMA, SIGMA]), SCALES)
     return found.p_value, found.share
 
 
@@ -95,8 +95,8 @@ def test_what_the_models_own_numbers_can_follow_is_no_structure() -> None:
     record, clean = logged("steps", 5, "white")
     errors = record.y - 0.95 * clean
     floor = np.array([SIGMA, SIGMA])
-    refitted = structure_left([record], [errors], [0.95 * clean], floor, SCALES)
-    given = structure_left(
+    refitted = error_structure([record], [errors], [0.95 * clean], floor, SCALES)
+    given = error_structure(
         [record], [errors], [0.95 * clean], floor, SCALES, [np.zeros((len(record), 2, 0))]
     )
     assert refitted.p_value > 1e-3
@@ -112,18 +112,18 @@ def test_samples_that_do_not_count_are_left_out() -> None:
     errors[:400] = 100.0
     masked = np.where(errors == 100.0, np.nan, errors)
     floor = np.array([SIGMA, SIGMA])
-    assert structure_left([record], [masked], [clean], floor, SCALES).p_value > 1e-3
+    assert error_structure([record], [masked], [clean], floor, SCALES).p_value > 1e-3
     missing = masked - 0.1 * simulate(d[:, ::-1])
-    assert structure_left([record], [missing], [clean], floor, SCALES).p_value < 1e-6
+    assert error_structure([record], [missing], [clean], floor, SCALES).p_value < 1e-6
 
 
 def test_wrong_shapes_and_short_records_are_refused() -> None:
     record, clean = logged("steps", 6, "white")
     with pytest.raises(DataError, match="shapes"):
-        structure_left([record], [clean[:, :1]], [clean], np.ones(2), SCALES)
+        error_structure([record], [clean[:, :1]], [clean], np.ones(2), SCALES)
     short = record.rows(0, 50)
     with pytest.raises(DataError, match="at least 100"):
-        structure_left([short], [clean[:50]], [clean[:50]], np.ones(2), SCALES)
+        error_structure([short], [clean[:50]], [clean[:50]], np.ones(2), SCALES)
 
 
 @pytest.mark.parametrize("style", ["steps", "driving", "multisine"])

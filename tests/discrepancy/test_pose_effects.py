@@ -283,9 +283,9 @@ def test_a_slope_gets_no_name_and_is_not_called_noise() -> None:
 
     told = found(sliding(driven(wandering(600, 3))), sliding(driven(wandering(500, 4), seed=2)))
     assert not told.effects
-    assert told.left.structured
-    assert "y" in told.left.loud
-    assert "does not hold" in told.left.sentence
+    assert told.residuals.structured
+    assert "y" in told.residuals.loud
+    assert "does not hold" in told.residuals.sentence
     clean = found(driven(wandering(600, 3)), driven(wandering(500, 4), seed=2))
-    assert not clean.left.loud
-    assert not clean.left.sentence
+    assert not clean.residuals.loud
+    assert not clean.residuals.sentence

@@ -13,7 +13,7 @@ from sysid.discrepancy.diagnose import diagnose
 from sysid.discrepancy.gap import ChannelGap, Gap
 from sysid.discrepancy.proof.error_tests import f_test
 from sysid.discrepancy.proof.model_error import ResidualStructure
-from sysid.discrepancy.verdict import LONG_ENOUGH, Left, story
+from sysid.discrepancy.verdict import LONG_ENOUGH, Remaining, story
 from sysid.report.diagnosis_words import headline, nothing_named
 
 STORED = Path(__file__).parents[1] / "data" / "0.1" / "log.csv"
@@ -79,7 +79,7 @@ def test_errors_above_the_noise_are_never_nothing(
 ) -> None:
     gap = Gap(ratio, ratio, 1.0, 0.0, (0.0, 0.0), {"y": ChannelGap(ratio, ratio, 1.0)})
     verdict = "effects-found" if ids else "no-missing-effect"
-    text = story(verdict, ids, Left(left, gap))
+    text = story(verdict, ids, Remaining(left, gap))
     assert "othing" not in text
     assert f"y {ratio:.1f} times" in text
     effects = tuple(SimpleNamespace(id=id) for id in ids)

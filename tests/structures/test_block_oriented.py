@@ -127,7 +127,7 @@ def hammerstein_wiener() -> tuple[BlockStructure, Array]:
         "output[z]": "spline:5",
     }
     s = HammersteinWiener.from_orders({"nb": 2, "nf": 2, "nk": 1}, 2, 2, options)
-    return admissible(replace(s.resolved(INS, OUTS), asked=None))
+    return admissible(replace(s.resolved(INS, OUTS), requested=None))
 
 
 def wiener_hammerstein() -> tuple[BlockStructure, Array]:
@@ -137,7 +137,7 @@ def wiener_hammerstein() -> tuple[BlockStructure, Array]:
         2,
         {"static": "spline:5", "static[b]": "saturation"},
     )
-    return admissible(replace(s.resolved(INS), asked=None))
+    return admissible(replace(s.resolved(INS), requested=None))
 
 
 def admissible(s: BlockStructure) -> tuple[BlockStructure, Array]:

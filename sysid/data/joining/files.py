@@ -204,8 +204,8 @@ def _unit_of_log(log: Series, other: Table) -> dict[str, str]:
         return {}
     ratio = median_step(log.t) / median_step(log.table.columns((name,))[:, 0])
     units = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-    told = [u for u, seconds in units.items() if abs(ratio / seconds - 1.0) < 1e-3]
-    return {name: told[0]} if told else {}
+    matching = [u for u, seconds in units.items() if abs(ratio / seconds - 1.0) < 1e-3]
+    return {name: matching[0]} if matching else {}
 
 
 def _new_names(names: Sequence[str], taken: Sequence[str], stem: str) -> dict[str, str]:
@@ -306,9 +306,9 @@ def _wheels_and_pose(
     wanted = options.outputs or options.speed_of
     outputs: dict[str, None] = {}
     # one wheel sees half of the motion: the others count although they are not asked for
-    for asked, named in ((options.inputs, wanted), ((), ())):
+    for inputs, named in ((options.inputs, wanted), ((), ())):
         with suppress(DataError, UsageError):
-            chosen = choose_columns((*free, *pose), asked, named, timed=True).outputs
+            chosen = choose_columns((*free, *pose), inputs, named, timed=True).outputs
             outputs |= dict.fromkeys(n for n in chosen if n in free)
     rolled = []
     for name in outputs:

@@ -65,17 +65,17 @@ class Clock:
     findings: tuple[Finding, ...]
 
 
-def told_unit(column: TimeColumn, bracket: str, asked: str | None) -> float | None:
+def stated_unit(column: TimeColumn, bracket: str, given: str | None) -> float | None:
     """The unit [s] of a time column by option, bracket or name; None where nothing tells it.
 
     Raises:
         UsageError: the unit asked for is none of time.
     """
-    if asked is not None:
-        unit = unit_of(asked)
+    if given is not None:
+        unit = unit_of(given)
         if unit is None:
             raise UsageError(
-                f"{argument(units={column.name: asked})} is no unit of time; {column.name} is the "
+                f"{argument(units={column.name: given})} is no unit of time; {column.name} is the "
                 f"time column, so choose one of {', '.join(UNIT_NAMES.values())}"
             )
         return unit

@@ -98,18 +98,18 @@ def choose_columns(
         DataError: inputs or outputs cannot be told from the names.
     """
     driven = tuple(inputs) != (NO_INPUT,) or NO_INPUT in names
-    asked_u = tuple(_find(n, names, "`inputs`", where) for n in inputs) if driven else ()
-    asked_y = tuple(_find(n, names, "`outputs`", where) for n in outputs)
-    _no_repeats(asked_u, asked_y, where)
-    clock = _clock(names, asked_u, asked_y, time, where, read, timed)
+    given_u = tuple(_find(n, names, "`inputs`", where) for n in inputs) if driven else ()
+    given_y = tuple(_find(n, names, "`outputs`", where) for n in outputs)
+    _no_repeats(given_u, given_y, where)
+    clock = _clock(names, given_u, given_y, time, where, read, timed)
     taken = () if clock is None else (clock.name, *((clock.fine,) if clock.fine else ()))
-    free = [n for n in names if n not in (*asked_u, *asked_y, *taken)]
+    free = [n for n in names if n not in (*given_u, *given_y, *taken)]
     free = [n for n in free if not counts_rows(n, read)]
     found = find_pose(free)
-    if asked_y and (asked_u or not driven):
-        found_u, found_y, rule = asked_u, asked_y, "option"
+    if given_y and (given_u or not driven):
+        found_u, found_y, rule = given_u, given_y, "option"
     else:
-        found_u, found_y, rule = _signals(free, asked_u, asked_y, found.names)
+        found_u, found_y, rule = _signals(free, given_u, given_y, found.names)
     if not driven:
         found_u = ()
     elif not found_u and not inputs and set(free) <= {*found_y, *_only(free)}:
@@ -143,30 +143,32 @@ def _only(free: Sequence[str]) -> tuple[str, ...]:
 
 def _clock(
     names: Sequence[str],
-    asked_u: tuple[str, ...],
-    asked_y: tuple[str, ...],
+    given_u: tuple[str, ...],
+    given_y: tuple[str, ...],
     time: str | None,
     where: str,
     read: Read | None,
     timed: bool,
 ) -> TimeColumn | None:
     """The time column; a signal asked for that is the time is refused."""
-    asked = (*asked_u, *asked_y)
+    given = (*given_u, *given_y)
     if time is not None:
         name = _find(time, names, "`time`", where)
-        if name in asked:
+        if name in given:
             raise UsageError(f"column {name} of {where} is the time; it cannot be a signal too")
         return TimeColumn(name, counts=is_counter(name))
     own = find_time(names, read, (), not timed)
-    for name in asked:
-        told = is_time(name) or is_counter(name)
-        if (told and tells_time(read, name)) or (own is not None and own.name == name and not told):
-            side = "input" if name in asked_u else "output"
+    for name in given:
+        named = is_time(name) or is_counter(name)
+        if (named and tells_time(read, name)) or (
+            own is not None and own.name == name and not named
+        ):
+            side = "input" if name in given_u else "output"
             fits = _is_input if side == "input" else _is_output
-            others = [n for n in names if n not in asked and not (is_time(n) or is_counter(n))]
+            others = [n for n in names if n not in given and not (is_time(n) or is_counter(n))]
             others = [n for n in others if fits(n)] or others
             what = (
-                "counts rows" if is_counter(name) else "is the time" if told else "rises as a time"
+                "counts rows" if is_counter(name) else "is the time" if named else "rises as a time"
             )
             instead = "or record one"
             if others:
@@ -176,22 +178,22 @@ def _clock(
                 f"column {name} of {where} {what} and cannot be the {side}; name another column, "
                 f"{instead}"
             )
-    return find_time(names, read, asked, not timed)
+    return find_time(names, read, given, not timed)
 
 
 def _signals(
     free: Sequence[str],
-    asked_u: tuple[str, ...],
-    asked_y: tuple[str, ...],
+    given_u: tuple[str, ...],
+    given_y: tuple[str, ...],
     pose: tuple[str, ...],
 ) -> tuple[tuple[str, ...], tuple[str, ...], str]:
     """Inputs and outputs by name, and the rule that found them."""
     meant = {n: meaning(n) for n in free if n not in pose}
     both_u, both_y = _sides(meant, "command"), _sides(meant, "speed")
-    if both_u and both_y and not asked_u and not asked_y:
+    if both_u and both_y and not given_u and not given_y:
         return both_u, both_y, "robot"
-    found_u = asked_u or tuple(n for n in free if _is_input(n))
-    found_y = asked_y
+    found_u = given_u or tuple(n for n in free if _is_input(n))
+    found_y = given_y
     if not found_y:
         measured = [n for n in free if _is_output(n) and n not in found_u]
         if pose and any(n not in pose for n in measured):
@@ -232,9 +234,9 @@ def _is_output(name: str) -> bool:
     """By its prefix, unless a word says that it is a set point, or commanded (``speed_cmd``)."""
     if not _OUTPUT.fullmatch(name) or _NOT_MEASURED.search(name.lower()):
         return False
-    told = meaning(name)
+    found = meaning(name)
     plain = name.lower().startswith(("y", "out"))
-    return plain or told.quantity not in ("reference", "command")
+    return plain or found.quantity not in ("reference", "command")
 
 
 def _sides(meant: Mapping[str, Meaning], quantity: str) -> tuple[str, ...]:

@@ -161,7 +161,7 @@ def without_jumps(
     values: Array,
     names: Sequence[str],
     turns: Mapping[str, tuple[float, ...] | None],
-    asked: Mapping[str, float],
+    periods: Mapping[str, float],
     where: str,
     speeds: Sequence[str] = (),
 ) -> tuple[Array, tuple[Finding, ...]]:
@@ -172,7 +172,7 @@ def without_jumps(
         names: of the columns.
         turns: column that may count or turn → what is a turn in its unit, none where it is no
             angle; None where the unit is not known. Other columns are left as they are.
-        asked: column (or ``EVERY``) → period [file unit], 0 to leave it; wins over what is seen.
+        periods: column (or ``EVERY``) → period [file unit], 0 to leave it; wins over what is seen.
         where: name of the file.
         speeds: columns that are read as speeds, which need no advice to do so.
 
@@ -180,7 +180,7 @@ def without_jumps(
         UsageError: a period is asked for a column that is not there.
         DataError: a column exceeds the period asked for.
     """
-    for name in asked:
+    for name in periods:
         if name != EVERY and name not in turns:
             raise UsageError(
                 f"`unwrap` names {name!r}, which is no output of {where}; they are "
@@ -191,7 +191,7 @@ def without_jumps(
     for k, name in enumerate(names):
         if name not in turns or not np.all(np.isfinite(values[:, k])):
             continue
-        period = asked.get(name, asked.get(EVERY))
+        period = periods.get(name, periods.get(EVERY))
         if period == 0.0:
             continue
         if period is None:
@@ -202,13 +202,13 @@ def without_jumps(
             if not (found.wraps or found.resets):
                 findings += _doubted(suspected(values[:, k]), name, where)
         else:
-            found = _forced(values[:, k], period, name, where, name in asked)
+            found = _forced(values[:, k], period, name, where, name in periods)
         out[:, k] = found.values
         findings += _said(found, name, where, period is not None)
-    if asked.get(EVERY) and not findings:
+    if periods.get(EVERY) and not findings:
         raise DataError(
-            f"{where}: no output starts over every {asked[EVERY]:g}; give the period in the file's "
-            "own unit, or leave it out and it is looked for"
+            f"{where}: no output starts over every {periods[EVERY]:g}; give the period in the "
+            "file's own unit, or leave it out and it is looked for"
         )
     return out, tuple(findings)
 
@@ -220,9 +220,9 @@ def _running_count(y: Array, wraps: int, name: str, where: str) -> list[Finding]
     """
     if np.any(y != np.rint(y)) or len(np.unique(y)) < FEWEST_VALUES:
         return []
-    told = bool({*words(name)} & set(READINGS[-1]))
+    named_count = bool({*words(name)} & set(READINGS[-1]))
     step = np.abs(np.diff(y))
-    if not (told or wraps) or np.ptp(y) < TRAVEL * float(np.quantile(step, 0.99)):
+    if not (named_count or wraps) or np.ptp(y) < TRAVEL * float(np.quantile(step, 0.99)):
         return []
     text = (
         f"{where}: {name} counts on and on in whole numbers, as an encoder does: it is a position "
@@ -264,11 +264,11 @@ def _real(name: str) -> str:
     return f"If these jumps are real, say {argument(unwrap={name: None})}."
 
 
-def _said(found: Counted, name: str, where: str, asked: bool) -> list[Finding]:
+def _said(found: Counted, name: str, where: str, given: bool) -> list[Finding]:
     if found.wraps:
         times = "once" if found.wraps == 1 else f"{found.wraps} times"
         text = f"{where}: {name} starts over every {found.period:.6g}, {times}; it was unwrapped."
-        advice = "" if asked else _real(name)
+        advice = "" if given else _real(name)
     elif found.resets:
         times = "once" if len(found.resets) == 1 else f"{len(found.resets)} times"
         text = (
@@ -278,7 +278,7 @@ def _said(found: Counted, name: str, where: str, asked: bool) -> list[Finding]:
         advice = _real(name)
     else:
         return []
-    severity = Severity.NOTE if asked else Severity.WARNING
+    severity = Severity.NOTE if given else Severity.WARNING
     return [Finding("counter", severity, text, advice, name, where)]
 
 

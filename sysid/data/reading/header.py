@@ -107,10 +107,10 @@ def find_header(numbered: Sequence[Line]) -> Header:
             which = f"lines {titles[0][0]} to {titles[-1][0]}" if many else f"line {titles[0][0]}"
             notes += (f"{which} above the header {'were' if many else 'was'} left out",)
         if units is None and rest:
-            units = _told_units([text for _, text in titles], head[1], rest[0][1])
+            units = _stated_units([text for _, text in titles], head[1], rest[0][1])
     remarks = [text for _, text in numbered[:_TITLES] if _comment(text)]
-    told = [interval_of(_uncommented(text)) for text in (*[t for _, t in titles], *remarks)]
-    every = {seconds for seconds in told if seconds is not None}
+    stated = [interval_of(_uncommented(text)) for text in (*[t for _, t in titles], *remarks)]
+    every = {seconds for seconds in stated if seconds is not None}
     return Header(head, units, rest, notes, every.pop() if len(every) == 1 else None)
 
 
@@ -316,16 +316,16 @@ def _is_units(line: str, header: str, data: str) -> bool:
     sep = _sign_of(data)
     names = [c.strip() for c in cells_of(header.rstrip(sep), sep)]
     cells = [c.strip().strip('"') for c in cells_of(line, sep)]
-    told = [c for c in cells if c and c not in ("1", *_NO_UNITS)]
-    if not len(names) - 1 <= len(cells) <= len(names) + 1 or len(names) < 2 or not told:
+    stated = [c for c in cells if c and c not in ("1", *_NO_UNITS)]
+    if not len(names) - 1 <= len(cells) <= len(names) + 1 or len(names) < 2 or not stated:
         return False
-    if any(_NUMBER.fullmatch(c) for c in told):
+    if any(_NUMBER.fullmatch(c) for c in stated):
         return False
-    hits = sum(looks_like_unit(c, _UNIT_NAMES) for c in told)
-    return 2 * hits > len(told)
+    hits = sum(looks_like_unit(c, _UNIT_NAMES) for c in stated)
+    return 2 * hits > len(stated)
 
 
-def _told_units(titles: Sequence[str], header: str, data: str) -> str | None:
+def _stated_units(titles: Sequence[str], header: str, data: str) -> str | None:
     """The line of a title block that tells units, as a row of units below the header would.
 
     Its label stands where the header has the time, or before all columns: ``Vertical Units,V,A``.
@@ -345,8 +345,8 @@ def _told_units(titles: Sequence[str], header: str, data: str) -> str | None:
 
 def _is_processing(line: str) -> bool:
     """Whether a line says of each column how it was summed up; ``min`` alone is a unit."""
-    told = {c.lower() for c in _tokens(line)}
-    return bool(told) and told <= _PROCESSING and told != {"min"}
+    stated = {c.lower() for c in _tokens(line)}
+    return bool(stated) and stated <= _PROCESSING and stated != {"min"}
 
 
 def _count(n: int, noun: str) -> str:

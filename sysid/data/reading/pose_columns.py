@@ -93,18 +93,18 @@ def pose_conversions(
     """
     found = []
     for axis, name in zip(AXES, pose, strict=True):
-        told = units.get(name) or brackets.get(name) or ending(name)[1]
+        stated = units.get(name) or brackets.get(name) or ending(name)[1]
         wanted, examples = ("rad", "rad or deg") if axis == "angle" else ("m", "m, cm or mm")
-        if not told:
+        if not stated:
             found.append(Conversion(wanted, 0.0 if axis == "angle" else 1.0, ""))
             continue
         try:
-            known = conversion(told, name)
+            known = conversion(stated, name)
         except UsageError:
-            known = Conversion("", 1.0, told)
+            known = Conversion("", 1.0, stated)
         if known.unit != wanted:
             raise UsageError(
-                f"the unit of {name} is {told}, which is none of the pose; "
+                f"the unit of {name} is {stated}, which is none of the pose; "
                 f"give {argument(units={name: wanted})} ({examples})"
             )
         found.append(known)
@@ -163,10 +163,10 @@ def _agreement(x: Array, y: Array, angle: Array) -> float:
 
 
 def _axis(name: str) -> str:
-    told = set(words(without_unit(name))) - _BESIDE
-    if len(told) != 1:
+    stated = set(words(without_unit(name))) - _BESIDE
+    if len(stated) != 1:
         return ""
-    (word,) = told
+    (word,) = stated
     if word in _X:
         return "x"
     if word in _Y:

@@ -82,9 +82,9 @@ def pose_in_si(
     unit = units[2]
     if unit.scale == 0.0:
         name = choice.pose[2]
-        told, seen = angle_unit(x, y, angle)
-        unit = Conversion("rad", np.pi / 180.0 if told == "deg" else 1.0, told)
-        if told == "deg":
+        unit_name, seen = angle_unit(x, y, angle)
+        unit = Conversion("rad", np.pi / 180.0 if unit_name == "deg" else 1.0, unit_name)
+        if unit_name == "deg":
             text = f"{where}: {name} tells no unit and was read in degrees, as its values show."
             advice = f"If that is wrong, say so: {argument(units={name: 'rad'})}."
             said.append(Finding("pose", Severity.WARNING, text, advice, name, where))
@@ -107,8 +107,8 @@ def pose_in_si(
         if c.scale != 1.0
     ]
     names = ", ".join(choice.pose)
-    told = f" ({', '.join(converted)}, converted to m and rad)" if converted else ""
+    converted_to = f" ({', '.join(converted)}, converted to m and rad)" if converted else ""
     if converted or choice.pose != ("x", "y", "psi"):
-        text = f"{where}: the pose is {names}{told}."
+        text = f"{where}: the pose is {names}{converted_to}."
         said.append(Finding("reading", Severity.NOTE, text, record=where))
     return out, tuple(said)

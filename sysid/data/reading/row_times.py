@@ -10,7 +10,7 @@ from sysid.data.reading.clock import (
     FIRST_WHOLE,
     Clock,
     instants,
-    told_unit,
+    stated_unit,
     unrolled,
 )
 from sysid.data.reading.table import Table
@@ -88,7 +88,7 @@ def _row_times(
     if column is None:
         every: Array = np.arange(len(table), dtype=np.float64) * (ts or table.interval or 1.0)
         return Clock(every, 0.0, _untold(ts, table))
-    asked = next((u for n, u in units.items() if n.lower() == column.name.lower()), None)
+    given = next((u for n, u in units.items() if n.lower() == column.name.lower()), None)
     dates = table.dates(column.name)
     if dates is not None:
         elapsed, notes = unrolled(dates[0], column.name, where, table.place)
@@ -104,14 +104,14 @@ def _row_times(
         text = f"{where}: the time is {column.name} in s plus {column.fine} in ns."
         note = Finding("time-unit", Severity.NOTE, text, record=where)
         return _checked(Clock(t, origin, (note,)), column, ts, where)
-    if column.counts and asked is None:
+    if column.counts and given is None:
         place = table.place
         counts = instants(raw, column, 1.0, where, place).t if column.by_name else raw
         step = median_step(counts)
         each = ts or table.interval or 1.0
         return Clock((counts - counts[0]) / step * each, 0.0, _untold(ts, table, column))
     bracket = dict(zip(table.names, table.units, strict=True)).get(column.name, "")
-    unit = told_unit(column, bracket, asked)
+    unit = stated_unit(column, bracket, given)
     if unit is None and ts is not None:
         unit = 1.0  # the option says what a step is; the column only says which rows are missing
         found = instants(raw, column, unit, where, table.place)

@@ -220,8 +220,8 @@ class Table:
             else:
                 continue
             if _states(texts) is not None:
-                told = {t: STATES[t.lower()] for t in texts if t.lower() in STATES}
-                words = sorted(told.items(), key=lambda pair: pair[1])
+                stated = {t: STATES[t.lower()] for t in texts if t.lower() in STATES}
+                words = sorted(stated.items(), key=lambda pair: pair[1])
                 found[name] = ", ".join(f"{word} = {value:g}" for word, value in words)
         return found
 
@@ -328,12 +328,12 @@ def read_table(
     names, units = _names_and_units(raw)
     if isinstance(source, Layout) and any(source.units):
         units = tuple(u or below for u, below in zip(units, source.units, strict=True))
-        told = ", ".join(f"{n} in {u}" for n, u in zip(names, source.units, strict=True) if u)
-        notes += (f"{where}: a line beside the header tells the units: {told}.",)
+        stated = ", ".join(f"{n} in {u}" for n, u in zip(names, source.units, strict=True) if u)
+        notes += (f"{where}: a line beside the header tells the units: {stated}.",)
     if isinstance(source, Layout) and any(source.in_cells):
         units = tuple(own or u for own, u in zip(source.in_cells, units, strict=True))
-        told = ", ".join(f"{n} in {u}" for n, u in zip(names, source.in_cells, strict=True) if u)
-        notes += (f"{where}: the units stand behind the numbers: {told}.",)
+        stated = ", ".join(f"{n} in {u}" for n, u in zip(names, source.in_cells, strict=True) if u)
+        notes += (f"{where}: the units stand behind the numbers: {stated}.",)
     return Table(where, names, units, notes, source)
 
 

@@ -124,11 +124,11 @@ def _without_units(
     for i, unit in tuple(units.items()):
         for line, row in zip(numbers, cells, strict=True):
             text = row[i].strip() if i < len(row) else ""
-            told = measured(text)
-            if told is None and text.lower() not in MISSING:
+            number = measured(text)
+            if number is None and text.lower() not in MISSING:
                 del units[i]  # text that only begins as a measurement does
                 break
-            if told is not None and told[1] != unit:
+            if number is not None and number[1] != unit:
                 raise DataError(
                     f"{where}, line {line}, column {names[i]}: {text!r} is not in {unit} as the "
                     "first row is; write the column in one unit"
@@ -176,12 +176,12 @@ def _quoted_commas(rows: list[str]) -> bool:
     return any(_DECIMAL_COMMA.fullmatch(c) for c in cells) and not any("." in c for c in cells)
 
 
-def _delimiter(header: str, rows: list[str], asked: str | None) -> str:
-    if asked is not None:
-        sep = DELIMITERS.get(asked.lower(), asked)
+def _delimiter(header: str, rows: list[str], given: str | None) -> str:
+    if given is not None:
+        sep = DELIMITERS.get(given.lower(), given)
         if len(sep) != 1 or sep.isalnum() or sep in "\"'.+-\n\r":
             raise UsageError(
-                f"the delimiter must be one of , ; tab space or another single sign, got {asked!r}"
+                f"the delimiter must be one of , ; tab space or another single sign, got {given!r}"
             )
         return sep
     for sep in (";", "\t", ","):

@@ -124,9 +124,9 @@ def unit_of(text: str) -> float | None:
 
 def unit_in_name(name: str) -> float | None:
     """The unit of time [s] in a column's name: ``millis``, ``t_ms``, ``TimeUS``."""
-    told = words(name)
-    for word in reversed(told):
-        if word in UNIT_WORDS and (len(told) > 1 or word in _ALONE):
+    named = words(name)
+    for word in reversed(named):
+        if word in UNIT_WORDS and (len(named) > 1 or word in _ALONE):
             return UNIT_WORDS[word]
     glued = re.fullmatch(r"(?:t|time)(ms|us|ns|s)", name.strip().lower())
     return UNIT_WORDS[glued[1]] if glued else None
@@ -134,8 +134,8 @@ def unit_in_name(name: str) -> float | None:
 
 def is_counter(name: str) -> bool:
     """Whether a name says that the column counts rows."""
-    told = [word for word in words(name) if word not in ("field", "header")]
-    return " ".join(told) in COUNTERS or name.strip() in ("#", "(no name)")
+    named = [word for word in words(name) if word not in ("field", "header")]
+    return " ".join(named) in COUNTERS or name.strip() in ("#", "(no name)")
 
 
 def counts_rows(name: str, read: Read | None) -> bool:
@@ -152,12 +152,12 @@ def counts_rows(name: str, read: Read | None) -> bool:
 
 def is_time(name: str) -> bool:
     """Whether a name says that the column is the time."""
-    told = set(words(name))
+    named = set(words(name))
     if re.fullmatch(r"(?:t|time)(ms|us|ns|s)|x[ _](value|wert)", name.strip().lower()):
         return True
-    if not told <= _CLOCKS | _ALONE | _BESIDE | set(UNIT_WORDS):
+    if not named <= _CLOCKS | _ALONE | _BESIDE | set(UNIT_WORDS):
         return False
-    return bool(told & _CLOCKS) or (bool(told & _ALONE) and told <= _ALONE | _BESIDE)
+    return bool(named & _CLOCKS) or (bool(named & _ALONE) and named <= _ALONE | _BESIDE)
 
 
 def find_time(
@@ -180,20 +180,20 @@ def find_time(
             sample time is known, and a column that stands still then tells nothing either.
     """
     free = [n for n in names if n not in skip]
-    told = [n for n in free if is_time(n)]
+    named = [n for n in free if is_time(n)]
     order = list(TIME_COLUMNS)
-    told.sort(key=lambda n: order.index(n.lower()) if n.lower() in order else len(order))
-    if read is not None and (len(told) > 1 or told == ["T"]):
+    named.sort(key=lambda n: order.index(n.lower()) if n.lower() in order else len(order))
+    if read is not None and (len(named) > 1 or named == ["T"]):
         # stable: among those that rise the plainest name stays first; T is mostly a temperature
-        told.sort(key=lambda n: (not _rises(read(n)), n == "T"))
-        told = [n for n in told if n != "T" or _rises(read(n))]
+        named.sort(key=lambda n: (not _rises(read(n)), n == "T"))
+        named = [n for n in named if n != "T" or _rises(read(n))]
     if read is not None and not by_steps:
-        told = [n for n in told if _rises(read(n))]  # of no use, and the sample time is known
-    sender = None if read is None or not told else _of_sender(told, read)
+        named = [n for n in named if _rises(read(n))]  # of no use, and the sample time is known
+    sender = None if read is None or not named else _of_sender(named, read)
     if sender is not None:
         return sender
-    if told:
-        return _with_fraction(told, read) or TimeColumn(told[0])
+    if named:
+        return _with_fraction(named, read) or TimeColumn(named[0])
     counters = [n for n in free if is_counter(n) and tells_time(read, n)]
     if read is None:
         counters = [n for n in counters if n in COUNTERS[:5]]
@@ -217,12 +217,12 @@ def _first(names: Sequence[str], counters: Sequence[str]) -> str | None:
     return next((n for n in names if n not in counters), None)
 
 
-def _with_fraction(told: Sequence[str], read: Read | None) -> TimeColumn | None:
+def _with_fraction(named: Sequence[str], read: Read | None) -> TimeColumn | None:
     """Whole seconds and nanoseconds in two columns, as ROS writes its stamps."""
-    if read is None or _strictly(read(told[0])):
+    if read is None or _strictly(read(named[0])):
         return None
-    seconds = [n for n in told if words(n)[-1:] in (("sec",), ("secs",))]
-    fractions = [n for n in told if words(n)[-1:] in (("nsec",), ("nsecs",), ("nanosec",))]
+    seconds = [n for n in named if words(n)[-1:] in (("sec",), ("secs",))]
+    fractions = [n for n in named if words(n)[-1:] in (("nsec",), ("nsecs",), ("nanosec",))]
     for whole in seconds:
         for fine in fractions:
             if words(whole)[:-1] == words(fine)[:-1]:
@@ -230,23 +230,23 @@ def _with_fraction(told: Sequence[str], read: Read | None) -> TimeColumn | None:
     return None
 
 
-def _of_sender(told: Sequence[str], read: Read) -> TimeColumn | None:
+def _of_sender(named: Sequence[str], read: Read) -> TimeColumn | None:
     """The stamp in a message's header where the plainest time is when the recorder received it.
 
     It is the moment of the reading, without the jitter of the way; taken where it is complete and
     rises in every row.
     """
-    if {"header", "stamp"} <= set(words(told[0])):
+    if {"header", "stamp"} <= set(words(named[0])):
         return None
-    for name in (n for n in told if {"header", "stamp"} <= set(words(n))):
-        rest = [n for n in told if words(n)[:-1] == words(name)[:-1] and n != name]
+    for name in (n for n in named if {"header", "stamp"} <= set(words(n))):
+        rest = [n for n in named if words(n)[:-1] == words(name)[:-1] and n != name]
         fine = next((n for n in rest if words(n)[-1] in ("nsec", "nsecs", "nanosec")), None)
         column, more = read(name), None if fine is None else read(fine)
         if column is not None and more is not None and words(name)[-1] in ("sec", "secs"):
             if _strictly((column - column[0]) + 1e-9 * more):
-                return TimeColumn(name, fine, over=told[0])
+                return TimeColumn(name, fine, over=named[0])
         elif _strictly(column):
-            return TimeColumn(name, over=told[0])
+            return TimeColumn(name, over=named[0])
     return None
 
 

@@ -22,12 +22,12 @@ from sysid.discrepancy.gap import Gap
 from sysid.discrepancy.named_effects import NamedEffect, Value
 from sysid.discrepancy.policies import POSE, RULE, VERDICT
 from sysid.discrepancy.pose.evidence import (
-    PoseLeft,
+    PoseResiduals,
     apart,
     evidence_of,
     held_pairs,
     pose_gap,
-    pose_left,
+    pose_residuals,
 )
 from sysid.discrepancy.pose.fit import (
     BOTH_RADII,
@@ -82,7 +82,7 @@ class PoseDiagnosis:
             share of the error of the increments that it takes away.
         gap: held-out increments x, y (forward, lateral [m]) and psi [rad] before and after, over
             the windows that the effects move.
-        left: what the increments are still off by.
+        residuals: what the increments are still off by.
         detectable: per effect the smallest change of its number that these logs would have shown;
             None where they cannot.
         windows: windows (estimation, held-out); they overlap fourfold.
@@ -97,7 +97,7 @@ class PoseDiagnosis:
     gap: Gap
     detectable: dict[str, float | None]
     windows: tuple[int, int]
-    left: PoseLeft
+    residuals: PoseResiduals
     warnings: tuple[str, ...] = field(default=())
     geometry: GeometryEstimate | None = None
 
@@ -297,7 +297,7 @@ def _pose_diagnosis(
             sum(len(e) for e in base.errors.estimation),
             sum(len(e) for e in base.errors.held),
         ),
-        left=pose_left(search, final),
+        residuals=pose_residuals(search, final),
         warnings=_warnings(search, final, steps),
         geometry=_beside(estimate, final) if estimate is not None and steps else estimate,
     )

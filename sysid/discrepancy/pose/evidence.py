@@ -149,7 +149,7 @@ def pose_gap(pairs: Sequence[tuple[Array, Array]], floor: Array, seed: int = 0) 
 
 
 @dataclass(frozen=True)
-class PoseLeft:
+class PoseResiduals:
     """What increments of the pose are off by with the model after.
 
     Attributes:
@@ -183,21 +183,21 @@ class PoseLeft:
         )
 
 
-def pose_left(search: PoseSearch, final: Fitted) -> PoseLeft:
+def pose_residuals(search: PoseSearch, final: Fitted) -> PoseResiduals:
     """Regress what is left on way, turn and heading: fitted on one part, judged on the other."""
     held = np.concatenate(final.errors.held)
     size = np.sqrt(np.mean(held**2, axis=0))
     at = np.flatnonzero(size > POSE.loud)
     loud = {CHANNELS[i]: float(size[i]) for i in at}
     if not len(at):
-        return PoseLeft({}, 0.0)
+        return PoseResiduals({}, 0.0)
     X, Z = (_known(problem) for problem in (search.estimation, search.held))
     scale = np.maximum(np.sqrt(np.mean(X**2, axis=0)), 1e-12)
     X, Z, Y = X / scale, Z / scale, np.concatenate(final.errors.estimation)
     gram = X.T @ X + 1e-2 * len(X) * np.eye(X.shape[1])
     rest = held - Z @ np.linalg.solve(gram, X.T @ Y)
     old, new = np.sum(held[:, at] ** 2, axis=0), np.sum(rest[:, at] ** 2, axis=0)
-    return PoseLeft(loud, float(np.clip(np.max(1.0 - new / old), 0.0, 1.0)))
+    return PoseResiduals(loud, float(np.clip(np.max(1.0 - new / old), 0.0, 1.0)))
 
 
 def _known(problem: PoseProblem) -> Array:

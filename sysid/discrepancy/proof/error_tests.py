@@ -64,15 +64,15 @@ def level_chance(e: Sequence[Array], own: Sequence[Array]) -> float:
     if float(constant @ constant) < 1e-3 * len(y):
         return 1.0
     level = float(constant @ y) / float(constant @ constant)
-    left = y - basis @ (basis.T @ y)
-    parts = np.array_split(left, LEVEL_PARTS)
+    residual = y - basis @ (basis.T @ y)
+    parts = np.array_split(residual, LEVEL_PARTS)
     flat = np.array_split(constant, LEVEL_PARTS)
     means = np.array(
         [float(c @ p) / max(float(c @ c), 1e-12) for c, p in zip(flat, parts, strict=True)]
     )
     if np.any(np.abs(means - level) > LEVEL_SPREAD * abs(level)):
         return 1.0
-    rest = left - level * constant
+    rest = residual - level * constant
     noise = ar_fit(np.split(rest, ends), ORDER)
     t = level**2 * float(constant @ constant) / max(noise.long_run_variance, 1e-300)
     return float(fdtrc(1, max(len(y) // 50, 5), t))

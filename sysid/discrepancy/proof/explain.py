@@ -134,8 +134,8 @@ def _chosen(X: Array, y: Array) -> tuple[float, float]:
         order = _forward(X[train], y[train], MOST_TERMS)
         for k, threshold in enumerate(THRESHOLDS):
             beta = _thresholded(X[train][:, order], y[train], threshold)
-            left = y[rows] - X[rows][:, order] @ beta
-            gains[k, j] = float(y[rows] @ y[rows] - left @ left)
+            residual = y[rows] - X[rows][:, order] @ beta
+            gains[k, j] = float(y[rows] @ y[rows] - residual @ residual)
     total = gains.sum(axis=1)
     best = int(np.argmax(total))
     if total[best] <= 0.0:
@@ -159,18 +159,20 @@ def _thresholded(X: Array, y: Array, threshold: float) -> Array:
 
 def _forward(X: Array, y: Array, count: int) -> list[int]:
     """Terms in the order in which each explains most of what the earlier ones left."""
-    left, rest = y.copy(), X.copy()
+    residual, rest = y.copy(), X.copy()
     order: list[int] = []
     power = np.sum(X**2, axis=0)
     for _ in range(min(count, X.shape[1])):
         size = np.sum(rest**2, axis=0)
-        gain = np.where(size > 1e-4 * power, (rest.T @ left) ** 2 / np.maximum(size, 1e-300), -1.0)
+        gain = np.where(
+            size > 1e-4 * power, (rest.T @ residual) ** 2 / np.maximum(size, 1e-300), -1.0
+        )
         gain[order] = -1.0
         k = int(np.argmax(gain))
         if gain[k] <= 0.0:
             break
         order.append(k)
         unit = rest[:, k] / np.sqrt(size[k])
-        left = left - unit * float(unit @ left)
+        residual = residual - unit * float(unit @ residual)
         rest = rest - np.outer(unit, unit @ rest)
     return order

@@ -159,8 +159,8 @@ def not_this_mission(record: Record, mission: Mission, channels: tuple[int, int]
     apart = max(float(np.hypot(*(goal - start))), mission.tolerance)
     off = float(np.hypot(*(place[0] - start)))
     begin, wheels = _start(record, mission), mission.vehicle.geometry
-    believed = _path(record.y, record.dt, Ground(), wheels, begin, channels)[:, :2]
-    to_goal = min(float(np.min(np.hypot(*(way - goal).T))) for way in (place, believed))
+    rolled = _path(record.y, record.dt, Ground(), wheels, begin, channels)[:, :2]
+    to_goal = min(float(np.min(np.hypot(*(way - goal).T))) for way in (place, rolled))
     strayed = float(np.max(np.minimum(*(np.hypot(*(place - p).T) for p in (start, goal)))))
     found = []
     if off > max(ELSEWHERE * apart, LEAST_ELSEWHERE):

@@ -67,7 +67,7 @@ class ResidualVerdict:
 
 
 @dataclass(frozen=True)
-class OutputLeft:
+class OutputStructure:
     """What is left on one output.
 
     Attributes:
@@ -97,14 +97,14 @@ class ResidualStructure:
 
     p_value: float
     share: float
-    outputs: tuple[OutputLeft, ...]
+    outputs: tuple[OutputStructure, ...]
 
     def verdict(self, model: str) -> ResidualVerdict:
         """As the noun of a diagnosis, for the model ``before`` or ``after``."""
         return ResidualVerdict(model, self.p_value, self.share)
 
 
-def structure_left(
+def error_structure(
     records: Sequence[Record],
     errors: Sequence[Array],
     simulated: Sequence[Array],
@@ -164,7 +164,7 @@ def structure_left(
         above = float(rest @ rest) - total * float(floor[i]) ** 2
         gain = _predicted(e, own, columns) if p < PROVEN else 0.0
         share = float(np.clip(gain / above, 0.0, 1.0)) if above > 0.0 else 0.0
-        found.append(OutputLeft(name, p, share, strongest))
+        found.append(OutputStructure(name, p, share, strongest))
         unit = max(float(np.mean(np.concatenate(e) ** 2)), 1e-300)
         power += max(above, 0.0) / unit
         predicted += share * max(above, 0.0) / unit

@@ -152,14 +152,14 @@ class CandidateSearch:
         rows = [[k for k, e in enumerate(owners) if e.id == t.id] for t in tried]
         starts = [self._joined(q[r], cost[r], t) for r, t in zip(rows, tried, strict=True)]
         q, cost = self._search(node, np.array(starts), tried, BUDGET.more_steps)
-        worth = [k for k in range(len(tried)) if np.any(cost[k] < BUDGET.promising * now)]
-        order = sorted(worth, key=lambda k: float(np.sum(np.log(cost[k] + 1e-300))))
+        promising = [k for k in range(len(tried)) if np.any(cost[k] < BUDGET.promising * now)]
+        order = sorted(promising, key=lambda k: float(np.sum(np.log(cost[k] + 1e-300))))
         if not order:
             return []
         kept, at = order[:most], {t.id: k for k, t in enumerate(tried)}
         alike = [at[t] for k in kept[:2] for t in about(tried[k].id).ties if t in at]
         if not node.effects:
-            alike += [k for k in worth if tried[k].id in self.stepwise]
+            alike += [k for k in promising if tried[k].id in self.stepwise]
         kept += [k for k in dict.fromkeys(alike) if k not in kept]
         chosen = [tried[k] for k in kept]
         far = range(BUDGET.leading if node.effects else len(kept))

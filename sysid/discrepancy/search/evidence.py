@@ -149,8 +149,8 @@ def alike(best: Errors, other: Errors) -> bool:
     """Whether two models run alike: they differ by little against what the better one leaves."""
     a = np.concatenate([*best.estimation, *best.held])
     b = np.concatenate([*other.estimation, *other.held])
-    left = np.sqrt(np.nanmean(a**2, axis=0)) + 1e-300
-    return bool(np.all(np.sqrt(np.nanmean((a - b) ** 2, axis=0)) < RULE.alike * left))
+    size = np.sqrt(np.nanmean(a**2, axis=0)) + 1e-300
+    return bool(np.all(np.sqrt(np.nanmean((a - b) ** 2, axis=0)) < RULE.alike * size))
 
 
 def _by_ranks(gains: Array) -> float:

@@ -154,13 +154,13 @@ class _Walk:
         rows = [self.node.q.copy() for _ in self.lanes]
         ends = [{k: self._beginning(k, side) for k in group} for group, side in self.lanes]
         for _ in range(TRIALS):
-            asked = [
+            open_ends = [
                 {k: end for k, end in mine.items() if end.distance is not None} for mine in ends
             ]
-            if not any(asked):
+            if not any(open_ends):
                 break
-            for i, told in self._tried(asked, rows).items():
-                ends[i] |= told
+            for i, known in self._tried(open_ends, rows).items():
+                ends[i] |= known
         found = {k: Interval(None, None, visited=False) for k in self.unseen}
         both: dict[int, dict[float, float | None]] = {k: {} for k in self.moves}
         for (_, side), mine in zip(self.lanes, ends, strict=True):
@@ -182,20 +182,20 @@ class _Walk:
         return Interval(low, high)
 
     def _tried(
-        self, asked: Sequence[Mapping[int, End]], rows: list[Array]
+        self, open_ends: Sequence[Mapping[int, End]], rows: list[Array]
     ) -> dict[int, dict[int, End]]:
         """Hold numbers where ends are asked for, fit the others; what the ends then know, by lane.
 
         Args:
-            asked: ends of each lane.
+            open_ends: ends of each lane.
             rows: the outermost fit of each lane within its interval; moved outwards.
         """
-        at = [i for i, mine in enumerate(asked) if mine]
+        at = [i for i, mine in enumerate(open_ends) if mine]
         held, free = [], []
         for i in at:
             group, side = self.lanes[i]
             row = rows[i].copy()
-            for k, end in asked[i].items():
+            for k, end in open_ends[i].items():
                 row[k] = self.node.q[k] + side * (end.distance or 0.0)
             held.append(row)
             free.append(tuple(k for k in self.node.free if k not in group))
@@ -205,12 +205,12 @@ class _Walk:
         ratio = self.samples * np.log((cost + 1e-300) / (self.cost + 1e-300))
         found: dict[int, dict[int, End]] = {i: {} for i in at}
         for i, row, change in zip(at, fitted, ratio, strict=True):
-            for k, end in asked[i].items():
+            for k, end in open_ends[i].items():
                 track = self.model.slots[k].track
                 whole = self.joined or track < 0
                 rise = float(np.sum(change)) if whole else float(change[track])
                 self._remember(row, change, None if whole else track)
-                found[i][k] = end.told(rise)
+                found[i][k] = end.with_rise(rise)
                 if rise <= end.level:
                     mine = [j for j, s in enumerate(self.model.slots) if whole or s.track == track]
                     rows[i][mine] = row[mine]

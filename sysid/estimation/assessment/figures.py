@@ -115,7 +115,7 @@ def figures(
     Raises:
         UsageError: ``skip`` leaves nothing of any record.
     """
-    require_left(records, skip)
+    require_samples(records, skip)
     if not model.inputs and horizon is None:
         horizon = 1
     records = judged(model, records)
@@ -140,7 +140,7 @@ def figures(
     )
 
 
-def require_left(records: Sequence[Record], skip: int) -> None:
+def require_samples(records: Sequence[Record], skip: int) -> None:
     """Refuse to skip every sample there is.
 
     Raises:

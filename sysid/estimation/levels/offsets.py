@@ -66,8 +66,8 @@ class Offsets:
         nu, ny = structure.nu, structure.ny
         if structure.physical:
             return Offsets.none(nu, ny)
-        asked = self.origin in (Origin.MEANS, Origin.LINES)
-        if structure.linear or asked or self.origin is Origin.ZERO:
+        chosen = self.origin in (Origin.MEANS, Origin.LINES)
+        if structure.linear or chosen or self.origin is Origin.ZERO:
             return self
         if structure.counts_from_zero and structure.lacks_constant:
             return Offsets.none(nu, ny, structure.lacks_constant)

@@ -98,13 +98,13 @@ def held_tests(
     """
     entries = held_entries(model)
     own = model.structure.parameters(model.inputs, model.outputs)
-    asked = np.array([k for k in entries if own[k].fixed is None], dtype=int)
-    if not len(asked):
+    estimated = np.array([k for k in entries if own[k].fixed is None], dtype=int)
+    if not len(estimated):
         return ()
     held = [
         Held(p.name, float(model.theta[k]), p.lower, p.upper, p.fixed is None)
         for k, p in enumerate(model.parameters)
-        if k in asked
+        if k in estimated
     ]
     n, ny = len(model.theta), len(model.outputs)
     whole = []
@@ -117,7 +117,7 @@ def held_tests(
     return held_parameter_tests(
         errors,
         [w[:, :, kept] for w in whole],
-        [w[:, :, asked] for w in whole],
+        [w[:, :, estimated] for w in whole],
         held,
         noise_model=model.structure.has_noise_model,
         level=level,

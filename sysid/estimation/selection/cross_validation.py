@@ -109,7 +109,7 @@ def options_of(model: Model) -> FitOptions:
 
     Bounds are those of its parameters that differ from its structure's own.
     """
-    told = model.provenance.options
+    recorded = model.provenance.options
     own = model.structure.parameters(model.inputs, model.outputs)
     usual = {p.name: (p.lower, p.upper, p.fixed) for p in own}
     fixed, bounds = {}, {}
@@ -120,10 +120,10 @@ def options_of(model: Model) -> FitOptions:
         elif (p.lower, p.upper) != (lower, upper):
             bounds[p.name] = (p.lower, p.upper)
     return FitOptions(
-        focus=Focus(told.get("focus", Focus.PREDICTION.value)),
-        initial=Initial(told.get("initial", Initial.AUTO.value)),
-        robust=told.get("loss") == "huber",
-        stable=bool(told.get("stable", False)),
+        focus=Focus(recorded.get("focus", Focus.PREDICTION.value)),
+        initial=Initial(recorded.get("initial", Initial.AUTO.value)),
+        robust=recorded.get("loss") == "huber",
+        stable=bool(recorded.get("stable", False)),
         fixed=fixed,
         bounds=bounds,
     )

@@ -125,12 +125,12 @@ def in_order(
             if relative_gap(rule, value(score[id(e)][0]), least, samples, ny) <= margin
         ]
 
-    def worth(e: Entry) -> tuple[float, ...]:
+    def rank(e: Entry) -> tuple[float, ...]:
         # outliers rule the likelihood: a robust fit goes by size alone
         return (_size(e),) if by_error and options.robust else score[id(e)]
 
-    first = min(tied, key=worth)
-    lead = min(tied, key=lambda e: (not calm[id(e)], worth(e)))
+    first = min(tied, key=rank)
+    lead = min(tied, key=lambda e: (not calm[id(e)], rank(e)))
     rest = sorted(
         (e for e in entries if e is not lead), key=lambda e: (e not in sound, errors[id(e)])
     )

@@ -13,7 +13,7 @@ from sysid.structures.base import refuse_options
 from sysid.structures.blocks.chain import BlockChain
 from sysid.structures.blocks.layers import LinearLayer, StaticLayer
 from sysid.structures.blocks.static.functions import IDENTITY, Static
-from sysid.structures.blocks.static.options import Asked, option_names, read_asked
+from sysid.structures.blocks.static.options import RequestedStatics, option_names, requested_statics
 from sysid.structures.blocks.structure import BlockStructure, statics_from_json, statics_to_json
 from sysid.structures.orders import Orders, spread
 
@@ -35,7 +35,7 @@ class HammersteinWiener(BlockStructure):
     Attributes:
         orders: nb, nf, nk of the linear block.
         inputs, outputs: the statics.
-        asked: what the user left open, None in a fitted model. An open structure stands for all
+        requested: what the user left open, None in a fitted model. An open structure stands for all
             that the fit may choose from.
         choose_orders: whether the orders are open too.
     """
@@ -61,7 +61,7 @@ class HammersteinWiener(BlockStructure):
     orders: Orders
     inputs: tuple[Static, ...]
     outputs: tuple[Static, ...]
-    asked: tuple[Asked, Asked] | None = None
+    requested: tuple[RequestedStatics, RequestedStatics] | None = None
     choose_orders: bool = False
 
     def fitter(self) -> "Fitter":
@@ -92,17 +92,17 @@ class HammersteinWiener(BlockStructure):
             raise UsageError(
                 f"`structure_options['form']`: choose one of {', '.join(FORMS)}, not {form!r}"
             )
-        asked = [read_asked("input", given), read_asked("output", given)]
+        requested = [requested_statics("input", given), requested_statics("output", given)]
         closed = {"hammerstein": 1, "wiener": 0}.get(form)
-        if closed is not None and asked[closed].common is None:
-            asked[closed] = replace(asked[closed], common=IDENTITY)
+        if closed is not None and requested[closed].common is None:
+            requested[closed] = replace(requested[closed], common=IDENTITY)
         choose = not {"nb", "nf"} & set(raw)
         full = {"nb": 1, "nf": 1, **raw} if choose else raw
         return cls(
             spread(full, "bf", nu, ny, cls.name),
-            (asked[0].common or IDENTITY,) * nu,
-            (asked[1].common or IDENTITY,) * ny,
-            (asked[0], asked[1]),
+            (requested[0].common or IDENTITY,) * nu,
+            (requested[1].common or IDENTITY,) * ny,
+            (requested[0], requested[1]),
             choose,
         )
 
@@ -145,12 +145,12 @@ class HammersteinWiener(BlockStructure):
         Raises:
             UsageError: an option names a channel that does not exist.
         """
-        if self.asked is None:
+        if self.requested is None:
             return self
         return replace(
             self,
-            inputs=self.asked[0].of_channels(inputs, IDENTITY),
-            outputs=self.asked[1].of_channels(outputs, IDENTITY),
+            inputs=self.requested[0].of_channels(inputs, IDENTITY),
+            outputs=self.requested[1].of_channels(outputs, IDENTITY),
         )
 
     def with_chain(self, chain: BlockChain) -> "HammersteinWiener":
@@ -177,7 +177,7 @@ class HammersteinWiener(BlockStructure):
             plain,
             inputs=statics_from_json(raw["settings"]["input"]),
             outputs=statics_from_json(raw["settings"]["output"]),
-            asked=None,
+            requested=None,
             choose_orders=False,
         )
         if (len(found.inputs), len(found.outputs)) != (plain.nu, plain.ny):

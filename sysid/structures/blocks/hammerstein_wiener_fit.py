@@ -65,9 +65,9 @@ def fit(
 ) -> FitOutcome:
     """Choose what is open on held-out samples, then fit it to everything."""
     assert isinstance(structure, HammersteinWiener)
-    asked = structure.asked
+    requested = structure.requested
     plain = structure.resolved(records[0].inputs, records[0].outputs)
-    is_open = structure.choose_orders or (asked is not None and any(a.open for a in asked))
+    is_open = structure.choose_orders or (requested is not None and any(a.open for a in requested))
     if is_open:
         cut = hold_out(shortened(records, CHOICE_SAMPLES))
         data = ChainData.of(cut.whole, cut.counted)
@@ -77,7 +77,7 @@ def fit(
         data = ChainData.of(records)
         tried = list(at_orders(plain, records, data, plain.inputs, plain.outputs))
         best = min(tried, key=lambda c: c.found.cost)
-    chosen = replace(best.structure, asked=None, choose_orders=False)
+    chosen = replace(best.structure, requested=None, choose_orders=False)
     starts = [(best.label, best.found.theta)]
     starts += [(name, theta) for name, theta in warm if len(theta) == chosen.chain.n]
     reports = tuple(
@@ -141,7 +141,7 @@ class Chooser:
             orders=orders,
             inputs=(IDENTITY,) * self.structure.nu,
             outputs=(IDENTITY,) * self.structure.ny,
-            asked=None,
+            requested=None,
             choose_orders=False,
         )
         return linear_fit(plain, self.records, self.data)
@@ -162,8 +162,8 @@ class Chooser:
         return self.data.samples >= 10 * (per_output + 16)
 
     def _open(self, side: int) -> bool:
-        asked = self.structure.asked
-        return asked is not None and asked[side].open
+        requested = self.structure.requested
+        return requested is not None and requested[side].open
 
     def _pairs(
         self, inside: str, outside: str
@@ -175,11 +175,11 @@ class Chooser:
 
     def _filled(self, f: str, g: str) -> tuple[tuple[Static, ...], tuple[Static, ...]]:
         """Statics of all channels: what was asked, else these kinds."""
-        asked = self.structure.asked
-        assert asked is not None
+        requested = self.structure.requested
+        assert requested is not None
         return (
-            asked[0].of_channels(self.records[0].inputs, parse_static(f)),
-            asked[1].of_channels(self.records[0].outputs, parse_static(g)),
+            requested[0].of_channels(self.records[0].inputs, parse_static(f)),
+            requested[1].of_channels(self.records[0].outputs, parse_static(g)),
         )
 
     def _kinds(self, best: Candidate) -> Iterator[tuple[tuple[Static, ...], tuple[Static, ...]]]:
@@ -194,7 +194,7 @@ class Chooser:
             yield self._filled("polynomial:3", "polynomial:3")
 
     def _signless(self, orders: Orders) -> Iterator[Candidate]:
-        plain = replace(self.structure, orders=orders, asked=None, choose_orders=False)
+        plain = replace(self.structure, orders=orders, requested=None, choose_orders=False)
         inputs, _ = self._filled("identity", "identity")
         if not all(s.is_identity for s in inputs):
             return

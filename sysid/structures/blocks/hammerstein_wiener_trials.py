@@ -72,7 +72,7 @@ def linear_fit(
         structure,
         inputs=(IDENTITY,) * structure.nu,
         outputs=(IDENTITY,) * structure.ny,
-        asked=None,
+        requested=None,
         choose_orders=False,
     )
     names = [p.name for p in plain.parameters(records[0].inputs, records[0].outputs)]
@@ -172,7 +172,7 @@ def signless(
         structure,
         inputs=(IDENTITY,) * structure.nu,
         outputs=first,
-        asked=None,
+        requested=None,
         choose_orders=False,
     )
     names = [p.name for p in base.parameters(records[0].inputs, records[0].outputs)]

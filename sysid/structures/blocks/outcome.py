@@ -252,7 +252,7 @@ class _Last:
         counted = self.options.initial is not Initial.BACKCAST
         which = np.flatnonzero(np.concatenate([self.free, np.full(states, counted)]))
         problem = self.moving if states else self.rest
-        worth = uncertainty(
+        spread = uncertainty(
             best.jacobian[:, which],
             best.residual,
             tuple(zip(problem.channels, problem.lengths, strict=True)),
@@ -261,9 +261,9 @@ class _Last:
         covariance = np.zeros((n, n))
         inside = which < n
         entries = which[inside]
-        covariance[np.ix_(entries, entries)] = worth.covariance[np.ix_(inside, inside)]
-        null = np.zeros((n, worth.null.shape[1]))
-        null[entries] = worth.null[inside]
+        covariance[np.ix_(entries, entries)] = spread.covariance[np.ix_(inside, inside)]
+        null = np.zeros((n, spread.null.shape[1]))
+        null[entries] = spread.null[inside]
         size = np.linalg.norm(null, axis=0)
         null = null[:, size > 1e-3] / size[size > 1e-3]
         return FitOutcome(

@@ -126,9 +126,9 @@ def recovered(
         theta = np.linalg.lstsq(sum(grams), sum(rights), rcond=1e-10)[0]
         new = []
         for s, phi in zip(signs, regressors, strict=True):
-            told = s.copy()
-            told[first:] = np.where(theta @ phi >= 0.0, 1.0, -1.0)
-            new.append(told)
+            flipped = s.copy()
+            flipped[first:] = np.where(theta @ phi >= 0.0, 1.0, -1.0)
+            new.append(flipped)
         if all(np.array_equal(a, b) for a, b in zip(new, signs, strict=True)):
             break
         signs = new

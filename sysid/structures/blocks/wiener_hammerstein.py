@@ -13,7 +13,7 @@ from sysid.structures.base import refuse_options
 from sysid.structures.blocks.chain import BlockChain
 from sysid.structures.blocks.layers import LinearLayer, StaticLayer
 from sysid.structures.blocks.static.functions import IDENTITY, Static
-from sysid.structures.blocks.static.options import Asked, option_names, read_asked
+from sysid.structures.blocks.static.options import RequestedStatics, option_names, requested_statics
 from sysid.structures.blocks.structure import BlockStructure, statics_from_json, statics_to_json
 from sysid.structures.orders import ORDER_WORDS, Matrix, Orders, spread
 
@@ -34,7 +34,7 @@ class WienerHammerstein(BlockStructure):
         first: nb1, nf1, nk1 of the first block, one an input.
         orders: nb, nf, nk of the second.
         statics: one an input.
-        asked: what the user left open, None in a fitted model.
+        requested: what the user left open, None in a fitted model.
         choose_orders: whether the orders are open too.
     """
 
@@ -63,7 +63,7 @@ class WienerHammerstein(BlockStructure):
     first: Orders
     orders: Orders
     statics: tuple[Static, ...]
-    asked: Asked | None = None
+    requested: RequestedStatics | None = None
     choose_orders: bool = False
 
     def fitter(self) -> "Fitter":
@@ -91,7 +91,7 @@ class WienerHammerstein(BlockStructure):
             UsageError: an order, option or static cannot be read.
         """
         refuse_options(cls.name, option_names(options), tuple(cls.options))
-        asked = read_asked("static", options or {})
+        requested = requested_statics("static", options or {})
         known = {*cls.order_names}
         for name in raw:
             if name not in known:
@@ -122,8 +122,8 @@ class WienerHammerstein(BlockStructure):
         return cls(
             first,
             spread(second, "bf", nu, ny, cls.name),
-            (asked.common or IDENTITY,) * nu,
-            asked,
+            (requested.common or IDENTITY,) * nu,
+            requested,
             choose,
         )
 
@@ -165,9 +165,9 @@ class WienerHammerstein(BlockStructure):
         Raises:
             UsageError: an option names a channel that does not exist.
         """
-        if self.asked is None:
+        if self.requested is None:
             return self
-        return replace(self, statics=self.asked.of_channels(inputs, IDENTITY))
+        return replace(self, statics=self.requested.of_channels(inputs, IDENTITY))
 
     def with_chain(self, chain: BlockChain) -> "WienerHammerstein":
         """This structure with the statics of another chain."""
@@ -196,7 +196,7 @@ class WienerHammerstein(BlockStructure):
         statics = statics_from_json(raw["settings"]["static"])
         if len(statics) != plain.nu:
             raise ValueError("its statics do not fit its channels")
-        return replace(plain, statics=statics, asked=None, choose_orders=False)
+        return replace(plain, statics=statics, requested=None, choose_orders=False)
 
 
 def _diagonal(values: Sequence[int]) -> Matrix:

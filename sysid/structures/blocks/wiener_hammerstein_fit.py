@@ -71,8 +71,8 @@ def fit(
 ) -> FitOutcome:
     """Rank the ways of dealing the poles out, fit the best ones, grow the winner."""
     assert isinstance(structure, WienerHammerstein)
-    plain = replace(structure.resolved(records[0].inputs), asked=None, choose_orders=False)
-    open_static = structure.asked is None or structure.asked.open
+    plain = replace(structure.resolved(records[0].inputs), requested=None, choose_orders=False)
+    open_static = structure.requested is None or structure.requested.open
     short, middle, settled = (_held_out(records, n) for n in (SHORT, MIDDLE, LONG))
     tried: list[Candidate] = []
     for orders in _orders(structure, sum(len(r) for r in records)):
@@ -90,7 +90,7 @@ def fit(
     if open_static:
         best, more = _grown(best, settled)
     else:
-        best = _as_asked(best, plain.statics, settled)
+        best = _as_requested(best, plain.statics, settled)
         more = [best]
     if structure.choose_orders:
         best, wider = _widened(best, records, settled)
@@ -120,7 +120,7 @@ def _held_out(records: Sequence[Record], samples: int) -> Part:
 
 def _orders(structure: WienerHammerstein, samples: int) -> Iterator[WienerHammerstein]:
     """The structures whose poles are dealt out: as given, or of several sizes."""
-    plain = replace(structure, asked=None, choose_orders=False)
+    plain = replace(structure, requested=None, choose_orders=False)
     if not structure.choose_orders:
         yield plain
         return
@@ -132,7 +132,7 @@ def _orders(structure: WienerHammerstein, samples: int) -> Iterator[WienerHammer
             if abs(first - second) <= UNEVEN and (total == TOTALS[0] or samples > BEARS * total):
                 orders = {"nb1": first + 1, "nf1": first, "nb": second + 1, "nf": second, "nk": nk}
                 sized = WienerHammerstein.from_orders(orders, structure.nu, structure.ny)
-                yield replace(sized, asked=None, choose_orders=False)
+                yield replace(sized, requested=None, choose_orders=False)
 
 
 def _best_of_each(
@@ -248,7 +248,7 @@ def _wider(
     raw = s.order_values()
     raw |= {name: _changed(raw[name], by) for name, by in more.items()}
     wide = WienerHammerstein.from_orders(raw, s.nu, s.ny)
-    wide = replace(wide, statics=s.statics, asked=None, choose_orders=False)
+    wide = replace(wide, statics=s.statics, requested=None, choose_orders=False)
     channels = records[0].inputs, records[0].outputs
     known = dict(
         zip([p.name for p in s.parameters(*channels)], best.found.theta.tolist(), strict=True)
@@ -265,7 +265,7 @@ def _changed(order: Any, by: int) -> Any:
     return order + by
 
 
-def _as_asked(best: Candidate, statics: Sequence[Static], part: Part) -> Candidate:
+def _as_requested(best: Candidate, statics: Sequence[Static], part: Part) -> Candidate:
     """The statics the user asked for, by way of a finer spline."""
     finer = [s if s.is_identity else parse_static(FINE) for s in statics]
     return _with_static(_with_static(best, finer, part), statics, part)

@@ -77,7 +77,7 @@ def by_multi_start(
     given = {p.name: p for p in parameters}
     names = [p.name for p in bare]
     # the user's word counts; elsewhere constants are held where the structure holds them
-    asked = [given[n].fixed is not None or n in options.bounds for n in names]
+    constrained = [given[n].fixed is not None or n in options.bounds for n in names]
     table = tuple(
         replace(
             given[n],
@@ -85,7 +85,7 @@ def by_multi_start(
             fixed=given[n].fixed if a else b.fixed,
             upper=given[n].upper if a else b.upper,
         )
-        for n, a, b in zip(names, asked, bare, strict=True)
+        for n, a, b in zip(names, constrained, bare, strict=True)
     )
     free = np.array([p.fixed is None for p in table])
     guesses = [(n, _admissible(t, table, free)) for n, t in structure.first_guess(records)]
@@ -93,7 +93,7 @@ def by_multi_start(
     if structure.substeps == 0:
         structure = replace(structure, substeps=_substeps(structure, [t for _, t in guesses]))
     coarse = replace(structure, substeps=-(-structure.substeps // COARSER))
-    setting = Setting(coarse, tuple(records), table, options, tuple(asked))
+    setting = Setting(coarse, tuple(records), table, options, tuple(constrained))
     held = hold_out(records) if structure.ladder() else None
     kept = None if held is None else [~m for m in held.counted]
     p, reports = started(setting, guesses, free, kept)
@@ -143,7 +143,7 @@ def _climbed(
     reports = [StartReport(output, f"base: held-out error {held:.4g}", None, None, 0)]
     climbed: list[tuple[Rung, list[int]]] = []
 
-    def told(rung: Rung, verdict: str, error: float, found: Solution) -> None:
+    def report(rung: Rung, verdict: str, error: float, found: Solution) -> None:
         words = f"{rung.words}: {verdict}, held-out error {error:.4g}"
         reports.append(StartReport(output, words, None, found.cost, found.evaluations))
 
@@ -165,7 +165,7 @@ def _climbed(
         pays = error < (1.0 - margin) * held
         known = _determined(s, best, wider, rung, kept)
         verdict = "not kept" if not pays else "kept" if known else "not determined"
-        told(rung, verdict, error, best)
+        report(rung, verdict, error, best)
         pays = pays and known
         if pays:
             p, free, held, cost = best.p, wider, error, best.cost
@@ -178,7 +178,7 @@ def _climbed(
         found = s.descend(without, narrower, kept, RUNG_EVALUATIONS)
         error = _held_error(s, found.p, counted)
         if error < (1.0 + margin) * held and found.cost < (1.0 + 2.0 * margin) * cost:
-            told(rung, "taken away again", error, found)
+            report(rung, "taken away again", error, found)
             p, free, held, cost = found.p, narrower, error, found.cost
     return p, free, reports
 
@@ -216,11 +216,11 @@ def _held_error(s: Setting, p: Array, counted: Masks) -> float:
     return size if size < 1e6 else float("inf")
 
 
-# --------------------------------------------------------------------- worth
+# ---------------------------------------------------------------- uncertainty
 
 
-def _worth(s: Setting, found: Solution, free: Mask) -> tuple[Uncertainty, Index]:
-    """What the free entries and the states that anything depends on are worth; which these are."""
+def _covariance(s: Setting, found: Solution, free: Mask) -> tuple[Uncertainty, Index]:
+    """Covariance and null space of the free entries and the states that matter; which these are."""
     problem, n = s.problem(None), len(free)
     # a state nothing depends on (a track that stands) is no unknown
     states = np.linalg.norm(found.jacobian[:, n:], axis=0) > 0.0
@@ -248,7 +248,7 @@ def _profiled(
     for _ in range(REPEATS if entries else 0):
         if found.termination is Termination.DIVERGED:
             break
-        value, which = _worth(s, found, free)
+        value, which = _covariance(s, found, free)
         scaled = value.plain / np.diag(value.covariance)
         errors, better = {}, None
         for k in entries:
@@ -297,7 +297,7 @@ def _outcome(
     n = len(free)
     if found.termination is Termination.DIVERGED:
         raise ModelError(f"{s.structure.name}: {Termination.DIVERGED.value}")
-    value, which = _worth(s, found, free)
+    value, which = _covariance(s, found, free)
     covariance = np.zeros((n, n))
     inside = which < n
     entries = which[inside]

@@ -32,8 +32,8 @@ def choice(given: Given, name: str, known: Sequence[str]) -> str:
     """An option that is one of some words, the first unless given; UsageError for another."""
     text = given.get(name, known[0]).strip()
     if text not in known:
-        asked = argument(structure_options={name: text})
-        raise UsageError(f"{asked}: choose one of {', '.join(known)}")
+        option = argument(structure_options={name: text})
+        raise UsageError(f"{option}: choose one of {', '.join(known)}")
     return text
 
 
@@ -45,8 +45,8 @@ def margin(given: Given) -> float:
     except ValueError:
         value = -1.0
     if not 0.0 <= value <= 10.0:
-        asked = argument(structure_options={"margin": text})
-        raise UsageError(f"{asked}: give a share from 0 to 10, such as {MARGIN}")
+        option = argument(structure_options={"margin": text})
+        raise UsageError(f"{option}: give a share from 0 to 10, such as {MARGIN}")
     return value
 
 

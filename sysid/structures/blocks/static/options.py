@@ -11,7 +11,7 @@ AUTO = "auto"
 
 
 @dataclass(frozen=True)
-class Asked:
+class RequestedStatics:
     """What a user asked of the statics at one place.
 
     Attributes:
@@ -46,7 +46,7 @@ class Asked:
         return tuple(given.get(n, self.common) or default for n in names)
 
 
-def read_asked(place: str, options: Mapping[str, str]) -> Asked:
+def requested_statics(place: str, options: Mapping[str, str]) -> RequestedStatics:
     """What ``options`` ask of the statics at one place.
 
     Raises:
@@ -62,7 +62,7 @@ def read_asked(place: str, options: Mapping[str, str]) -> Asked:
             named.append((channel.removesuffix("]"), static))
         else:
             common = static
-    return Asked(place, common, tuple(named))
+    return RequestedStatics(place, common, tuple(named))
 
 
 def option_names(options: Mapping[str, str] | None) -> dict[str, str]:
