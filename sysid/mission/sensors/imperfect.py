@@ -93,7 +93,7 @@ class ImperfectSensor(Settings):
     def __pydantic_init_subclass__(cls, **_: Any) -> None:
         """Refuse a kind that does not say what it measures, where it is defined."""
         if not cls.measured or cls.measure is ImperfectSensor.measure:
-            raise TypeError(f"the sensor {cls.__name__} needs names in `measured`, and `measure`")
+            raise TypeError(f"the sensor {cls.__name__} needs `.measured` and `.measure()`")
 
     @field_validator(
         "noise", "bias", "bias_std", "bias_walk", "saturation", "resolution", mode="before"
