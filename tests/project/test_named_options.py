@@ -35,13 +35,13 @@ EVERYWHERE = {"--debug", "--workspace", "--version", "--help"}
 SHOWN_BY = {
     "cli/reading.py": ("inspect", "fit", "diagnose"),  # those that compose all of it
     "cli/mission_options.py": ("diagnose",),
-    "cli/missions/control_option.py": ("simulate",),
+    "cli/missions": ("simulate",),
     "cli/fit_options.py": ("fit",),
     "cli/targets.py": ("fit", "compare", "simulate", "plan"),
     "cli/structures.py": ("fit",),
     "cli/diagnose_report.py": ("compare",),
 }
-"""Module of the command line → the commands whose messages it writes."""
+"""Module or folder of the command line → the commands whose messages it writes."""
 
 WITH_COMMAND = re.compile(r"sysid (\w+)(?:(?!sysid)[^`\n])*?(--[a-z][a-z-]+)")
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
@@ -78,7 +78,8 @@ def named_options() -> list[tuple[str, str, str]]:
     found = []
     for path in sorted((ROOT / "cli").rglob("*.py")):
         module = path.relative_to(ROOT).as_posix()
-        shown = SHOWN_BY.get(module, (path.stem,) if path.stem in OPTIONS else None)
+        own = (path.stem,) if path.stem in OPTIONS else SHOWN_BY.get(str(Path(module).parent))
+        shown = SHOWN_BY.get(module, own)
         for line, text in messages(path):
             if module == "cli/reading.py" and OPTION.fullmatch(text):
                 continue  # declared there, for the commands that compose it
