@@ -1,6 +1,8 @@
 """What each kind of sensor measures, and that its figures are those of its errors."""
 
 import math
+import re
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -155,3 +157,22 @@ def test_a_batch_reads_what_single_runs_read(kind: str) -> None:
     wanted = np.stack([[run[name] for name in several.names] for run in single]).transpose(0, 2, 1)
     assert np.isnan(wanted).any()
     np.testing.assert_allclose(batch, wanted, rtol=0, atol=1e-12 * np.nanmax(np.abs(wanted)))
+
+
+# Defaults -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", kinds("sensors"))
+def test_the_page_has_the_defaults(kind: str) -> None:
+    page = (Path(__file__).parents[3] / "docs" / "sensors.md").read_text(encoding="utf-8")
+    (row,) = re.findall(rf"^\| `{kind}` \|[^|]*\|(.*)\|$", page, re.MULTILINE)
+    default = law_class("sensors", kind)()
+    names = ("rate", "noise", "bias_std", "bias_walk", "saturation", "resolution")
+    for name, cell in zip(names, row.split("|"), strict=True):
+        value = getattr(default, name)
+        if cell.strip() == "none":
+            assert value is None
+            continue
+        written = [float(number) for number in cell.split(",")]
+        # The page rounds to three digits.
+        assert written == pytest.approx(list(np.atleast_1d(value)), rel=5e-3), name
