@@ -19,8 +19,11 @@ What `sysid diagnose` can name and add. Each track obeys τ ω̇ = T − ω with
 command in units of full drive, so that torques count in units of the speed they hold. An effect
 changes one place of that chain and does nothing at its null value. Units: `drive` is a share of
 full drive, `speed` the unit of the output, `1` a pure number. *Ties*: effects that many logs
-cannot tell from it.
+cannot tell from it. *Undone*: a mission can make up for it (`control.compensate`, see
+[control.md](control.md#making-up-for-identified-effects)).
 """
+
+HEADER = ["effect", "equation", "parameters", "what it is, what it looks like", "ties", "undone"]
 
 STAGES = {
     "actuator": "between command and torque",
@@ -48,8 +51,7 @@ def page() -> str:
     for stage, where in STAGES.items():
         mine = [e for e in effects if e.stage == stage]
         parts.append(f"## {stage.capitalize()}: {where}\n")
-        header = ["effect", "equation", "parameters", "what it is, what it looks like", "ties"]
-        parts.append(table(header, [_row(e) for e in mine]))
+        parts.append(table(HEADER, [_row(e) for e in mine]))
         parts.append("To show it:\n")
         parts.append("\n".join(f"- `{e.id}`: {e.experiment}" for e in mine) + "\n")
     return "\n".join([*parts, SAMPLES, OWN])
@@ -58,7 +60,15 @@ def page() -> str:
 def _row(e: Effect) -> list[str]:
     numbers = ", ".join(f"`{p.name}` [{p.unit or '1'}]" for p in e.parameters)
     ties = ", ".join(f"`{id}`" for id in e.ties)
-    return [f"`{e.id}`", e.equation, numbers, f"{e.sentence} {e.looks_like}", ties]
+    undone = "yes" if e.inverse else ""
+    return [
+        f"`{e.id}`",
+        e.equation,
+        numbers,
+        f"{e.sentence} {e.looks_like}",
+        ties,
+        undone,
+    ]
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from sysid.effects import inverses
 from sysid.effects.base import Context, Effect, EffectParameter, Past, Place, Signal, State
 from sysid.effects.programmes import (
     COASTING,
@@ -132,6 +133,7 @@ EFFECTS = (
             EffectParameter("minus", "drive", 1e3, 0.1, 0.999, (0.6, 0.8), "drive", kinks=True),
         ),
         _saturation,
+        inverse=inverses.within_saturation,
         ties=("sensor-saturation",),
         programmes=(
             TOP,
@@ -166,6 +168,7 @@ EFFECTS = (
             EffectParameter("jump", "drive", 0.0, 0.0, 0.8, (0.0, 0.0, 0.0), "drive", jumps=True),
         ),
         _dead_zone,
+        inverse=inverses.out_of_dead_zone,
         ties=("coulomb-friction", "stiction"),
         programmes=(
             STAIRCASE,
@@ -186,6 +189,7 @@ EFFECTS = (
         "Steps at many levels in both directions.",
         (EffectParameter("kappa", "1/drive", 0.0, -0.9, 0.95, (0.3, -0.2), "one"),),
         _concave,
+        inverse=inverses.out_of_concave,
         ties=("supply-sag",),
         opposite="The harder it is driven, the more it answers to every further step.",
         programmes=(
@@ -205,6 +209,7 @@ EFFECTS = (
         "Steps of equal size in both directions.",
         (EffectParameter("rho", "", 1.0, 0.3, 3.0, (0.85, 1.15), "one"),),
         _direction,
+        inverse=inverses.out_of_direction,
         programmes=(
             LEVELS,
             COASTING,
@@ -238,6 +243,7 @@ EFFECTS = (
         "The same sequence at the beginning and the end of a long run.",
         (EffectParameter("loss", "1/s", 0.0, 0.0, 0.02, (0.0005, 0.002), "one"),),
         _battery,
+        inverse=inverses.charged,
         shared=True,
         programmes=(
             REPEAT,

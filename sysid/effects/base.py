@@ -123,6 +123,12 @@ Step = Callable[[Any, Signal, State, Mapping[str, Signal], Context], tuple[Signa
 """(xp, signal, state, parameters, context) → (signal, state)."""
 
 
+Inverse = Callable[[Any, Signal, Mapping[str, Signal], Context], Signal]
+"""(xp, signal that is wanted behind the effect, parameters, context) → signal in front of it.
+
+Of the context it may look at ``t``, ``w``, ``torque`` and ``torque_other``.
+"""
+
 Constants = Callable[[Any, Mapping[str, Signal], float, Signal], dict[str, Signal]]
 """(xp, parameters, dt, share of its speed that a track keeps in a sample) → numbers."""
 
@@ -165,6 +171,8 @@ class Effect:
         shared: whether all tracks share its parameters.
         undone: (reading, parameters) → the reading without the effect, where that is known: what
             a first reading says of the speed.
+        inverse: how the command, or the torque, is chosen so that what is wanted is left of it;
+            None where that is not possible, or not without knowing what comes.
         ties: effects that many logs cannot tell from it.
         rare: whether one of these is rather named where a log cannot tell.
         couples: whether it ties tracks to each other: a single one cannot have it, and the search
@@ -205,6 +213,7 @@ class Effect:
     holds: Callable[[Mapping[str, Signal]], Signal] | None = None
     shared: bool = False
     undone: Callable[[Signal, Mapping[str, Signal]], Signal] | None = None
+    inverse: Inverse | None = None
     ties: tuple[str, ...] = ()
     rare: bool = False
     couples: bool = False

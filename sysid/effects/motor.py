@@ -6,6 +6,7 @@ Torque is counted in units of steady speed: τ ω̇ = T − ω with T = K d.
 from collections.abc import Mapping
 from typing import Any
 
+from sysid.effects import inverses
 from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, StartsFrom, State
 from sysid.effects.programmes import (
     COASTING,
@@ -215,6 +216,7 @@ LOAD_BIAS = Effect(
     "Equal steps in both directions and rests.",
     (EffectParameter("load", "speed", 0.0, -0.8, 0.8, (0.05, -0.05), "speed"),),
     _bias,
+    inverse=inverses.against_bias,
     ties=("sensor-bias",),
     programmes=(
         RESTS,
@@ -234,6 +236,7 @@ EFFECTS = (
         "One side at a constant command while the other steps.",
         (EffectParameter("share", "", 0.0, -0.6, 0.6, (0.1, -0.1), "one"),),
         _coupling,
+        inverse=inverses.against_coupling,
         couples=True,
         opposite="One side's torque helps the other through the body.",
         programmes=(
@@ -272,6 +275,7 @@ EFFECTS = (
         "Steps at many levels.",
         (EffectParameter("drag", "1/speed", 0.0, 0.0, 2.0, (0.15, 0.5), "speed"),),
         _drag,
+        inverse=inverses.against_drag,
         ties=("concave-gain",),
         rare=True,
         programmes=(
@@ -289,6 +293,7 @@ EFFECTS = (
         "Steps of equal size in both directions.",
         (EffectParameter("ratio", "", 1.0, 0.4, 2.5, (0.85, 1.2), "one"),),
         _viscous,
+        inverse=inverses.against_viscous,
         programmes=(
             LEVELS,
             COASTING,
@@ -318,6 +323,7 @@ EFFECTS = (
             ),
         ),
         _coulomb,
+        inverse=inverses.against_coulomb,
         holds=lambda p: p["level"],
         ties=("stiction", "dead-zone"),
         programmes=(
@@ -354,6 +360,7 @@ EFFECTS = (
             EffectParameter("speed", "speed", 0.1, 0.01, 0.35, (0.05, 0.15), "speed", kinks=True),
         ),
         _stiction,
+        inverse=inverses.against_stiction,
         holds=lambda p: p["level"] + p["excess"],
         ties=("coulomb-friction",),
         programmes=(

@@ -312,6 +312,11 @@ class Controller(Protocol):
         """Whether it needs ``scene.nominal`` of the identified plant, which is then measured."""
         ...
 
+    @property
+    def compensate(self) -> tuple[str, ...] | str:
+        """Ids of the plant's effects to make up for on the way to the tracks, or all of them."""
+        ...
+
     def start(self, scene: Scene, xp: Any) -> State: ...
 
     def step(

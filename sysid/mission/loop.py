@@ -5,7 +5,7 @@ last state. :mod:`sysid.mission.simulator` runs it sample after sample until the
 """
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
@@ -131,10 +131,36 @@ class LoopState(NamedTuple):
     references: References
     rho_goal: Real
     command: Command
+    applied: Command
     pwm: tuple[Real, Real]
     body: Body
     progress: Progress
     verdict: Real
+
+
+def command_module(command: Command, xp: Any) -> tuple[Real, Real]:
+    """Return PWM_l = (V_cmd − ψ_cmd)·20000, PWM_r = (V_cmd + ψ_cmd)·20000 (thesis 6.3).
+
+    Each pulse width is clipped to ±20000 µs, the full scale of the drive.
+    """
+    v, psi = command
+    return (
+        PWM_FULL_SCALE * xp.clip(v - psi, -1.0, 1.0),
+        PWM_FULL_SCALE * xp.clip(v + psi, -1.0, 1.0),
+    )
+
+
+def plain_drive(
+    command: Command, estimate: Body, t: Real, xp: Any
+) -> tuple[tuple[Real, Real], Command]:
+    """The command module alone, and what of the command it lets through."""
+    pwm = command_module(command, xp)
+    left, right = (p / PWM_FULL_SCALE for p in pwm)
+    return pwm, Command(0.5 * (left + right), 0.5 * (right - left))
+
+
+Drive = Callable[[Command, Body, Real, Any], tuple[tuple[Real, Real], Command]]
+"""(command, how the robot moves, t, xp) → PWM of both tracks [µs], what of the command it gives."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +173,7 @@ class Loop:
         scene: what the run is about.
         timeout: it is given up after this time [s].
         xp: array namespace of all laws.
+        drive: makes PWM of both tracks [µs] of a command, and says what of the command it gives.
     """
 
     guidance: Guidance
@@ -157,6 +184,7 @@ class Loop:
     scene: Scene
     timeout: float
     xp: Any
+    drive: Drive = plain_drive
 
     def __post_init__(self) -> None:
         """Put the plant's sample time into the scene, where sensors and filters look for it."""
@@ -177,6 +205,7 @@ class Loop:
             references=References(0.0, scene.start.psi, False),
             rho_goal=scene.to_goal(scene.start, xp),
             command=Command(0.0, 0.0),
+            applied=Command(0.0, 0.0),
             pwm=(0.0, 0.0),
             body=at_rest,
             progress=Progress(0.0, xp.inf, xp.inf, 0.0, 0.0),
@@ -294,17 +323,20 @@ class Loop:
         scene, xp, dt = self.scene, self.xp, self.control.period
         asked = GuidanceInputs(t, state.estimate, scene)
         guidance, references = self.guidance.step(state.guidance, asked, dt, xp)
-        given = ControlInputs(t, references, state.estimate, scene, drive_of(state.pwm))
+        given = ControlInputs(t, references, state.estimate, scene, state.applied)
         control, command = self.control.step(state.control, given, dt, xp)
         over = references.arrived | references.gives_up
         command = Command(xp.where(over, 0.0, command.v_cmd), xp.where(over, 0.0, command.psi_cmd))
+        pwm, applied = self.drive(command, state.estimate, t, xp)
+        left, right = (xp.where(over, 0.0, p) for p in pwm)
         return state._replace(
             guidance=guidance,
             control=control,
             references=references,
             rho_goal=scene.to_goal(state.estimate.pose, xp),
             command=command,
-            pwm=command_module(command, xp),
+            applied=applied,
+            pwm=(left, right),
         )
 
     def _judged(self, state: LoopState, body: Body, tick: Tick) -> tuple[Progress, Real]:
@@ -335,21 +367,3 @@ class Loop:
             best_way=xp.where(closer, way, last.best_way),
         )
         return progress, verdict
-
-
-def command_module(command: Command, xp: Any) -> tuple[Real, Real]:
-    """Return PWM_l = (V_cmd − ψ_cmd)·20000, PWM_r = (V_cmd + ψ_cmd)·20000 (thesis 6.3).
-
-    Each pulse width is clipped to ±20000 µs, the full scale of the drive.
-    """
-    v, psi = command
-    return (
-        PWM_FULL_SCALE * xp.clip(v - psi, -1.0, 1.0),
-        PWM_FULL_SCALE * xp.clip(v + psi, -1.0, 1.0),
-    )
-
-
-def drive_of(pwm: tuple[Real, Real]) -> Command:
-    """The command that reached the tracks: what :func:`command_module` made ``pwm`` [µs] of."""
-    left, right = (p / PWM_FULL_SCALE for p in pwm)
-    return Command(0.5 * (left + right), 0.5 * (right - left))

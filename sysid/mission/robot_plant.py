@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data.record import PWM_FULL_SCALE, Array, Channel
+from sysid.effects.compensation import Identified
 from sysid.effects.ground import Ground, slipping
 from sysid.mission.contracts import (
     ROBOT_INPUTS,
@@ -70,6 +71,14 @@ class RobotPlant:
         ground = self.plant.ground
         own = ground.ordered(self.read) if ground and not self.twins else Ground()
         return own if self.slip is None else slipping(own, self.slip)
+
+    @cached_property
+    def identified(self) -> Identified:
+        """What acts between commands and torques, left and right, in the plant's own units."""
+        known = getattr(self.plant, "identified", Identified())
+        # An effect belongs to the input and the output of one track.
+        own = known.effects and self.driven == self.read
+        return known.on(self.driven) if own else Identified()
 
     @property
     def input_range(self) -> tuple[tuple[float, float], ...]:

@@ -6,10 +6,11 @@ A law is such a section itself: its fields are the keys a mission may give it, i
 from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PlainValidator, model_validator
 
 from sysid.mission.contracts import Pose, Scene, State
 from sysid.mission.traits import ControlAdvice, GuidanceAdvice, GuidanceTraits
+from sysid.mission.yaml_source import shown
 from sysid.vehicle.kinematics import Real
 
 # Bounds far outside any use, which keep every later formula inside the range of floats.
@@ -87,14 +88,39 @@ class GuidanceSettings(Settings):
         return scene.to_goal(pose, xp)
 
 
+IDENTIFIED = "identified"
+"""Everything that the plant holds and that can be undone."""
+
+Compensate = tuple[str, ...] | str
+"""Ids of effects, or :data:`IDENTIFIED`."""
+
+
+def _effects(value: Any) -> Compensate:
+    """Ids of effects that can be undone."""
+    from sysid.effects.compensation import can_be_compensated
+
+    if value == IDENTIFIED:
+        return IDENTIFIED
+    named = [value] if isinstance(value, str) else value
+    known = can_be_compensated()
+    if not isinstance(named, list | tuple) or not all(id in known for id in named):
+        raise ValueError(
+            f"compensate is {shown(value)}: write {IDENTIFIED}, or a list of the effects that can "
+            f"be undone, which are {', '.join(known)}"
+        )
+    return tuple(named)
+
+
 class ControlSettings(TunedSettings):
     """Base of controllers.
 
     Attributes:
         period: time between two commands [s].
+        compensate: effects of the plant to make up for, or ``identified``: all that can be undone.
     """
 
     period: Annotated[float, Field(ge=1e-4, le=60)] = 0.1
+    compensate: Annotated[Compensate, PlainValidator(_effects)] = ()
 
     @property
     def advice(self) -> ControlAdvice:

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -13,9 +12,18 @@ from sysid import floats
 from sysid.data.record import Array
 from sysid.errors import ModelError, UsageError
 from sysid.mission.clearance import has_surfaces
-from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS, Pose, Scene, SteppablePlant
+from sysid.mission.compensation import compensation_of
+from sysid.mission.contracts import (
+    ROBOT_INPUTS,
+    ROBOT_OUTPUTS,
+    Body,
+    Command,
+    Pose,
+    Scene,
+    SteppablePlant,
+)
 from sysid.mission.ending import sentence, stuck
-from sysid.mission.loop import COLUMNS, Loop, LoopState, Tick, Verdict, command_module, ticks
+from sysid.mission.loop import COLUMNS, Drive, Loop, LoopState, Tick, Verdict, plain_drive, ticks
 from sysid.mission.noise import sensor_draws
 from sysid.mission.nominal import nominal_of
 from sysid.mission.result import MissionResult, Outcome
@@ -78,7 +86,9 @@ def simulate(
     check_robot(mission, plant)
     if seed < 0:
         raise UsageError(f"the seed is {seed}: give a whole number of at least 0")
-    loop = closed_loop(mission, plant, scene_of(mission, plant if known is None else known))
+    informed = plant if known is None else known
+    scene, drive = scene_of(mission, informed), drive_of(mission, informed)
+    loop = closed_loop(mission, plant, scene, floats, drive)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         state, table = _run(loop, seed)
     table.setflags(write=False)
@@ -98,16 +108,44 @@ def simulate(
     )
 
 
+def drive_of(mission: Mission, known: SteppablePlant) -> Drive:
+    """What makes PWM of a mission's commands, the effects undone that are to be compensated.
+
+    Args:
+        mission: its controller says which.
+        known: the robot plant that holds them, as it was identified.
+
+    Raises:
+        ModelError: the plant does not hold one that is named.
+    """
+    compensate = mission.control.compensate
+    return compensation_of(known, compensate, mission.vehicle.geometry) or plain_drive
+
+
 def scene_of(mission: Mission, known: SteppablePlant) -> Scene:
-    """The scene of a mission, with what control knows of the plant where it uses that."""
+    """The scene of a mission, with what control knows of the plant where it uses that.
+
+    Raises:
+        ModelError: the controller needs a model, and the plant gives none.
+    """
     scene = mission.scene()
     if not mission.control.uses_plant:
         return scene
-    drive = partial(command_module, xp=floats)
-    return scene._replace(nominal=nominal_of(known, scene.geometry, drive))
+    drive, at_rest = drive_of(mission, known), Body(scene.start, 0.0, 0.0)
+
+    def pwm(command: Command) -> tuple[float, float]:
+        return drive(command, at_rest, 0.0, floats)[0]
+
+    return scene._replace(nominal=nominal_of(known, scene.geometry, pwm))
 
 
-def closed_loop(mission: Mission, plant: SteppablePlant, scene: Scene, xp: Any = floats) -> Loop:
+def closed_loop(
+    mission: Mission,
+    plant: SteppablePlant,
+    scene: Scene,
+    xp: Any = floats,
+    drive: Drive = plain_drive,
+) -> Loop:
     """The loop of a mission's laws, a robot plant and a scene, over an array namespace."""
     return Loop(
         guidance=mission.complete_guidance,
@@ -118,6 +156,7 @@ def closed_loop(mission: Mission, plant: SteppablePlant, scene: Scene, xp: Any =
         scene=scene,
         timeout=mission.timeout,
         xp=xp,
+        drive=drive,
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Channel
+from sysid.effects.compensation import Identified
 from sysid.effects.ground import Ground
 from sysid.structures.c_step import CStep
 
@@ -119,6 +120,10 @@ class Dynamics(ABC):
     def ground(self, theta: Array) -> Ground:
         """Effects between tracks and ground: they change the pose, no output; none by default."""
         return Ground()
+
+    def identified(self, theta: Array) -> Identified:
+        """Effects between commands and torques, for who makes up for them; none by default."""
+        return Identified()
 
     @abstractmethod
     def order_values(self) -> dict[str, Any]:

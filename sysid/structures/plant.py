@@ -7,6 +7,7 @@ import numpy as np
 
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel
+from sysid.effects.compensation import Identified
 from sysid.effects.ground import Ground
 from sysid.structures.dynamics import Dynamics
 
@@ -31,6 +32,7 @@ class Plant:
             plant was identified, outside it extrapolates.
         rest_state: state of the core in which nothing moves at the operating point.
         ground: effects between tracks and ground, for whoever moves a vehicle by the outputs.
+        identified: effects between commands and torques, for whoever makes up for them.
     """
 
     dt: float
@@ -43,6 +45,7 @@ class Plant:
     input_range: tuple[tuple[float, float], ...] = ()
     rest_state: Array = field(default_factory=lambda: np.zeros(0))
     ground: Ground = field(default_factory=Ground)
+    identified: Identified = field(default_factory=Identified)
     core_readout: Callable[[Array, Array], Array] | None = None
 
     @staticmethod
@@ -68,6 +71,7 @@ class Plant:
             input_range=tuple((float(a), float(b)) for a, b in ranges[: len(inputs)]),
             rest_state=rest,
             ground=structure.ground(theta),
+            identified=structure.identified(theta),
             core_readout=structure.readout(theta),
         )
 

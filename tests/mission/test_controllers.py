@@ -1,54 +1,25 @@
 """Controllers of a law for the speed and one for the yaw: chosen, limited, tracking."""
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from control_cases import driven, inputs, pwm
 from mission_cases import SCENE, Robot, goal
 from sysid_cli.missions.control_option import chosen_controller
 
 from sysid import floats
-from sysid.data.record import Array
 from sysid.errors import DataError, ModelError, UsageError
-from sysid.mission.axis import PUBLISHED, AxisInputs
-from sysid.mission.contracts import Body, ControlInputs, Pose, References
 from sysid.mission.control.axes import AXES, AxisController
 from sysid.mission.control.linear import PD, PI, YawP, YawPD, YawPID
 from sysid.mission.control.pi_p import SpeedPIYawP
-from sysid.mission.loop import command_module, drive_of
 from sysid.mission.nominal import nominal_of
 from sysid.mission.registry import kinds, law_class
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission, load_mission
-from sysid.vehicle.kinematics import Geometry, body_velocity, step_pose
-
-
-def pwm(command: Any) -> tuple[float, float]:
-    return command_module(command, floats)
-
-
-def driven(
-    law: Any, references: Sequence[tuple[float, float]], plant: Any, scene: Any = SCENE
-) -> Array:
-    """Speed, yaw and both commands while the references run, a row a period of 0.1 s."""
-    state, x, pose = law.start(scene, floats), plant.initial_state(), (0.0, 0.0, 0.0)
-    command, rows = (0.0, 0.0), []
-    for k, (speed, psi) in enumerate(references):
-        y = plant.step(x, np.array(command))[1]
-        v, yaw_rate = (float(m) for m in body_velocity(y[0], y[1], Geometry()))
-        pose = step_pose(*pose, v, yaw_rate, 0.1)
-        body = Body(Pose(*(float(p) for p in pose)), v, yaw_rate)
-        asked = References(speed, psi, False)
-        given = ControlInputs(0.1 * k, asked, body, scene, drive_of(command))
-        state, decided = law.step(state, given, 0.1, floats)
-        command = pwm(decided)
-        x = plant.step(x, np.array(command))[0]
-        rows.append((v, body.pose.psi, *decided))
-    return np.array(rows)
-
+from sysid.vehicle.kinematics import Geometry
 
 # Chosen -------------------------------------------------------------------------------------------
 
@@ -88,7 +59,7 @@ def test_one_kind_serves_both_axes_and_an_axis_alone_leaves_the_other(tmp_path: 
         (
             "control:\n  speed:\n    kind: pix\n",
             4,
-            "unknown kind 'pix' of control.speed: the kinds are pi, p, pd, pid",
+            "unknown kind 'pix' of control.speed: the kinds are pi, p, pd, pid, sl",
         ),
         ("control: {kind: pix}\n", 2, "the kinds are pi-p; or speed: {kind: pi|p|pd|pid"),
         ("control: {yaw: pd}\n", 2, "control.yaw is the text 'pd': write control.yaw: {kind: pd}"),
@@ -152,11 +123,6 @@ def test_gains_are_keys_of_the_law_and_can_be_changed(axis: str, kind: str) -> N
 
 
 # Parts of a PID -----------------------------------------------------------------------------------
-
-
-def inputs(error: float = 0.0, **more: float) -> AxisInputs:
-    given = AxisInputs(0.0, error, 0.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, PUBLISHED.speed)
-    return given._replace(**more)
 
 
 @pytest.mark.parametrize("windup", ["conditional", "back-calculation"])

@@ -113,11 +113,11 @@ class P(AxisSettings):
 
     Attributes:
         kp: on the error [drive per m/s, drive per rad].
-        feed_forward: F, share of d_h.
+        feed_forward: F, share of d_h; without it a speed falls far short of its reference.
     """
 
     kp: Annotated[Gain, Search(0.1, 10.0)] = 2.0
-    feed_forward: Share = 0.0
+    feed_forward: Share = 1.0
 
     @property
     def uses_plant(self) -> bool:
@@ -145,6 +145,7 @@ class PI(P):
         tracking_time: of back-calculation [s]; kp/ki where it is left out.
     """
 
+    feed_forward: Share = 0.0
     ki: Annotated[Gain, Search(0.0, 10.0)] = 1.85
     anti_windup: AntiWindup = "conditional"
     tracking_time: TrackingTime | None = None
@@ -178,6 +179,7 @@ class YawP(P):
     """P of the yaw, with the thesis's gain (6.2)."""
 
     kp: Annotated[Gain, Search(0.05, 2.0)] = 0.4
+    feed_forward: Share = 0.0
 
 
 class YawPI(PI):
@@ -191,6 +193,7 @@ class YawPD(PD):
     """PD of the yaw: damped, so that it may be twice as strong."""
 
     kp: Annotated[Gain, Search(0.05, 2.0)] = 0.6
+    feed_forward: Share = 0.0
     kd: Annotated[Gain, Search(0.0, 0.5)] = 0.05
 
 

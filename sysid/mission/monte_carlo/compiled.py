@@ -98,7 +98,7 @@ class CompiledRuns:
         _, jnp = _jax()
         driver = self.driver
         robot = driver.robot_of(numbers.theta, numbers.slip)
-        return closed_loop(self.setup.mission, robot, self._scene(numbers), jnp)
+        return closed_loop(self.setup.mission, robot, self._scene(numbers), jnp, driver.drive)
 
     def _scene(self, numbers: Numbers) -> Scene:
         scene = self.driver.scene

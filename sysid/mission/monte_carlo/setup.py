@@ -9,6 +9,7 @@ import numpy as np
 
 from sysid.errors import ModelError
 from sysid.mission.contracts import Scene, SteppablePlant
+from sysid.mission.loop import Drive
 from sysid.mission.mapping import as_robot
 from sysid.mission.monte_carlo.draws import Drawing, Draws
 from sysid.mission.monte_carlo.figures import NOTHING, figures_of
@@ -17,7 +18,7 @@ from sysid.mission.noise import generator
 from sysid.mission.result import MissionResult
 from sysid.mission.robot_plant import RobotPlant
 from sysid.mission.settling import settle
-from sysid.mission.simulator import check_robot, scene_of, simulate
+from sysid.mission.simulator import check_robot, drive_of, scene_of, simulate
 from sysid.mission.spec import Mission
 from sysid.mission.variation import QUANTITIES, Variation
 from sysid.structures.model import Model
@@ -59,6 +60,11 @@ class Driver:
     def scene(self) -> Scene:
         """The scene of the mission, with what control knows of the estimated plant."""
         return scene_of(self.drawing.mission, self.robot)
+
+    @cached_property
+    def drive(self) -> Drive:
+        """What makes PWM of commands, by the estimated plant."""
+        return drive_of(self.drawing.mission, self.robot)
 
     @property
     def slips(self) -> bool:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sysid.data.record import Array, Channel, Record
 from sysid.effects.base import Effect, Place
 from sysid.effects.catalogue import chain_effects, effect
+from sysid.effects.compensation import Identified
 from sysid.effects.ground import Ground
 from sysid.fitting.problem import (
     Focus,
@@ -140,6 +141,15 @@ class Augmented(Structure):
         _, values = self.unpack(theta)
         found = [id for id in self.effects if effect(id).place is Place.POSE]
         return Ground(tuple(found), {id: values[id] for id in found})
+
+    def identified(self, theta: Array) -> Identified:
+        """The effects of command and torque; none where another model drives the chain."""
+        if self.given is not None:  # its outputs, not the commands, are what the effects act on
+            return Identified()
+        core, values = self.unpack(theta)
+        found = [e.id for e in self.active if e.place in (Place.COMMAND, Place.TORQUE)]
+        numbers = {id: values[id] for id in found}
+        return Identified(tuple(found), numbers, core.gain, np.array(self.scales))
 
     def unpack(self, theta: Array) -> tuple[Core, dict[str, dict[str, Array]]]:
         """θ as a core and as each effect's parameters, one value a track."""

@@ -1,0 +1,92 @@
+"""How effects are undone: the signal in front of an effect that leaves what is wanted behind it."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from sysid.effects.base import Context, Signal
+
+P = Mapping[str, Signal]
+
+EMPTY = 0.1
+"""Share of its strength below which no command makes up for an empty battery."""
+
+STANDS = 0.05
+"""Share of the larger of speed and torque below which a track counts as one that stands.
+
+There friction is against the torque, else against the motion; readings near zero change sign.
+"""
+
+
+def out_of_dead_zone(xp: Any, d: Signal, p: P, c: Context) -> Signal:
+    """d → sign(d)(δ± + |d| − j); of what lies within the jump, the nearer of 0 and j."""
+    width = xp.where(d >= 0.0, p["plus"], p["minus"])
+    size = xp.abs(d)
+    beyond = width + xp.maximum(size - p["jump"], 1e-9)
+    return xp.sign(d) * xp.where(size > 0.5 * p["jump"], beyond, 0.0)
+
+
+def within_saturation(xp: Any, d: Signal, p: P, c: Context) -> Signal:
+    """d → clip(d, −s−, s+): no command does more."""
+    return xp.minimum(xp.maximum(d, -p["minus"]), p["plus"])
+
+
+def out_of_concave(xp: Any, d: Signal, p: P, c: Context) -> Signal:
+    """The smaller x with x(1 − κ|x|) = d; beyond what there is, the x that gives most."""
+    # the root as a quotient, which κ = 0 does not upset
+    root = xp.sqrt(xp.maximum(1.0 - 4.0 * p["kappa"] * xp.abs(d), 0.0))
+    most = 0.5 / xp.maximum(p["kappa"], 1e-9)
+    return xp.sign(d) * xp.minimum(2.0 * xp.abs(d) / (1.0 + root), most)
+
+
+def out_of_direction(xp: Any, d: Signal, p: P, c: Context) -> Signal:
+    """d → d/ρ for d < 0."""
+    return xp.where(d < 0.0, d / p["rho"], d)
+
+
+def charged(xp: Any, d: Signal, p: P, c: Context) -> Signal:
+    """d → d/(1 − b t)."""
+    return d / xp.maximum(1.0 - p["loss"] * c.t, EMPTY)
+
+
+def _onward(xp: Any, torque: Signal, c: Context) -> Signal:
+    """The direction against which friction acts: that of the motion, at rest that of the torque.
+
+    None where nothing is wanted: there friction may do its work.
+    """
+    moves = xp.abs(c.w) > STANDS * xp.maximum(xp.abs(c.w), xp.abs(torque))
+    onward = xp.where(moves, xp.sign(c.w), xp.sign(torque))
+    return xp.where(torque == 0.0, 0.0, onward)
+
+
+def against_coulomb(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
+    """T → T + c in the direction against which friction acts."""
+    return torque + p["level"] * _onward(xp, torque, c)
+
+
+def against_stiction(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
+    """T → T + c + c_s e^{−(ω/v)²} in the direction against which friction acts."""
+    slow = xp.exp(-((c.w / p["speed"]) ** 2))
+    return torque + (p["level"] + p["excess"] * slow) * _onward(xp, torque, c)
+
+
+def against_drag(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
+    """T → T + q ω|ω|."""
+    return torque + p["drag"] * c.w * xp.abs(c.w)
+
+
+def against_bias(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
+    """T → T + b."""
+    return torque + p["load"]
+
+
+def against_viscous(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
+    """T → T + (ratio − 1) min(ω, 0)."""
+    return torque + (p["ratio"] - 1.0) * xp.minimum(c.w, 0.0)
+
+
+def against_coupling(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
+    """The x with x_i − g_i x_j = T_i of both tracks."""
+    share = p["share"]
+    if share.shape[-1] != 2:
+        return torque
+    return (torque + share * torque[..., ::-1]) / (1.0 - share * share[..., ::-1])
