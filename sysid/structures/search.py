@@ -1,7 +1,7 @@
 """The search of one fit: every start, problem after problem, initial states included."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import fdtri
@@ -24,9 +24,10 @@ from sysid.fitting.state_prior import (
     WatchedStates,
     descend_with_prior,
 )
-from sysid.fitting.uncertainty import PART, Uncertainty, uncertainty, with_infinite
+from sysid.fitting.uncertainty import PART, with_infinite
 from sysid.structures.base import Structure
 from sysid.structures.outcome import FitOutcome, StartReport, Warm
+from sysid.structures.solved import Part, outcome_of, valued
 
 STATE_LEVEL = 0.99
 """Confidence beyond which initial states are estimated rather than taken as zero."""
@@ -43,16 +44,6 @@ USABLE = 1e50
 
 LINEAR = 0.5
 """Relative deviation from linearity up to which a start lies in the basin of a found minimum."""
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """One solved problem: which entries of θ, their covariance, the initial states found."""
-
-    problem: Problem
-    solution: Solution
-    free: Index
-    uncertainty: Uncertainty
 
 
 class Search:
@@ -333,39 +324,6 @@ class Search:
         return valued(problem, solution, np.flatnonzero(free))
 
 
-def valued(problem: Problem, solution: Solution, which: Index, samples: int | None = None) -> Part:
-    """A solved problem with the uncertainty of what it determined.
-
-    Args:
-        problem, solution: as they are.
-        which: entries of the solution's p that were free.
-        samples: errors of the data, which come first; all where None.
-    """
-    value = uncertainty(
-        solution.jacobian[:samples, which],
-        solution.residual[:samples],
-        tuple(zip(problem.channels, problem.lengths, strict=True)),
-        solution.weights[:samples],
-    )
-    return Part(problem, solution, which, value)
-
-
-def assembled(parts: Sequence[Part], n: int) -> tuple[Array, Array]:
-    """Covariance of θ and its directions without information from those of the parts."""
-    covariance = np.zeros((n, n))
-    null: list[Array] = []
-    for part in parts:
-        inside = part.free < len(part.problem.index)
-        entries = part.problem.index[part.free[inside]]
-        covariance[np.ix_(entries, entries)] = part.uncertainty.covariance[np.ix_(inside, inside)]
-        for direction in part.uncertainty.null.T:
-            if np.linalg.norm(direction[inside]) > 1e-3 * np.linalg.norm(direction):
-                spread = np.zeros(n)
-                spread[entries] = direction[inside]
-                null.append(spread / np.linalg.norm(spread))
-    return covariance, np.array(null).T if null else np.zeros((n, 0))
-
-
 def by_search(
     structure: Structure,
     records: Sequence[Record],
@@ -375,25 +333,10 @@ def by_search(
 ) -> FitOutcome:
     """A search from every known start, problem after problem."""
     theta, parts, starts = Search(structure, records, options, parameters).run(warm)
-    covariance, null = assembled(parts, len(theta))
-    covariance, null = _with_open(structure.open_directions(records), covariance, null)
-    stuck = tuple(
-        parameters[p.problem.index[k]].name
-        for p in parts
-        for k in p.solution.at_bound
-        if k < len(p.problem.index)
-    )
-    return FitOutcome(
-        structure,
-        parameters,
-        theta,
-        covariance,
-        null,
-        n_states=sum(int(np.sum(p.free >= len(p.problem.index))) for p in parts),
-        termination=worst([p.solution.termination for p in parts]),
-        at_bound=stuck,
-        starts=starts,
-    )
+    found = outcome_of(structure, parameters, theta, parts, starts)
+    more = structure.open_directions(records)
+    covariance, null = _with_open(more, found.covariance, found.null)
+    return replace(found, covariance=covariance, null=null)
 
 
 def _with_open(more: Array, covariance: Array, null: Array) -> tuple[Array, Array]:
@@ -403,9 +346,3 @@ def _with_open(more: Array, covariance: Array, null: Array) -> tuple[Array, Arra
     covered = np.max(np.abs(more), axis=1) > PART
     fresh = [d for d in null.T if np.any(np.abs(d[~covered]) > PART)]
     return with_infinite(covariance, more), np.column_stack([*fresh, *more.T])
-
-
-def worst(endings: Sequence[Termination]) -> Termination:
-    """The ending that says most about what went wrong."""
-    order = list(Termination)
-    return max(endings, key=order.index)

@@ -18,7 +18,7 @@ from sysid.structures.blocks.structure import BlockStructure, statics_from_json,
 from sysid.structures.orders import Orders, spread
 
 if TYPE_CHECKING:
-    from sysid.structures.outcome import Fitter, Refitter
+    from sysid.structures.outcome import Fitter
 
 FORMS = ("both", "hammerstein", "wiener")
 
@@ -70,12 +70,6 @@ class HammersteinWiener(BlockStructure):
 
         return fit
 
-    def refitter(self) -> "Refitter":
-        """The last search alone: nothing is chosen anew."""
-        from sysid.structures.blocks.outcome import again
-
-        return again
-
     @classmethod
     def from_orders(
         cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
@@ -105,13 +99,6 @@ class HammersteinWiener(BlockStructure):
             (requested[0], requested[1]),
             choose,
         )
-
-    @classmethod
-    def candidate_orders(
-        cls, nu: int, ny: int, samples: int, delay: Any
-    ) -> tuple[Mapping[str, Any], ...]:
-        """The delay alone: the fit itself chooses orders together with the statics."""
-        return ({"nk": delay},)
 
     @cached_property
     def chain(self) -> BlockChain:

@@ -12,7 +12,6 @@ from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Initial, Parameter
 from sysid.fitting.robust import huber_widths
 from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
-from sysid.fitting.uncertainty import uncertainty
 from sysid.structures.blocks.errors import ChainErrors
 from sysid.structures.blocks.fit import (
     ChainData,
@@ -24,6 +23,7 @@ from sysid.structures.blocks.gains import normalised
 from sysid.structures.blocks.structure import BlockStructure
 from sysid.structures.outcome import FitOutcome, StartReport
 from sysid.structures.search import STATE_LEVEL
+from sysid.structures.solved import outcome_of, valued
 
 EVALUATIONS = 100
 """Limit of the descent on the normal equations before the last search."""
@@ -246,35 +246,11 @@ class _Last:
     def outcome(
         self, best: Solution, reports: tuple[StartReport, ...], warnings: tuple[str, ...]
     ) -> FitOutcome:
-        """Covariance, directions without information and what ended on a bound."""
+        """What the search found, initial states counted where they were estimated."""
         n = self.structure.chain.n
         states = len(best.p) - n
         counted = self.options.initial is not Initial.BACKCAST
         which = np.flatnonzero(np.concatenate([self.free, np.full(states, counted)]))
-        problem = self.moving if states else self.rest
-        spread = uncertainty(
-            best.jacobian[:, which],
-            best.residual,
-            tuple(zip(problem.channels, problem.lengths, strict=True)),
-            best.weights,
-        )
-        covariance = np.zeros((n, n))
-        inside = which < n
-        entries = which[inside]
-        covariance[np.ix_(entries, entries)] = spread.covariance[np.ix_(inside, inside)]
-        null = np.zeros((n, spread.null.shape[1]))
-        null[entries] = spread.null[inside]
-        size = np.linalg.norm(null, axis=0)
-        null = null[:, size > 1e-3] / size[size > 1e-3]
-        return FitOutcome(
-            self.structure,
-            tuple(self.table),
-            best.p[:n],
-            covariance,
-            null,
-            n_states=states if counted else 0,
-            termination=best.termination,
-            at_bound=tuple(self.table[k].name for k in best.at_bound if k < n),
-            starts=reports,
-            warnings=warnings,
-        )
+        part = valued(self.moving if states else self.rest, best, which)
+        table = tuple(self.table)
+        return outcome_of(self.structure, table, best.p[:n], [part], reports, warnings)

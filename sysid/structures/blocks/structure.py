@@ -3,7 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,9 @@ from sysid.structures.blocks.static.functions import Static
 from sysid.structures.blocks.static.kinds import Stage, spline_knots
 from sysid.structures.linear.polynomial import _pole, _text
 
+if TYPE_CHECKING:
+    from sysid.structures.outcome import Refitter
+
 
 @dataclass(frozen=True)
 class BlockStructure(NamedStructure):
@@ -30,6 +33,19 @@ class BlockStructure(NamedStructure):
 
     has_noise_model: ClassVar[bool] = False
     stable_by_meaning: ClassVar[bool] = True
+
+    @classmethod
+    def candidate_orders(
+        cls, nu: int, ny: int, samples: int, delay: Any
+    ) -> tuple[Mapping[str, Any], ...]:
+        """The delay alone: the fit itself chooses orders together with the statics."""
+        return ({"nk": delay},)
+
+    def refitter(self) -> "Refitter":
+        """The last search alone: nothing is chosen anew."""
+        from sysid.structures.blocks.outcome import again
+
+        return again
 
     @property
     @abstractmethod

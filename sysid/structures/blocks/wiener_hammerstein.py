@@ -18,7 +18,7 @@ from sysid.structures.blocks.structure import BlockStructure, statics_from_json,
 from sysid.structures.orders import ORDER_WORDS, Matrix, Orders, spread
 
 if TYPE_CHECKING:
-    from sysid.structures.outcome import Fitter, Refitter
+    from sysid.structures.outcome import Fitter
 
 
 @dataclass(frozen=True)
@@ -72,12 +72,6 @@ class WienerHammerstein(BlockStructure):
 
         return fit
 
-    def refitter(self) -> "Refitter":
-        """The last search alone: nothing is chosen anew."""
-        from sysid.structures.blocks.outcome import again
-
-        return again
-
     @classmethod
     def from_orders(
         cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
@@ -126,13 +120,6 @@ class WienerHammerstein(BlockStructure):
             requested,
             choose,
         )
-
-    @classmethod
-    def candidate_orders(
-        cls, nu: int, ny: int, samples: int, delay: Any
-    ) -> tuple[Mapping[str, Any], ...]:
-        """The delay alone: the fit itself chooses orders together with the static."""
-        return ({"nk": delay},)
 
     @cached_property
     def chain(self) -> BlockChain:

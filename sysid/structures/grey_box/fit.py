@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Array, Index, Record
+from sysid.data.record import Array, Record
 from sysid.errors import ModelError, Termination
 from sysid.fitting.holdout import hold_out, tie_margin
 from sysid.fitting.options import FitOptions
@@ -14,13 +14,13 @@ from sysid.fitting.problem import Parameter
 from sysid.fitting.profile import profiled
 from sysid.fitting.robust import huber_widths
 from sysid.fitting.solvers import Solution
-from sysid.fitting.uncertainty import Uncertainty, uncertainty
 from sysid.structures.base import Structure
 from sysid.structures.grey_box.constants import Rung
 from sysid.structures.grey_box.runs import Masks
 from sysid.structures.grey_box.starts import Setting, cost_of, started
 from sysid.structures.grey_box.structure import GreyBox
 from sysid.structures.outcome import FitOutcome, StartReport, Warm
+from sysid.structures.solved import Part, outcome_of, valued
 
 Mask = NDArray[np.bool_]
 
@@ -191,13 +191,10 @@ def _entries(s: Setting, rung: Rung) -> list[int]:
 
 def _determined(s: Setting, found: Solution, free: Mask, rung: Rung, kept: Masks) -> bool:
     """Whether the data tell each constant of a rung that has one sign, at one output at least."""
-    problem, n = s.problem(kept), len(free)
-    states = np.linalg.norm(found.jacobian[:, n:], axis=0) > 0.0
-    which = np.flatnonzero(np.concatenate([free, states]))
-    stretches = tuple(zip(problem.channels, problem.lengths, strict=True))
-    value = uncertainty(found.jacobian[:, which], found.residual, stretches, found.weights)
+    n, part = len(free), _part(s, found, free, kept)
     error = np.full(n, np.inf)
-    error[which[which < n]] = np.sqrt(np.diag(value.covariance))[which < n]
+    inside = part.free < n
+    error[part.free[inside]] = np.sqrt(np.diag(part.uncertainty.covariance))[inside]
     known = error < DETERMINED * np.abs(found.p[:n])
     lower = np.array([p.lower for p in s.parameters])
     return all(
@@ -219,19 +216,11 @@ def _held_error(s: Setting, p: Array, counted: Masks) -> float:
 # ---------------------------------------------------------------- uncertainty
 
 
-def _covariance(s: Setting, found: Solution, free: Mask) -> tuple[Uncertainty, Index]:
-    """Covariance and null space of the free entries and the states that matter; which these are."""
-    problem, n = s.problem(None), len(free)
+def _part(s: Setting, found: Solution, free: Mask, kept: Masks | None = None) -> Part:
+    """The free entries and the states that matter, with their covariance and null space."""
     # a state nothing depends on (a track that stands) is no unknown
-    states = np.linalg.norm(found.jacobian[:, n:], axis=0) > 0.0
-    which = np.flatnonzero(np.concatenate([free, states]))
-    value = uncertainty(
-        found.jacobian[:, which],
-        found.residual,
-        tuple(zip(problem.channels, problem.lengths, strict=True)),
-        found.weights,
-    )
-    return value, which
+    states = np.linalg.norm(found.jacobian[:, len(free) :], axis=0) > 0.0
+    return valued(s.problem(kept), found, np.flatnonzero(np.concatenate([free, states])))
 
 
 def _profiled(
@@ -248,11 +237,12 @@ def _profiled(
     for _ in range(REPEATS if entries else 0):
         if found.termination is Termination.DIVERGED:
             break
-        value, which = _covariance(s, found, free)
+        part = _part(s, found, free)
+        value = part.uncertainty
         scaled = value.plain / np.diag(value.covariance)
         errors, better = {}, None
         for k in entries:
-            at = int(np.flatnonzero(which == k)[0])
+            at = int(np.flatnonzero(part.free == k)[0])
             error = float(np.sqrt(value.covariance[at, at]))
             if not np.isfinite(error) or error <= 0.0:
                 continue
@@ -297,35 +287,15 @@ def _outcome(
     n = len(free)
     if found.termination is Termination.DIVERGED:
         raise ModelError(f"{s.structure.name}: {Termination.DIVERGED.value}")
-    value, which = _covariance(s, found, free)
-    covariance = np.zeros((n, n))
-    inside = which < n
-    entries = which[inside]
-    covariance[np.ix_(entries, entries)] = value.covariance[np.ix_(inside, inside)]
-    for k, error in errors.items():
-        wider = error / np.sqrt(covariance[k, k])
-        covariance[k, :] *= wider
-        covariance[:, k] *= wider
-    null = []
-    for direction in value.null.T:
-        part = direction[inside]
-        if np.linalg.norm(part) > 1e-3 * np.linalg.norm(direction):
-            whole = np.zeros(n)
-            whole[entries] = part / np.linalg.norm(part)
-            null.append(whole)
     theta = found.p[:n]
     table = tuple(
         replace(p, fixed=None if f else float(v))
         for p, f, v in zip(s.parameters, free, theta, strict=True)
     )
-    return FitOutcome(
-        s.structure,
-        table,
-        theta,
-        covariance,
-        np.array(null).T if null else np.zeros((n, 0)),
-        n_states=len(which) - len(entries),
-        termination=found.termination,
-        at_bound=tuple(s.parameters[k].name for k in found.at_bound if k < n),
-        starts=reports,
-    )
+    outcome = outcome_of(s.structure, table, theta, [_part(s, found, free)], reports)
+    covariance = outcome.covariance.copy()
+    for k, error in errors.items():
+        wider = error / np.sqrt(covariance[k, k])
+        covariance[k, :] *= wider
+        covariance[:, k] *= wider
+    return replace(outcome, covariance=covariance)

@@ -2,15 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
-from sysid.data.record import Record
-from sysid.fitting.problem import Focus
-from sysid.structures.linear.candidates import affordable, denominator_orders, numerators
+from sysid.structures.linear.candidates import denominator_orders, numerators
 from sysid.structures.linear.polynomial import PolynomialStructure
-
-if TYPE_CHECKING:
-    from sysid.structures.outcome import Warm
 
 
 @dataclass(frozen=True)
@@ -29,21 +24,12 @@ class ARMAX(PolynomialStructure):
     by_default: ClassVar[bool] = True
     search_cost: ClassVar[float] = 2.0
 
-    def starts(self, records: Sequence[Record], focus: Focus) -> "Warm":
-        """Named starting values of θ (see ``linear.starts``)."""
-        from sysid.structures.linear.starts import armax_starts
-
-        return armax_starts(self, records, focus)
-
     @classmethod
-    def candidate_orders(
-        cls, nu: int, ny: int, samples: int, delay: Any
-    ) -> tuple[Mapping[str, Any], ...]:
+    def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Mapping[str, Any]]:
         """Low orders; the noise as long as the dynamics, or shorter."""
-        grid = [
+        return [
             {"na": n, "nb": nb, "nc": nc}
             for n in denominator_orders(nu, ny, samples)
             for nb in numerators(n)
             for nc in sorted({1, min(n, 2), n})
         ]
-        return affordable(cls, grid, nu, ny, samples, delay)

@@ -4,13 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from sysid.data.record import Record
-from sysid.fitting.problem import Focus
-from sysid.structures.linear.candidates import affordable, arx_grid
+from sysid.structures.linear.candidates import arx_grid
 from sysid.structures.linear.polynomial import PolynomialStructure
 
 if TYPE_CHECKING:
-    from sysid.structures.outcome import Fitter, Warm
+    from sysid.structures.outcome import Fitter
 
 
 @dataclass(frozen=True)
@@ -36,15 +34,7 @@ class ARX(PolynomialStructure):
 
         return fit
 
-    def starts(self, records: Sequence[Record], focus: Focus) -> "Warm":
-        """Named starting values of θ (see ``linear.starts``)."""
-        from sysid.structures.linear.starts import arx_starts
-
-        return arx_starts(self, records, focus)
-
     @classmethod
-    def candidate_orders(
-        cls, nu: int, ny: int, samples: int, delay: Any
-    ) -> tuple[Mapping[str, Any], ...]:
+    def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Mapping[str, Any]]:
         """Every pair of low orders."""
-        return affordable(cls, arx_grid(nu, ny, samples), nu, ny, samples, delay)
+        return arx_grid(nu, ny, samples)

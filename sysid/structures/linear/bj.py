@@ -2,15 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
-from sysid.data.record import Record
-from sysid.fitting.problem import Focus
-from sysid.structures.linear.candidates import affordable, denominator_orders
+from sysid.structures.linear.candidates import denominator_orders
 from sysid.structures.linear.polynomial import PolynomialStructure
-
-if TYPE_CHECKING:
-    from sysid.structures.outcome import Warm
 
 
 @dataclass(frozen=True)
@@ -28,17 +23,8 @@ class BJ(PolynomialStructure):
     stable_by_meaning: ClassVar[bool] = True
     search_cost: ClassVar[float] = 4.0
 
-    def starts(self, records: Sequence[Record], focus: Focus) -> "Warm":
-        """Named starting values of θ (see ``linear.starts``)."""
-        from sysid.structures.linear.starts import output_error_starts
-
-        return output_error_starts(self, records, focus)
-
     @classmethod
-    def candidate_orders(
-        cls, nu: int, ny: int, samples: int, delay: Any
-    ) -> tuple[Mapping[str, Any], ...]:
+    def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Mapping[str, Any]]:
         """Low orders, each with noise of order 1 and 2."""
         sizes = denominator_orders(nu, ny, samples)
-        grid = [{"nb": n, "nc": k, "nd": k, "nf": n} for n in sizes for k in (1, 2)]
-        return affordable(cls, grid, nu, ny, samples, delay)
+        return [{"nb": n, "nc": k, "nd": k, "nf": n} for n in sizes for k in (1, 2)]

@@ -2,15 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
-from sysid.data.record import Record
-from sysid.fitting.problem import Focus
-from sysid.structures.linear.candidates import affordable, denominator_orders, numerators
+from sysid.structures.linear.candidates import denominator_orders, numerators
 from sysid.structures.linear.polynomial import PolynomialStructure
-
-if TYPE_CHECKING:
-    from sysid.structures.outcome import Warm
 
 
 @dataclass(frozen=True)
@@ -30,17 +25,8 @@ class OE(PolynomialStructure):
     stable_by_meaning: ClassVar[bool] = True
     search_cost: ClassVar[float] = 2.0
 
-    def starts(self, records: Sequence[Record], focus: Focus) -> "Warm":
-        """Named starting values of θ (see ``linear.starts``)."""
-        from sysid.structures.linear.starts import output_error_starts
-
-        return output_error_starts(self, records, focus)
-
     @classmethod
-    def candidate_orders(
-        cls, nu: int, ny: int, samples: int, delay: Any
-    ) -> tuple[Mapping[str, Any], ...]:
+    def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Mapping[str, Any]]:
         """Low orders, numerators about as long as denominators."""
         sizes = denominator_orders(nu, ny, samples)
-        grid = [{"nb": nb, "nf": n} for n in sizes for nb in numerators(n)]
-        return affordable(cls, grid, nu, ny, samples, delay)
+        return [{"nb": nb, "nf": n} for n in sizes for nb in numerators(n)]

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +17,14 @@ from sysid.fitting.problem import (
     Problem,
 )
 from sysid.structures.base import NamedStructure, refuse_options
+from sysid.structures.linear.candidates import affordable
 from sysid.structures.linear.predictor import RowErrors, RowLayout
 from sysid.structures.linear.problems import FreeRunErrors, Remaining, Stacked
 from sysid.structures.linear.transfer import TransferMatrix, adjugate, determinant
 from sysid.structures.orders import Orders, spread
+
+if TYPE_CHECKING:
+    from sysid.structures.outcome import Warm
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +71,24 @@ class PolynomialStructure(NamedStructure):
     def order_values(self) -> dict[str, Any]:
         """Orders in their shortest form."""
         return {name: self.orders.value(name) for name in self.order_names}
+
+    @classmethod
+    def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Mapping[str, Any]]:
+        """Orders that are tried, without delay, whether or not the samples bear them."""
+        return ()
+
+    @classmethod
+    def candidate_orders(
+        cls, nu: int, ny: int, samples: int, delay: Any
+    ) -> tuple[Mapping[str, Any], ...]:
+        """Orders of the grid that the samples bear."""
+        return affordable(cls, cls.order_grid(nu, ny, samples), nu, ny, samples, delay)
+
+    def starts(self, records: Sequence[Record], focus: Focus) -> "Warm":
+        """Named starting values of θ, by the polynomials there are."""
+        from sysid.structures.linear.starts import starts_of
+
+        return starts_of(self, records, focus)
 
     def stabilised(self, theta: Array) -> Array:
         """θ with its poles reflected into the unit circle."""

@@ -79,6 +79,16 @@ def stabilised(structure: PolynomialStructure, theta: Array) -> Array:
     return out
 
 
+def starts_of(structure: PolynomialStructure, records: Sequence[Record], focus: Focus) -> Starts:
+    """Named starting values of θ, by the polynomials of the structure."""
+    if "f" in structure.letters:
+        return output_error_starts(structure, records, focus)
+    if "c" not in structure.letters:
+        return arx_starts(structure, records, focus)
+    own = armax_starts if structure.takes_inputs else time_series_starts
+    return own(structure, records, focus)
+
+
 def arx_starts(structure: PolynomialStructure, records: Sequence[Record], focus: Focus) -> Starts:
     """Least squares; with the simulation focus also output-error starts."""
     rows = [plain_row(structure.layout(i)) for i in range(structure.ny)]

@@ -1,17 +1,13 @@
 """AR, MA and ARMA: models of a signal without inputs (thesis 3.11–3.13; Box & Jenkins 1976)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
-from sysid.data.record import Record
-from sysid.fitting.problem import Focus
 from sysid.structures.linear.armax import ARMAX
 from sysid.structures.linear.arx import ARX
-
-if TYPE_CHECKING:
-    from sysid.structures.outcome import Warm
+from sysid.structures.linear.polynomial import PolynomialStructure
 
 HIGHEST = 8
 """Highest order of an AR tried without being asked: the disturbances of machines need less."""
@@ -24,7 +20,26 @@ SAMPLES_EACH = 20
 
 
 @dataclass(frozen=True)
-class AR(ARX):
+class TimeSeries(PolynomialStructure):
+    """What models of a signal without inputs have in common."""
+
+    takes_inputs: ClassVar[bool] = False
+    search_cost: ClassVar[float] = 1.0
+    solved_at_once: ClassVar[bool] = False
+    highest: ClassVar[int] = HIGHEST_MIXED
+
+    @classmethod
+    def candidate_orders(
+        cls, nu: int, ny: int, samples: int, delay: Any
+    ) -> tuple[Mapping[str, Any], ...]:
+        """Every combination of orders from 1 to ``highest``, as far as the samples bear them."""
+        orders = range(1, max(1, min(cls.highest, samples // SAMPLES_EACH)) + 1)
+        each = product(orders, repeat=len(cls.order_names))
+        return tuple(dict(zip(cls.order_names, values, strict=True)) for values in each)
+
+
+@dataclass(frozen=True)
+class AR(TimeSeries, ARX):
     """A(q) y(t) = e(t) (thesis 3.12)."""
 
     name: ClassVar[str] = "ar"
@@ -33,20 +48,11 @@ class AR(ARX):
     when: ClassVar[str] = "a log without inputs: vibration, drift, a disturbance; solved directly"
     order_names: ClassVar[tuple[str, ...]] = ("na",)
     letters: ClassVar[str] = "a"
-    takes_inputs: ClassVar[bool] = False
-    search_cost: ClassVar[float] = 1.0
-    solved_at_once: ClassVar[bool] = False
-
-    @classmethod
-    def candidate_orders(
-        cls, nu: int, ny: int, samples: int, delay: Any
-    ) -> tuple[Mapping[str, Any], ...]:
-        """Orders 1 to 8, as far as the samples bear them."""
-        return tuple({"na": n} for n in range(1, _bearable(HIGHEST, samples) + 1))
+    highest: ClassVar[int] = HIGHEST
 
 
 @dataclass(frozen=True)
-class MA(ARMAX):
+class MA(TimeSeries, ARMAX):
     """y(t) = C(q) e(t) (thesis 3.11)."""
 
     name: ClassVar[str] = "ma"
@@ -55,25 +61,10 @@ class MA(ARMAX):
     when: ClassVar[str] = "a log without inputs whose signal forgets within a few samples"
     order_names: ClassVar[tuple[str, ...]] = ("nc",)
     letters: ClassVar[str] = "c"
-    takes_inputs: ClassVar[bool] = False
-    search_cost: ClassVar[float] = 1.0
-
-    def starts(self, records: Sequence[Record], focus: Focus) -> "Warm":
-        """Named starting values of θ (see ``linear.starts``)."""
-        from sysid.structures.linear.starts import time_series_starts
-
-        return time_series_starts(self, records, focus)
-
-    @classmethod
-    def candidate_orders(
-        cls, nu: int, ny: int, samples: int, delay: Any
-    ) -> tuple[Mapping[str, Any], ...]:
-        """Orders 1 to 3, as far as the samples bear them."""
-        return tuple({"nc": n} for n in range(1, _bearable(HIGHEST_MIXED, samples) + 1))
 
 
 @dataclass(frozen=True)
-class ARMA(ARMAX):
+class ARMA(TimeSeries, ARMAX):
     """A(q) y(t) = C(q) e(t) (thesis 3.13)."""
 
     name: ClassVar[str] = "arma"
@@ -82,23 +73,3 @@ class ARMA(ARMAX):
     when: ClassVar[str] = "a log without inputs, read through a noisy sensor"
     order_names: ClassVar[tuple[str, ...]] = ("na", "nc")
     letters: ClassVar[str] = "ac"
-    takes_inputs: ClassVar[bool] = False
-    search_cost: ClassVar[float] = 1.0
-
-    def starts(self, records: Sequence[Record], focus: Focus) -> "Warm":
-        """Named starting values of θ (see ``linear.starts``)."""
-        from sysid.structures.linear.starts import time_series_starts
-
-        return time_series_starts(self, records, focus)
-
-    @classmethod
-    def candidate_orders(
-        cls, nu: int, ny: int, samples: int, delay: Any
-    ) -> tuple[Mapping[str, Any], ...]:
-        """Every pair of orders 1 to 3, as far as the samples bear them."""
-        orders = range(1, _bearable(HIGHEST_MIXED, samples) + 1)
-        return tuple({"na": na, "nc": nc} for na, nc in product(orders, repeat=2))
-
-
-def _bearable(highest: int, samples: int) -> int:
-    return max(1, min(highest, samples // SAMPLES_EACH))

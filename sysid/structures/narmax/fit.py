@@ -24,7 +24,7 @@ from sysid.structures.outcome import FitOutcome, StartReport
 from sysid.structures.recursive.frols import forward, term_gram
 from sysid.structures.recursive.monomials import Term, is_noise
 from sysid.structures.recursive.trials import RUN_SAMPLES, SEARCH_SAMPLES, Estimate, start_report
-from sysid.structures.search import assembled, valued, worst
+from sysid.structures.solved import outcome_of, valued, worst
 
 SEARCH_EVALUATIONS = 20
 FINAL_EVALUATIONS = 60
@@ -313,29 +313,19 @@ def _outcome(
     _, free, _, _ = _constraints(parameters)
     noise = np.array([is_noise(t) for row in s.rows for t in row])
     alternate = any(isinstance(problem, ChunkedRuns) for problem, _, _ in found.solved)
-    parts, stuck = [], []
+    parts = []
     for problem, solution, samples in found.solved:
         mine = free[problem.index]
         if alternate:  # free runs determine the process, one step ahead follow the noise terms
             mine = mine & (noise[problem.index] != isinstance(problem, ChunkedRuns))
         if mine.any():
             parts.append(valued(problem, solution, np.flatnonzero(mine), samples))
-            stuck += [parameters[problem.index[k]].name for k in solution.at_bound]
-    covariance, null = assembled(parts, len(found.theta))
     runs = s.free_run().measured(found.theta, records)
     advice = "there the polynomial runs away; lower the degree or the number of terms"
-    endings = [solution.termination for _, solution, _ in found.solved]
-    ending = worst(endings)
-    if not noise.any() and found.how == "least squares" and not stuck and ending.good:
-        ending = Termination.CLOSED_FORM
-    return FitOutcome(
-        s,
-        parameters,
-        found.theta,
-        covariance,
-        null,
-        termination=ending,
-        at_bound=tuple(stuck),
-        starts=tuple(starts),
-        warnings=(*notes, *s.limit_warnings(runs, records[0].outputs, advice)),
+    notes = (*notes, *s.limit_warnings(runs, records[0].outputs, advice))
+    outcome = outcome_of(s, parameters, found.theta, parts, starts, notes)
+    ending = worst([solution.termination for _, solution, _ in found.solved])
+    linear = found.how == "least squares" and not noise.any() and not outcome.at_bound
+    return replace(
+        outcome, termination=Termination.CLOSED_FORM if linear and ending.good else ending
     )

@@ -33,7 +33,7 @@ from sysid.structures.narx.wavelet_network import RowDesign
 from sysid.structures.outcome import FitOutcome, StartReport
 from sysid.structures.recursive.chunks import spreads
 from sysid.structures.recursive.trials import RUN_SAMPLES, SEARCH_SAMPLES, Estimate, start_report
-from sysid.structures.search import assembled, valued, worst
+from sysid.structures.solved import outcome_of, valued
 
 ROUNDS, FEWER_ROUNDS = 20, 14
 """Evaluations on all data; the second where there are at least SHORT samples."""
@@ -250,23 +250,14 @@ def _outcome(
         valued(problem, solution, np.flatnonzero(free[problem.index]), samples)
         for problem, solution, samples in chosen.solved
     ]
-    covariance, null = assembled(parts, len(free))
     low, high = (np.array([getattr(p, k) for p in parameters]) for k in ("lower", "upper"))
     width = np.where(np.isfinite(high - low), high - low, 1.0)
     near = free & ((chosen.theta <= low + 1e-6 * width) | (chosen.theta >= high - 1e-6 * width))
-    endings = [solution.termination for _, solution, _ in chosen.solved]
     advice = "lower the orders or the number of units"
-    return FitOutcome(
-        s,
-        parameters,
-        chosen.theta,
-        covariance,
-        null,
-        termination=worst(endings),
-        at_bound=tuple(p.name for p, hit in zip(parameters, near, strict=True) if hit),
-        starts=(*starts, *reports),
-        warnings=s.limit_warnings(runs[best], records[0].outputs, advice),
-    )
+    warnings = s.limit_warnings(runs[best], records[0].outputs, advice)
+    found = outcome_of(s, parameters, chosen.theta, parts, (*starts, *reports), warnings)
+    stuck = tuple(p.name for p, hit in zip(parameters, near, strict=True) if hit)
+    return replace(found, at_bound=stuck)
 
 
 def _with_fixed_boxes(
