@@ -443,7 +443,7 @@ def test_an_integrator_has_no_time_constant() -> None:
     u = rng.choice([-1.0, 1.0], (2000, 1))
     y = np.cumsum(np.vstack([[0.0], u[:-1]]), axis=0)
     (speed,) = estimate_speed([Record(u, y, 0.1)])
-    assert speed.time_constant is None or speed.time_constant > 200 * 0.1
+    assert speed.time_constant is None
 
 
 def test_regression_standard_errors_cover() -> None:

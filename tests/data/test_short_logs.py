@@ -42,8 +42,9 @@ def test_short_logs_get_one_sentence_about_the_log(
     log = oven(Path("log.csv"), samples)
     done = run(capsys, line[0], log, *line[1:])
     assert "unexpected" not in done.err
+    enough = {"arx": 21, "inspect": 20}  # a third of 30 is too few to judge on
+    assert done.code == (0 if samples >= enough.get(line[-1], 31) else 1)
     if done.code and line != ["inspect"]:  # which prints every finding
-        assert done.code == 1
         assert done.err.count("\n") == 1
         what = "1 row of numbers" if samples == 1 else f"{samples} samples"
         if line[1:] == ["--structure", "arx"] and samples == 20:

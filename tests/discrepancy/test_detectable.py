@@ -43,7 +43,10 @@ def test_small_effects_show_on_rich_logs_and_need_more_size_in_more_noise() -> N
         # steps of a coarse reading are as noise: seen only from about their own size on
         assert 0.0 < small < large < (1.0 if id == "quantisation" else 0.3)
     # a limit is the looser the easier it shows
-    assert (quiet["input-saturation"] or 0.0) > (loud["input-saturation"] or 0.0) > 0.5
+    tightest, looser = loud["input-saturation"], quiet["input-saturation"]
+    assert tightest is not None
+    assert looser is not None
+    assert looser > tightest > 0.5
 
 
 def test_a_size_that_it_gives_would_be_found_about_there() -> None:

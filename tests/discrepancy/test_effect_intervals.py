@@ -140,11 +140,12 @@ def test_a_side_that_is_never_driven_is_not_visited() -> None:
 def test_the_model_has_the_errors_of_the_intervals() -> None:
     base, naming = measured(0)
     rows = {p.name: p for p in model_of(base, naming.final, naming.intervals).parameter_table()}
-    for v in values_of(base, naming.final, "dead-zone", naming.intervals):
-        row = rows[f"dead-zone.{v.name}"]
-        assert row.value == v.value
-        if v.std_error is not None:
-            assert row.std_error == pytest.approx(v.std_error)
+    values = values_of(base, naming.final, "dead-zone", naming.intervals)
+    assert [rows[f"dead-zone.{v.name}"].value for v in values] == [v.value for v in values]
+    known = {v.name: v.std_error for v in values if v.std_error is not None}
+    assert len(known) == 6  # sizes of two tracks and of their jumps
+    for name, error in known.items():
+        assert rows[f"dead-zone.{name}"].std_error == pytest.approx(error)
 
 
 # Words --------------------------------------------------------------------------------------------

@@ -83,5 +83,8 @@ def test_the_mask_hides_what_was_lost(holds: bool) -> None:
 
 def test_the_smallest_that_would_be_named() -> None:
     sizes = smallest_named([logs((), 3)])
-    assert 0.05 < (sizes["quantisation"] or 0.0) < 1.0
-    assert 0.0 < (sizes["dropouts"] or 0.0) < 0.01
+    step, share = sizes["quantisation"], sizes["dropouts"]
+    assert step is not None
+    assert share is not None
+    assert 0.05 < step < 1.0
+    assert 0.0 < share < 0.01

@@ -125,7 +125,7 @@ def hammerstein_wiener(kind: str, channels: int = 1) -> Model:
         {"nb": 2, "nf": 2, "nk": 0 if channels == 1 else 1}, channels, channels,
         {"input": text, "output": f"abs,{text}" if kind != "abs" else "piecewise:4"},
     )  # fmt: skip
-    made = replace(made, asked=None)
+    made = replace(made, requested=None)
     own = static_parameters(kind, size)
     after = [0.1, *own] if kind != "abs" else [-1.0, 0.0, 1.0, 2.0, -1.0, 0.0, 2.0, 2.5]
     layers = made.chain.layers
@@ -146,7 +146,7 @@ def wiener_hammerstein() -> Model:
     first = [0.5, -0.5] * 2
     static = [-0.2, 0.3] * 2
     second = [0.4, -0.1, -1.2, 0.5] * 2
-    return hand_made(replace(made, asked=None), np.array([*first, *static, *second, 0.5]))
+    return hand_made(replace(made, requested=None), np.array([*first, *static, *second, 0.5]))
 
 
 def motor(

@@ -183,7 +183,7 @@ def _wiener_hammerstein() -> Case:
 
 def _settled(made: Structure) -> Structure:
     """A block structure as one that has its own statics, not those somebody asked for."""
-    return replace(made, asked=None)  # type: ignore[call-arg]
+    return replace(made, requested=None)  # type: ignore[call-arg]
 
 
 def _dc_motor() -> Case:
