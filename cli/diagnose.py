@@ -10,7 +10,7 @@ from sysid.errors import DataError, UsageError
 from sysid.workspace.logs import as_fitted, judged_on
 from sysid.workspace.store import StoredModel, Workspace
 
-from . import reading, render, targets
+from . import fit_options, reading, render, targets
 from .diagnose_files import keep_models, write_results
 from .diagnose_report import show
 from .field_options import with_options
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from sysid.data.record import Record
     from sysid.discrepancy.diagnosis import Diagnosis
     from sysid.structures.model import Model
-
-_JUDGING = "Judging"
 
 
 @reading.composed(drive=driven, steps=reading.preparation, read=reading.read_options)
@@ -40,11 +38,8 @@ def diagnose(
     ] = None,
     validation: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--val",
-            metavar="LOG",
-            rich_help_panel=_JUDGING,
-            help="Log to prove it on; the logs are split unless given. Again for more.",
+        fit_options.judging_option(
+            "--val", "LOG", "Log to prove it on; the logs are split unless given. Again for more."
         ),
     ] = None,
     *,

@@ -30,57 +30,45 @@ def fit(
     logs: reading.Logs,
     structures: Annotated[
         str | None,
-        typer.Option(
+        fit_options.fitting_option(
             "--structure",
-            metavar="NAME",
-            rich_help_panel=fit_options.FITTING,
-            help="oe, narx-wavelet …; several as a,b. The four linear ones unless given.",
+            "NAME",
+            "oe, narx-wavelet …; several as a,b. The four linear ones unless given.",
         ),
     ] = None,
     orders: Annotated[
         str | None,
-        typer.Option(
+        fit_options.fitting_option(
             "--orders",
-            metavar="TEXT",
-            rich_help_panel=fit_options.FITTING,
-            help='"na=2 nb=2 nk=1", matrices "na=1,0;0,1", ranges "na=1:4"; '
+            "TEXT",
+            '"na=2 nb=2 nk=1", matrices "na=1,0;0,1", ranges "na=1:4"; '
             '"arx: na=2 nb=2; oe: nb=2 nf=2". Searched unless given.',
         ),
     ] = None,
     validation: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--val",
-            metavar="LOG",
-            rich_help_panel=fit_options.JUDGING,
-            help="Log to judge on; never used to choose anything. Again for more.",
+        fit_options.judging_option(
+            "--val", "LOG", "Log to judge on; never used to choose anything. Again for more."
         ),
     ] = None,
     split: Annotated[
         float | None,
-        typer.Option(
-            "--split",
-            metavar="SHARE",
-            rich_help_panel=fit_options.JUDGING,
-            help="Fit on this share of each log, judge on the rest, e.g. 0.7.",
+        fit_options.judging_option(
+            "--split", "SHARE", "Fit on this share of each log, judge on the rest, e.g. 0.7."
         ),
     ] = None,
     criterion: Annotated[
         str,
-        typer.Option(
-            "--criteria",
-            metavar="NAME",
-            rich_help_panel=fit_options.FITTING,
-            help="What ranks orders and structures: fit, aic, bic, fpe …",
+        fit_options.fitting_option(
+            "--criteria", "NAME", "What ranks orders and structures: fit, aic, bic, fpe …"
         ),
     ] = "fit",
     detrend: Annotated[
         str,
-        typer.Option(
+        fit_options.fitting_option(
             "--detrend",
-            metavar="HOW",
-            rich_help_panel=fit_options.FITTING,
-            help="Levels: auto, none, level (estimated with the model), mean or linear (removed).",
+            "HOW",
+            "Levels: auto, none, level (estimated with the model), mean or linear (removed).",
         ),
     ] = "auto",
     plot: Annotated[

@@ -3,8 +3,6 @@
 import math
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from sysid.errors import UsageError
 
 from . import reading
@@ -13,9 +11,7 @@ if TYPE_CHECKING:
     from sysid.estimation.assessment.findings import Policy
     from sysid.fitting.options import FitOptions
 
-FITTING = "Fitting"
-JUDGING = "Judging"
-"""Panels of the help."""
+fitting_option, judging_option = reading.in_panel("Fitting"), reading.in_panel("Judging")
 
 
 def names(text: str | None) -> tuple[str, ...]:
@@ -26,83 +22,61 @@ def names(text: str | None) -> tuple[str, ...]:
 def estimation(
     focus: Annotated[
         str,
-        typer.Option(
-            "--focus",
-            metavar="WHAT",
-            rich_help_panel=FITTING,
-            help="Minimise errors of prediction or of simulation.",
-        ),
+        fitting_option("--focus", "WHAT", "Minimise errors of prediction or of simulation."),
     ] = "prediction",
     initial: Annotated[
         str,
-        typer.Option(
-            "--initial",
-            metavar="HOW",
-            rich_help_panel=FITTING,
-            help="Initial states in the fit: auto, zero, estimated or backcast.",
+        fitting_option(
+            "--initial", "HOW", "Initial states in the fit: auto, zero, estimated or backcast."
         ),
     ] = "auto",
     fixed: Annotated[
         list[str] | None,
-        typer.Option(
-            "--fix",
-            metavar="NAME=VALUE",
-            rich_help_panel=FITTING,
-            help="Hold a parameter at a value, e.g. a1=-0.9.",
-        ),
+        fitting_option("--fix", "NAME=VALUE", "Hold a parameter at a value, e.g. a1=-0.9."),
     ] = None,
     bounds: Annotated[
         list[str] | None,
-        typer.Option(
-            "--bound",
-            metavar="NAME=LOW:HIGH",
-            rich_help_panel=FITTING,
-            help="Keep a parameter between bounds, e.g. a1=-1:0.",
+        fitting_option(
+            "--bound", "NAME=LOW:HIGH", "Keep a parameter between bounds, e.g. a1=-1:0."
         ),
     ] = None,
     structure_options: Annotated[
         list[str] | None,
-        typer.Option(
-            "--option",
-            metavar="NAME=VALUE",
-            rich_help_panel=FITTING,
-            help="Option of the structure; `sysid structures NAME` lists them.",
+        fitting_option(
+            "--option", "NAME=VALUE", "Option of the structure; `sysid structures NAME` lists them."
         ),
     ] = None,
     robust: Annotated[
         bool,
-        typer.Option("--robust", rich_help_panel=FITTING, help="Find outliers, leave them out."),
+        fitting_option("--robust", None, "Find outliers, leave them out."),
     ] = False,
     stable: Annotated[
         bool,
-        typer.Option("--stable", rich_help_panel=FITTING, help="Admit only stable models."),
+        fitting_option("--stable", None, "Admit only stable models."),
     ] = False,
     method: Annotated[
         str,
-        typer.Option(
+        fitting_option(
             "--method",
-            metavar="NAME",
-            rich_help_panel=FITTING,
-            help="Iterations of the search: levenberg-marquardt, gauss-newton or gradient.",
+            "NAME",
+            "Iterations of the search: levenberg-marquardt, gauss-newton or gradient.",
         ),
     ] = "levenberg-marquardt",
     max_evaluations: Annotated[
         int | None,
-        typer.Option(
+        fitting_option(
             "--max-iterations",
-            metavar="N",
+            "N",
+            "Longest search from one start; 200 for most structures.",
             min=1,
-            rich_help_panel=FITTING,
-            help="Longest search from one start; 200 for most structures.",
         ),
     ] = None,
     tolerance: Annotated[
         float | None,
-        typer.Option(
+        fitting_option(
             "--tolerance",
-            metavar="X",
-            rich_help_panel=FITTING,
-            help="Relative change of error and step at which a search has converged, e.g. 1e-9.",
+            "X",
+            "Relative change of error and step at which a search has converged, e.g. 1e-9.",
         ),
     ] = None,
 ) -> "FitOptions":
@@ -136,32 +110,19 @@ def estimation(
 def judging(
     start: Annotated[
         str,
-        typer.Option(
+        judging_option(
             "--initial-state",
-            metavar="HOW",
-            rich_help_panel=JUDGING,
-            help="Start of the free run in the figures: estimated, measured or zero.",
+            "HOW",
+            "Start of the free run in the figures: estimated, measured or zero.",
         ),
     ] = "estimated",
     skip: Annotated[
         int,
-        typer.Option(
-            "--skip",
-            metavar="N",
-            min=0,
-            rich_help_panel=JUDGING,
-            help="Leave the first N samples out of the error figures.",
-        ),
+        judging_option("--skip", "N", "Leave the first N samples out of the error figures.", min=0),
     ] = 0,
     horizons: Annotated[
         list[int] | None,
-        typer.Option(
-            "--horizon",
-            metavar="K",
-            min=2,
-            rich_help_panel=JUDGING,
-            help="Also show the K-step prediction. Again for more.",
-        ),
+        judging_option("--horizon", "K", "Also show the K-step prediction. Again for more.", min=2),
     ] = None,
 ) -> "Policy":
     """How figures are made.

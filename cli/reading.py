@@ -14,7 +14,20 @@ if TYPE_CHECKING:
     from sysid.data.preparation import Preparation
     from sysid.data.reading.read_options import ReadOptions
 
-_PANEL = "Reading the log"
+
+def in_panel(panel: str) -> Callable[..., Any]:
+    """What declares an option in a panel of the help: name, what its value is called, a sentence.
+
+    What else is given goes to typer, such as ``min``.
+    """
+
+    def option(name: str, metavar: str | None, help: str, **more: Any) -> Any:
+        return typer.Option(name, metavar=metavar, help=help, rich_help_panel=panel, **more)
+
+    return option
+
+
+_reading, _preparing = in_panel("Reading the log"), in_panel("Preparing the log")
 
 Logs = Annotated[
     list[Path],
@@ -22,152 +35,111 @@ Logs = Annotated[
 ]
 Inputs = Annotated[
     list[str] | None,
-    typer.Option(
+    _reading(
         "--input",
-        metavar="NAME",
-        rich_help_panel=_PANEL,
-        help="Input column; again (or a,b) for more; none where there is none. Found by name "
+        "NAME",
+        "Input column; again (or a,b) for more; none where there is none. Found by name "
         "unless given.",
     ),
 ]
 Outputs = Annotated[
     list[str] | None,
-    typer.Option(
-        "--output",
-        metavar="NAME",
-        rich_help_panel=_PANEL,
-        help="Output column; again (or a,b) for more. Found by name unless given.",
+    _reading(
+        "--output", "NAME", "Output column; again (or a,b) for more. Found by name unless given."
     ),
 ]
 Time = Annotated[
     str | None,
-    typer.Option("--time", metavar="NAME", rich_help_panel=_PANEL, help="Time column."),
+    _reading("--time", "NAME", "Time column."),
 ]
 SampleTime = Annotated[
     float | None,
-    typer.Option(
-        "--ts",
-        metavar="SECONDS",
-        rich_help_panel=_PANEL,
-        help="Sample time, where the log does not tell it.",
-    ),
+    _reading("--ts", "SECONDS", "Sample time, where the log does not tell it."),
 ]
 Units = Annotated[
     list[str] | None,
-    typer.Option(
+    _reading(
         "--unit",
-        metavar="NAME=UNIT",
-        rich_help_panel=_PANEL,
-        help="Unit of a column in the file: omega_l=rpm, psi=deg, time=ms; converted to SI.",
+        "NAME=UNIT",
+        "Unit of a column in the file: omega_l=rpm, psi=deg, time=ms; converted to SI.",
     ),
 ]
 PwmMax = Annotated[
     float | None,
-    typer.Option(
-        "--pwm-max",
-        metavar="VALUE",
-        rich_help_panel=_PANEL,
-        help="Command of full drive in the file, e.g. 255.",
-    ),
+    _reading("--pwm-max", "VALUE", "Command of full drive in the file, e.g. 255."),
 ]
 Delimiter = Annotated[
     str | None,
-    typer.Option(
-        "--delimiter", metavar="SIGN", rich_help_panel=_PANEL, help="Found unless given; or tab."
-    ),
+    _reading("--delimiter", "SIGN", "Found unless given; or tab."),
 ]
 Decimal = Annotated[
     str | None,
-    typer.Option(
-        "--decimal", metavar="SIGN", rich_help_panel=_PANEL, help="'.' or ','; found unless given."
-    ),
+    _reading("--decimal", "SIGN", "'.' or ','; found unless given."),
 ]
 Resample = Annotated[
     str,
-    typer.Option(
+    _reading(
         "--resample",
-        metavar="POLICY",
-        rich_help_panel=_PANEL,
-        help="What to do about jitter, gaps and empty cells: auto, hold, refuse, fill or split.",
+        "POLICY",
+        "What to do about jitter, gaps and empty cells: auto, hold, refuse, fill or split.",
     ),
 ]
 Unwrap = Annotated[
     list[str] | None,
-    typer.Option(
+    _reading(
         "--unwrap",
-        metavar="PERIOD",
-        rich_help_panel=_PANEL,
-        help="A counter starts over after so many, e.g. 65536 or NAME=4096; NAME=none leaves it. "
+        "PERIOD",
+        "A counter starts over after so many, e.g. 65536 or NAME=4096; NAME=none leaves it. "
         "Seen from the readings unless given.",
     ),
 ]
 SpeedOf = Annotated[
     list[str] | None,
-    typer.Option(
-        "--speed-of",
-        metavar="NAME",
-        rich_help_panel=_PANEL,
-        help="Output that is a position or counter: model its speed instead.",
+    _reading(
+        "--speed-of", "NAME", "Output that is a position or counter: model its speed instead."
     ),
 ]
 Held = Annotated[
     str,
-    typer.Option(
+    _reading(
         "--held",
-        metavar="HOW",
-        rich_help_panel=_PANEL,
-        help="Sensors slower than the log: auto reads it at their rate, keep every row, N one "
+        "HOW",
+        "Sensors slower than the log: auto reads it at their rate, keep every row, N one "
         "sample every N rows.",
     ),
 ]
 Join = Annotated[
     list[str] | None,
-    typer.Option(
+    _reading(
         "--join",
-        metavar="FILE",
-        rich_help_panel=_PANEL,
-        help="More columns of the same drive, such as a camera's pose, brought onto the log's rows "
+        "FILE",
+        "More columns of the same drive, such as a camera's pose, brought onto the log's rows "
         "and clock; LOG=FILE where there are several logs.",
     ),
 ]
 JoinOffset = Annotated[
     float | None,
-    typer.Option(
+    _reading(
         "--join-offset",
-        metavar="SECONDS",
-        rich_help_panel=_PANEL,
-        help="Time of the log less time of the joined file. Estimated from wheels and pose unless "
+        "SECONDS",
+        "Time of the log less time of the joined file. Estimated from wheels and pose unless "
         "given.",
     ),
 ]
 
-_PREPARING = "Preparing the log"
 Trim = Annotated[
     str | None,
-    typer.Option(
-        "--trim",
-        metavar="HEAD:TAIL",
-        rich_help_panel=_PREPARING,
-        help="Seconds to cut at the head and the tail of each record, e.g. 2:1.5.",
+    _preparing(
+        "--trim", "HEAD:TAIL", "Seconds to cut at the head and the tail of each record, e.g. 2:1.5."
     ),
 ]
 LowPass = Annotated[
     float | None,
-    typer.Option(
-        "--low-pass",
-        metavar="HZ",
-        rich_help_panel=_PREPARING,
-        help="Filter inputs and outputs alike (zero phase) at this cut-off.",
-    ),
+    _preparing("--low-pass", "HZ", "Filter inputs and outputs alike (zero phase) at this cut-off."),
 ]
 Decimate = Annotated[
     int,
-    typer.Option(
-        "--decimate",
-        metavar="N",
-        rich_help_panel=_PREPARING,
-        help="Keep every N-th sample, behind an anti-alias filter.",
-    ),
+    _preparing("--decimate", "N", "Keep every N-th sample, behind an anti-alias filter."),
 ]
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]

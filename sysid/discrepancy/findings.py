@@ -102,50 +102,26 @@ def indistinct_edges(base: Base, naming: Naming, records: Sequence[Record]) -> t
 
 def sample_effects(found: SampleEffects) -> tuple[NamedEffect, ...]:
     """Coarse, repeated and lost readings: seen in the samples, they lower no error."""
-    effects = []
-    if found.coarse:
-        effects.append(
-            NamedEffect(
-                QUANTISATION.id,
-                QUANTISATION.stage,
-                tuple(c.output for c in found.coarse),
-                tuple(Value(f"step[{c.output}]", c.step, None, "") for c in found.coarse),
-                0.0,
-                0.0,
-                0.0,
-                (),
-                " ".join(c.sentence for c in found.coarse),
-            )
+    seen = (
+        (QUANTISATION, "", [(c, "step", c.step) for c in found.coarse]),
+        (HELD_TELEMETRY, "s", [(c, "period", c.seconds) for c in found.held]),
+        (DROPOUTS, "", [(c, "share", c.share) for c in found.lost]),
+    )
+    return tuple(
+        NamedEffect(
+            id=effect.id,
+            stage=effect.stage,
+            channels=tuple(dict.fromkeys(c.output for c, _, _ in each)),
+            parameters=tuple(Value(f"{n}[{c.output}]", v, None, unit) for c, n, v in each),
+            delta_bic=0.0,
+            p_value=0.0,
+            heldout_gain=0.0,
+            indistinguishable=(),
+            sentence=" ".join(c.sentence for c, _, _ in each),
         )
-    if found.held:
-        effects.append(
-            NamedEffect(
-                HELD_TELEMETRY.id,
-                HELD_TELEMETRY.stage,
-                tuple(c.output for c in found.held),
-                tuple(Value(f"period[{c.output}]", c.seconds, None, "s") for c in found.held),
-                0.0,
-                0.0,
-                0.0,
-                (),
-                " ".join(c.sentence for c in found.held),
-            )
-        )
-    if found.lost:
-        effects.append(
-            NamedEffect(
-                DROPOUTS.id,
-                DROPOUTS.stage,
-                tuple(dict.fromkeys(c.output for c in found.lost)),
-                tuple(Value(f"share[{c.output}]", c.share, None, "") for c in found.lost),
-                0.0,
-                0.0,
-                0.0,
-                (),
-                " ".join(c.sentence for c in found.lost),
-            )
-        )
-    return tuple(effects)
+        for effect, unit, each in seen
+        if each
+    )
 
 
 def absorbed(base: Base, naming: Naming) -> tuple[str, ...]:

@@ -23,7 +23,9 @@ def lines_of(function: Function) -> int:
     first = function.body[0]
     if ast.get_docstring(function) is not None:
         lines -= (first.end_lineno or 0) - first.lineno + 1
-    if any("typer." in ast.unparse(a.annotation) for a in arguments(function) if a.annotation):
+    if any(
+        "option(" in ast.unparse(a.annotation).lower() for a in arguments(function) if a.annotation
+    ):
         lines -= first.lineno - function.lineno
     return lines
 
