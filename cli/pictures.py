@@ -1,6 +1,6 @@
 """From results of the library to the pictures of the report layer."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from sysid.plant.replay import Replay
     from sysid.report.correlation_panels import LagTest
     from sysid.report.fit_picture import FitSegment
+    from sysid.report.missions.estimate_drawing import Estimate
 
 
 def draw_fit(path: Path, title: str, found: "Identification") -> None:
@@ -121,8 +122,22 @@ def draw_mission(path: Path, name: str, mission: "Mission", result: "MissionResu
         speed_reference=log["v_ref"],
         heading_reference=log["psi_ref"],
         min_clearance=result.min_clearance_m,
+        estimate=_estimate(log),
     )
     plot_mission(path, picture)
+
+
+def _estimate(log: "Mapping[str, Array]") -> "Estimate | None":
+    """What navigation believed, where it is in the log."""
+    import numpy as np
+
+    from sysid.report.missions.estimate_drawing import Estimate
+
+    shown = ("x_est", "y_est", "P_xx", "P_xy", "P_yy")
+    if not all(name in log for name in shown):
+        return None
+    columns = np.column_stack([log[name] for name in shown])
+    return Estimate(columns[:, :2], columns[:, 2:])
 
 
 def draw_replay(path: Path, result: "Replay") -> None:

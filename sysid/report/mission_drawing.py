@@ -9,6 +9,8 @@ from sysid.data.record import Array, frozen
 from sysid.errors import DataError
 from sysid.report import style
 from sysid.report.envelope import envelope
+from sysid.report.missions import estimate_drawing
+from sysid.report.missions.estimate_drawing import Estimate
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -66,6 +68,7 @@ class MissionPicture:
         speed_reference: Vd [m/s], shape (N,), or None.
         heading_reference: ψd [rad], shape (N,), any winding, or None.
         min_clearance: smallest distance of the robot's centre to a surface [m], or None.
+        estimate: where navigation believed to be, of the same length; None where it shows nothing.
 
     Raises:
         DataError: the lengths differ, or there is no sample.
@@ -88,6 +91,7 @@ class MissionPicture:
     speed_reference: Array | None = None
     heading_reference: Array | None = None
     min_clearance: float | None = None
+    estimate: Estimate | None = None
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -98,6 +102,7 @@ class MissionPicture:
                 put(self, name, frozen(getattr(self, name), 1)[:, 0])
         signals = (self.pose, self.pwm, self.speed, self.speed_reference, self.heading_reference)
         lengths = {len(self.t), *(len(s) for s in signals if s is not None)}
+        lengths |= {len(self.estimate.path)} if self.estimate else set()
         if len(lengths) != 1 or 0 in lengths:
             raise DataError(f"the signals of a mission must be equally long, got {sorted(lengths)}")
 
@@ -163,6 +168,7 @@ def _scene(picture: MissionPicture) -> tuple[float, float, float, float]:
     circles += [(o.x, o.y, o.radius) for o in picture.obstacles]
     points = picture.pose[np.isfinite(picture.pose[:, :2]).all(axis=1), :2]
     lines = (*picture.walls, *picture.polygons, picture.waypoints, picture.course)
+    lines += (picture.estimate.path,) if picture.estimate else ()
     points = np.vstack([points, *(line for line in lines if line is not None)])
     centres, radii = np.array(circles)[:, :2], np.array(circles)[:, 2:]
     corners = np.vstack([points, centres - radii, centres + radii])
@@ -198,6 +204,8 @@ def _draw_scene(axes: "Axes", picture: MissionPicture) -> None:
         label="start",
         zorder=5,
     )
+    if picture.estimate is not None:
+        estimate_drawing.draw(axes, picture.estimate)
     _draw_headings(axes, picture)
     left, right, bottom, top = _scene(picture)
     axes.set_xlim(left, right, auto=True)  # "auto": the equal scale may widen the view
