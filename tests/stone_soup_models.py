@@ -56,11 +56,13 @@ class Motion(GaussianModel, TransitionModel):
     def function(self, state: Any, noise: Any = False, **_: Any) -> Any:
         x = state.state_vector
         columns = x if x.shape[1] > 1 else x[:, 0]
-        after = self.process.advanced(_named(self.process, columns), DT, 0.0, np)
+        after = self.process.advanced(_named(self.process, columns), DT, 0.0, Geometry(), np)
         return _vectors([after[name] for name in self.process.names])
 
     def _slopes(self) -> tuple[Array, Array]:
-        found: tuple[Array, Array] = self.process.slopes(_named(self.process, self.at), DT, 0.0, np)
+        found: tuple[Array, Array] = self.process.slopes(
+            _named(self.process, self.at), DT, 0.0, Geometry(), np
+        )
         return found
 
     def jacobian(self, state: Any, **_: Any) -> Array:

@@ -80,7 +80,7 @@ def named(process: Process, x: Array) -> dict[str, Any]:
 
 
 def moved(process: Process, x: Array, drive: float = 0.0) -> Array:
-    after = process.advanced(named(process, x), 0.1, drive, np)
+    after = process.advanced(named(process, x), 0.1, drive, Geometry(), np)
     return np.array([after[name] for name in process.names])
 
 
@@ -128,7 +128,7 @@ FIXES = Group("position_fixes", ("fix_x", "fix_y"), (0.01, 0.01))
 def test_slopes_are_those_of_the_functions(process: Process, drive: float, yaw_rate: float) -> None:
     n = len(process.names)
     x = np.array([0.1, -0.2, 0.3, 0.2, yaw_rate, 0.2, -0.1, 0.01, 0.05])[:n]
-    F = process.slopes(named(process, x), 0.1, drive, np)[0]
+    F = process.slopes(named(process, x), 0.1, drive, Geometry(), np)[0]
     # Central differences over 1e-5 leave out the third derivative times 2e-11 and round at 1e-11.
     np.testing.assert_allclose(F, slopes(lambda x: moved(process, x, drive), x), atol=1e-9)
     for group in TOLD_BY.get(process.names[5:], ()):
@@ -151,7 +151,9 @@ TOLD_BY = {
 def test_noise_reaches_the_pose_as_it_does_in_the_vehicle() -> None:
     """Q is what random speeds at the end of a step make of the trapezoidal way."""
     dt, half, v = 0.1, 0.5 * 0.1, 0.2
-    Q = LINEAR.slopes({"x": 0.0, "y": 0.0, "psi": 0.0, "v": v, "yaw_rate": 0.0}, dt, 0.0, np)[1]
+    Q = LINEAR.slopes(
+        {"x": 0.0, "y": 0.0, "psi": 0.0, "v": v, "yaw_rate": 0.0}, dt, 0.0, Geometry(), np
+    )[1]
     variance = 0.05 * dt
     np.testing.assert_allclose(Q[np.ix_([0, 3], [0, 3])], variance * np.array(
         [[half**2, half], [half, 1.0]]
@@ -170,7 +172,7 @@ def test_the_linear_filter_is_filterpys() -> None:
     reference.x, reference.P = start(5)
     wanted = []
     for z in measurements(groups):
-        F, Q = LINEAR.slopes(named(LINEAR, reference.x), 0.1, 0.0, np)
+        F, Q = LINEAR.slopes(named(LINEAR, reference.x), 0.1, 0.0, Geometry(), np)
         reference.predict(F=F, Q=Q)
         for group, numbers in zip(groups, z, strict=True):
             reference.update(numbers, R=np.diag(group.variance), H=H(LINEAR, group, reference.x))
@@ -183,7 +185,7 @@ def test_the_extended_filter_is_filterpys() -> None:
 
     class Reference(ExtendedKalmanFilter):
         def predict_x(self, u: float = 0.0) -> None:
-            self.F, self.Q = EXTENDED.slopes(named(EXTENDED, self.x), 0.1, 0.0, np)
+            self.F, self.Q = EXTENDED.slopes(named(EXTENDED, self.x), 0.1, 0.0, Geometry(), np)
             self.x = moved(EXTENDED, self.x)
 
     reference = Reference(dim_x=8, dim_z=2)
@@ -213,7 +215,7 @@ def test_the_unscented_filter_is_filterpys(law: UnscentedKalman) -> None:
     reference.x, reference.P = start(8)
     wanted = []
     for z in measurements(GROUPS):
-        reference.Q = EXTENDED.slopes(named(EXTENDED, reference.x), 0.1, 0.0, np)[1]
+        reference.Q = EXTENDED.slopes(named(EXTENDED, reference.x), 0.1, 0.0, Geometry(), np)[1]
         reference.predict()
         for group, numbers in zip(GROUPS, z, strict=True):
             reference.sigmas_f = points.sigma_points(reference.x, reference.P)

@@ -7,13 +7,16 @@ from sysid.mission.navigation.design import Design
 from sysid.mission.navigation.fusion import Filter, Sight
 from sysid.mission.navigation.gaussian import Gaussian, Innovation, corrected, symmetric, wrapped
 from sysid.mission.navigation.process import PSI, Process, matrix
+from sysid.vehicle.kinematics import Geometry
 
 
-def predicted(belief: Gaussian, process: Process, slot: Slot, xp: Any) -> Gaussian:
+def predicted(
+    belief: Gaussian, process: Process, geometry: Geometry, slot: Slot, xp: Any
+) -> Gaussian:
     """x⁻ = f(x), P⁻ = FPFᵀ + Q with F the slopes of f at x (thesis 4.6, 4.7)."""
     s = {name: belief.x[i] for i, name in enumerate(process.names)}
-    after = process.advanced(s, slot.dt, slot.drive, xp)
-    F, Q = process.slopes(s, slot.dt, slot.drive, xp)
+    after = process.advanced(s, slot.dt, slot.drive, geometry, xp)
+    F, Q = process.slopes(s, slot.dt, slot.drive, geometry, xp)
     x = xp.array([after[name] for name in process.names])
     return Gaussian(wrapped(x, PSI, xp), symmetric(F @ belief.P @ F.T + Q))
 
@@ -39,9 +42,11 @@ def measured(
 class ExtendedKalman(Filter):
     """Pose, speed, yaw rate, slip and biases of the sensors, linearised at each estimate."""
 
-    def predicted(self, of: Gaussian, plan: Design, slot: Slot, xp: Any) -> Gaussian:
+    def predicted(
+        self, of: Gaussian, plan: Design, geometry: Geometry, slot: Slot, xp: Any
+    ) -> Gaussian:
         """What is believed ``slot.dt`` later."""
-        return predicted(of, plan.process, slot, xp)
+        return predicted(of, plan.process, geometry, slot, xp)
 
     def corrected(
         self, of: Gaussian, plan: Design, sight: Sight, xp: Any

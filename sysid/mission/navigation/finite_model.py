@@ -56,6 +56,7 @@ class Hypothesis(Settings):
             yaw_rate=common.yaw_rate,
             walks=common.walks,
             response=response,
+            slip=self.slip,
         )
 
     def geometry(self, vehicle: Geometry) -> Geometry:
@@ -123,7 +124,7 @@ class FiniteModel(Filter):
         m = len(self.hypotheses)
         return Bank(xp.full(m, 1.0 / m), xp.array([one.x] * m), xp.array([one.P] * m))
 
-    def predicted(self, of: Bank, plan: Design, slot: Slot, xp: Any) -> Bank:
+    def predicted(self, of: Bank, plan: Design, geometry: Geometry, slot: Slot, xp: Any) -> Bank:
         """What is believed ``slot.dt`` later."""
         m = len(self.hypotheses)
         stay = xp.exp(-slot.dt / self.dwell)
@@ -133,7 +134,8 @@ class FiniteModel(Filter):
         found = []
         for j, hypothesis in enumerate(self.hypotheses.values()):
             mixed = mixture(Bank(joint[:, j] / weight[j], of.x, of.P), plan.process.names, xp)
-            found.append(predicted(mixed, hypothesis.process(plan.process), slot, xp))
+            lengths, process = hypothesis.geometry(geometry), hypothesis.process(plan.process)
+            found.append(predicted(mixed, process, lengths, slot, xp))
         return Bank(weight, xp.array([g.x for g in found]), xp.array([g.P for g in found]))
 
     def corrected(self, of: Bank, plan: Design, sight: Sight, xp: Any) -> tuple[Bank, Innovation]:
@@ -167,6 +169,10 @@ class FiniteModel(Filter):
     def set_since(self, of: Bank, T: Any, xp: Any) -> Bank:
         """What is believed once a reading has set states for the next one of its sensor."""
         return Bank(of.weight, *reset(Gaussian(of.x, of.P), T, LEAST_VARIANCE, xp))
+
+    def slip(self, of: Bank) -> Real:
+        """The mean over all hypotheses."""
+        return sum(of.weight[j] * h.slip for j, h in enumerate(self.hypotheses.values()))
 
     def extra(self, of: Bank) -> tuple[Real, ...]:
         """The probability of each hypothesis."""

@@ -12,6 +12,7 @@ from sysid.mission.navigation.design import LEAST_VARIANCE, Design, Noises, desi
 from sysid.mission.navigation.flow import compiled
 from sysid.mission.navigation.gaussian import Gaussian, Innovation, chi2_quantiles, reset
 from sysid.mission.navigation.measurements import EXPECTED, Group, Setting
+from sysid.mission.navigation.process import over_ground
 from sysid.mission.settings import Settings
 from sysid.vehicle.kinematics import Geometry, Real
 
@@ -21,7 +22,7 @@ Deviation = Annotated[float, Field(ge=1e-6, le=1e3)]
 
 COLUMNS = (
     "x_est", "y_est", "psi_est", "v_est", "yaw_rate_est",
-    "P_xx", "P_xy", "P_yy", "P_psi", "P_v", "P_yaw_rate",
+    "P_xx", "P_xy", "P_yy", "P_x_psi", "P_y_psi", "P_psi",
     "slip_l_est", "slip_r_est", "gyro_bias_est",
     "nis", "nis_dof", "rejected",
 )  # fmt: skip
@@ -118,7 +119,7 @@ class Filter(Settings):
 
     # What a filter of one kind says ---------------------------------------------------------------
 
-    def predicted(self, of: Any, plan: Design, slot: Slot, xp: Any) -> Any:
+    def predicted(self, of: Any, plan: Design, geometry: Geometry, slot: Slot, xp: Any) -> Any:
         """What is believed ``slot.dt`` later."""
         raise NotImplementedError
 
@@ -138,6 +139,10 @@ class Filter(Settings):
     def set_since(self, of: Any, T: Any, xp: Any) -> Any:
         """What is believed once a reading has set states for the next one of its sensor."""
         return reset(of, T, LEAST_VARIANCE, xp)
+
+    def slip(self, of: Any) -> Real:
+        """Part of the track speeds that is lost besides the states of slip."""
+        return 0.0
 
     def extra(self, of: Any) -> tuple[Real, ...]:
         """What a kind shows besides, in the order of its own columns."""
@@ -183,7 +188,9 @@ class Filter(Settings):
         belief = Belief(self.first(one, xp), marks)
         empty = Slot(0.0, 0.0, nothing, xp.zeros(len(plan.groups)))
         history = delays.begun(belief, empty, plan.latest, xp)
-        return FilterState(belief, history, self._shown(belief, plan, Counted(0.0, 0.0, 0.0), xp))
+        return FilterState(
+            belief, history, self._shown(belief, plan, scene.geometry, Counted(0.0, 0.0, 0.0), xp)
+        )
 
     def step(
         self, state: FilterState, inputs: NavigationInputs, dt: Real, xp: Any
@@ -205,7 +212,7 @@ class Filter(Settings):
             late = tuple(g.delay for g in plan.groups)
             history, counted = delays.advanced(fuse, state.history, slot, late, xp)
             belief = delays.newest(history)
-        shown = self._shown(belief, plan, counted, xp)
+        shown = self._shown(belief, plan, scene.geometry, counted, xp)
         return FilterState(belief, history, shown), Body(Pose(*shown[:3]), *shown[3:5])
 
     def report(self, state: FilterState, xp: Any) -> tuple[Real, ...]:
@@ -216,7 +223,7 @@ class Filter(Settings):
         self, belief: Belief, plan: Design, geometry: Geometry, slot: Slot, xp: Any
     ) -> tuple[Belief, Counted]:
         """One sample: predict, then correct by each group in turn."""
-        of = self.predicted(belief.of, plan, slot, xp)
+        of = self.predicted(belief.of, plan, geometry, slot, xp)
         counted, marks = Counted(0.0, 0.0, 0.0), []
         for k, (group, z, mark) in enumerate(zip(plan.groups, slot.z, belief.marks, strict=True)):
             elapsed, came = mark[0] + slot.dt, xp.isfinite(z).any()
@@ -236,15 +243,16 @@ class Filter(Settings):
             marks[-1] = xp.where(came, xp.concatenate([xp.zeros(1), z]), waiting)
         return Belief(of, tuple(marks)), counted
 
-    def _shown(self, belief: Belief, plan: Design, counted: Counted, xp: Any) -> tuple[Real, ...]:
+    def _shown(
+        self, belief: Belief, plan: Design, geometry: Geometry, counted: Counted, xp: Any
+    ) -> tuple[Real, ...]:
         x, P = self.moments(belief.of, xp)
-        names = plan.process.names
-        others = (
-            x[names.index(name)] if name in names else xp.nan
-            for name in ("slip_l", "slip_r", "gyro_z_bias")
-        )
-        spread = P[0, 0], P[0, 1], P[1, 1], P[2, 2], P[3, 3], P[4, 4]
-        shown = (*(x[i] for i in range(5)), *spread, *others, *counted, *self.extra(belief.of))
+        s = {name: x[i] for i, name in enumerate(plan.process.names)}
+        ground = over_ground(s, geometry, self.slip(belief.of))
+        others = (s.get(name, xp.nan) for name in ("slip_l", "slip_r", "gyro_z_bias"))
+        of_pose = P[0, 0], P[0, 1], P[1, 1], P[0, 2], P[1, 2], P[2, 2]
+        seen = x[0], x[1], x[2], ground.speed, ground.yaw_rate
+        shown = (*seen, *of_pose, *others, *counted, *self.extra(belief.of))
         return shown if compiled(xp) else tuple(map(float, shown))
 
 

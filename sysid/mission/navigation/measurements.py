@@ -1,7 +1,7 @@
 """What each reading tells about the state of the vehicle: expected values and their slopes.
 
-Encoders read the mean of ω_l,r = (v ∓ ψ̇B/2)/(r(1 − i_l,r)) (2.13 with the slip of 2.24) since their
-last reading, a gyroscope ψ̇, an accelerometer the mean of v̇ since its last reading and vψ̇ to the
+Encoders read the mean of ω_l,r = (v ∓ ψ̇B/2)/r of the tracks (2.13) since their last reading, a
+gyroscope ψ̇ over ground, an accelerometer the mean of v̇ since its last reading and vψ̇ to the
 left, a magnetometer the field H(cos(ψ − north), −sin(ψ − north)), position fixes X and Y, and
 visual odometry the motion since its last frame, seen from there; each plus its bias where that is
 a state.
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from sysid.mission.navigation.compass import compass_heading
-from sysid.mission.navigation.process import States, is_angle
+from sysid.mission.navigation.process import States, is_angle, over_ground
 from sysid.vehicle.kinematics import Geometry, Real, wrap_angle
 
 LOST_AFTER = 1.5
@@ -24,7 +24,7 @@ class Setting(NamedTuple):
 
     Attributes:
         geometry: lengths of the vehicle.
-        slip: part of the track speeds that is lost on top of the states ``slip_l, slip_r``.
+        slip: part of the track speeds that is lost besides the states ``slip_l, slip_r``.
         elapsed: time since the last reading of the same sensor [s].
         known_heading: slopes by the heading are left out where it turns a way.
     """
@@ -55,20 +55,13 @@ class Expected(NamedTuple):
 Expectation = Callable[[States, Setting, Compass, Any], Expected]
 
 
-def _wheel(side: float, slip: str, way: str, turn: str) -> Expectation:
+def _wheel(side: float, way: str, turn: str) -> Expectation:
     def expected(s: States, c: Setting, _: Compass, xp: Any) -> Expected:
         half = side * 0.5 * c.geometry.B
-        share = 1.0 / (c.geometry.r * (1.0 - c.slip))
+        share = 1.0 / c.geometry.r
         if way == "way":
             share = share / xp.maximum(c.elapsed, 1e-9)
-        slopes: dict[str, Real] = {way: share, turn: half * share}
-        value = share * (s[way] + half * s[turn])
-        if slip in s:
-            grip = 1.0 / (1.0 - s[slip])
-            slopes = {name: slope * grip for name, slope in slopes.items()}
-            value = value * grip
-            slopes[slip] = value * grip
-        return Expected(value, slopes)
+        return Expected(share * (s[way] + half * s[turn]), {way: share, turn: half * share})
 
     return expected
 
@@ -78,13 +71,28 @@ def _state(name: str) -> Expectation:
     return lambda s, c, compass, xp: Expected(s[name], {name: 1.0})
 
 
+def _turning(s: States, c: Setting, _: Compass, xp: Any) -> Expected:
+    ground = over_ground(s, c.geometry, c.slip)
+    return Expected(ground.yaw_rate, {name: turning for name, (_, turning) in ground.by.items()})
+
+
 def _forward(s: States, c: Setting, _: Compass, xp: Any) -> Expected:
-    share = 1.0 / xp.maximum(c.elapsed, 1e-9)
-    return Expected(share * (s["v"] - s["v_acc"]), {"v": share, "v_acc": -share})
+    """Both tracks gain speed by the mean of what they keep: their slip hardly changes meanwhile."""
+    kept: Real = 1.0 - c.slip
+    slopes: dict[str, Real] = {}
+    per_second = 1.0 / xp.maximum(c.elapsed, 1e-9)
+    gained = per_second * (s["v"] - s["v_acc"])
+    if "slip_l" in s:
+        kept = kept - 0.5 * (s["slip_l"] + s["slip_r"])
+        slopes = {"slip_l": -0.5 * gained, "slip_r": -0.5 * gained}
+    slopes |= {"v": kept * per_second, "v_acc": -kept * per_second}
+    return Expected(kept * gained, slopes)
 
 
 def _sideways(s: States, c: Setting, _: Compass, xp: Any) -> Expected:
-    return Expected(s["v"] * s["yaw_rate"], {"v": s["yaw_rate"], "yaw_rate": s["v"]})
+    ground = over_ground(s, c.geometry, c.slip)
+    v, yaw_rate = ground.speed, ground.yaw_rate
+    return Expected(v * yaw_rate, {n: a * yaw_rate + b * v for n, (a, b) in ground.by.items()})
 
 
 def _field_forward(s: States, c: Setting, compass: Compass, xp: Any) -> Expected:
@@ -118,9 +126,9 @@ def _turned(s: States, c: Setting, _: Compass, xp: Any) -> Expected:
 
 
 EXPECTED: Mapping[str, Expectation] = {
-    "omega_l": _wheel(-1.0, "slip_l", "v", "yaw_rate"),
-    "omega_r": _wheel(1.0, "slip_r", "v", "yaw_rate"),
-    "gyro_z": _state("yaw_rate"),
+    "omega_l": _wheel(-1.0, "v", "yaw_rate"),
+    "omega_r": _wheel(1.0, "v", "yaw_rate"),
+    "gyro_z": _turning,
     "acc_x": _forward,
     "acc_y": _sideways,
     "mag_x": _field_forward,
@@ -135,8 +143,8 @@ EXPECTED: Mapping[str, Expectation] = {
 """Expected readings by name; ``heading`` is that of a magnetometer, by atan2."""
 
 ADDED_UP: Mapping[str, Expectation] = {
-    "omega_l": _wheel(-1.0, "slip_l", "way", "turn"),
-    "omega_r": _wheel(1.0, "slip_r", "way", "turn"),
+    "omega_l": _wheel(-1.0, "way", "turn"),
+    "omega_r": _wheel(1.0, "way", "turn"),
     "vo_x": _moved(left=False),
     "vo_y": _moved(left=True),
     "vo_psi": _turned,

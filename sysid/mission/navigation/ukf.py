@@ -19,6 +19,7 @@ from sysid.mission.navigation.gaussian import (
     wrapped,
 )
 from sysid.mission.navigation.process import PSI, is_angle
+from sysid.vehicle.kinematics import Geometry
 
 
 class UnscentedKalman(Filter):
@@ -35,20 +36,22 @@ class UnscentedKalman(Filter):
     beta: Annotated[float, Field(ge=0, le=10)] = 0.0
     kappa: Annotated[float, Field(ge=0, le=100)] = 0.0
 
-    def predicted(self, of: Gaussian, plan: Design, slot: Slot, xp: Any) -> Gaussian:
+    def predicted(
+        self, of: Gaussian, plan: Design, geometry: Geometry, slot: Slot, xp: Any
+    ) -> Gaussian:
         """What is believed ``slot.dt`` later: mean and spread of the points moved, plus Q."""
         process = plan.process
 
         def moved(points: Any) -> Any:
             s = {name: points[:, i] for i, name in enumerate(process.names)}
-            after = process.advanced(s, slot.dt, slot.drive, xp)
+            after = process.advanced(s, slot.dt, slot.drive, geometry, xp)
             return xp.array([after[name] for name in process.names]).T
 
         angles = xp.array([is_angle(name) for name in process.names])
         around = self._spread(of)
         x, _, off = transformed(of, moved, angles, around, xp)
         before = {name: of.x[i] for i, name in enumerate(process.names)}
-        Q = process.slopes(before, slot.dt, slot.drive, xp)[1]
+        Q = process.slopes(before, slot.dt, slot.drive, geometry, xp)[1]
         P = (off.T * weights(around, len(x), xp)[1]) @ off + Q
         return Gaussian(wrapped(x, PSI, xp), symmetric(P))
 
