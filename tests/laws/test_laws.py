@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from cases import CASES, Case, case_of, fitted, model_of, records_of
 from hand_made import hand_made
 
 from sysid.data.record import Array
+from sysid.fitting.compiled import jax_module
 from sysid.fitting.problem import Focus, Initial, Problem
 from sysid.structures.head import LONGEST_HEAD, head_window
 from sysid.structures.model import Model
@@ -171,6 +173,28 @@ def test_the_step_is_the_simulation(name: str) -> None:
         rows.append(np.array(y, dtype=np.float64))
     # the same operations in another order
     np.testing.assert_allclose(np.array(rows), s.simulate(theta, u), rtol=1e-9, atol=1e-9)
+
+
+@moving
+def test_many_parameters_run_compiled_as_one_after_the_other(name: str) -> None:
+    """The step of traced parameters, three of them side by side, is the step of each."""
+    case, jax = case_of(name), jax_module()
+    s = case.structure
+    u, start = case.inputs(25, 4), s.rest(case.theta)
+    thetas = case.theta * (1.0 + 1e-3 * np.arange(3)[:, None])
+    assert s.stable_each(thetas).tolist() == [s.stable(theta) for theta in thetas]
+
+    @jax.jit
+    @jax.vmap
+    def run(theta: Any) -> Any:
+        return jax.lax.scan(s.traced_step(theta, case.theta), jax.numpy.asarray(start), u)[1]
+
+    for theta, together in zip(thetas, run(thetas), strict=True):
+        step, x = s.step(theta), start
+        for row, y_together in zip(u, np.asarray(together), strict=True):
+            x, y = step(x, row)
+            # some tens of steps, each rounded otherwise
+            np.testing.assert_allclose(y_together, y, rtol=1e-10, atol=1e-10)
 
 
 @every

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Array, Channel, Record
+from sysid.data.record import Array, Channel, Index, Record
 from sysid.effects.base import Effect, Place
 from sysid.effects.catalogue import chain_effects, effect
 from sysid.effects.compensation import Identified
@@ -151,29 +151,43 @@ class Augmented(Structure):
         numbers = {id: values[id] for id in found}
         return Identified(tuple(found), numbers, core.gain, np.array(self.scales))
 
-    def unpack(self, theta: Array) -> tuple[Core, dict[str, dict[str, Array]]]:
-        """θ as a core and as each effect's parameters, one value a track."""
-        tracks, n, at = self.ny, self.order, 0
-        gain, f, b = np.zeros(tracks), np.zeros((n, tracks)), np.zeros((n, tracks))
-        for i in range(tracks):
-            gain[i] = theta[at]
-            f[:, i] = theta[at + 1 : at + 1 + n]
-            b[1:, i] = theta[at + 1 + n : at + 2 * n]
-            b[0, i] = 1.0 + f[:, i].sum() - b[1:, i].sum()
-            at += 2 * n
-        found: dict[str, dict[str, Array]] = {}
+    @cached_property
+    def _places(self) -> tuple[Index, Index, Index, dict[str, Index]]:
+        """Entries of θ: K (tracks,), f (n, tracks), b₂ … (n − 1, tracks), effects by id."""
+        tracks, n = self.ny, self.order
+        first = 2 * n * np.arange(tracks)
+        f = first + 1 + np.arange(n)[:, None]
+        b = first + 1 + n + np.arange(n - 1)[:, None]
+        at, effects = 2 * n * tracks, {}
         for id in self.effects:
             e = effect(id)
             width = len(e.parameters)
-            values = np.zeros((width, tracks))
-            for i in range(1 if e.shared else tracks):
-                block = theta[at : at + width]
-                values[:, :] = block[:, None] if e.shared else values
-                if not e.shared:
-                    values[:, i] = block
-                at += width
-            found[id] = {p.name: values[k] for k, p in enumerate(e.parameters)}
-        return Core(gain, f, b), found
+            own = 0 * np.arange(tracks) if e.shared else width * np.arange(tracks)
+            effects[id] = at + np.arange(width)[:, None] + own
+            at += width * (1 if e.shared else tracks)
+        return first, f, b, effects
+
+    def unpack(self, theta: Array) -> tuple[Core, dict[str, dict[str, Array]]]:
+        """θ as a core and as each effect's parameters, one value a track."""
+        xp: Any = theta.__array_namespace__()
+        gain, f, b, effects = self._places
+        denominator, numerator = theta[f], theta[b]
+        largest = 1.0 + denominator.sum(axis=0) - numerator.sum(axis=0)
+        found = {
+            id: {p.name: theta[at[k]] for k, p in enumerate(effect(id).parameters)}
+            for id, at in effects.items()
+        }
+        return Core(theta[gain], denominator, xp.concatenate([largest[None], numerator])), found
+
+    def friction_entries(self) -> tuple[int, ...]:
+        """The parameters with which an effect holds a track that stands."""
+        found: list[int] = []
+        for e in self.active:
+            for k, p in enumerate(e.parameters if e.holds else ()):
+                alone = {q.name: float(q.name == p.name) for q in e.parameters}
+                if e.holds is not None and e.holds(alone):
+                    found += sorted(set(self._places[3][e.id][k].tolist()))
+        return tuple(found)
 
     def problems(
         self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
@@ -292,12 +306,16 @@ class Augmented(Structure):
 
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
         """One sample of the chain with the accepted effects only."""
+        return self.traced_step(theta, theta)
+
+    def traced_step(self, theta: Any, like: Array) -> Callable[[Any, Any], tuple[Any, Any]]:
+        """One sample, its numbers in the namespace of θ."""
         core, parameters = self.unpack(theta)
-        template, _ = self._shape(theta)
+        template, _ = self._shape(like)
         active, lag, tracks = self.active, self.delay - 1, self.ny
         scales, dt, own = np.array(self.scales), self.dt, self._given_states
         base = None if self.given is None else self.given.step()
-        whole = with_constants(np, active, core, parameters, dt)
+        whole = with_constants(theta.__array_namespace__(), active, core, parameters, dt)
 
         def advance(x: Array, u: Array) -> tuple[Array, Array]:
             xp: Any = x.__array_namespace__()

@@ -380,6 +380,18 @@ class GreyBox(NamedStructure):
 
         return advance
 
+    def traced_step(self, theta: Any, like: Array) -> Callable[[Any, Any], tuple[Any, Any]]:
+        """The same equations with traced constants, prepared once a run."""
+        xp: Any = theta.__array_namespace__()
+        p = self.prepared(xp, self.unpack(xp, theta), self.h)
+
+        def advance(x: Any, u: Any) -> tuple[Any, Any]:
+            state, held = x[:, None], u[:, None]
+            after = self.sample(xp, state, held, p, self.h, self.steps)
+            return after[:, 0], self.reading(xp, state, p)[:, 0]
+
+        return advance
+
     def readout(self, theta: Array) -> Callable[[Array, Array], Array]:
         """y(k), which no step of the equations is needed for."""
         p = self.prepared(np, self.unpack(np, np.asarray(theta, dtype=np.float64)), self.h)

@@ -118,9 +118,10 @@ class PolynomialRun(FreeRun):
             return known_products[t]
 
         u_places = [place_of(t) for t in self.u_terms]
+        number = float if isinstance(theta, np.ndarray) else _as_it_is
         rows = [
             [
-                (float(theta[k]), int(m), u_places[q])
+                (number(theta[k]), int(m), u_places[q])
                 for k, m, q in zip(self.theta_index[i], self.y_index[i], self.u_index[i],
                                    strict=True)
             ]
@@ -241,3 +242,8 @@ class PolynomialRun(FreeRun):
 def _parted(t: Term) -> tuple[Term, Term]:
     """The factors of past outputs and those of inputs."""
     return tuple(f for f in t if f.kind == "y"), tuple(f for f in t if f.kind == "u")
+
+
+def _as_it_is(value: Any) -> Any:
+    """A traced number."""
+    return value

@@ -109,7 +109,7 @@ class NarxRun(FreeRun):
 
     def stepper(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
         """(x, u) → (x⁺, y), everything looked up beforehand."""
-        point = Point(self, theta)
+        point = Point(self, theta) if isinstance(theta, np.ndarray) else None
         every = [e for row in self.rows for e in row]
         simple = all(isinstance(e, Signal) for e in every)
         places = np.array([self.place(e) if isinstance(e, Signal) else 0 for e in every])
@@ -119,7 +119,7 @@ class NarxRun(FreeRun):
         def step(x: Array, u: Array) -> tuple[Array, Array]:
             xp: Any = x.__array_namespace__()
             known: Any = xp.concatenate([x, u])
-            if xp is not np:
+            if point is None or xp is not np:
                 found = self._values_at(xp, theta, known)
             elif simple:
                 found = point(known[places])

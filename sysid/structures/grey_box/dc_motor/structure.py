@@ -238,6 +238,10 @@ class DCMotor(GreyBox):
         speeds = np.linalg.eigvalsh(matrix)
         return np.append(speeds, np.inf) if self.output == "position" else np.asarray(speeds)
 
+    def friction_entries(self) -> tuple[int, ...]:
+        """Sliding friction; that at standstill counts in parts of it."""
+        return tuple(self.entries("coulomb") or self.entries("friction_torque"))
+
     def stable(self, theta: Array) -> bool:
         """Whether speeds stay bounded: T positive definite; friction only dissipates.
 
