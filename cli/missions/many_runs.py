@@ -108,7 +108,7 @@ def ride(mission: "Mission", package: "Package", how: Repeats) -> Ride:
     setup = Setup.of(mission, [package.model()], how.vary)
     own, robot, noise = setup.alone(seed)
     told = f"A run of many: drawn were {', '.join(setup.varied) or 'no quantities'}."
-    return Ride(own, robot, setup.known(seed), (told, *setup.notes(0, 1)), seed, noise)
+    return Ride(own, robot, setup.known(seed), (told, *setup.notes(0, 0, 1)), seed, noise)
 
 
 def drive_many(

@@ -46,11 +46,13 @@ class ChunkResult(NamedTuple):
     Attributes:
         figures: of its runs.
         redrawn: draws that were not feasible.
+        pulled: runs whose plant was drawn less far than its errors say.
         time, error: sums about the time of runs that arrived and the final error of all.
     """
 
     figures: Figures
     redrawn: int
+    pulled: int
     time: Moments
     error: Moments
 
@@ -104,6 +106,7 @@ class Runner:
         return ChunkResult(
             figures,
             int(draws.redrawn.sum()),
+            int(draws.pulled.sum()),
             moments(draws.inputs, varying, figures.time_s, arrived),
             moments(draws.inputs, varying, error, ended),
         )

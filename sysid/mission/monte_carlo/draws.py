@@ -1,24 +1,27 @@
 """What differs from run to run, drawn once, in NumPy: the same for one run alone and for many."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.data.record import Array, Index
 from sysid.errors import ModelError
 from sysid.mission.clearance import inside
-from sysid.mission.monte_carlo.varied_plant import VariedPlant
+from sysid.mission.monte_carlo.varied_plant import Flags, VariedPlant
 from sysid.mission.noise import generator
 from sysid.mission.spec import Mission
 from sysid.mission.variation import Variation
 
 TRIES = 200
-"""Draws of one run, of which one must be feasible. Where one in twenty is, all of these fail in one
-run of thirty thousand; where fewer are, the plant is known too poorly to be drawn."""
+"""Draws of a start and of obstacles, of which one must be free: where one in twenty is, all of
+these fail in one run of thirty thousand."""
+
+TRIES_OF_PLANT = 20
+"""Draws of a plant's parameters, of which one should be feasible. Where half of them are, all fail
+in one run of a million; where hardly any is, more would only cost time."""
 
 _FIRST = 2**47
 """The first seed of a run, of as many: among a million two alike are less likely than one in two
@@ -50,6 +53,7 @@ class Draws(NamedTuple):
         inputs: the numbers behind them, standard normal before infeasible ones were drawn again,
             (K, m); see :attr:`Drawing.names`.
         redrawn: draws that were not feasible, (K,).
+        pulled: whether the plant's parameters were drawn less far than their errors say, (K,).
     """
 
     seeds: tuple[int, ...]
@@ -59,16 +63,18 @@ class Draws(NamedTuple):
     slip: Array
     inputs: Array
     redrawn: Index
+    pulled: Flags
 
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
     """How the runs of one mission and one plant are drawn.
 
-    A run's numbers come from its own stream, in one order, and all of them are drawn whatever
-    varies: to leave a quantity out changes no other. A draw that nobody could drive (parameters
-    outside their bounds or an unstable plant; a start or goal inside an obstacle) is drawn again
-    as a whole: what remains is the distribution on the condition that it can be driven.
+    A run's numbers come from streams of its own, and all of them are drawn whatever varies: to
+    leave a quantity out changes no other. A draw that nobody could drive (parameters outside their
+    bounds or an unstable plant; a start or goal inside an obstacle) is drawn again: what remains is
+    the distribution on the condition that it can be driven. Where hardly any draw of a plant is
+    feasible, because its log does not tell some directions of θ, those are drawn less far.
 
     Attributes:
         mission: nominal.
@@ -80,25 +86,24 @@ class Drawing:
     plant: VariedPlant
     variation: Variation
 
-    @cached_property
-    def _edges(self) -> tuple[int, int, int, int]:
-        """Ends of model, start, obstacles, and floor with friction in a run's numbers."""
-        obstacles = 4 + 2 * len(self.mission.obstacles)
-        return 1, 4, obstacles, obstacles + 2
+    @property
+    def _floor(self) -> int:
+        """Place of slip in a run's numbers, behind start and obstacles; dry friction follows."""
+        return 3 + 2 * len(self.mission.obstacles)
 
     @cached_property
     def varying(self) -> tuple[tuple[str, tuple[int, ...]], ...]:
         """Names of what varies, with the places of their numbers."""
-        v, (_, _, floor, end) = self.variation, self._edges
+        v, floor = self.variation, self._floor
         found: list[tuple[str, tuple[int, ...]]] = []
         if v.parameters and self.plant.size:
-            found.append(("parameters", tuple(range(end, end + self.plant.size))))
+            found.append(("parameters", tuple(range(floor + 2, floor + 2 + self.plant.size))))
         for k, part in enumerate(("x", "y", "psi")):
             if getattr(v.start, part):
-                found.append((f"start.{part}", (1 + k,)))
+                found.append((f"start.{part}", (k,)))
         if v.obstacles:
             found.extend(
-                (f"obstacles[{k + 1}]", (4 + 2 * k, 5 + 2 * k))
+                (f"obstacles[{k + 1}]", (3 + 2 * k, 4 + 2 * k))
                 for k in range(len(self.mission.obstacles))
             )
         if v.friction.slip:
@@ -116,67 +121,64 @@ class Drawing:
         """The numbers of these runs.
 
         Raises:
-            ModelError: one run has no feasible draw.
+            ModelError: one run has no free start.
         """
-        total = self._edges[-1] + self.plant.size
-        streams = [generator(s, "variation") for s in seeds]
-        z = np.array([s.standard_normal(total) for s in streams]).reshape(len(seeds), total)
-        redrawn = np.zeros(len(seeds), dtype=np.intp)
-        found = self._made(seeds, z, redrawn)
-        bad = np.flatnonzero(~self._feasible(found))
-        for _ in range(TRIES - 1):
-            if not len(bad):
-                return found
-            redrawn[bad] += 1
-            # the model is chosen once: whether it can be driven is no reason to take another
-            z[bad, 1:] = [streams[k].standard_normal(total)[1:] for k in bad]
-            found = self._made(seeds, z, redrawn)
-            bad = bad[~self._feasible(_rows(found, bad))]
-        if not len(bad):
-            return found
-        raise ModelError(
-            f"of {TRIES} draws for the run of seed {seeds[int(bad[0])]} none could be driven "
-            "(parameters in their bounds, a stable plant, start and goal outside of obstacles): "
-            "vary less, or identify the plant from a longer log"
-        )
-
-    def _made(self, seeds: Sequence[int], z: Array, redrawn: Index) -> Draws:
-        v, mission = self.variation, self.mission
-        _, start, floor, end = self._edges
-        parts = zip((v.start.x, v.start.y, v.start.psi), mission.start, z[:, 1:4].T, strict=True)
-        at = np.reshape([(o.x, o.y) for o in mission.obstacles], (1, -1, 2))
-        moved = v.obstacles.deviation(z[:, start:floor]).reshape(len(z), -1, 2)
-        dry = 1.0 + v.friction.dry.deviation(z[:, floor + 1])
-        numbers = z[:, end:] if v.parameters else 0.0 * z[:, end:]
+        z, again, bad = _drawn(seeds, "places", self._floor + 2, self._free, TRIES)
+        if len(bad):
+            raise ModelError(
+                f"in {TRIES} draws for the run of seed {seeds[int(bad[0])]} start or goal lay "
+                "inside an obstacle: vary start and obstacles less"
+            )
+        start, obstacles, slip, dry = self._placed(z)
+        theta, p, redrawn, pulled = self._plants(seeds, dry)
         used = [k for _, places in self.varying for k in places]
-        return Draws(
-            tuple(seeds),
-            self.plant.drawn(numbers, np.maximum(dry, 0.0)),
-            np.stack([value + s.deviation(column) for s, value, column in parts], axis=1),
-            at + moved,
-            np.minimum(np.abs(v.friction.slip.deviation(z[:, floor])), MOST_SLIP),
-            z[:, used],
-            redrawn,
-        )
+        inputs = np.concatenate([z, p], axis=1)[:, used]
+        return Draws(tuple(seeds), theta, start, obstacles, slip, inputs, again + redrawn, pulled)
 
-    def _feasible(self, d: Draws) -> NDArray[np.bool_]:
+    def _plants(self, seeds: Sequence[int], dry: Array) -> tuple[Array, Array, Index, Flags]:
+        """θ, the numbers behind it, draws made again, and which were pulled."""
+        pulled = np.zeros(len(seeds), dtype=bool)
+        if not self._varies_theta:
+            z = np.zeros((len(seeds), self.plant.size))
+            return self.plant.drawn(z, dry), z, np.zeros(len(seeds), dtype=np.intp), pulled
+        factor = 1.0 if self.variation.parameters else 0.0
+
+        def feasible(z: Array, runs: Index) -> Flags:
+            return self.plant.feasible(self.plant.drawn(factor * z, dry[runs]))
+
+        z, again, bad = _drawn(seeds, "parameters", self.plant.size, feasible, TRIES_OF_PLANT)
+        theta = self.plant.drawn(factor * z, dry)
+        if len(bad):
+            theta[bad] = self.plant.pulled(factor * z[bad], dry[bad])
+            pulled[bad] = True
+        return theta, z, again, pulled
+
+    def _placed(self, z: Array) -> tuple[Array, Array, Array, Array]:
+        """Start, obstacles, slip and factor of dry friction from the numbers of runs."""
+        v, mission, floor = self.variation, self.mission, self._floor
+        parts = zip((v.start.x, v.start.y, v.start.psi), mission.start, z[:, :3].T, strict=True)
+        start = np.stack([value + s.deviation(column) for s, value, column in parts], axis=1)
+        at = np.reshape([(o.x, o.y) for o in mission.obstacles], (1, -1, 2))
+        moved = v.obstacles.deviation(z[:, 3:floor]).reshape(len(z), -1, 2)
+        slip = np.minimum(np.abs(v.friction.slip.deviation(z[:, floor])), MOST_SLIP)
+        dry = np.maximum(1.0 + v.friction.dry.deviation(z[:, floor + 1]), 0.0)
+        return start, at + moved, slip, dry
+
+    def _free(self, z: Array, runs: Index) -> Flags:
+        """Which runs begin outside of obstacles and can reach what they have to."""
         mission = self.mission
+        start, obstacles, _, _ = self._placed(z)
         radii = np.array([o.radius for o in mission.obstacles])
         stands = np.array([o.velocity == (0.0, 0.0) for o in mission.obstacles], dtype=bool)
-        found = np.ones(len(d.seeds), dtype=bool)
+        found = np.ones(len(z), dtype=bool)
         always = np.ones(len(radii), dtype=bool)
         to_reach = (mission.goal, *mission.waypoints, *mission.path)
         # an obstacle that moves goes away again from what is to be reached later
-        for point, counts in (
-            (d.start[:, :2], always),
-            *((np.array([p]), stands) for p in to_reach),
-        ):
-            apart = np.hypot(*np.moveaxis(d.obstacles - point[:, None], -1, 0))
+        for point, counts in ((start[:, :2], always), *((np.array([p]), stands) for p in to_reach)):
+            apart = np.hypot(*np.moveaxis(obstacles - point[:, None], -1, 0))
             found &= np.all((apart > radii) | ~counts, axis=1)
         for polygon in mission.polygons:
-            found &= [not inside(polygon, (x, y)) for x, y, _ in d.start.tolist()]
-        if self._varies_theta:
-            found[found] = self.plant.feasible(d.theta[found])
+            found &= [not inside(polygon, (x, y)) for x, y, _ in start.tolist()]
         return found
 
     @cached_property
@@ -184,17 +186,31 @@ class Drawing:
         return bool({"parameters", "friction.dry"} & {name for name, _ in self.varying})
 
 
-def _rows(d: Draws, at: Index) -> Draws:
-    """Some of the runs."""
-    return Draws(
-        tuple(d.seeds[k] for k in at.tolist()),
-        d.theta[at],
-        d.start[at],
-        d.obstacles[at],
-        d.slip[at],
-        d.inputs[at],
-        d.redrawn[at],
-    )
+def _drawn(
+    seeds: Sequence[int],
+    name: str,
+    size: int,
+    feasible: Callable[[Array, Index], Flags],
+    tries: int,
+) -> tuple[Array, Index, Index]:
+    """Standard normal numbers (K, size) of each run's stream, drawn again until they are feasible.
+
+    Args:
+        feasible: (numbers of some runs, which runs) → flags.
+
+    Returns:
+        The numbers, how many draws of each run were made again, and which runs remain infeasible.
+    """
+    streams = [generator(s, name) for s in seeds]
+    z = np.array([s.standard_normal(size) for s in streams]).reshape(len(seeds), size)
+    redrawn, bad = np.zeros(len(seeds), dtype=np.intp), np.arange(len(seeds))
+    for k in range(tries):
+        bad = bad[~feasible(z[bad], bad)]
+        if not len(bad) or k == tries - 1:
+            break
+        redrawn[bad] += 1
+        z[bad] = [streams[int(b)].standard_normal(size) for b in bad]
+    return z, redrawn, bad
 
 
 MOST_SLIP = 0.9

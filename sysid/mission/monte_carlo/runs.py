@@ -80,7 +80,7 @@ def simulate_runs(
         redrawn=sum(r.redrawn for r in found),
         time_drivers=shares(added([r.time for r in found]), varying) if same else None,
         error_drivers=shares(added([r.error for r in found]), varying) if same else None,
-        notes=setup.notes(sum(r.redrawn for r in found), runs),
+        notes=setup.notes(sum(r.redrawn for r in found), sum(r.pulled for r in found), runs),
     )
 
 

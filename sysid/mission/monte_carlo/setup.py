@@ -141,7 +141,7 @@ class Setup:
     def _varying(self) -> tuple[tuple[str, tuple[int, ...]], ...]:
         return tuple(v for d in self.drivers for v in d.drawing.varying)
 
-    def notes(self, redrawn: int, runs: int) -> tuple[str, ...]:
+    def notes(self, redrawn: int, pulled: int, runs: int) -> tuple[str, ...]:
         """Sentences about what was assumed, and what was asked for and is not there."""
         found = list(dict.fromkeys(w for d in self.drivers for w in d.warnings))
         if self.variation.parameters:
@@ -159,13 +159,19 @@ class Setup:
                 "parameter out of its bounds, a start or goal inside an obstacle) and were made "
                 "again: the runs tell what happens where none of that is so."
             )
+        if pulled:
+            found.append(
+                f"In {100 * pulled / runs:.2g} % of the runs hardly any draw of the plant was "
+                "stable: its log leaves directions of its parameters open, which were drawn less "
+                "far than their standard errors; take a model of lower orders."
+            )
         return tuple(found)
 
     def choice(self, seed: int) -> int:
         """Which plant the run of a seed has: each is as likely as another."""
         if len(self.plants) == 1:
             return 0
-        z = float(generator(seed, "variation").standard_normal())
+        z = float(generator(seed, "models").standard_normal())
         return min(int(len(self.plants) * _below(z)), len(self.plants) - 1)
 
     def noise_seed(self, seed: int) -> int:

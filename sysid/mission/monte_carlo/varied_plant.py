@@ -13,6 +13,11 @@ from sysid.mission.contracts import SteppablePlant
 from sysid.structures.model import Model
 from sysid.structures.plant import Plant
 
+Flags = NDArray[np.bool_]
+
+HALVINGS = 6
+"""Times that the way along a direction is halved until a plant is feasible; then it is left out."""
+
 
 class VariedPlant(Protocol):
     """What is asked of a plant that many runs drive.
@@ -40,8 +45,12 @@ class VariedPlant(Protocol):
         """θ (K, n) from standard normal numbers (K, size) and factors of dry friction (K,)."""
         ...
 
-    def feasible(self, thetas: Array) -> NDArray[np.bool_]:
+    def feasible(self, thetas: Array) -> Flags:
         """Which rows are inside their bounds and stable, (K,)."""
+        ...
+
+    def pulled(self, z: Array, friction: Array) -> Array:
+        """θ (K, n) as ``drawn``, but less far where it would not be feasible."""
         ...
 
     @property
@@ -81,9 +90,13 @@ class FixedPlant:
         """Nothing to draw."""
         return np.zeros((len(z), 0))
 
-    def feasible(self, thetas: Array) -> NDArray[np.bool_]:
+    def feasible(self, thetas: Array) -> Flags:
         """Always."""
         return np.ones(len(thetas), dtype=bool)
+
+    def pulled(self, z: Array, friction: Array) -> Array:
+        """Nothing to draw."""
+        return self.drawn(z, friction)
 
     def plant(self, theta: Any) -> SteppablePlant:
         """The plant itself."""
@@ -159,7 +172,26 @@ class ModelPlant:
         thetas[:, entries] *= friction[:, None]
         return thetas
 
-    def feasible(self, thetas: Array) -> NDArray[np.bool_]:
+    def pulled(self, z: Array, friction: Array) -> Array:
+        """Direction after direction of the covariance, each only as far as the plant is feasible.
+
+        A direction about which the log says much is drawn in full; one that leads out of what is
+        feasible is halved until it does not.
+        """
+        kept = np.zeros_like(z)
+        for k in range(self.size):
+            share = np.ones(len(z))
+            for _ in range(HALVINGS):
+                kept[:, k] = share * z[:, k]
+                bad = ~self.feasible(self.drawn(kept, friction))
+                if not bad.any():
+                    break
+                share[bad] *= 0.5
+            else:
+                kept[bad, k] = 0.0
+        return self.drawn(kept, friction)
+
+    def feasible(self, thetas: Array) -> Flags:
         """Inside the bounds of what is estimated, and stable."""
         inside = np.ones(len(thetas), dtype=bool)
         for k, p in enumerate(self.model.parameters):

@@ -21,12 +21,14 @@ from sys import maxsize
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid import floats
 from sysid.data.filtering import lfilter, lfilter_zi
 from sysid.data.record import Array, Index
 from sysid.fitting.marquardt import Conditions, loss, marquardt
 from sysid.structures.blocks.layers import Layer, LinearLayer, StaticLayer
+from sysid.structures.linear.many_thetas import all_roots_inside
 from sysid.structures.linear.predictor import roots_inside
 from sysid.structures.recursive.single_values import together
 
@@ -213,6 +215,20 @@ class BlockChain:
             ):
                 return False
         return True
+
+    def admissible_each(self, thetas: Array) -> NDArray[np.bool_]:
+        """``admissible`` of every row of thetas (K, n), (K,)."""
+        found: NDArray[np.bool_] = np.all(np.isfinite(thetas), axis=1)
+        for k, layer in enumerate(self.layers):
+            p = thetas[:, self.place(k)]
+            if isinstance(layer, LinearLayer):
+                for q, (i, j) in enumerate(layer.pairs):
+                    tail = p[:, layer.edges[q] + layer.nb[i][j] : layer.edges[q + 1]]
+                    found &= all_roots_inside([np.ones(len(p)), *tail.T])
+                continue
+            for static, a in zip(layer.statics, layer.edges[:-1], strict=True):
+                found &= static.admissible_each(p[:, a : a + static.n])
+        return found
 
     def steady_state(self, theta: Array, level: Array) -> Array:
         """State in which a constant input ``level`` (nu,) has held for ever.

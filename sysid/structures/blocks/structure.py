@@ -173,6 +173,10 @@ class BlockStructure(NamedStructure):
         """
         return self.chain.admissible(theta)
 
+    def stable_each(self, thetas: Array) -> NDArray[np.bool_]:
+        """The same for every row."""
+        return self.chain.admissible_each(thetas)
+
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
         """∂ŷ/∂θ of one output's free run, (N, n)."""
         if not len(u):

@@ -63,11 +63,12 @@ def stable_each(structure: "PolynomialStructure", thetas: Array) -> NDArray[np.b
     found: NDArray[np.bool_] = np.all(np.isfinite(thetas), axis=1)
     for row in denominators:
         for den in row:
-            found &= _inside([np.broadcast_to(c, found.shape) for c in den])
+            found &= all_roots_inside([np.broadcast_to(c, found.shape) for c in den])
     return found
 
 
-def _inside(c: Coefficients) -> NDArray[np.bool_]:
+def all_roots_inside(c: Coefficients) -> NDArray[np.bool_]:
+    """Whether c₀ + c₁q⁻¹ + … has all roots inside the unit circle, c₀ = 1; (K,) of bool."""
     inside = np.ones(c[0].shape, dtype=bool)
     while len(c) > 1:
         k = c[-1]

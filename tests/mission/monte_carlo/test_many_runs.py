@@ -106,16 +106,28 @@ def test_draws_that_nobody_could_drive_are_made_again() -> None:
     gap = np.hypot(*(far.obstacles[:, 0] - (0.0, 0.0)).T)
     assert far.redrawn.sum() > 0
     assert gap.min() > 0.15  # the obstacle's radius
-    hopeless = Drawing(SHORT, Unstable(robot_model()), SHORT.vary)
-    with pytest.raises(ModelError, match="none could be driven"):
+    around = goal(1.2, 0.5, obstacles=[(0.7, 0.0, 0.69)], vary={"obstacles": [-0.5, -0.5]})
+    hopeless = Setup.of(around, [robot_model()]).drivers[0].drawing
+    with pytest.raises(ModelError, match="inside an obstacle"):
         hopeless.draw([1])
 
 
-class Unstable(ModelPlant):
-    """A plant of which no draw is stable."""
+class Narrow(ModelPlant):
+    """A plant that is only feasible where its first parameter is nearly as estimated."""
 
     def feasible(self, thetas: np.ndarray) -> np.ndarray:
-        return np.zeros(len(thetas), dtype=bool)
+        error = np.sqrt(self.model.covariance[0, 0])
+        return np.asarray(np.abs(thetas[:, 0] - self.theta[0]) < 1e-3 * error)
+
+
+def test_a_direction_that_leads_nowhere_is_drawn_less_far() -> None:
+    plant = Narrow(robot_model())
+    draws = Drawing(SHORT, plant, SHORT.vary).draw(run_seeds(0, 200))
+    assert draws.pulled.mean() > 0.9
+    assert plant.feasible(draws.theta).all()
+    last = plant.theta.size - 1  # of the other track, which the first one hardly is tied to
+    error = np.sqrt(plant.model.covariance[last, last])
+    assert 0.8 < np.std(draws.theta[:, last]) / error < 1.2
 
 
 def test_a_range_is_drawn_evenly() -> None:

@@ -11,6 +11,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Array
 from sysid.errors import UsageError
@@ -84,14 +85,19 @@ class Static:
 
     def admissible(self, p: Array) -> bool:
         """Whether limits and points stand in increasing order, points not all but together."""
+        return bool(self.admissible_each(p[None])[0])
+
+    def admissible_each(self, p: Array) -> NDArray[np.bool_]:
+        """The same for every row of p (K, n), (K,)."""
+        found = np.ones(len(p), dtype=bool)
         for stage, part in zip(self.stages, self.slices(), strict=True):
-            rising = p[part][: KINDS[stage.kind].ordered(stage.size)]
-            if len(rising) < 2:
+            rising = p[:, part][:, : KINDS[stage.kind].ordered(stage.size)]
+            if rising.shape[1] < 2:
                 continue
-            least = CLOSEST * (rising[-1] - rising[0]) if stage.size > 2 else 0.0
-            if np.any(np.diff(rising) <= max(least, 0.0)):
-                return False
-        return True
+            share = CLOSEST if stage.size > 2 else 0.0
+            least = np.maximum(share * (rising[:, -1:] - rising[:, :1]), 0.0)
+            found &= ~np.any(np.diff(rising, axis=1) <= least, axis=1)
+        return found
 
     def to_json(self) -> dict[str, Any]:
         """{text, knots}: what ``from_json`` needs."""
