@@ -25,11 +25,13 @@ class Repeats:
         runs: None for one.
         seed: of the batch, of a run of it to replay, or of the noise of one run; None for 0.
         vary: names of what varies; None for what the mission says.
+        scheduler: who runs them; None for this process.
     """
 
     runs: int | None = None
     seed: int | None = None
     vary: tuple[str, ...] | None = None
+    scheduler: str | None = None
 
     def refuse_for_log(self, log: Path) -> None:
         """A log is replayed once.
@@ -37,8 +39,8 @@ class Repeats:
         Raises:
             UsageError: an option of runs is given.
         """
-        for name, given in (("runs", self.runs), ("seed", self.seed), ("vary", self.vary)):
-            if given is not None:
+        for name in ("runs", "seed", "vary", "scheduler"):
+            if getattr(self, name) is not None:
                 raise UsageError(f"{log} is a log to replay: --{name} has no use with it")
 
 
@@ -84,12 +86,21 @@ def repeats(
             "and models [what the mission says].",
         ),
     ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WHO",
+            help="With --runs: processes, or the address of a Dask scheduler [threads].",
+        ),
+    ] = None,
 ) -> Repeats:
     """The options of many runs."""
     if vary is not None and runs is None and seed is None:
         raise UsageError("--vary says what differs between runs: give --runs, or --seed of one run")
+    if scheduler is not None and runs is None:
+        raise UsageError("--scheduler shares many runs: give --runs as well")
     names = None if vary is None else tuple(name.strip() for name in vary.split(","))
-    return Repeats(runs, seed, names)
+    return Repeats(runs, seed, names, scheduler)
 
 
 def ride(mission: "Mission", package: "Package", how: Repeats) -> Ride:
@@ -120,7 +131,9 @@ def drive_many(
 
     runs = how.runs or 0
     with render.progress(f"Driving {path.name}", runs) as advance:
-        found = simulate_runs(mission, [package.model()], runs, how.seed or 0, how.vary, advance)
+        found = simulate_runs(
+            mission, [package.model()], runs, how.seed or 0, how.vary, how.scheduler, advance
+        )
     targets.make_folder(table, "--log")
     return {
         "runs": found.summary(),

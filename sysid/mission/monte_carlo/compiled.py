@@ -91,6 +91,10 @@ class CompiledRuns:
                 return Figures(*(np.asarray(column)[:n].copy() for column in ended))
             k += 1
 
+    def check(self) -> None:
+        """Trace one run without running it; raises whatever keeps it from being compiled."""
+        assert self._types
+
     # ------------------------------------------------------------------------------ one run
 
     def _loop(self, numbers: Numbers) -> Loop:

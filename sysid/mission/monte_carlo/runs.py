@@ -1,8 +1,6 @@
 """Driving a mission many times: chunks of runs to workers, their figures to one result."""
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from os import cpu_count
+from collections.abc import Callable, Sequence
 from time import perf_counter
 
 import numpy as np
@@ -10,17 +8,20 @@ import numpy as np
 from sysid.errors import UsageError
 from sysid.mission.clearance import has_surfaces
 from sysid.mission.contracts import SteppablePlant
-from sysid.mission.monte_carlo.chunks import LANES, Chunk, ChunkResult, Runner, chunks
+from sysid.mission.monte_carlo.chunks import Chunk, ChunkResult
 from sysid.mission.monte_carlo.draws import run_seeds
 from sysid.mission.monte_carlo.drivers import added, shares
 from sysid.mission.monte_carlo.figures import Figures, joined
 from sysid.mission.monte_carlo.mission_runs import MissionRuns
 from sysid.mission.monte_carlo.setup import Setup
+from sysid.mission.monte_carlo.workers import results, why_not_at_once
 from sysid.mission.spec import Mission
 from sysid.structures.model import Model
 
 MOST_RUNS = 10_000_000
 """A batch of more runs would not end while somebody waits, and tells no more."""
+
+_ALONE = "The runs went one after the other, in processes: {}."
 
 Progress = Callable[[int], None]
 """Takes how many more runs are done."""
@@ -32,6 +33,7 @@ def simulate_runs(
     runs: int,
     seed: int = 0,
     vary: Sequence[str] | None = None,
+    scheduler: str | None = None,
     progress: Progress | None = None,
 ) -> MissionRuns:
     """Drive a mission many times, with what is not known for sure drawn for every run.
@@ -46,6 +48,8 @@ def simulate_runs(
         runs: how many.
         seed: of the batch; run k of it has the seed ``run_seeds(seed, runs)[k]``.
         vary: names of what varies, in the sizes of the mission; None for what the mission says.
+        scheduler: who runs the chunks: None for threads of this process, ``processes``, or the
+            address of a Dask scheduler.
         progress: called when runs are done.
 
     Returns:
@@ -60,10 +64,10 @@ def simulate_runs(
     began = perf_counter()
     setup = Setup.of(mission, plants, vary)
     seeds = run_seeds(seed, runs)
-    parts = chunks(setup, seeds, LANES)
-    runner = Runner.of(setup)
+    alone = why_not_at_once(setup)
+    parts, coming = results(setup, seeds, scheduler, alone)
     found: list[ChunkResult] = []
-    for chunk, result in zip(parts, _threaded(runner, parts), strict=True):
+    for chunk, result in zip(parts, coming, strict=True):
         found.append(result)
         if progress is not None:
             progress(len(chunk.runs))
@@ -80,14 +84,11 @@ def simulate_runs(
         redrawn=sum(r.redrawn for r in found),
         time_drivers=shares(added([r.time for r in found]), varying) if same else None,
         error_drivers=shares(added([r.error for r in found]), varying) if same else None,
-        notes=setup.notes(sum(r.redrawn for r in found), sum(r.pulled for r in found), runs),
+        notes=(
+            *setup.notes(sum(r.redrawn for r in found), sum(r.pulled for r in found), runs),
+            *([_ALONE.format(alone)] if alone else []),
+        ),
     )
-
-
-def _threaded(runner: Runner, parts: Sequence[Chunk]) -> Iterator[ChunkResult]:
-    """Chunk after chunk in this process, one on each core at a time."""
-    with ThreadPoolExecutor(cpu_count()) as pool:
-        yield from pool.map(runner.run, parts)
 
 
 def _in_order(parts: Sequence[Chunk], found: Sequence[ChunkResult]) -> Figures:

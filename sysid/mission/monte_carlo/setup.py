@@ -122,6 +122,11 @@ class Setup:
             variation,
         )
 
+    def plain(self) -> "Setup":
+        """The same without what was worked out from it, to be sent to another process."""
+        plants = tuple(replace(p) for p in self.plants)  # type: ignore[type-var]
+        return Setup(self.mission, plants, self.variation)
+
     @cached_property
     def drivers(self) -> tuple[Driver, ...]:
         """Every plant, wired."""
