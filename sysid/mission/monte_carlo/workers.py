@@ -41,8 +41,8 @@ def results(
     if scheduler is not None and "://" in scheduler:
         return parts, on_cluster(scheduler, setup, at_once, parts)
     raise UsageError(
-        f"there is no scheduler {scheduler!r}: give {PROCESSES}, or the address of a Dask scheduler "
-        "such as tcp://localhost:8786"
+        f"there is no scheduler {scheduler!r}: give {PROCESSES}, or the address of a Dask "
+        "scheduler such as tcp://localhost:8786"
     )
 
 
