@@ -16,6 +16,7 @@ from sysid.fitting.holdout import hold_out, shortened, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter
 from sysid.structures.base import Structure
+from sysid.structures.blocks.candidates import last_search
 from sysid.structures.blocks.fit import ChainData
 from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
 from sysid.structures.blocks.hammerstein_wiener_trials import (
@@ -30,10 +31,9 @@ from sysid.structures.blocks.hammerstein_wiener_trials import (
     signless,
     uses,
 )
-from sysid.structures.blocks.outcome import finished
 from sysid.structures.blocks.static.functions import IDENTITY, Static, parse_static
 from sysid.structures.orders import Orders, spread
-from sysid.structures.outcome import FitOutcome, StartReport, Warm
+from sysid.structures.outcome import FitOutcome, Warm
 
 CHOICE_SAMPLES = 5_000
 """Samples that choose statics and orders; the choice is fitted to all."""
@@ -77,13 +77,8 @@ def fit(
         data = ChainData.of(records)
         tried = list(at_orders(plain, records, data, plain.inputs, plain.outputs))
         best = min(tried, key=lambda c: c.found.cost)
-    chosen = replace(best.structure, requested=None, choose_orders=False)
-    starts = [(best.label, best.found.theta)]
-    starts += [(name, theta) for name, theta in warm if len(theta) == chosen.chain.n]
-    reports = tuple(
-        StartReport("all", c.label, None, c.found.cost, c.found.evaluations) for c in tried
-    )
-    return finished(chosen, records, options, parameters, starts, reports)
+    best = replace(best, structure=replace(best.structure, requested=None, choose_orders=False))
+    return last_search(best, tried, records, options, parameters, warm)
 
 
 def preferred(tried: Sequence[Candidate], data: ChainData, margin: float) -> Candidate:

@@ -1,19 +1,16 @@
 """Fits of one Hammerstein–Wiener structure: from its best linear approximation to all at once."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import replace
 
 from sysid.data.record import Record
+from sysid.structures.blocks import candidates
 from sysid.structures.blocks.bla import linear_starts
 from sysid.structures.blocks.changed_statics import with_statics
 from sysid.structures.blocks.fit import (
     ChainData,
-    Fitted,
     abscissae,
     descend,
-    outer_abscissae,
 )
 from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
 from sysid.structures.blocks.sign_recovery import signed_starts
@@ -27,18 +24,7 @@ FULL = 60
 """Evaluations of a descent before the last search."""
 
 
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """One choice of orders and statics with its fit."""
-
-    structure: HammersteinWiener
-    found: Fitted
-    label: str
-
-    @property
-    def n(self) -> int:
-        """Number of parameters."""
-        return self.structure.chain.n
+Candidate = candidates.Candidate[HammersteinWiener]
 
 
 def uses(statics: Sequence[Static]) -> bool:
@@ -75,12 +61,9 @@ def linear_fit(
         requested=None,
         choose_orders=False,
     )
-    names = [p.name for p in plain.parameters(records[0].inputs, records[0].outputs)]
-    found = []
-    for _, values in linear_starts(records, structure.orders):
-        theta = np.array([values.get(n, 0.0) for n in names])
-        found.append(descend(plain.chain, theta, data, evaluations=FULL))
-    best = min(found, key=lambda f: f.cost)
+    starts = [values for _, values in linear_starts(records, structure.orders)]
+    best = candidates.best_start(plain, starts, records, data, FULL)
+    assert best is not None  # ARX always gives a start
     return Candidate(plain, best, _label(plain))
 
 
@@ -119,16 +102,8 @@ def grown(
     small: Candidate, orders: Orders, records: Sequence[Record], data: ChainData
 ) -> Candidate:
     """The statics of a model of lower order, and its linear block with further coefficients."""
-    channels = records[0].inputs, records[0].outputs
     structure = replace(small.structure, orders=orders)
-    known = dict(
-        zip(
-            [p.name for p in small.structure.parameters(*channels)],
-            small.found.theta.tolist(),
-            strict=True,
-        )
-    )
-    theta = np.array([known.get(p.name, 0.0) for p in structure.parameters(*channels)])
+    theta = candidates.by_names(structure, small.values(records), records)
     p = data.with_states(structure.chain, theta)
     start = replace(small.found, chain=structure.chain, p=p)
     return refined(Candidate(structure, start, _label(structure)), data, FULL)
@@ -136,15 +111,7 @@ def grown(
 
 def refined(start: Candidate, data: ChainData, evaluations: int) -> Candidate:
     """All parameters together, points of piecewise-linear statics last."""
-    chain = start.structure.chain
-    fixed = abscissae(chain)
-    found = descend(chain, start.found.p, data, evaluations=evaluations, held_entries=fixed)
-    if fixed:
-        inner = outer_abscissae(chain)
-        moved = descend(chain, found.p, data, evaluations=evaluations, held_entries=inner)
-        # points may wander after noise: keep them where that does not help on held-out samples
-        if not moved.held > found.held:
-            found = moved
+    found = candidates.points_last(start.found, data, evaluations)
     return replace(start, found=found)
 
 
@@ -175,14 +142,10 @@ def signless(
         requested=None,
         choose_orders=False,
     )
-    names = [p.name for p in base.parameters(records[0].inputs, records[0].outputs)]
-    found: list[Fitted] = []
-    for values in signed_starts(records, structure.orders, data.kept, first):
-        theta = np.array([values.get(n, 0.0) for n in names])
-        found.append(descend(base.chain, theta, data, evaluations=FULL))
-    if not found:
+    starts = signed_starts(records, structure.orders, data.kept, first)
+    best = candidates.best_start(base, starts, records, data, FULL)
+    if best is None:
         return
-    best = min(found, key=lambda f: f.cost)
     start = Candidate(base, best, _label(base))
     if (inputs, outputs) == (base.inputs, base.outputs):
         yield start

@@ -8,27 +8,24 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from sysid.data.record import Record
 from sysid.errors import ModelError
 from sysid.fitting.holdout import hold_out, shortened, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter
 from sysid.structures.base import Structure
+from sysid.structures.blocks.candidates import by_names, last_search, points_last
 from sysid.structures.blocks.changed_statics import with_statics
 from sysid.structures.blocks.fit import (
     ChainData,
     abscissae,
     descend,
-    outer_abscissae,
 )
-from sysid.structures.blocks.outcome import finished
 from sysid.structures.blocks.static.functions import Static, parse_static
 from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
 from sysid.structures.blocks.wiener_hammerstein_starts import Candidate, ranked_starts
 from sysid.structures.orders import orders_text
-from sysid.structures.outcome import FitOutcome, StartReport, Warm
+from sysid.structures.outcome import FitOutcome, Warm
 
 SHORT, MIDDLE, LONG = 2_500, 10_000, 40_000
 """Samples of the fits that rank, that choose and that settle; the last search sees all."""
@@ -95,13 +92,8 @@ def fit(
     if structure.choose_orders:
         best, wider = _widened(best, records, settled)
         more += wider
-    starts = [(best.label, best.found.theta)]
-    starts += [(name, theta) for name, theta in warm if len(theta) == best.structure.chain.n]
-    reports = tuple(
-        StartReport("all", c.label, None, c.found.cost, c.found.evaluations)
-        for c in (*tried, *longer, *finer, *models, *more)
-    )
-    return finished(best.structure, records, options, parameters, starts, reports)
+    every = (*tried, *longer, *finer, *models, *more)
+    return last_search(best, every, records, options, parameters, warm)
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,17 +166,7 @@ def _moved(c: Candidate, part: Part, evaluations: int, tolerance: float = 1e-5) 
 def _with_static(c: Candidate, statics: Sequence[Static], part: Part) -> Candidate:
     """Another static that follows the present one, then fitted; points move last."""
     changed = with_statics(c.found, 1, statics, part.data)
-    fixed = abscissae(changed.chain)
-    found = descend(
-        changed.chain, changed.p, part.data, evaluations=40, held_entries=fixed, tolerance=1e-5
-    )
-    if fixed:
-        inner = outer_abscissae(changed.chain)
-        moved = descend(
-            found.chain, found.p, part.data, evaluations=40, held_entries=inner, tolerance=1e-5
-        )
-        if not moved.held > found.held:
-            found = moved
+    found = points_last(changed, part.data, 40, 1e-5)
     texts = ", ".join(dict.fromkeys(s.text for s in statics))
     structure = c.structure.with_chain(found.chain)
     return Candidate(structure, found, f"{_orders_text(structure)}, static {texts}")
@@ -249,11 +231,7 @@ def _wider(
     raw |= {name: _changed(raw[name], by) for name, by in more.items()}
     wide = WienerHammerstein.from_orders(raw, s.nu, s.ny)
     wide = replace(wide, statics=s.statics, requested=None, choose_orders=False)
-    channels = records[0].inputs, records[0].outputs
-    known = dict(
-        zip([p.name for p in s.parameters(*channels)], best.found.theta.tolist(), strict=True)
-    )
-    theta = np.array([known.get(p.name, 0.0) for p in wide.parameters(*channels)])
+    theta = by_names(wide, best.values(records), records)
     found = descend(wide.chain, theta, part.data, evaluations=40, tolerance=1e-5)
     words = ", ".join(f"{name} {by:+d}" for name, by in more.items())
     return Candidate(wide, found, f"{_orders_text(wide)}, {words}")

@@ -8,7 +8,7 @@ such starts get stuck (Schoukens & Tiels 2017, §5.3, compare the ways).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Record
 from sysid.fitting.holdout import shortened
+from sysid.structures.blocks import candidates
 from sysid.structures.blocks.bla import input_denominators
-from sysid.structures.blocks.fit import ChainData, Fitted, descend
+from sysid.structures.blocks.fit import ChainData, descend
 from sysid.structures.blocks.layers import LinearLayer
 from sysid.structures.blocks.static.functions import Static, parse_static
 from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
@@ -39,13 +40,7 @@ SAME = 0.01
 Poles = NDArray[np.complex128]
 
 
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """One start or model."""
-
-    structure: WienerHammerstein
-    found: Fitted
-    label: str
+Candidate = candidates.Candidate[WienerHammerstein]
 
 
 def ranked_starts(
