@@ -90,7 +90,7 @@ def one_run(plant: Path) -> float:
     """Processor time of one run in the library [s]."""
     import sysid_datasets
 
-    from sysid.mission.mapping import as_robot
+    from sysid.mission.robot.mapping import as_robot
     from sysid.mission.simulator import simulate
     from sysid.mission.spec import load_mission
     from sysid.plant.package import load_plant

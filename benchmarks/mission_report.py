@@ -11,8 +11,8 @@ from sysid.data.io import read_logs
 from sysid.errors import ModelError
 from sysid.estimation.identify import Identification, Request, identify
 from sysid.estimation.selection.comparison import Contender, compare
-from sysid.mission.mapping import as_robot
 from sysid.mission.result import MissionResult
+from sysid.mission.robot.mapping import as_robot
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission, load_mission
 from sysid.report.markdown import table

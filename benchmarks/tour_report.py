@@ -15,7 +15,7 @@ from sysid_cli.pictures import draw_fit, draw_mission, draw_ranking
 from sysid.data.io import read_logs
 from sysid.estimation.identify import Identification, Request, identify
 from sysid.estimation.selection.comparison import Contender, compare
-from sysid.mission.mapping import as_robot
+from sysid.mission.robot.mapping import as_robot
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import load_mission
 

@@ -9,8 +9,8 @@ from mission_report import SECTORS, best_by_aic, called, identified
 from sysid.mission.control.pi_p import SpeedPIYawP
 from sysid.mission.guidance.field import PotentialField
 from sysid.mission.guidance.steps import Steps
-from sysid.mission.mapping import as_robot
 from sysid.mission.result import MissionResult
+from sysid.mission.robot.mapping import as_robot
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission
 from sysid.mission.tuning.axes import Axis, answer

@@ -193,7 +193,7 @@ def simulate(
         DataError: the mission file cannot be read.
         ModelError: the plant cannot drive it.
     """
-    from sysid.mission.mapping import as_robot
+    from sysid.mission.robot.mapping import as_robot
     from sysid.mission.simulator import simulate as drive
     from sysid.mission.spec import Mission, load_mission
 

@@ -105,9 +105,9 @@ def repeats(
 
 def ride(mission: "Mission", package: "Package", how: Repeats) -> Ride:
     """One run: nominal with the noise of a small seed, or the run of a batch whose seed it is."""
-    from sysid.mission.compensation import nothing_to_undo
-    from sysid.mission.mapping import as_robot
     from sysid.mission.monte_carlo.draws import is_run_seed
+    from sysid.mission.robot.compensation import nothing_to_undo
+    from sysid.mission.robot.mapping import as_robot
 
     seed = how.seed or 0
     if how.vary is None and not is_run_seed(seed):

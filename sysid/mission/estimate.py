@@ -87,13 +87,21 @@ def estimate(
         DataError: the log cannot be read, or holds no wheel speed and no sensor.
         UsageError: a column or unit named is not there.
     """
-    log = read_sensor_log(path, (*READINGS, *DRIVES), columns, options)
-    return estimated(log, mission)
+    return estimated(read_sensors(path, columns, options), mission)
+
+
+def read_sensors(
+    path: str | Path,
+    columns: Mapping[str, str] | None = None,
+    options: ReadOptions | None = None,
+) -> SensorLog:
+    """The readings and commands of a log; as for :func:`estimate`."""
+    return read_sensor_log(path, (*READINGS, *DRIVES), columns, options)
 
 
 def estimated(log: SensorLog, mission: Mission) -> Estimation:
     """As :func:`estimate`, of a log that has been read."""
-    scene, notes = _scene(log, mission)
+    scene, notes = scene_of(log, mission)
     navigation = mission.navigation
     state = navigation.start(scene, np)
     rows: list[tuple[float, ...]] = []
@@ -149,7 +157,7 @@ def _flat(body: Body) -> tuple[float, ...]:
     return (*body.pose, body.speed, body.yaw_rate)
 
 
-def _scene(log: SensorLog, mission: Mission) -> tuple[Scene, tuple[str, ...]]:
+def scene_of(log: SensorLog, mission: Mission) -> tuple[Scene, tuple[str, ...]]:
     """The mission's scene with the log's clock and first pose, and what was assumed."""
     scene = mission.scene()._replace(dt=float(np.median(np.diff(log.t))))
     notes = []

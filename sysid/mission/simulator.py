@@ -12,7 +12,6 @@ from sysid import floats
 from sysid.data.record import Array
 from sysid.errors import ModelError, UsageError
 from sysid.mission.clearance import has_surfaces
-from sysid.mission.compensation import compensation_of
 from sysid.mission.contracts import (
     ROBOT_INPUTS,
     ROBOT_OUTPUTS,
@@ -25,8 +24,9 @@ from sysid.mission.contracts import (
 from sysid.mission.ending import sentence, stuck
 from sysid.mission.loop import COLUMNS, Drive, Loop, LoopState, Tick, Verdict, plain_drive, ticks
 from sysid.mission.noise import sensor_draws
-from sysid.mission.nominal import nominal_of
 from sysid.mission.result import MissionResult, Outcome
+from sysid.mission.robot.compensation import compensation_of
+from sysid.mission.robot.nominal import nominal_of
 from sysid.mission.spec import Mission
 
 
@@ -71,7 +71,7 @@ def simulate(
     Args:
         mission: what to do, and by which laws.
         plant: inputs ``pwm_l, pwm_r`` [µs], outputs ``omega_l, omega_r`` [rad/s] in this order;
-            :func:`sysid.mission.mapping.as_robot` makes one of any plant.
+            :func:`sysid.mission.robot.mapping.as_robot` makes one of any plant.
         seed: of the sensors' noise; without sensors nothing is random.
         known: the robot plant that control takes this one for, where it is another.
 

@@ -105,7 +105,7 @@ class VehicleSpec(Settings):
         r: sprocket radius [m].
         B: distance between the track centre lines [m].
         command_scale: plant input at full drive, in the plant's units; None lets
-            :func:`sysid.mission.mapping.as_robot` choose.
+            :func:`sysid.mission.robot.mapping.as_robot` choose.
         speed_scale: wheel speed [rad/s] per unit of plant output; None likewise.
     """
 

@@ -15,7 +15,7 @@ from sysid.discrepancy.pose.ground_model import with_ground, without_readings
 from sysid.effects.ground import Ground
 from sysid.errors import ModelError, UsageError
 from sysid.export.package import write_package
-from sysid.mission.mapping import as_robot
+from sysid.mission.robot.mapping import as_robot
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission
 from sysid.plant.package import load_plant, read_description

@@ -14,10 +14,10 @@ from sysid.data.preprocess import Detrend
 from sysid.data.record import PWM_FULL_SCALE, Array, Channel
 from sysid.effects.catalogue import effect
 from sysid.errors import DataError, ModelError
-from sysid.mission.compensation import Compensation, compensation_of, nothing_to_undo
 from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS, Body, Command, Pose
-from sysid.mission.mapping import as_robot
-from sysid.mission.robot_plant import RobotPlant
+from sysid.mission.robot.compensation import Compensation, compensation_of, nothing_to_undo
+from sysid.mission.robot.mapping import as_robot
+from sysid.mission.robot.robot_plant import RobotPlant
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission, load_mission
 from sysid.structures.augmented.structure import Augmented

@@ -16,9 +16,9 @@ from sysid.mission.control.adaptive import UNSURE, Adaptive
 from sysid.mission.control.axes import AXES, AxisController
 from sysid.mission.control.fuzzy import ERRORS, RATES, RULES, inferred, memberships
 from sysid.mission.control.model_based import ComputedTorque
-from sysid.mission.mapping import as_robot
 from sysid.mission.registry import kinds, law_class
-from sysid.mission.robot_plant import RobotPlant
+from sysid.mission.robot.mapping import as_robot
+from sysid.mission.robot.robot_plant import RobotPlant
 from sysid.mission.simulator import scene_of
 from sysid.structures.model import Model
 

@@ -15,8 +15,8 @@ from sysid.errors import DataError, ModelError, UsageError
 from sysid.mission.control.axes import AXES, AxisController
 from sysid.mission.control.linear import PD, PI, YawP, YawPD, YawPID
 from sysid.mission.control.pi_p import SpeedPIYawP
-from sysid.mission.nominal import nominal_of
 from sysid.mission.registry import kinds, law_class
+from sysid.mission.robot.nominal import nominal_of
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission, load_mission
 from sysid.vehicle.kinematics import Geometry

@@ -28,11 +28,11 @@ from sysid.mission.contracts import (
 from sysid.mission.control.pi_p import SpeedPIYawP
 from sysid.mission.guidance.field import PotentialField
 from sysid.mission.loop import Loop, Tick, ticks
-from sysid.mission.mapping import as_robot
 from sysid.mission.navigation.odometry import Odometry
 from sysid.mission.registry import ROLES, kinds, law_class
+from sysid.mission.robot.mapping import as_robot
+from sysid.mission.robot.settling import Ending, settle
 from sysid.mission.settings import ControlSettings
-from sysid.mission.settling import Ending, settle
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission, load_mission
 

@@ -9,10 +9,10 @@ import pytest
 from sysid.data.record import Array, Channel
 from sysid.effects.ground import Ground
 from sysid.errors import ModelError
-from sysid.mission.mapping import as_robot
 from sysid.mission.result import Outcome
-from sysid.mission.robot_plant import RobotPlant
-from sysid.mission.settling import settle
+from sysid.mission.robot.mapping import as_robot
+from sysid.mission.robot.robot_plant import RobotPlant
+from sysid.mission.robot.settling import settle
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission
 

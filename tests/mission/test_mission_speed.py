@@ -12,7 +12,7 @@ from mission_cases import AROUND, Robot
 from plant_models import robot_model
 
 from sysid.data.record import Array
-from sysid.mission.mapping import as_robot
+from sysid.mission.robot.mapping import as_robot
 from sysid.mission.simulator import simulate
 from sysid.structures.plant import Plant
 

@@ -14,10 +14,10 @@ from sysid import floats
 from sysid.data.record import Array
 from sysid.errors import DataError, ModelError
 from sysid.mission.contracts import Navigation, NavigationInputs
-from sysid.mission.mapping import as_robot
 from sysid.mission.navigation.finite_model import FiniteModel, Hypothesis
 from sysid.mission.registry import law_class
 from sysid.mission.result import MissionResult
+from sysid.mission.robot.mapping import as_robot
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import load_mission
 

@@ -20,8 +20,8 @@ from sysid.effects.ground import Ground
 from sysid.errors import ModelError
 from sysid.mission.clearance import has_surfaces, step_clearance
 from sysid.mission.contracts import Pose
-from sysid.mission.mapping import as_robot
 from sysid.mission.result import MissionResult
+from sysid.mission.robot.mapping import as_robot
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission, load_mission
 from sysid.structures.model import Model

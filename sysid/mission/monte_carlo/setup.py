@@ -10,14 +10,14 @@ import numpy as np
 from sysid.errors import ModelError
 from sysid.mission.contracts import Scene, SteppablePlant
 from sysid.mission.loop import Drive
-from sysid.mission.mapping import as_robot
 from sysid.mission.monte_carlo.draws import Drawing, Draws
 from sysid.mission.monte_carlo.figures import NOTHING, figures_of
 from sysid.mission.monte_carlo.varied_plant import FixedPlant, ModelPlant, VariedPlant
 from sysid.mission.noise import generator
 from sysid.mission.result import MissionResult
-from sysid.mission.robot_plant import RobotPlant
-from sysid.mission.settling import settle
+from sysid.mission.robot.mapping import as_robot
+from sysid.mission.robot.robot_plant import RobotPlant
+from sysid.mission.robot.settling import settle
 from sysid.mission.simulator import check_robot, drive_of, scene_of, simulate
 from sysid.mission.spec import Mission
 from sysid.mission.variation import QUANTITIES, Variation

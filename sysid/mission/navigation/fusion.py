@@ -24,18 +24,14 @@ COLUMNS = (
     "x_est", "y_est", "psi_est", "v_est", "yaw_rate_est",
     "P_xx", "P_xy", "P_yy", "P_x_psi", "P_y_psi", "P_psi",
     "slip_l_est", "slip_r_est", "gyro_bias_est",
-    "nis", "nis_dof", "rejected",
+    "nis", "nis_dof", "rejected", "log_likelihood",
 )  # fmt: skip
 """What every filter adds to a mission's log: estimate, covariance, and the innovations of the
 readings that came at a sample, rejected ones included; NaN where a filter has no such state."""
 
 
-class Counted(NamedTuple):
-    """Innovations of the readings that came at one sample, summed up."""
-
-    nis: Real
-    dof: Real
-    rejected: Real
+NOTHING_READ = Innovation(0.0, 0.0, 0.0, 0.0)
+"""Innovations of the readings that came at one sample are summed up from this."""
 
 
 class Belief(NamedTuple):
@@ -189,7 +185,7 @@ class Filter(Settings):
         empty = Slot(0.0, 0.0, nothing, xp.zeros(len(plan.groups)))
         history = delays.begun(belief, empty, plan.latest, xp)
         return FilterState(
-            belief, history, self._shown(belief, plan, scene.geometry, Counted(0.0, 0.0, 0.0), xp)
+            belief, history, self._shown(belief, plan, scene.geometry, NOTHING_READ, xp)
         )
 
     def step(
@@ -202,7 +198,7 @@ class Filter(Settings):
         drive = 0.5 * (inputs.drive[0] + inputs.drive[1])
         slot = Slot(dt, drive, z, xp.ones(len(z)))
 
-        def fuse(belief: Any, given: Slot) -> tuple[Any, Counted]:
+        def fuse(belief: Any, given: Slot) -> tuple[Any, Innovation]:
             return self.fused(belief, plan, scene.geometry, given, xp)
 
         history: History | tuple[()] = ()
@@ -221,10 +217,10 @@ class Filter(Settings):
 
     def fused(
         self, belief: Belief, plan: Design, geometry: Geometry, slot: Slot, xp: Any
-    ) -> tuple[Belief, Counted]:
+    ) -> tuple[Belief, Innovation]:
         """One sample: predict, then correct by each group in turn."""
         of = self.predicted(belief.of, plan, geometry, slot, xp)
-        counted, marks = Counted(0.0, 0.0, 0.0), []
+        counted, marks = NOTHING_READ, []
         for k, (group, z, mark) in enumerate(zip(plan.groups, slot.z, belief.marks, strict=True)):
             elapsed, came = mark[0] + slot.dt, xp.isfinite(z).any()
             waiting = xp.concatenate([xp.array([elapsed]), mark[1:]])
@@ -236,7 +232,7 @@ class Filter(Settings):
             quantiles = chi2_quantiles(self.gate, len(group.names))
             of, found = self.corrected(of, plan, Sight(group, told, spread, setting, quantiles), xp)
             fresh = slot.fresh[k]
-            counted = Counted(*(c + fresh * f for c, f in zip(counted, found[:3], strict=True)))
+            counted = Innovation(*(c + fresh * f for c, f in zip(counted, found, strict=True)))
             T = plan.since[k]
             if T is not None:
                 of = self.set_since(of, xp.where(came, xp.array(T), xp.eye(len(T))), xp)
@@ -244,7 +240,7 @@ class Filter(Settings):
         return Belief(of, tuple(marks)), counted
 
     def _shown(
-        self, belief: Belief, plan: Design, geometry: Geometry, counted: Counted, xp: Any
+        self, belief: Belief, plan: Design, geometry: Geometry, counted: Innovation, xp: Any
     ) -> tuple[Real, ...]:
         x, P = self.moments(belief.of, xp)
         s = {name: x[i] for i, name in enumerate(plan.process.names)}

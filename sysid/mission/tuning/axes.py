@@ -8,7 +8,7 @@ import numpy as np
 from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.errors import ModelError
 from sysid.mission.contracts import SteppablePlant
-from sysid.mission.settling import Ending, settle
+from sysid.mission.robot.settling import Ending, settle
 from sysid.vehicle.kinematics import Geometry, body_velocity
 
 

@@ -8,7 +8,7 @@ from sysid.data.record import Array
 from sysid.errors import ModelError
 from sysid.mission.axis import FirstOrder, Nominal
 from sysid.mission.contracts import Command, SteppablePlant
-from sysid.mission.settling import RULE, Ending, settle
+from sysid.mission.robot.settling import RULE, Ending, settle
 from sysid.vehicle.kinematics import Geometry, body_velocity
 
 AMID = Command(0.5, 0.3)

@@ -14,10 +14,10 @@ from sysid.errors import ModelError
 from sysid.mission.contracts import SteppablePlant
 from sysid.mission.navigation.equipment import assumed
 from sysid.mission.registry import default_sensor
-from sysid.mission.robot_plant import RobotPlant
-from sysid.mission.settling import Ending, Settling, settle
+from sysid.mission.robot.robot_plant import RobotPlant
+from sysid.mission.robot.settling import Ending, Settling, settle
+from sysid.mission.robot.wiring import Wiring, wirings
 from sysid.mission.spec import Mission, VehicleSpec
-from sysid.mission.wiring import Wiring, wirings
 
 TOP_SPEED = 0.43
 """Forward speed of the thesis's robot at full drive [m/s]."""

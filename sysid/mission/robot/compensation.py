@@ -7,7 +7,7 @@ from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.effects.compensation import Identified, can_be_compensated
 from sysid.errors import ModelError
 from sysid.mission.contracts import Body, Command, SteppablePlant
-from sysid.mission.robot_plant import RobotPlant
+from sysid.mission.robot.robot_plant import RobotPlant
 from sysid.mission.settings import IDENTIFIED, Compensate
 from sysid.vehicle.kinematics import Geometry, Real, wheel_speeds
 

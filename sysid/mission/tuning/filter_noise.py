@@ -1,0 +1,262 @@
+"""Noise of a navigation filter, estimated from a log of its sensors by maximum likelihood."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid.data.reading.read_options import ReadOptions
+from sysid.data.reading.sensor_log import SensorLog
+from sysid.data.record import Array
+from sysid.errors import DataError
+from sysid.mission.estimate import Estimation, estimated, read_sensors, scene_of
+from sysid.mission.navigation.fusion import Filter
+from sysid.mission.spec import Mission
+
+
+@dataclass(frozen=True)
+class SearchRule:
+    """How the noise is looked for.
+
+    Attributes:
+        decades: powers of ten that a density or variance may move from where it started: figures
+            from data sheets are off by less, and a log without motion would drive them anywhere.
+        known: standard deviation of the figures of sensors and of a small robot's motion [powers of
+            ten]: it holds what the log says nothing of, and weighs nothing against what it says.
+        rows: of a log that are used, from its start: enough for variances to within 5 %.
+        rejects: share of rejected readings beyond which a gate is opened: a few per mille of right
+            ones lie outside; more say that the robot moves as the filter does not expect.
+        sweeps: through all factors by whole powers of ten.
+        rounds: of the search along slopes at most.
+        step: of the slopes' differences, in powers of ten.
+        gain: a round that gains less than this of log likelihood ends it: e^0.1 is no evidence.
+    """
+
+    decades: float = 4.0
+    known: float = 1.0
+    rows: int = 1500
+    rejects: float = 0.01
+    sweeps: int = 2
+    rounds: int = 25
+    step: float = 0.01
+    gain: float = 0.1
+
+
+RULE = SearchRule()
+
+
+@dataclass(frozen=True, eq=False)
+class FilterTuning:
+    """Densities and variances of a filter that make a log's readings most likely.
+
+    Attributes:
+        q: densities of what walks at random, by state.
+        r: variances of readings, by name.
+        gate: the filter's, opened (1) where it would reject much with this noise.
+        log_likelihood: of the readings before and after.
+        before, after: what the filter makes of the whole log.
+        at_bound: keys whose value went as far as it may.
+        notes: what was assumed.
+    """
+
+    q: Mapping[str, float]
+    r: Mapping[str, float]
+    gate: float
+    log_likelihood: tuple[float, float]
+    before: Estimation
+    after: Estimation
+    at_bound: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def sentence(self) -> str:
+        """What was gained."""
+        gained = self.log_likelihood[1] - self.log_likelihood[0]
+        text = f"The log likelihood of the readings rose by {gained:.4g}"
+        figures = self.after.consistency
+        if figures.get("nis_mean") is None:
+            return f"{text}."
+        low, high = figures["nis_bounds"]
+        fits = low <= figures["nis_mean"] <= high
+        return (
+            f"{text}; NIS {figures['nis_mean']:.3g} lies "
+            f"{'inside' if fits else 'outside'} its bounds {low:.3g} to {high:.3g}."
+        )
+
+    def summary(self) -> dict[str, Any]:
+        """Plain values for a JSON document."""
+        return {
+            "q": dict(self.q),
+            "r": dict(self.r),
+            "gate": self.gate,
+            "log_likelihood": {"before": self.log_likelihood[0], "after": self.log_likelihood[1]},
+            "consistency": {
+                "before": dict(self.before.consistency),
+                "after": dict(self.after.consistency),
+            },
+            "errors": {"before": dict(self.before.errors), "after": dict(self.after.errors)},
+            "at_bound": list(self.at_bound),
+            "sentence": self.sentence,
+            "warnings": list(self.notes),
+        }
+
+
+def tuned_filter(
+    path: str | Path,
+    mission: Mission,
+    columns: Mapping[str, str] | None = None,
+    options: ReadOptions | None = None,
+    rule: SearchRule = RULE,
+) -> FilterTuning:
+    """Estimate the noise of a mission's filter from a log.
+
+    Maximises Σ ln p(z_k | z_1 … z_{k−1}) = Σ −½(νᵀS⁻¹ν + ln det S + m ln 2π) over the densities q
+    and the variances r, as powers of ten, with slopes by differences. Readings of one sensor share
+    a factor. Nothing is rejected meanwhile: a gate would hide what does not fit. Where the log
+    holds the true pose, the run starts in it and errors are counted.
+
+    Args:
+        path: log of the sensors.
+        mission: whose navigation is a filter with q and r.
+        columns: reading → column, where the names differ.
+        options: how to read the log.
+        rule: of the search.
+
+    Raises:
+        DataError: the navigation has no noise to tune, or the log cannot serve.
+        UsageError: a column or unit named is not there.
+    """
+    law = mission.navigation
+    if not isinstance(law, Filter):
+        raise DataError(
+            "the mission's navigation has no noise to tune: name a filter, e.g. "
+            "navigation: {kind: ekf}"
+        )
+    log = read_sensors(path, columns, options)
+    scene, notes = scene_of(log, mission)
+    knobs = _knobs(law, scene)
+    short = _cut(log, rule.rows)
+
+    def with_noise(powers: Array) -> Filter:
+        q, r = dict(law.q), dict(law.r)
+        for knob, power in zip(knobs, powers.tolist(), strict=True):
+            for kind, name, value in knob:
+                (q if kind == "q" else r)[name] = value * 10.0**power
+        return law.model_copy(update={"q": q, "r": r})
+
+    def likelihood(powers: Array) -> float:
+        taken = with_noise(powers).model_copy(update={"gate": 1.0})
+        found = estimated(short, mission.model_copy(update={"navigation": taken}))
+        prior = 0.5 * float(np.sum((powers / rule.known) ** 2))
+        return float(np.nansum(found.columns["log_likelihood"])) - prior
+
+    powers, *likelihoods = _climbed(likelihood, len(knobs), rule)
+    best = with_noise(powers)
+    after = estimated(log, mission.model_copy(update={"navigation": best}))
+    if law.gate < 1 and _rejected(after) > rule.rejects:
+        notes = (
+            *notes,
+            f"Its gate would reject {_rejected(after):.0%} of the readings, because the robot "
+            "moves less evenly than a random walk; the gate is opened (1).",
+        )
+        best = best.model_copy(update={"gate": 1.0})
+        after = estimated(log, mission.model_copy(update={"navigation": best}))
+    edge = rule.decades - rule.step
+    bound = [f"{kind}.{name}" for knob, p in zip(knobs, powers, strict=True) if abs(p) >= edge
+             for kind, name, _ in knob]  # fmt: skip
+    if len(short.t) < len(log.t):
+        notes = (*notes, f"The noise was estimated from the first {len(short.t)} rows.")
+    return FilterTuning(
+        q=best.q,
+        r=best.r,
+        gate=best.gate,
+        log_likelihood=(likelihoods[0], likelihoods[1]),
+        before=estimated(log, mission),
+        after=after,
+        at_bound=tuple(bound),
+        notes=notes,
+    )
+
+
+def _rejected(found: Estimation) -> float:
+    """Share of the readings' groups that the gate let not through."""
+    groups = max(1, int(np.sum(found.columns["nis_dof"] > 0)))
+    return float(np.sum(found.columns["rejected"])) / groups
+
+
+Knob = tuple[tuple[str, str, float], ...]
+"""What one factor scales: ("q" or "r", name, value at the factor 1)."""
+
+
+def _knobs(law: Filter, scene: Any) -> tuple[Knob, ...]:
+    """What may be scaled: each walk of the motion, and the readings of each sensor together."""
+    plan = law.plan(scene)
+    densities = {"speed": plan.process.speed, "yaw_rate": plan.process.yaw_rate}
+    walks = dict(zip(plan.process.names, plan.process.walks, strict=True))
+    if walks.get("slip_l", 0.0) > 0:
+        densities["slip"] = walks["slip_l"]
+    motion = tuple((("q", name, value),) for name, value in densities.items())
+    sensors = tuple(
+        tuple(("r", name, value) for name, value in zip(group.names, group.variance, strict=True))
+        for group in plan.groups
+    )
+    return (*motion, *sensors)
+
+
+def _cut(log: SensorLog, most: int) -> SensorLog:
+    """The rows that the search uses."""
+    rows = slice(0, most)
+    readings = {name: values[rows] for name, values in log.readings.items()}
+    pose = None if log.pose is None else log.pose[rows]
+    return replace(log, t=log.t[rows], readings=readings, pose=pose)
+
+
+def _climbed(
+    likelihood: Callable[[Array], float], n: int, rule: SearchRule
+) -> tuple[Array, float, float]:
+    """The powers of ten at the top, and the log likelihood at the start and there.
+
+    First each factor is taken to the best of whole powers of ten, one after the other: far from the
+    top the slopes of different factors differ by orders of magnitude. Slopes lead on from there.
+    """
+    from scipy.optimize import minimize
+
+    first = best = likelihood(np.zeros(n))
+    if not np.isfinite(first):
+        raise DataError("the readings have no likelihood under the filter's figures: check r and q")
+    powers = np.zeros(n)
+    for _ in range(rule.sweeps):
+        for k in range(n):
+            powers, best = _best_power(likelihood, powers, best, k, rule.decades)
+
+    def cost(at: Array) -> tuple[float, Array]:
+        here = likelihood(at)
+        slopes = [(likelihood(at + s) - here) / rule.step for s in rule.step * np.eye(n)]
+        return -here, -np.array(slopes)
+
+    found = minimize(
+        cost,
+        powers,
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[(-rule.decades, rule.decades)] * n,
+        options={"maxiter": rule.rounds, "ftol": rule.gain / max(1.0, abs(best))},
+    )
+    return np.asarray(found.x), first, -float(found.fun)
+
+
+def _best_power(
+    likelihood: Callable[[Array], float], powers: Array, best: float, k: int, decades: float
+) -> tuple[Array, float]:
+    """Move one factor up or down by powers of ten as long as that gains."""
+    for sign in (1.0, -1.0):
+        while abs(powers[k] + sign) <= decades:
+            moved = powers.copy()
+            moved[k] += sign
+            there = likelihood(moved)
+            if not there > best:
+                break
+            powers, best = moved, there
+    return powers, best
