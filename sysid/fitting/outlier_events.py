@@ -128,7 +128,9 @@ def _best_set(
 
     kinds = (True, False) if memory > 1 else (True,)
     candidates = [Event(t, i, kind) for t, i in known for kind in kinds]
-    columns = {e: column(e) for e in candidates}
+    usable = all((e.sample, e.output) in known for e in greedy)
+    # without memory readings alone are tried, but a disturbance may have explained more
+    columns = {e: column(e) for e in (*candidates, *(greedy if usable else ()))}
     target = window.ravel()
 
     def cost(events: Sequence[Event]) -> float:
@@ -146,5 +148,4 @@ def _best_set(
         ),
         key=cost,
     )
-    usable = all((e.sample, e.output) in known for e in greedy)
     return greedy if usable and cost(greedy) <= cost(best) else list(best)

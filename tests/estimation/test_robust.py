@@ -14,6 +14,7 @@ from sysid.data.record import HARDLY, Array, Record
 from sysid.estimation.pem import fit
 from sysid.estimation.robust_fit import again
 from sysid.fitting.options import FitOptions
+from sysid.fitting.outlier_events import explained
 from sysid.fitting.outliers import find_outliers, resolutions
 from sysid.fitting.problem import Focus, Initial
 from sysid.fitting.robust import (
@@ -292,3 +293,12 @@ def test_networks_take_robust_on_the_command_line(tmp_path: Path, capsys: Captur
     options = ("--option", "degree=1", "--option", "units=4", "--option", "refine=none")
     found = run(capsys, "fit", path, *words, *options).document
     assert found["estimation"]["left_out"] > 0
+
+
+def test_two_disturbances_at_once_of_a_model_without_memory() -> None:
+    """A reading that is felt at both outputs explains less than a disturbance of its own one."""
+    errors = np.zeros((12, 2))
+    errors[5] = [3.0, -3.0]
+    felt = [np.array([[1.0, 0.8]]), np.array([[0.8, 1.0]])]
+    found = explained(errors, [(5, 0), (5, 1)], felt)
+    assert sorted((e.sample, e.output) for e in found) == [(5, 0), (5, 1)]
