@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sysid.errors import DataError, UsageError
+from sysid.errors import UsageError
 from sysid.workspace.logs import as_fitted, judged_on
 from sysid.workspace.store import StoredModel, Workspace
 
@@ -68,7 +68,6 @@ def diagnose(
     read, steps = as_fitted(given, read, steps)
     data = _estimation_data(logs, read, steps, place, given, drive)
     held, held_as = _records(validation, data.read, steps) if validation else (None, ())
-    _apart(data.records, held)
     found = _run(data, held, drive, (*data.findings, *held_as))
     files = [str(p.resolve()) for p in logs]
     origin = {"files": files, "read": data.read.to_json(), "prepare": steps.to_json()}
@@ -140,23 +139,6 @@ def _records(
     records, findings = read_prepared(logs, read, steps)
     require_usable(records)
     return list(records), findings
-
-
-def _apart(estimation: "list[Record]", held: "list[Record] | None") -> None:
-    """Refuse held-out logs that prove nothing or belong to something else."""
-    first = estimation[0]
-    for r in held or []:
-        if (r.input_names, r.output_names) != (first.input_names, first.output_names):
-            raise DataError(
-                f"{r.name} has {', '.join(r.input_names)} -> {', '.join(r.output_names)} but "
-                f"{first.name} has {', '.join(first.input_names)} -> "
-                f"{', '.join(first.output_names)}; choose the columns with --input and --output"
-            )
-        if any(r.sha256 == e.sha256 for e in estimation):
-            raise UsageError(
-                f"{r.name} is both a log and a --val log and would prove nothing; leave --val "
-                "away and the log is split"
-            )
 
 
 def _run(

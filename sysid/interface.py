@@ -224,6 +224,7 @@ def diagnose(
     Raises:
         DataError: the logs cannot serve.
         ModelError: the model cannot be run on them.
+        UsageError: there is no such mission file, or a log that judges is one of ``records``.
     """
     from sysid.discrepancy.diagnose import diagnose as search
 

@@ -11,6 +11,7 @@ from command_line import write_log
 from sysid.criteria.information import information_criteria
 from sysid.data.preprocess import Detrend
 from sysid.data.record import PWM_FULL_SCALE, Array, Channel, Record
+from sysid.discrepancy.diagnose import require_apart
 from sysid.discrepancy.diagnosis import Diagnosis, Experiment, Trace
 from sysid.discrepancy.gap import measure_gap
 from sysid.discrepancy.named_effects import NamedEffect, Value
@@ -46,6 +47,7 @@ def diagnose(
     seed: int = 0,
 ) -> Diagnosis:
     """What the engine would say of such a log: a dead zone, with its true numbers."""
+    require_apart(estimation, held or ())
     if progress:
         progress("looking", 0.5)
     if held is None:

@@ -19,7 +19,8 @@ from sysid.discrepancy.search.evidence import noise_floor
 from sysid.discrepancy.search.naming import Progress
 from sysid.discrepancy.study import Study
 from sysid.effects.catalogue import chain_effects
-from sysid.errors import DataError
+from sysid.errors import DataError, UsageError
+from sysid.estimation.identify import shares_samples
 from sysid.mission.spec import load_mission
 from sysid.structures.model import Model
 from sysid.vehicle.kinematics import Geometry
@@ -59,9 +60,11 @@ def diagnose(
     Raises:
         DataError: the logs cannot serve.
         ModelError: the model cannot be run on them.
+        UsageError: a log that judges is one that effects are searched on.
     """
     started = time.perf_counter()
     _require_enough(estimation, held)
+    require_apart(estimation, held or ())
     say = progress or (lambda text, share: None)
     say("the model before", 0.02)
     effects = chain_effects()
@@ -104,6 +107,28 @@ def _require_enough(estimation: Sequence[Record], held: Sequence[Record] | None)
             f"{estimation[0].name}: {samples} samples are too few to tell what is missing from "
             f"noise; record at least {FEWEST}, better some hundreds"
         )
+
+
+def require_apart(estimation: Sequence[Record], held: Sequence[Record]) -> None:
+    """Refuse logs that prove nothing or belong to something else.
+
+    Raises:
+        DataError: a log that judges has other channels.
+        UsageError: effects are searched on one that judges.
+    """
+    first = estimation[0]
+    for r in held:
+        if (r.input_names, r.output_names) != (first.input_names, first.output_names):
+            raise DataError(
+                f"{r.name} has {', '.join(r.input_names)} -> {', '.join(r.output_names)} but "
+                f"{first.name} has {', '.join(first.input_names)} -> "
+                f"{', '.join(first.output_names)}; choose the columns with `inputs` and `outputs`"
+            )
+        if any(shares_samples(r, e) for e in estimation):
+            raise UsageError(
+                f"{r.name} is both a log and a `validation` log and would prove nothing; leave "
+                "`validation` away and the log is split"
+            )
 
 
 def _pose(base: Base, geometry: Geometry | None) -> PoseDiagnosis | None:

@@ -187,6 +187,12 @@ def _overlap(a: Record, b: Record) -> bool:
     return bool(max(a.t0, b.t0) <= min(a.t[-1], b.t[-1]) + half)
 
 
+def shares_samples(a: Record, b: Record) -> bool:
+    """Whether two records hold the same samples; two stretches of one log may judge each other."""
+    same_file = bool(a.sha256) and a.sha256 == b.sha256 and _overlap(a, b)
+    return same_file or (np.array_equal(a.u, b.u) and np.array_equal(a.y, b.y))
+
+
 def require_unseen(records: Sequence[Record], validation: Sequence[Record]) -> None:
     """Refuse validation records that are estimation records too, whatever their files are called.
 
@@ -195,9 +201,7 @@ def require_unseen(records: Sequence[Record], validation: Sequence[Record]) -> N
     """
     for r in validation:
         for e in records:
-            # two stretches of one log share its hash and may judge each other
-            same_file = bool(r.sha256) and r.sha256 == e.sha256 and _overlap(r, e)
-            if same_file or (np.array_equal(r.u, e.u) and np.array_equal(r.y, e.y)):
+            if shares_samples(r, e):
                 called = r.name if r.name == e.name else f"{r.name} (the same as {e.name})"
                 raise UsageError(
                     f"{called} cannot judge what is fitted to it; give another log to judge on, or "
