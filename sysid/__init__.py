@@ -29,12 +29,14 @@ _PLACES = {
     "UsageError": "sysid.errors",
     "compare": "sysid.interface",
     "diagnose": "sysid.interface",
+    "estimate_pose": "sysid.interface",
     "fit": "sysid.interface",
     "identify": "sysid.interface",
     "inspect": "sysid.interface",
     "load_mission": "sysid.mission.spec",
     "load_model": "sysid.interface",
     "load_plant": "sysid.plant.package",
+    "plan": "sysid.interface",
     "read_log": "sysid.data.io",
     "read_logs": "sysid.data.io",
     "simulate": "sysid.interface",
@@ -58,10 +60,12 @@ if TYPE_CHECKING:
     from sysid.fitting.problem import Focus as Focus
     from sysid.interface import compare as compare
     from sysid.interface import diagnose as diagnose
+    from sysid.interface import estimate_pose as estimate_pose
     from sysid.interface import fit as fit
     from sysid.interface import identify as identify
     from sysid.interface import inspect as inspect
     from sysid.interface import load_model as load_model
+    from sysid.interface import plan as plan
     from sysid.interface import simulate as simulate
     from sysid.interface import structure as structure
     from sysid.mission.spec import Mission as Mission

@@ -18,8 +18,11 @@ from sysid.structures.orders import parse_orders
 from sysid.structures.registry import structure_class
 
 if TYPE_CHECKING:
+    from sysid.data.reading.read_options import ReadOptions
     from sysid.discrepancy.diagnosis import Diagnosis
     from sysid.estimation.selection.comparison import Ranking
+    from sysid.mission.estimate import Estimation
+    from sysid.mission.plan import Plan
     from sysid.mission.result import MissionResult
     from sysid.mission.spec import Mission
     from sysid.structures.plant import Plant
@@ -186,7 +189,7 @@ def simulate(
 
     Args:
         mission: a mission, or the file that holds one.
-        plant: what drives; a plant that is no robot is wired as one (``mission.mapping``).
+        plant: what drives; a plant that is no robot is wired as one (``mission.robot``).
         seed: of the sensors' noise; without sensors nothing is random.
 
     Raises:
@@ -195,11 +198,55 @@ def simulate(
     """
     from sysid.mission.robot.mapping import as_robot
     from sysid.mission.simulator import simulate as drive
-    from sysid.mission.spec import Mission, load_mission
 
-    spec = mission if isinstance(mission, Mission) else load_mission(mission)
+    spec = _mission(mission)
     robot, _ = as_robot(plant.plant() if isinstance(plant, Model) else plant, spec)
     return drive(spec, robot, seed)
+
+
+def plan(mission: "Mission | str | Path") -> "Plan":
+    """Where the guidance of a mission leads, without a plant: its way, and where others end.
+
+    Args:
+        mission: a mission, or the file that holds one.
+
+    Raises:
+        DataError: the mission file cannot be read.
+    """
+    from sysid.mission.plan import plan as follow
+
+    return follow(_mission(mission))
+
+
+def estimate_pose(
+    log: str | Path,
+    mission: "Mission | str | Path",
+    *,
+    columns: Mapping[str, str] | None = None,
+    options: "ReadOptions | None" = None,
+) -> "Estimation":
+    """Where a robot was, with its covariance, from a log of its sensors.
+
+    Args:
+        log: file with wheel speeds and columns of sensors.
+        mission: its navigation, sensors, geometry and start, or the file that holds them.
+        columns: reading → column, where the names differ; ``-column`` where its sign does.
+        options: how to read the log.
+
+    Raises:
+        DataError: a file cannot be read, or holds no reading.
+        UsageError: a column or unit named is not there.
+    """
+    from sysid.mission.estimate import estimate
+
+    return estimate(log, _mission(mission), columns, options)
+
+
+def _mission(mission: "Mission | str | Path") -> "Mission":
+    """A mission, read where its file is given."""
+    from sysid.mission.spec import Mission, load_mission
+
+    return mission if isinstance(mission, Mission) else load_mission(mission)
 
 
 def diagnose(
