@@ -30,6 +30,8 @@ ROLES: Mapping[str, type] = {
 
 BUILT_IN = {
     "guidance.field": "guidance.field:PotentialField",
+    "guidance.pure-pursuit": "guidance.pure_pursuit:PurePursuit",
+    "guidance.harmonic": "guidance.harmonic:Harmonic",
     "guidance.steps": "guidance.steps:Steps",
     "control.pi-p": "control.pi_p:SpeedPIYawP",
     "control.speed.pi": "control.linear:PI",

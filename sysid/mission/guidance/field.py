@@ -13,6 +13,7 @@ from pydantic import Field
 from sysid.data.record import Array
 from sysid.mission.clearance import nearest_point
 from sysid.mission.contracts import Disc, GuidanceInputs, Pose, References, Scene
+from sysid.mission.guidance.moving import moves, moving_force
 from sysid.mission.settings import Gain, GuidanceSettings, Positive
 from sysid.mission.traits import GuidanceAdvice, GuidanceTraits, Hold
 from sysid.vehicle.kinematics import Real, wrap_angle
@@ -141,7 +142,12 @@ class PotentialField(GuidanceSettings):
         x, y, psi = pose
         turn = state.after(psi, xp)
         acting = acting_points(scene, x, y, inputs.t, xp)
-        fx, fy = total_force(x, y, scene.goal, acting, self, xp)
+        body = inputs.estimate
+        fx, fy = total_force(x, y, scene.goal, [o for o in acting if not moves(o)], self, xp)
+        for o in acting:
+            if moves(o):
+                rx, ry = moving_force(body, o, self.eta, self.rho0, xp)
+                fx, fy = fx + rx, fy + ry
         speed = speed_reference(x, y, scene.goal, acting, self, xp)
         # Where the forces cancel exactly no direction is better than the present one.
         heading = xp.where((fx == 0) & (fy == 0), psi, xp.arctan2(fy, fx))
