@@ -127,7 +127,7 @@ def plan(mission: Mission) -> Plan:
     Args:
         mission: scene and law of guidance.
     """
-    law, scene = mission.complete_guidance, mission.scene()
+    law, scene = mission.way_guidance, mission.scene()
     x, y = _map(scene)
     start = np.array([[scene.start.x, scene.start.y]])
     ways, arrived, times = _followed(law, scene, start)

@@ -26,7 +26,7 @@ from sysid.mission.loop import COLUMNS, Drive, Loop, LoopState, Tick, Verdict, p
 from sysid.mission.noise import sensor_draws
 from sysid.mission.result import MissionResult, Outcome
 from sysid.mission.robot.compensation import compensation_of
-from sysid.mission.robot.nominal import nominal_of
+from sysid.mission.robot.nominal import limits_of, nominal_of
 from sysid.mission.spec import Mission
 
 
@@ -123,12 +123,15 @@ def drive_of(mission: Mission, known: SteppablePlant) -> Drive:
 
 
 def scene_of(mission: Mission, known: SteppablePlant) -> Scene:
-    """The scene of a mission, with what control knows of the plant where it uses that.
+    """The scene of a mission, with what guidance and control know of the plant if they use it.
 
     Raises:
         ModelError: the controller needs a model, and the plant gives none.
     """
     scene = mission.scene()
+    if mission.limits_from_plant:
+        found = limits_of(known, scene.geometry)
+        scene = scene._replace(limits=found._replace(**mission.limits.given))
     if not mission.control.uses_plant:
         return scene
     drive, at_rest = drive_of(mission, known), Body(scene.start, 0.0, 0.0)

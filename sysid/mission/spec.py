@@ -26,6 +26,7 @@ from sysid.mission.contracts import (
     Controller,
     Disc,
     Guidance,
+    Limits,
     Motion,
     Navigation,
     Pose,
@@ -35,6 +36,7 @@ from sysid.mission.contracts import (
 )
 from sysid.mission.control.pi_p import SpeedPIYawP
 from sysid.mission.guidance.escape import leading_out
+from sysid.mission.guidance.feasible import Feasible
 from sysid.mission.guidance.field import PotentialField
 from sysid.mission.guidance.waypoints import PassingWaypoints, way_length
 from sysid.mission.motion.kinematic import Kinematic
@@ -134,6 +136,41 @@ class VehicleSpec(Settings):
         return self.geometry if {"r", "B"} & self.model_fields_set else None
 
 
+class LimitSpec(Settings):
+    """What references of guidance are kept within; ``plant`` and ``none`` stand for a switch.
+
+    Attributes:
+        from_plant: whether what the plant can do limits them; None leaves it to the law of
+            guidance: published references are as published.
+        speed, acceleration: limits instead of the plant's [m/s, m/s²].
+        yaw_rate, yaw_acceleration: likewise [rad/s, rad/s²].
+    """
+
+    from_plant: bool | None = None
+    speed: Positive | None = None
+    acceleration: Positive | None = None
+    yaw_rate: Positive | None = None
+    yaw_acceleration: Positive | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _short(cls, value: Any) -> Any:
+        """Accept ``limits: plant`` and ``limits: none``."""
+        if isinstance(value, str):
+            if value not in ("plant", "none"):
+                raise ValueError(
+                    f"limits is {shown(value)}: write plant, none or a section such as "
+                    "{speed: 0.2}"
+                )
+            return {"from_plant": value == "plant"}
+        return value
+
+    @property
+    def given(self) -> Mapping[str, float]:
+        """The numbers of the file."""
+        return {k: v for k in Limits._fields if (v := getattr(self, k)) is not None}
+
+
 class Mission(Settings):
     """One mission: from where to where, around what, and how.
 
@@ -151,6 +188,7 @@ class Mission(Settings):
             whose ``kind`` names the law and whose other keys are that law's own.
         sensors: what navigation reads besides the wheels, by kind.
         vehicle: lengths and scales.
+        limits: what the references of guidance are kept within.
         vary: what differs from run to run where there are many, and by how much.
     """
 
@@ -171,6 +209,7 @@ class Mission(Settings):
         default_factory=dict
     )
     vehicle: VehicleSpec = VehicleSpec()
+    limits: LimitSpec = LimitSpec()
     vary: Variation = Variation()
 
     @field_validator("goal", mode="before")
@@ -259,7 +298,23 @@ class Mission(Settings):
 
     @property
     def complete_guidance(self) -> Guidance:
-        """The law of guidance with what a mission asks of every law.
+        """The law of guidance with all that the mission asks of it: way, escape, limits.
+
+        Raises:
+            DataError: there is a path, and the law follows none.
+        """
+        limited = self.limits_from_plant or self.limits.given
+        return Feasible(self.way_guidance) if limited else self.way_guidance
+
+    @property
+    def limits_from_plant(self) -> bool:
+        """Whether the references are kept within what the plant can do."""
+        asked = self.limits.from_plant
+        return self.guidance.traits.feasible if asked is None else asked
+
+    @property
+    def way_guidance(self) -> Guidance:
+        """The law of guidance with what the mission asks of the way: waypoints, escape.
 
         Raises:
             DataError: there is a path, and the law follows none.
@@ -288,6 +343,7 @@ class Mission(Settings):
             walls=(*map(Wall, self.walls), *(Wall((*p, p[0])) for p in self.polygons)),
             way=self.waypoints,
             path=self.path,
+            limits=Limits(**self.limits.given),
             sensors=equipped(self.navigation, self.sensors, default_sensor),
         )
 

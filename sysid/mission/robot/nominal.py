@@ -1,13 +1,14 @@
-"""What controllers with a model are told of a plant: gain and lag of its answer along each axis."""
+"""What laws are told of a plant: gain and lag of its answer along each axis, and its limits."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
 
-from sysid.data.record import Array
+from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.errors import ModelError
 from sysid.mission.axis import FirstOrder, Nominal
-from sysid.mission.contracts import Command, SteppablePlant
+from sysid.mission.contracts import Command, Limits, SteppablePlant
 from sysid.mission.robot.settling import RULE, Ending, settle
 from sysid.vehicle.kinematics import Geometry, body_velocity
 
@@ -76,3 +77,39 @@ def _answer(
             break
     # The first sample counts half: the response is read at the ends of its steps.
     return FirstOrder(rise / size, max(area - 0.5, 0.5) * plant.dt)
+
+
+RISEN = 1.0 - math.exp(-1.0)
+"""Share of its final value that a first-order lag reaches after its time constant."""
+
+
+def limits_of(plant: SteppablePlant, geometry: Geometry) -> Limits:
+    """What a robot plant can do at most: V∞ and V∞/τ at full drive, ψ̇∞ and ψ̇∞/τ at opposite ones.
+
+    V∞/τ is the acceleration at which a first-order lag starts; τ is the time to 63 % of a step.
+
+    Args:
+        plant: a robot plant.
+        geometry: of the vehicle.
+
+    Returns:
+        The limits; infinite along an axis where the plant never comes to rest.
+    """
+    full = PWM_FULL_SCALE
+    forward = _top(plant, geometry, np.array((full, full)), 0)
+    turning = _top(plant, geometry, np.array((-full, full)), 1)
+    return Limits(*forward, *turning)
+
+
+def _top(plant: SteppablePlant, geometry: Geometry, u: Array, axis: int) -> tuple[float, float]:
+    """The final motion along one axis after a step of the drive, and how fast it gets there."""
+    state = plant.initial_state()
+    settled = settle(plant, state, u)
+    top = abs(float(body_velocity(settled.y[0], settled.y[1], geometry)[axis]))
+    if settled.ending is not Ending.RESTS or top == 0.0:
+        return math.inf, math.inf
+    for k in range(1, RULE.most_steps):
+        state, y = plant.step(state, u)
+        if abs(float(body_velocity(y[0], y[1], geometry)[axis])) >= RISEN * top:
+            return top, top / (k * plant.dt)
+    return top, math.inf
