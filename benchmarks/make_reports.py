@@ -1,6 +1,6 @@
 """Write everything in ``reports/`` that the workbench itself makes: the tour, pictures, tables.
 
-    python benchmarks/make_reports.py [tour|missions|tuning|measured|published|methods ...]
+    python benchmarks/make_reports.py [tour|missions|tuning|traps|measured|published|methods ...]
 
 All of them unless some are named. Nothing in these files depends on the time, the place or the
 load of the machine, so a second run writes the same bytes. Tables of measured records are left as
@@ -20,7 +20,7 @@ REPORTS = Path(__file__).resolve().parent.parent / "reports"
 Writer = Callable[[Path], Mapping[str, str]]
 """Draws pictures into a folder and returns the texts that belong there by file name."""
 
-NAMES = ("tour", "missions", "tuning", "measured", "published", "methods")
+NAMES = ("tour", "missions", "tuning", "traps", "measured", "published", "methods")
 
 
 def writers() -> dict[str, Writer]:
@@ -30,12 +30,14 @@ def writers() -> dict[str, Writer]:
     import mission_report
     import published_report
     import tour_report
+    import trap_report
     import tuning_report
 
     modules = (
         tour_report,
         mission_report,
         tuning_report,
+        trap_report,
         measured_report,
         published_report,
         methods_report,

@@ -27,6 +27,7 @@ MADE_BY: dict[str, tuple[str, str]] = {
     "tour.md": ("tour_report.py", "make reports"),
     "missions.md": ("mission_report.py", "make reports"),
     "tuning.md": ("tuning_report.py", "make reports"),
+    "traps.md": ("trap_report.py", "make reports"),
     "structures_on_data.md": ("measured_report.py", "make reports"),
     "published_figures.md": ("published_report.py", "make reports"),
     "methods.md": ("methods_report.py", "make reports"),
