@@ -91,9 +91,9 @@ PICTURE = """
 ![paths in the traps](traps.svg)
 
 - Pure pursuit knows no obstacles and is here to show what the straight line meets.
-- The field acts from an obstacle's point: at the surface of one of radius 0.4 m it pushes with 0.33,
-  hardly more than the goal pulls (0.30), and drives at it until both are equal, which a robot that
-  cannot stop at once does not survive. Raise `rho0` and `eta` for obstacles of that size.
+- The field acts from an obstacle's point: at the surface of one of radius 0.4 m it pushes with
+  0.33, hardly more than the goal pulls (0.30); a robot that drives at it until both are equal
+  does not stop in time. Raise `rho0` and `eta` for obstacles of that size.
 - Virtual obstacles fill shallow traps; they do not fill a U in the time that they are given.
 - A goal that is walled off cannot be reached: there the right answer is `no-way-through`.
 """

@@ -14,8 +14,8 @@ from sysid.errors import DataError
 from sysid.mission.contracts import Limits
 from sysid.mission.guidance.feasible import Feasible, limited_rate
 from sysid.mission.guidance.field import PotentialField
-from sysid.mission.nominal import limits_of
 from sysid.mission.result import Outcome
+from sysid.mission.robot.nominal import limits_of
 from sysid.mission.simulator import scene_of, simulate
 from sysid.mission.spec import load_mission
 from sysid.vehicle.kinematics import Geometry
