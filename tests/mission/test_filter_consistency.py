@@ -22,7 +22,7 @@ def scene(law: ExtendedKalman) -> Scene:
 
 def judged(law: ExtendedKalman) -> Consistency:
     where = scene(law)
-    return consistency([own_run(law, where, SAMPLES, seed, RIGHT) for seed in range(RUNS)], 0.99)
+    return consistency([own_run(law, where, SAMPLES, seed, RIGHT) for seed in range(RUNS)])
 
 
 def test_a_filter_whose_model_is_right_is_consistent() -> None:
