@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 import sysid_datasets
+from sysid.mission.mapping import as_robot
 
 from sysid.data.io import read_logs
 from sysid.data.record import Array
 from sysid.estimation.identify import Request, identify
-from sysid.mission.mapping import as_robot
 from sysid.mission.navigation.consistency import Consistency, consistency, own_run
 from sysid.mission.registry import law
 from sysid.mission.result import MissionResult
