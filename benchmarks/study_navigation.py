@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import sysid_datasets
-from sysid.mission.mapping import as_robot
 
 from sysid.data.io import read_logs
 from sysid.data.record import Array
@@ -18,6 +17,7 @@ from sysid.estimation.identify import Request, identify
 from sysid.mission.navigation.consistency import Consistency, consistency, own_run
 from sysid.mission.registry import law
 from sysid.mission.result import MissionResult
+from sysid.mission.robot.mapping import as_robot
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission, load_mission
 from sysid.report.markdown import table
