@@ -111,7 +111,7 @@ def write(folder: Path) -> Mapping[str, str]:
         folder / "traps.svg",
         ResponsePicture(
             "Laws of guidance in the traps of the field",
-            "from (0, 0) to (4, 0), the identified robot; grey: walls and obstacles",
+            "from (0, 0) to (4, 0), the identified robot; dashed: walls, grey: obstacles where they begin",
             tuple(panels),
             2,
         ),

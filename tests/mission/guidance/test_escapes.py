@@ -111,3 +111,25 @@ def test_a_minimum_is_told_from_an_oscillation_by_the_force_in_its_middle() -> N
     assert hold_at(1.1, 0.0, scene, 0.0, field, floats) == Hold.LOCAL_MINIMUM
     assert hold_at(1.1, 1.0, scene, 0.0, field, floats) == Hold.OSCILLATION
     assert math.hypot(1.1 - 1.5, 1.0 - 0.25) > field.rho0
+
+
+@pytest.mark.parametrize(
+    ("around", "held", "way_out"),
+    [
+        (
+            {"walls": [[(1.5, 2.0), (1.5, 0.3)], [(1.5, -0.3), (1.5, -2.0)]]},
+            StuckReason.LOCAL_MINIMUM,
+            {"kind": "field", "escape": "wall"},
+        ),
+        ({"obstacles": [(3.3, 0.0)]}, StuckReason.PAST_GOAL, {"kind": "harmonic"}),
+    ],
+    ids=["narrow passage", "obstacle at the goal"],
+)
+def test_what_holds_the_published_field_is_no_trap_for_another_law(
+    around: dict[str, Any], held: StuckReason, way_out: dict[str, str]
+) -> None:
+    published = simulate(goal(3, 0, **around), Robot())
+    assert published.stuck is not None
+    assert published.stuck.reason is held
+    other = simulate(goal(3, 0, guidance=way_out, **around), Robot())
+    assert other.outcome is Outcome.ARRIVED
