@@ -111,7 +111,8 @@ def write(folder: Path) -> Mapping[str, str]:
         folder / "traps.svg",
         ResponsePicture(
             "Laws of guidance in the traps of the field",
-            "from (0, 0) to (4, 0), the identified robot; dashed: walls, grey: obstacles where they begin",
+            "from (0, 0) to (4, 0), the identified robot; "
+            "dashed: walls, grey: obstacles where they begin",
             tuple(panels),
             2,
         ),
