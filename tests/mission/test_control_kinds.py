@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from plant_models import robot_model
 
 from sysid import floats
 from sysid.mission.axis import FirstOrder
+from sysid.mission.control import neural
 from sysid.mission.control.adaptive import UNSURE, Adaptive
 from sysid.mission.control.axes import AXES, AxisController
 from sysid.mission.control.fuzzy import ERRORS, RATES, RULES, inferred, memberships
@@ -85,6 +87,23 @@ def test_adaptation_finds_a_plant_that_is_not_the_identified_one() -> None:
     # What it has learnt is worth more than the inverse of the plant as it was identified.
     for method in ("gain-scheduled", "model-reference"):
         assert late(Adaptive(method=method)) < late(ComputedTorque(ki=0.0))
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_the_network_commands_as_its_teacher_does(axis: str) -> None:
+    """On references that it was not trained on, side by side, each on its own feedback."""
+    raw = json.loads(Path(neural.__file__).with_name("neural.json").read_text(encoding="utf-8"))
+    steps = [((0.2, 0.0) if axis == "speed" else (0.15, 0.6))] * 40 + [(0.12, -0.2)] * 40
+    runs = []
+    for kind in ("neural", raw[axis]["taught_by"]):
+        control = AxisController(**{axis: law_class(f"control.{axis}", kind)()})
+        robot = Robot(difference=0.0)
+        run = driven(control, steps, robot, scene_of(goal(9, 0, control=control), robot))
+        runs.append(run[:, (0, 2) if axis == "speed" else (1, 3)])
+    value, command = np.abs(runs[0] - runs[1]).mean(axis=0)
+    # Training leaves 0.005 of the drive; a loop that feeds it back doubles that at most.
+    assert command < 0.01
+    assert value < (0.01 if axis == "speed" else 0.05)
 
 
 @pytest.mark.parametrize("error", [-1.5, -1.0, -0.4, 0.0, 0.15, 0.3, 0.99, 2.0])

@@ -1,11 +1,13 @@
 """Controllers of a law for the speed and one for the yaw: chosen, limited, tracking."""
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from command_line import robot_log, run
 from control_cases import driven, inputs, pwm
 from mission_cases import SCENE, Robot, goal
 from sysid_cli.missions.control_option import chosen_controller
@@ -120,6 +122,30 @@ def test_gains_are_keys_of_the_law_and_can_be_changed(axis: str, kind: str) -> N
     assert {f"{axis}.{n}": b for n, b in law.gains.items()}.items() <= whole.gains.items()
     first = next(iter(law.gains))
     assert getattr(getattr(whole.with_gains({f"{axis}.{first}": 0.5}), axis), first) == 0.5
+
+
+def test_the_page_on_control_drives(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The mission and the command that docs/control.md shows, on a plant from a log."""
+    page = (Path(__file__).parents[2] / "docs" / "control.md").read_text(encoding="utf-8")
+    shown = re.findall(r"```(yaml|console)\n(.*?)```", page, flags=re.DOTALL)
+    (_, mission), (_, command), *_ = shown
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mission.yaml").write_text(mission)
+    robot_log(tmp_path / "log.csv", noise=0.01)
+    of_first_order = ("--structure", "arx", "--orders", "na=1 nb=1 nk=1")
+    assert run(capsys, "fit", "log.csv", *of_first_order).code == 0
+    assert run(capsys, "export", "--format", "json").code == 0
+    plain = run(capsys, "simulate", "mission.yaml", "--json").document
+    assert plain["outcome"] == "arrived"
+    other = run(capsys, *command.split()[1:], "--json").document
+    assert other["outcome"] == "arrived"
+    assert other["time_s"] != plain["time_s"] or other["final"] != plain["final"]
+    nothing = mission + "  compensate: identified\n"
+    (tmp_path / "mission.yaml").write_text(nothing)
+    said = run(capsys, "simulate", "mission.yaml", "--json").document["warnings"]
+    assert any("Nothing is compensated" in sentence for sentence in said)
 
 
 # Parts of a PID -----------------------------------------------------------------------------------
