@@ -91,6 +91,34 @@ def test_a_choice_replaces_the_law_and_keeps_the_limits() -> None:
     assert chosen_controller("pd", flat).period == 0.05
 
 
+def test_a_law_of_one_axis_comes_from_another_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    about = tmp_path / "site" / "own_axis-1.0.dist-info"
+    about.mkdir(parents=True)
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: own-axis\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(
+        "[sysid.mission]\ncontrol.yaw.relay = own_axis:Relay\ncontrol.yaw.none = own_axis:Nothing\n"
+    )
+    (tmp_path / "site" / "own_axis.py").write_text(
+        "from sysid.mission.settings import AxisSettings\n"
+        "class Nothing(AxisSettings):\n    pass\n"
+        "class Relay(AxisSettings):\n"
+        "    size: float = 0.1\n"
+        "    def start(self, scene, xp):\n        return ()\n"
+        "    def step(self, state, inputs, dt, xp):\n"
+        "        return state, xp.where(inputs.error > 0.0, self.size, -self.size)\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path / "site"))
+    assert kinds("control.yaw")[-2:] == ("relay", "none")
+    assert "yaw.relay" not in kinds("control")
+    mission = load_mission(written(tmp_path, "control: {yaw: {kind: relay, size: 0.05}}\n"))
+    log = simulate(mission, Robot()).log
+    assert set(np.abs(log["psi_cmd"][:-1])) == {0.05}
+    with pytest.raises(DataError, match=r"m.yaml:2: the law 'control.yaw.none' .* has no st"):
+        load_mission(written(tmp_path, "control: {yaw: {kind: none}}\n"))
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
