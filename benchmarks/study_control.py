@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from control_cases import FAMILY, PERIOD, driven, family_runs
 from stamps import stamped
+from sysid.mission.mapping import as_robot
+from sysid.mission.robot_plant import RobotPlant
 
 from sysid.data.preprocess import Detrend
 from sysid.data.record import PWM_FULL_SCALE, Record
@@ -23,9 +25,7 @@ from sysid.effects.catalogue import effect
 from sysid.effects.programmes import LEVELS, STAIRCASE
 from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS
 from sysid.mission.control.linear import YawP
-from sysid.mission.mapping import as_robot
 from sysid.mission.registry import kinds, law_class
-from sysid.mission.robot_plant import RobotPlant
 from sysid.mission.spec import Mission
 from sysid.report.markdown import table
 from sysid.structures.augmented.structure import Augmented
