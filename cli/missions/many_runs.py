@@ -13,6 +13,8 @@ from .. import render, targets
 
 if TYPE_CHECKING:
     from sysid.mission.contracts import SteppablePlant
+    from sysid.mission.monte_carlo.mission_runs import MissionRuns
+    from sysid.mission.monte_carlo.setup import Setup
     from sysid.mission.spec import Mission
     from sysid.plant.package import Package
 
@@ -123,11 +125,17 @@ def ride(mission: "Mission", package: "Package", how: Repeats) -> Ride:
 
 
 def drive_many(
-    path: Path, mission: "Mission", package: "Package", table: Path, how: Repeats
+    path: Path,
+    mission: "Mission",
+    package: "Package",
+    table: Path,
+    plot: Path | None,
+    how: Repeats,
 ) -> dict[str, Any]:
     """Drive the mission many times; a row a run is written to ``table``."""
     from sysid.mission.monte_carlo.runs import simulate_runs
     from sysid.mission.monte_carlo.runs_table import write_runs
+    from sysid.mission.monte_carlo.setup import Setup
 
     runs = how.runs or 0
     with render.progress(f"Driving {path.name}", runs) as advance:
@@ -135,11 +143,48 @@ def drive_many(
             mission, [package.model()], runs, how.seed or 0, how.vary, how.scheduler, advance
         )
     targets.make_folder(table, "--log")
-    return {
+    facts = {
         "runs": found.summary(),
         "log": write_runs(found, table),
         "warnings": list(found.notes),
     }
+    if plot is not None:
+        _draw(plot, path.stem, Setup.of(mission, [package.model()], how.vary), found)
+        facts["plot"] = plot
+    return facts
+
+
+SHOWN = 100
+"""Paths in a picture: enough for a fan."""
+
+
+def _draw(plot: Path, name: str, setup: "Setup", found: "MissionRuns") -> None:
+    """Draw the paths of the first runs and the worst ones, which are driven again for it."""
+    import numpy as np
+
+    from sysid.mission.monte_carlo.paths import paths_of
+    from sysid.report.plots import RunsPicture, plot_runs
+
+    usual = found.seeds[:SHOWN]
+    paths = paths_of(setup, [*usual, *(w.seed for w in found.worst)])
+    mission, shares = setup.mission, found.time_drivers
+    plot_runs(
+        plot,
+        RunsPicture(
+            title=f"{name}: {found.n} runs",
+            subtitle=found.sentence,
+            paths=tuple(paths[: len(usual)]),
+            worst=tuple(paths[len(usual) :]),
+            goal=mission.goal,
+            tolerance=mission.tolerance,
+            discs=tuple((o.x, o.y, o.radius) for o in mission.obstacles),
+            walls=tuple(np.array(w) for w in mission.walls),
+            polygons=tuple(np.array(p) for p in mission.polygons),
+            times=found.time_s,
+            clearances=found.min_clearance_m,
+            drivers=tuple((d.name, d.share_of_variance) for d in shares.ranked) if shares else (),
+        ),
+    )
 
 
 def show_many(path: Path, facts: dict[str, Any], how: Repeats) -> None:

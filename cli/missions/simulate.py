@@ -106,7 +106,7 @@ def _driven(
 
     mission = laws.applied(load_mission(path))
     if how.runs is not None:
-        return drive_many(path, mission, package, log, how)
+        return drive_many(path, mission, package, log, plot, how)
     return _drive(path, package.plant(), log, plot, ride(mission, package, how))
 
 

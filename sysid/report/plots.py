@@ -33,9 +33,10 @@ from sysid.report.correlation_panels import LagTest
 from sysid.report.dynamics_drawing import DynamicsPicture, PoleZeroSet, StepResponse
 from sysid.report.fit_picture import FitPicture, FitSegment
 from sysid.report.mission_drawing import MissionPicture, Obstacle
-from sysid.report.missions import plan_drawing, response_drawing
+from sysid.report.missions import plan_drawing, response_drawing, runs_drawing
 from sysid.report.missions.plan_drawing import CurvePanel, PlanPicture
 from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
+from sysid.report.missions.runs_drawing import RunsPicture
 from sysid.report.ranking_drawing import RankingPicture, RankingRow
 
 if TYPE_CHECKING:
@@ -56,6 +57,7 @@ __all__ = [
     "RankingPicture",
     "RankingRow",
     "ResponsePicture",
+    "RunsPicture",
     "StepResponse",
     "inline_svg",
     "picture_format",
@@ -126,6 +128,16 @@ def plot_plan(path: Path, picture: PlanPicture) -> None:
     """
     size = plan_drawing.size_inches(picture)
     _write(path, size, lambda figure: plan_drawing.draw(figure, picture))
+
+
+def plot_runs(path: Path, picture: RunsPicture) -> None:
+    """Draw the paths of many runs, how they ended and what their time depends on.
+
+    Raises:
+        UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
+    """
+    size = runs_drawing.size_inches(picture)
+    _write(path, size, lambda figure: runs_drawing.draw(figure, picture))
 
 
 def plot_responses(path: Path, picture: ResponsePicture) -> None:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sysid.data.record import Array
 from sysid.errors import ModelError
 from sysid.fitting.compiled import compiled, jax_module
 from sysid.mission.contracts import Pose, Scene
@@ -67,11 +68,12 @@ class CompiledRuns:
         """Compiled blocks by the patterns of both clocks that they know."""
         return {}
 
-    def figures(self, draws: Draws) -> Figures:
+    def figures(self, draws: Draws, seen: Callable[[Array, Array], None] | None = None) -> Figures:
         """Run them all to their ends.
 
         Args:
             draws: at most ``lanes`` runs.
+            seen: takes verdicts (n, lanes) and X, Y (n, 2, lanes) [m] of block after block.
 
         Returns:
             Their figures, in this order.
@@ -86,7 +88,9 @@ class CompiledRuns:
         while True:
             block = self.clock.block(k)
             program = self._program(tuple(self.clock.patterns))
-            state, ended = program(numbers, state, ended, _arrays(block), next(noise))
+            (state, ended), shown = program(numbers, state, ended, _arrays(block), next(noise))
+            if seen is not None:
+                seen(*map(np.asarray, shown))
             if bool(np.all(np.asarray(ended.verdict) != Verdict.GOES_ON)):
                 return Figures(*(np.asarray(column)[:n].copy() for column in ended))
             k += 1
@@ -251,9 +255,9 @@ class CompiledRuns:
                 seen = seen._replace(max_deviation_m=farthest)
                 over = ended.verdict != Verdict.GOES_ON
                 ended = Figures(*(jnp.where(over, a, b) for a, b in zip(ended, seen, strict=True)))
-                return (state, ended), None
+                return (state, ended), (ended.verdict, jnp.stack([ended.x, ended.y]))
 
-            return jax.lax.scan(sample, (state, ended), (clock, noise))[0]
+            return jax.lax.scan(sample, (state, ended), (clock, noise))
 
         return block
 

@@ -149,6 +149,8 @@ class Setup:
     def notes(self, redrawn: int, pulled: int, runs: int) -> tuple[str, ...]:
         """Sentences about what was assumed, and what was asked for and is not there."""
         found = list(dict.fromkeys(w for d in self.drivers for w in d.warnings))
+        if self.variation.models and len(self.plants) == 1:
+            found.append("Models do not vary: there is one plant only.")
         if self.variation.parameters:
             found += [_unknown(p) for p in self.plants if p.unknown]
             found += [

@@ -35,7 +35,7 @@ def results(
     at_once = not obstacle
     parts = chunks(setup, seeds, LANES if at_once else LANES_ALONE)
     if scheduler is None and at_once:
-        return parts, _threads(Runner.of(setup), parts)
+        return parts, threaded(Runner.of(setup), parts)
     if scheduler in (None, PROCESSES):
         return parts, Processes(setup, at_once, min(cpu_count() or 1, len(parts))).results(parts)
     if scheduler is not None and "://" in scheduler:
@@ -46,7 +46,7 @@ def results(
     )
 
 
-def _threads(runner: Runner, parts: Sequence[Chunk]) -> Iterator[ChunkResult]:
+def threaded(runner: Runner, parts: Sequence[Chunk]) -> Iterator[ChunkResult]:
     """Chunk after chunk in this process, one on each core at a time."""
     with ThreadPoolExecutor(cpu_count()) as pool:
         yield from pool.map(runner.run, parts)

@@ -17,6 +17,7 @@ from sysid.mission.monte_carlo.compiled import CompiledRuns
 from sysid.mission.monte_carlo.draws import Drawing, run_seeds
 from sysid.mission.monte_carlo.drivers import added, moments, shares
 from sysid.mission.monte_carlo.mission_runs import MissionRuns, wilson
+from sysid.mission.monte_carlo.paths import paths_of
 from sysid.mission.monte_carlo.runs import simulate_runs
 from sysid.mission.monte_carlo.setup import Setup
 from sysid.mission.monte_carlo.varied_plant import ModelPlant
@@ -198,6 +199,13 @@ def test_a_batch_tells_what_its_runs_came_to() -> None:
     }  # fmt: skip
 
 
+def test_paths_are_those_of_the_runs() -> None:
+    setup, found = Setup.of(SHORT, [robot_model()]), batch()
+    for path, seed in zip(paths_of(setup, found.seeds[:2]), found.seeds, strict=False):
+        log = setup.simulated(seed).log
+        np.testing.assert_allclose(path, np.column_stack([log["x"], log["y"]]), atol=TOLERANCE)
+
+
 def test_a_worst_run_replays_alone() -> None:
     setup, found = Setup.of(SHORT, [robot_model()]), batch()
     worst = found.worst[0]
@@ -222,7 +230,9 @@ def test_the_command_drives_many_and_replays_one(
     write_package(robot_model(), tmp_path / "plant")
     mission.write_text("goal: [0.6, 0.2]\nvary: {start: {x: 0.05, psi: 0.1}}\n")
     place = ("--plant", tmp_path / "plant", "--workspace", tmp_path / "w")
-    many = run(capsys, "simulate", mission, "--runs", 40, "--seed", 5, *place, "--json").document
+    batch = ("simulate", mission, "--runs", 40, "--seed", 5, *place)
+    many = run(capsys, *batch, "--plot", tmp_path / "fan.svg", "--json").document
+    assert (tmp_path / "fan.svg").read_text().startswith("<?xml")
     runs = many["runs"]
     assert set(runs["outcomes"]) == {"arrived", "collision", "stuck", "timeout"}
     assert set(runs["outcomes"]["arrived"]) == {"count", "share", "interval"}
