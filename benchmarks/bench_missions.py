@@ -62,7 +62,8 @@ MANY = """
 
 Processor time, of all cores together, on {where}; the quicker of two; parameters, start, obstacles
 and friction drawn for every run. *Compiling*: from nothing, once; it is kept in the user's cache.
-*One by one*: the same runs after each other, from {replayed} of them that were driven alone. *Agree*: how many of these have
+*One by one*: the same runs after each other, from {replayed} of them that were driven alone.
+*Agree*: how many of these have
 the same figures to 1e-9. A draw of {slowly} is tried by free runs before it drives, which takes
 some 10 ms: they are not in the table.
 
