@@ -15,8 +15,6 @@ from typing import Any
 import numpy as np
 from control_cases import FAMILY, PERIOD, driven, family_runs
 from stamps import stamped
-from sysid.mission.mapping import as_robot
-from sysid.mission.robot_plant import RobotPlant
 
 from sysid.data.preprocess import Detrend
 from sysid.data.record import PWM_FULL_SCALE, Record
@@ -26,6 +24,8 @@ from sysid.effects.programmes import LEVELS, STAIRCASE
 from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS
 from sysid.mission.control.linear import YawP
 from sysid.mission.registry import kinds, law_class
+from sysid.mission.robot.mapping import as_robot
+from sysid.mission.robot.robot_plant import RobotPlant
 from sysid.mission.spec import Mission
 from sysid.report.markdown import table
 from sysid.structures.augmented.structure import Augmented
