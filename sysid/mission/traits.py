@@ -24,15 +24,12 @@ class GuidanceTraits:
         follows_path: it knows ``scene.path``; otherwise a mission with a path is refused.
         feasible: its references are kept within the limits of the plant unless a mission says
             otherwise.
-        batchable: ``start`` runs on traced numbers, too, so that goal, start and obstacles may
-            differ between the runs of one compiled batch.
         top_speed: no reference of speed is above it [m/s].
     """
 
     passes_waypoints: bool = False
     follows_path: bool = False
     feasible: bool = False
-    batchable: bool = True
     top_speed: float = math.inf
 
 

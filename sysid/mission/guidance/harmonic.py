@@ -56,9 +56,7 @@ class Harmonic(GuidanceSettings):
     @property
     def traits(self) -> GuidanceTraits:
         """It knows all waypoints from the start, and what the plant can do."""
-        return GuidanceTraits(
-            passes_waypoints=True, feasible=True, batchable=False, top_speed=self.v_max
-        )
+        return GuidanceTraits(passes_waypoints=True, feasible=True, top_speed=self.v_max)
 
     def start(self, scene: Scene, xp: Any) -> Real:
         """The first leg of the way; the grids are solved."""
@@ -108,6 +106,5 @@ class Harmonic(GuidanceSettings):
         except TypeError:  # traced numbers cannot be looked up
             raise ModelError(
                 "the harmonic potential is solved before the run: goal, walls and obstacles that "
-                "differ between the runs of a compiled batch have none; vary something else, or "
-                "choose another kind of guidance"
+                "differ between the runs of a compiled batch have none"
             ) from None

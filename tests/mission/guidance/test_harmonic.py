@@ -113,6 +113,5 @@ def test_what_cannot_be_solved_is_refused() -> None:
         Harmonic().start(moved, jax.numpy)
         return 0
 
-    with pytest.raises(ModelError, match="vary something else"):
+    with pytest.raises(ModelError, match="is solved before the run"):
         start(1.4)
-    assert not Harmonic().traits.batchable
