@@ -25,14 +25,13 @@ Sources: Billings & Voon (1986), Int. J. Control 44; Billings (2013), §5.2.
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import chdtrc
 
 from sysid.criteria.coloured import AutoRegression, ar_fit
 from sysid.criteria.correlation import centred, inputs_of, one_output
 from sysid.criteria.fit import Array, Signals, as_records
 from sysid.criteria.portmanteau import Mask, Trial, score
 from sysid.criteria.residuals import LAGS, independence_test, whiteness_test
-from sysid.criteria.verdicts import ResidualTest
+from sysid.criteria.verdicts import ResidualTest, ScoredTest
 from sysid.errors import DataError
 
 LARGE = 2.58
@@ -226,23 +225,8 @@ def _verdict(
     name: str, trial: Trial, level: float, judged: bool, output: str, inputs: Sequence[str]
 ) -> ResidualTest:
     outcome = score(trial)
-    p_value = float(chdtrc(outcome.dof, outcome.statistic)) if outcome.dof else 1.0
-    passed = p_value >= 1.0 - level
-    signal = inputs[outcome.worst[0]] if outcome.worst else None
-    lag = outcome.worst[1] if outcome.worst else None
+    found = ScoredTest(outcome, outcome.dof, level, tuple(inputs))
     right, wrong, empty = _SAYS[name]
-    text = empty if outcome.dof == 0 else right if passed else wrong
-    p = f"p = {p_value:.2g}" if p_value >= 1e-12 else "p < 1e-12"
-    return ResidualTest(
-        name=name,
-        output=output,
-        statistic=outcome.statistic,
-        dof=outcome.dof,
-        p_value=p_value,
-        passed=passed,
-        level=level,
-        worst_lag=lag,
-        worst_signal=signal,
-        judged=judged,
-        sentence=text.format(output=output, signal=signal, lag=lag, p=p),
-    )
+    text = empty if found.dof == 0 else right if found.passed else wrong
+    words = text.format(output=output, signal=found.signal, lag=found.lag, p=found.says)
+    return found.test(name, output, judged, words)

@@ -21,10 +21,8 @@ projection; Sims (1972) for future inputs; Söderström & Stoica (1990) for Σ.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtrc
 
 from sysid.criteria.coloured import ar_fit
 from sysid.criteria.correlation import (
@@ -36,8 +34,8 @@ from sysid.criteria.correlation import (
     one_output,
 )
 from sysid.criteria.fit import Array, Signals, as_records
-from sysid.criteria.portmanteau import Mask, Score, Trial, score
-from sysid.criteria.verdicts import LagParts, ResidualReport, ResidualTest
+from sysid.criteria.portmanteau import Mask, Trial, score
+from sysid.criteria.verdicts import ResidualReport, ResidualTest, ScoredTest
 from sysid.errors import DataError
 
 __all__ = [
@@ -112,7 +110,7 @@ def whiteness_test(
     )
     outcome = score(trial)
     dof = outcome.dof if jacobian is not None else max(outcome.dof - n_parameters, 1)
-    result = _Verdict(outcome, min(dof, outcome.dof), level, names, trial.tested)
+    result = ScoredTest(outcome, min(dof, outcome.dof), level, names, trial.tested)
     who = names[output]
     if result.dof == 0:
         sentence = f"The residuals of {who} are zero: there is nothing to test."
@@ -277,54 +275,6 @@ def residual_report(
     return ResidualReport(tuple(white), tuple(independent), tuple(feedback), level)
 
 
-@dataclass(frozen=True)
-class _Verdict:
-    """A score with its level, on the way to a test result."""
-
-    score: Score
-    dof: int
-    level: float
-    names: tuple[str, ...]
-    lags: range
-
-    @property
-    def p_value(self) -> float:
-        return float(chdtrc(self.dof, self.score.statistic)) if self.dof else 1.0
-
-    @property
-    def passed(self) -> bool:
-        return self.p_value >= 1.0 - self.level
-
-    @property
-    def signal(self) -> str | None:
-        return self.names[self.score.worst[0]] if self.score.worst else None
-
-    @property
-    def lag(self) -> int | None:
-        return self.score.worst[1] if self.score.worst else None
-
-    @property
-    def says(self) -> str:
-        p = self.p_value
-        return f"p = {p:.2g}" if p >= 1e-12 else "p < 1e-12"
-
-    def test(self, name: str, output: str, judged: bool, sentence: str) -> ResidualTest:
-        return ResidualTest(
-            name=name,
-            output=output,
-            statistic=self.score.statistic,
-            dof=self.dof,
-            p_value=self.p_value,
-            passed=self.passed,
-            level=self.level,
-            worst_lag=self.lag,
-            worst_signal=self.signal,
-            judged=judged,
-            sentence=sentence,
-            parts=LagParts(tuple(self.lags), self.names, self.score.parts),
-        )
-
-
 def _input_trial(
     errors: Signals,
     inputs: Signals,
@@ -335,7 +285,7 @@ def _input_trial(
     input_names: Sequence[str],
     *,
     future: bool,
-) -> _Verdict:
+) -> ScoredTest:
     es = one_output(errors)
     us = [centred(u) for u in inputs_of(inputs, [len(e) for e in es])]
     js = _jacobian_records(jacobian, es)
@@ -358,7 +308,7 @@ def _input_trial(
         uncertain=_uncertain_records(uncertain, es),
     )
     outcome = score(trial)
-    return _Verdict(outcome, outcome.dof, level, names, trial.tested)
+    return ScoredTest(outcome, outcome.dof, level, names, trial.tested)
 
 
 def _complete(es: Sequence[Array], js: Sequence[Array]) -> list[Mask]:

@@ -3,9 +3,10 @@
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from scipy.special import chdtri
+from scipy.special import chdtrc, chdtri
 
 from sysid.criteria.fit import Array
+from sysid.criteria.portmanteau import Score
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +66,71 @@ class ResidualTest:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: every field but ``parts``."""
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "parts"}
+
+
+@dataclass(frozen=True)
+class ScoredTest:
+    """A score judged at a level, on the way to a test result.
+
+    Attributes:
+        score: statistic, and what is behind it.
+        dof: degrees of freedom that count.
+        level: confidence level.
+        names: of the signals tested against.
+        lags: those tested where they are to be shown one by one.
+    """
+
+    score: Score
+    dof: int
+    level: float
+    names: tuple[str, ...]
+    lags: range | None = None
+
+    @property
+    def p_value(self) -> float:
+        """Chance of such a statistic where nothing is there."""
+        return float(chdtrc(self.dof, self.score.statistic)) if self.dof else 1.0
+
+    @property
+    def passed(self) -> bool:
+        """Whether it may be chance."""
+        return self.p_value >= 1.0 - self.level
+
+    @property
+    def signal(self) -> str | None:
+        """The signal that the errors depend on most."""
+        return self.names[self.score.worst[0]] if self.score.worst else None
+
+    @property
+    def lag(self) -> int | None:
+        """How many samples earlier."""
+        return self.score.worst[1] if self.score.worst else None
+
+    @property
+    def says(self) -> str:
+        """The p-value in words."""
+        p = self.p_value
+        return f"p = {p:.2g}" if p >= 1e-12 else "p < 1e-12"
+
+    def test(self, name: str, output: str, judged: bool, sentence: str) -> ResidualTest:
+        """The result, with the sentence it is told by."""
+        parts = None
+        if self.lags is not None:
+            parts = LagParts(tuple(self.lags), self.names, self.score.parts)
+        return ResidualTest(
+            name=name,
+            output=output,
+            statistic=self.score.statistic,
+            dof=self.dof,
+            p_value=self.p_value,
+            passed=self.passed,
+            level=self.level,
+            worst_lag=self.lag,
+            worst_signal=self.signal,
+            judged=judged,
+            sentence=sentence,
+            parts=parts,
+        )
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.data.checks.feedback import in_closed_loop
+from sysid.data.integrating import integrates
 from sysid.data.preprocess import Detrend
 from sysid.data.reading.held import own_rate, without_repeats
 from sysid.data.record import Array, Record
-from sysid.discrepancy.integrating import integrates, rates, step_of
+from sysid.discrepancy.integrating import rates, step_of
 from sysid.discrepancy.policies import RULE
 from sysid.discrepancy.samples import inspect_samples
 from sysid.discrepancy.search.named_sets import Node

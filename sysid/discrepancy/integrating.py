@@ -3,10 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from sysid.data.integrating import integrates
 from sysid.data.record import Channel, Record
-
-__all__ = ["integrates", "rates", "step_of"]
 
 MOST_SAMPLES = 3000
 """Rates are taken over several samples where a log has more: differences amplify noise."""

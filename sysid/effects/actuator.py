@@ -114,10 +114,7 @@ EFFECTS = (
         _delay,
         states=DELAY_LINE,
         on_past=_delay_on,
-        programmes=(
-            REVERSALS,
-            LEVELS,
-        ),
+        programmes=(REVERSALS, LEVELS),
         beyond_a_sample=True,
     ),
     Effect(
@@ -135,10 +132,7 @@ EFFECTS = (
         _saturation,
         inverse=inverses.within_saturation,
         ties=("sensor-saturation",),
-        programmes=(
-            TOP,
-            LEVELS,
-        ),
+        programmes=(TOP, LEVELS),
         weakens=True,
     ),
     Effect(
@@ -170,11 +164,7 @@ EFFECTS = (
         _dead_zone,
         inverse=inverses.out_of_dead_zone,
         ties=("coulomb-friction", "stiction"),
-        programmes=(
-            STAIRCASE,
-            RAMPS,
-            COASTING,
-        ),
+        programmes=(STAIRCASE, RAMPS, COASTING),
         weakens=True,
         between_edges="the dead zone ends, and how far it then jumps, this log cannot "
         "tell; it tells the difference of both.",
@@ -192,11 +182,7 @@ EFFECTS = (
         inverse=inverses.out_of_concave,
         ties=("supply-sag",),
         opposite="The harder it is driven, the more it answers to every further step.",
-        programmes=(
-            LEVELS,
-            ONE_AND_OTHER,
-            COASTING,
-        ),
+        programmes=(LEVELS, ONE_AND_OTHER, COASTING),
         weakens=True,
     ),
     Effect(
@@ -210,10 +196,7 @@ EFFECTS = (
         (EffectParameter("rho", "", 1.0, 0.3, 3.0, (0.85, 1.15), "one"),),
         _direction,
         inverse=inverses.out_of_direction,
-        programmes=(
-            LEVELS,
-            COASTING,
-        ),
+        programmes=(LEVELS, COASTING),
         reverses=True,
     ),
     Effect(
@@ -228,10 +211,7 @@ EFFECTS = (
         _sag,
         shared=True,
         ties=("concave-gain",),
-        programmes=(
-            ONE_AND_OTHER,
-            LEVELS,
-        ),
+        programmes=(ONE_AND_OTHER, LEVELS),
     ),
     Effect(
         "battery-discharge",
@@ -245,10 +225,7 @@ EFFECTS = (
         _battery,
         inverse=inverses.charged,
         shared=True,
-        programmes=(
-            REPEAT,
-            HOT,
-        ),
+        programmes=(REPEAT, HOT),
     ),
     Effect(
         "rate-limit",
@@ -265,10 +242,7 @@ EFFECTS = (
         ),
         _rate_limit,
         states=1,
-        programmes=(
-            TOP,
-            REVERSALS,
-        ),
+        programmes=(TOP, REVERSALS),
     ),
     Effect(
         "actuator-lag",
@@ -283,10 +257,7 @@ EFFECTS = (
         _lagging,
         states=1,
         ties=("sensor-lag",),
-        programmes=(
-            REVERSALS,
-            TOP,
-        ),
+        programmes=(REVERSALS, TOP),
         beyond_a_sample=True,
     ),
 )

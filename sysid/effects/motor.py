@@ -218,10 +218,7 @@ LOAD_BIAS = Effect(
     _bias,
     inverse=inverses.against_bias,
     ties=("sensor-bias",),
-    programmes=(
-        RESTS,
-        COASTING,
-    ),
+    programmes=(RESTS, COASTING),
     level=True,
 )
 
@@ -239,10 +236,7 @@ EFFECTS = (
         inverse=inverses.against_coupling,
         couples=True,
         opposite="One side's torque helps the other through the body.",
-        programmes=(
-            ONE_AND_OTHER,
-            REVERSALS,
-        ),
+        programmes=(ONE_AND_OTHER, REVERSALS),
     ),
     Effect(
         "thermal-fade",
@@ -260,10 +254,7 @@ EFFECTS = (
         _warming,
         states=1,
         at_rest=_cold,
-        programmes=(
-            HOT,
-            REPEAT,
-        ),
+        programmes=(HOT, REPEAT),
     ),
     Effect(
         "quadratic-drag",
@@ -278,10 +269,7 @@ EFFECTS = (
         inverse=inverses.against_drag,
         ties=("concave-gain",),
         rare=True,
-        programmes=(
-            LEVELS,
-            COASTING,
-        ),
+        programmes=(LEVELS, COASTING),
     ),
     Effect(
         "viscous-asymmetry",
@@ -294,10 +282,7 @@ EFFECTS = (
         (EffectParameter("ratio", "", 1.0, 0.4, 2.5, (0.85, 1.2), "one"),),
         _viscous,
         inverse=inverses.against_viscous,
-        programmes=(
-            LEVELS,
-            COASTING,
-        ),
+        programmes=(LEVELS, COASTING),
         reverses=True,
     ),
     LOAD_BIAS,
@@ -326,11 +311,7 @@ EFFECTS = (
         inverse=inverses.against_coulomb,
         holds=lambda p: p["level"],
         ties=("stiction", "dead-zone"),
-        programmes=(
-            STAIRCASE,
-            COASTING,
-            RAMPS,
-        ),
+        programmes=(STAIRCASE, COASTING, RAMPS),
         weakens=True,
     ),
     Effect(
@@ -363,10 +344,7 @@ EFFECTS = (
         inverse=inverses.against_stiction,
         holds=lambda p: p["level"] + p["excess"],
         ties=("coulomb-friction",),
-        programmes=(
-            RAMPS,
-            STAIRCASE,
-        ),
+        programmes=(RAMPS, STAIRCASE),
         weakens=True,
     ),
     Effect(
@@ -382,10 +360,7 @@ EFFECTS = (
         _together,
         shared=True,
         couples=True,
-        programmes=(
-            ONE_AND_OTHER,
-            REVERSALS,
-        ),
+        programmes=(ONE_AND_OTHER, REVERSALS),
     ),
     Effect(
         "coast-asymmetry",
@@ -398,10 +373,7 @@ EFFECTS = (
         (EffectParameter("ratio", "", 1.0, 0.2, 6.0, (0.6, 1.8), "one"),),
         _coast,
         ties=("freewheel",),
-        programmes=(
-            COASTING,
-            LEVELS,
-        ),
+        programmes=(COASTING, LEVELS),
     ),
     Effect(
         "freewheel",
@@ -427,10 +399,7 @@ EFFECTS = (
         states=1,
         at_rest=_last_command,
         ties=("coast-asymmetry",),
-        programmes=(
-            COASTING,
-            LEVELS,
-        ),
+        programmes=(COASTING, LEVELS),
     ),
     Effect(
         "backlash",
@@ -454,10 +423,7 @@ EFFECTS = (
         _loose,
         states=2,
         at_rest=_touching,
-        programmes=(
-            REVERSALS,
-            RAMPS,
-        ),
+        programmes=(REVERSALS, RAMPS),
         reverses=True,
     ),
     Effect(
@@ -475,10 +441,7 @@ EFFECTS = (
             EffectParameter("of_wheel", "", 1.0, 0.0, 1.0, (1.0, 0.0), choice=True),
         ),
         _ripple,
-        programmes=(
-            CRUISE,
-            LEVELS,
-        ),
+        programmes=(CRUISE, LEVELS),
         starts_from=StartsFrom.WAVES,
         wave=("cosine", "sine"),
     ),

@@ -49,10 +49,7 @@ EFFECTS = (
         _lagging,
         states=2,
         ties=("actuator-lag",),
-        programmes=(
-            REVERSALS,
-            TOP,
-        ),
+        programmes=(REVERSALS, TOP),
         beyond_a_sample=True,
     ),
     Effect(
@@ -65,10 +62,7 @@ EFFECTS = (
         "Reversals.",
         (EffectParameter("on", "", 0.0, 0.0, 1.0, (1.0,), choice=True),),
         _unsigned,
-        programmes=(
-            REVERSALS,
-            LEVELS,
-        ),
+        programmes=(REVERSALS, LEVELS),
         reverses=True,
         starts_from=StartsFrom.SIGNS,
     ),
@@ -83,10 +77,7 @@ EFFECTS = (
         (EffectParameter("limit", "speed", 1e6, 0.1, 2.0, (0.7, 0.9), "speed", choice=True),),
         _saturation,
         ties=("input-saturation",),
-        programmes=(
-            TOP,
-            COASTING,
-        ),
+        programmes=(TOP, COASTING),
         starts_from=StartsFrom.CLIP_LEVEL,
     ),
     Effect(
@@ -101,10 +92,7 @@ EFFECTS = (
         _bias,
         undone=lambda y, p: y - p["bias"],
         ties=("load-bias",),
-        programmes=(
-            RESTS,
-            COASTING,
-        ),
+        programmes=(RESTS, COASTING),
         level=True,
     ),
 )

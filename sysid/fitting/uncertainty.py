@@ -47,15 +47,14 @@ def uncertainty(
     residual: Array,
     stretches: Sequence[tuple[int, int]],
     weights: Array,
-    *,
-    white: bool | None = None,
 ) -> Uncertainty:
     """Covariance of a least-squares (or Huber) estimate.
 
-    With white residuals σ²(JᵀJ)⁻¹ (Ljung 1999, eq. 9.42); with coloured ones the sandwich
-    (JᵀJ)⁻¹ JᵀΣJ (JᵀJ)⁻¹, Σ from an AR(20) fit of the residuals. Under the Huber loss ε is replaced
-    by its score ψ(ε), which is bounded, and everything divided by the square of the mean slope ψ′,
-    the share of the residuals inside the width (Huber 1981, eq. 7.6.5):
+    With residuals that a portmanteau test takes for white (1 %) σ²(JᵀJ)⁻¹ (Ljung 1999, eq. 9.42);
+    with coloured ones the sandwich (JᵀJ)⁻¹ JᵀΣJ (JᵀJ)⁻¹, Σ from an AR(20) fit of the residuals.
+    Under the Huber loss ε is replaced by its score ψ(ε), which is bounded, and everything divided
+    by the square of the mean slope ψ′, the share of the residuals inside the width (Huber 1981, eq.
+    7.6.5):
 
         E ψ² / (E ψ′)² (JᵀJ)⁻¹,
 
@@ -66,7 +65,6 @@ def uncertainty(
         residual: ε, shape (M,).
         stretches: (output, number of residuals) of each uninterrupted stretch of time, in order.
         weights: weight ψ(ε)/ε of each residual, 0 for those that were left out.
-        white: what the residuals are known to be; None decides by a portmanteau test at 1 %.
     """
     n = jacobian.shape[1]
     seen = weights > 0.0
@@ -92,7 +90,7 @@ def uncertainty(
         if b > a:
             pieces.setdefault(channel, []).append(slice(a, b))
     scores = {i: [score[p] for p in where] for i, where in pieces.items()}
-    is_white = all(portmanteau_white(e) for e in scores.values()) if white is None else white
+    is_white = all(portmanteau_white(e) for e in scores.values())
     covariance = variance * inverse
     if not is_white and m > 5 * AR_ORDER:
         # outputs have noise of their own

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from sysid_datasets.hidden_logs import Request, hide
 
+from sysid.data.integrating import integrates
 from sysid.data.io import read_log
 from sysid.data.record import Channel, Record
 from sysid.discrepancy.augment import values_of
 from sysid.discrepancy.base_model import Base, divided, plain_base
 from sysid.discrepancy.diagnose import diagnose
 from sysid.discrepancy.diagnosis import Diagnosis
-from sysid.discrepancy.integrating import integrates, rates
+from sysid.discrepancy.integrating import rates
 from sysid.discrepancy.search.admission import beyond_a_sample
 from sysid.discrepancy.search.batched_search import information, search
 from sysid.discrepancy.search.named_sets import Interval
