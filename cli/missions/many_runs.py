@@ -12,11 +12,14 @@ from sysid.errors import UsageError
 from .. import render, targets
 
 if TYPE_CHECKING:
+    from sysid.data.record import Array
     from sysid.mission.contracts import SteppablePlant
     from sysid.mission.monte_carlo.mission_runs import MissionRuns
     from sysid.mission.monte_carlo.setup import Setup
     from sysid.mission.spec import Mission
     from sysid.plant.package import Package
+    from sysid.structures.model import Model
+    from sysid.workspace.store import Workspace
 
 
 @dataclass(frozen=True)
@@ -105,7 +108,31 @@ def repeats(
     return Repeats(runs, seed, names, scheduler)
 
 
-def ride(mission: "Mission", package: "Package", how: Repeats) -> Ride:
+def candidates(
+    place: "Workspace", package: "Package", mission: "Mission", how: Repeats
+) -> "list[Model]":
+    """The package's model and, where models vary, the others of the workspace of the same logs."""
+    own = package.model()
+    varies = mission.vary.models if how.vary is None else "models" in how.vary
+    if not varies:
+        return [own]
+    logs = [d["sha256"] for d in package.description["data"]]
+    found = [own]
+    for stored in place.all():
+        other = stored.model
+        same_plant = (other.dt, other.inputs, other.outputs) == (own.dt, own.inputs, own.outputs)
+        same_model = other.structure == own.structure and _equal(other.theta, own.theta)
+        if same_plant and not same_model and [d.sha256 for d in other.provenance.data] == logs:
+            found.append(other)
+    return found
+
+
+def _equal(one: "Array", other: "Array") -> bool:
+    """Whether two vectors are the same numbers."""
+    return bool(one.tolist() == other.tolist())
+
+
+def ride(mission: "Mission", package: "Package", models: "Sequence[Model]", how: Repeats) -> Ride:
     """One run: nominal with the noise of a small seed, or the run of a batch whose seed it is."""
     from sysid.mission.monte_carlo.draws import is_run_seed
     from sysid.mission.robot.compensation import nothing_to_undo
@@ -118,7 +145,7 @@ def ride(mission: "Mission", package: "Package", how: Repeats) -> Ride:
         return Ride(mission, robot, robot, warnings, seed, seed)
     from sysid.mission.monte_carlo.setup import Setup
 
-    setup = Setup.of(mission, [package.model()], how.vary)
+    setup = Setup.of(mission, models, how.vary)
     own, robot, noise = setup.alone(seed)
     told = f"A run of many: drawn were {', '.join(setup.varied) or 'no quantities'}."
     return Ride(own, robot, setup.known(seed), (told, *setup.notes(0, 0, 1)), seed, noise)
@@ -127,7 +154,7 @@ def ride(mission: "Mission", package: "Package", how: Repeats) -> Ride:
 def drive_many(
     path: Path,
     mission: "Mission",
-    package: "Package",
+    models: "Sequence[Model]",
     table: Path,
     plot: Path | None,
     how: Repeats,
@@ -140,7 +167,7 @@ def drive_many(
     runs = how.runs or 0
     with render.progress(f"Driving {path.name}", runs) as advance:
         found = simulate_runs(
-            mission, [package.model()], runs, how.seed or 0, how.vary, how.scheduler, advance
+            mission, models, runs, how.seed or 0, how.vary, how.scheduler, advance
         )
     targets.make_folder(table, "--log")
     facts = {
@@ -149,7 +176,7 @@ def drive_many(
         "warnings": list(found.notes),
     }
     if plot is not None:
-        _draw(plot, path.stem, Setup.of(mission, [package.model()], how.vary), found)
+        _draw(plot, path.stem, Setup.of(mission, models, how.vary), found)
         facts["plot"] = plot
     return facts
 

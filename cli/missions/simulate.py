@@ -11,7 +11,7 @@ from sysid.workspace.store import Workspace
 from .. import reading, render, targets
 from ..mission_options import AcceptChanges
 from .law_options import LawChoice, law_choice, refuse_for_log
-from .many_runs import Repeats, Ride, drive_many, repeats, ride, show_files, show_many
+from .many_runs import Repeats, Ride, candidates, drive_many, repeats, ride, show_files, show_many
 
 if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
@@ -70,7 +70,7 @@ def simulate(
     if target.exists() and mission.exists() and target.samefile(mission):
         raise UsageError(f"--log {target} would overwrite what is simulated; name another file")
     if drives:
-        facts = _driven(mission, package, target, plot, laws, how)
+        facts = _driven(mission, place, package, (target, plot), laws, how)
     else:
         facts = _replay(mission, package.plant(), target, plot, read)
     facts["warnings"] = [*package.notes, *facts["warnings"]]
@@ -95,19 +95,20 @@ def _load(place: Workspace, plant: Path | None, accept_changes: bool) -> "Packag
 
 def _driven(
     path: Path,
+    place: Workspace,
     package: "Package",
-    log: Path,
-    plot: Path | None,
+    files: tuple[Path, Path | None],
     laws: LawChoice,
     how: Repeats,
 ) -> dict[str, Any]:
-    """Once, or many times."""
+    """Once, or many times; the log and the picture to write are given."""
     from sysid.mission.spec import load_mission
 
     mission = laws.applied(load_mission(path))
+    models = candidates(place, package, mission, how)
     if how.runs is not None:
-        return drive_many(path, mission, package, log, plot, how)
-    return _drive(path, package.plant(), log, plot, ride(mission, package, how))
+        return drive_many(path, mission, models, *files, how)
+    return _drive(path, package.plant(), *files, ride(mission, package, models, how))
 
 
 def _drive(path: Path, plant: "Plant", log: Path, plot: Path | None, given: Ride) -> dict[str, Any]:

@@ -248,3 +248,17 @@ def test_the_command_drives_many_and_replays_one(
     assert "--vary start" in shown.out
     refused = run(capsys, "simulate", mission, "--vary", "start", *place)
     assert refused.code == 2
+
+
+def test_runs_of_several_models_have_one_each() -> None:
+    other = fit(structure_class("oe").from_orders({"nb": 1, "nf": 1}, 2, 2), [robot_record()])
+    mission = goal(0.3, 0.1, vary={"models": True, "parameters": False})
+    setup = Setup.of(mission, [robot_model(), other])
+    seeds = run_seeds(0, 200)
+    # each as likely as the other: 200 tosses lie within four standard deviations of 100
+    assert 72 <= sum(setup.choice(s) for s in seeds) <= 128
+    assert setup.varied == ("start", "friction", "models")
+    assert {type(setup.plants[setup.choice(s)].model.structure).__name__ for s in seeds} == {
+        "ARX",
+        "OE",
+    }
