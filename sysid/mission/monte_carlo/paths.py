@@ -7,6 +7,7 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.errors import ModelError
 from sysid.mission.loop import Verdict
+from sysid.mission.monte_carlo.chunks import LANES
 from sysid.mission.monte_carlo.compiled import CompiledRuns
 from sysid.mission.monte_carlo.setup import Setup
 from sysid.mission.monte_carlo.workers import why_not_at_once
@@ -35,7 +36,8 @@ def paths_of(setup: Setup, seeds: Sequence[int]) -> list[Array]:
             seen.append((verdict, places))
 
         draws = driver.drawing.draw([seeds[k] for k in runs])
-        CompiledRuns(setup, which, len(runs)).figures(draws, keep)
+        # as many lanes as the runs themselves had: what was compiled for them serves again
+        CompiledRuns(setup, which, max(LANES, len(runs))).figures(draws, keep)
         verdict = np.concatenate([v for v, _ in seen])
         places = np.concatenate([p for _, p in seen])
         for lane, k in enumerate(runs):

@@ -243,9 +243,9 @@ def test_the_command_drives_many_and_replays_one(
     worst = runs["worst"][0]
     alone = run(capsys, "simulate", mission, "--seed", worst["seed"], *place, "--json").document
     assert (alone["outcome"], alone["time_s"]) == (worst["outcome"], worst["time_s"])
-    shown = run(capsys, "simulate", mission, "--runs", 40, "--vary", "start", *place)
+    shown = run(capsys, *batch, "--vary", "parameters,start,friction")
     assert "of 40 runs" in shown.out
-    assert "--vary start" in shown.out
+    assert "--vary parameters,start,friction" in shown.out
     refused = run(capsys, "simulate", mission, "--vary", "start", *place)
     assert refused.code == 2
 
