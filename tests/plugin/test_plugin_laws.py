@@ -49,7 +49,7 @@ def test_a_mission_is_flown_by_laws_of_another_package(
     facts = installed.document("simulate", mission, "--log", "flown.csv", folder=tmp_path)
     assert facts["outcome"] == "arrived"
     with (tmp_path / "flown.csv").open() as file:
-        rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+        rows = [{k: float(v or "nan") for k, v in row.items()} for row in csv.DictReader(file)]
     log = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     # rate-limited: 0.8 drive/s over a period of 0.1 s, but for standing still at the end
     assert np.abs(np.diff(log["v_cmd"][:-1], prepend=0.0)).max() == pytest.approx(0.08)
