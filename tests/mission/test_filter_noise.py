@@ -12,7 +12,7 @@ from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission
 from sysid.mission.tuning.filter_noise import RULE, tuned_filter
 
-QUICK = replace(RULE, sweeps=1, rounds=12)
+QUICK = replace(RULE, rows=60, sweeps=1, rounds=6)
 
 
 def mission(noise: float, kind: str = "odometry") -> Mission:
@@ -27,8 +27,8 @@ def test_the_variance_of_fixes_is_found_where_the_file_is_wrong(tmp_path: Path) 
     driven = mission(0.05)
     write_log(simulate(driven, Robot(), seed=6), log)
     found = tuned_filter(log, mission(0.002, "ekf"), rule=QUICK)
-    samples = len(found.before.log.t)
-    assert samples > 80
+    samples = QUICK.rows
+    assert len(found.before.log.t) > samples
     # A variance of n normal numbers is known to √(2/n) of itself; x and y share one: 4 σ.
     true = 0.05**2 * 10.0  # the density, over ten fixes a second
     assert found.r["fix_x"] == pytest.approx(true, rel=4 * (1 / samples) ** 0.5)
