@@ -12,7 +12,7 @@ from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission
 from sysid.mission.tuning.filter_noise import RULE, tuned_filter
 
-QUICK = replace(RULE, rows=60, sweeps=1, rounds=6)
+QUICK = replace(RULE, rows=60, sweeps=1)
 
 
 def mission(noise: float, kind: str = "odometry") -> Mission:

@@ -220,7 +220,9 @@ def test_a_package_with_a_broken_law_is_named(kind: str, words: str, tmp_path: P
 def test_a_sensor_of_a_package_that_reads_nothing_is_named(tmp_path: Path) -> None:
     path = tmp_path / "m.yaml"
     path.write_text("goal: [1, 0]\nsensors:\n  gyroscope:\n  mute:\n")
-    words = r"m.yaml:4: the law 'sensors.mute' .*the sensor Mute needs `.measured` and `.measure\(\)`"
+    words = (
+        r"m.yaml:4: the law 'sensors.mute' .*the sensor Mute needs `.measured` and `.measure\(\)`"
+    )
     with pytest.raises(DataError, match=words):
         load_mission(path)
 
