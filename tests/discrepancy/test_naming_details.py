@@ -1,6 +1,5 @@
 """Where naming goes wrong without care: noise, jumps, starts of a log, things that are alike."""
 
-import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -169,9 +168,7 @@ def test_a_load_that_no_channel_records_is_told_from_noise() -> None:
     for k in range(2399):
         load[k + 1] = 0.9 * load[k] + 0.5 * rng.standard_normal(2)
     made = record(u, s.simulate(theta, u) + load + 0.05 * rng.standard_normal(load.shape))
-    halves = [
-        dataclasses.replace(made, u=u[a:b], y=made.y[a:b]) for a, b in ((0, 1200), (1200, 2400))
-    ]
+    halves = [made.rows(0, 1200), made.rows(1200, 2400)]
     found = diagnose(halves[:1], halves[1:])
     assert found.verdict == "no-missing-effect"
     assert "no channel records" in found.story
