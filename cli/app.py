@@ -14,7 +14,7 @@ from sysid.errors import SysidError
 
 from . import compare, diagnose, excite, export, fit, inspect, models, structures
 from .field_options import Command
-from .missions import estimate, plan, simulate
+from .missions import estimate, plan, simulate, tune
 
 _HELP = {"help_option_names": ["-h", "--help"]}
 
@@ -34,6 +34,7 @@ for _command in (
     models.models,
     export.export,
     simulate.simulate,
+    tune.tune,
     estimate.estimate,
     diagnose.diagnose,
 ):

@@ -62,7 +62,7 @@ def estimate(
     given = LawChoice(navigation=navigation).applied(load_mission(mission))
     options = reading.read_options(time=time, ts=ts, units=units)
     with render.progress(f"Following {log.name}"):
-        found = follow(log, given, _columns(sensor or []), options)
+        found = follow(log, given, columns_of(sensor or []), options)
     targets.make_folder(target, "--to")
     facts: dict[str, Any] = {
         "navigation": kind_of("navigation", given.navigation),
@@ -79,7 +79,12 @@ def estimate(
     render.document(facts) if json else _show(log.name, facts)
 
 
-def _columns(given: list[str]) -> dict[str, str]:
+def columns_of(given: list[str]) -> dict[str, str]:
+    """Reading → column, as ``NAME=COLUMN`` says.
+
+    Raises:
+        UsageError: one has another form.
+    """
     found: dict[str, str] = {}
     for pair in (p for item in given for p in item.split(",")):
         name, sign, column = (part.strip() for part in pair.partition("="))

@@ -55,7 +55,7 @@ def simulate(
 
     targets.check_picture(plot)
     place = Workspace(workspace)
-    package = _load(place, plant, accept_changes)
+    package = load_plant(place, plant, accept_changes)
     drives = mission.suffix.lower() in _MISSION_FILES
     if drives and read != ReadOptions():
         raise UsageError(f"{mission} is a mission: options of reading a log have no use with it")
@@ -82,7 +82,12 @@ def simulate(
         _show(mission.name, facts)
 
 
-def _load(place: Workspace, plant: Path | None, accept_changes: bool) -> "Package":
+def load_plant(place: Workspace, plant: Path | None, accept_changes: bool) -> "Package":
+    """The named plant package, or the one of the workspace.
+
+    Raises:
+        ModelError: there is none.
+    """
     if plant is None and not place.plant_dir.exists():
         raise ModelError(
             f"no plant was exported to {place.plant_dir} yet; run `sysid export` first, or name "

@@ -33,7 +33,8 @@ from sysid.report.correlation_panels import LagTest
 from sysid.report.dynamics_drawing import DynamicsPicture, PoleZeroSet, StepResponse
 from sysid.report.fit_picture import FitPicture, FitSegment
 from sysid.report.mission_drawing import MissionPicture, Obstacle
-from sysid.report.missions import plan_drawing, response_drawing, runs_drawing
+from sysid.report.missions import front_drawing, plan_drawing, response_drawing, runs_drawing
+from sysid.report.missions.front_drawing import FrontPicture, Mark, Trade
 from sysid.report.missions.plan_drawing import CurvePanel, PlanPicture
 from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
 from sysid.report.missions.runs_drawing import RunsPicture
@@ -47,8 +48,10 @@ __all__ = [
     "DynamicsPicture",
     "FitPicture",
     "FitSegment",
+    "FrontPicture",
     "LagTest",
     "Line",
+    "Mark",
     "MissionPicture",
     "Obstacle",
     "Panel",
@@ -59,10 +62,12 @@ __all__ = [
     "ResponsePicture",
     "RunsPicture",
     "StepResponse",
+    "Trade",
     "inline_svg",
     "picture_format",
     "plot_dynamics",
     "plot_fit",
+    "plot_front",
     "plot_mission",
     "plot_plan",
     "plot_ranking",
@@ -138,6 +143,16 @@ def plot_runs(path: Path, picture: RunsPicture) -> None:
     """
     size = runs_drawing.size_inches(picture)
     _write(path, size, lambda figure: runs_drawing.draw(figure, picture))
+
+
+def plot_front(path: Path, picture: FrontPicture) -> None:
+    """Draw what sets of gains trade, and answers of the proposed one.
+
+    Raises:
+        UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
+    """
+    size = front_drawing.size_inches(picture)
+    _write(path, size, lambda figure: front_drawing.draw(figure, picture))
 
 
 def plot_responses(path: Path, picture: ResponsePicture) -> None:

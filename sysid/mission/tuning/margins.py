@@ -10,8 +10,12 @@ from sysid.data.record import Array
 from sysid.mission.tuning.axes import Axis, AxisAnswer
 from sysid.mission.tuning.rules import Gains
 
-_POINTS = 4000
-"""Frequencies of a loop: a crossing is found within 0.2 % of its frequency, then interpolated."""
+_POINTS = 8000
+"""Frequencies of a loop: a crossing is found within 0.3 % of its frequency, then interpolated."""
+
+_SLOWEST = 1e-5
+"""The lowest frequency, of that of the plant's answer: an integral a thousand times slower than the
+plant is seen to be one."""
 
 
 _NOTHING = 1e-9
@@ -64,7 +68,7 @@ class SampledLoop:
         """The loop around an answer, sampled with the control period; from slow to Nyquist's."""
         sampled = answer.sampled(period)
         differences = np.diff(sampled.step, prepend=0.0)
-        slowest = 1e-2 / (len(differences) * period)
+        slowest = _SLOWEST / (len(differences) * period)
         omega = np.geomspace(slowest, math.pi / period, _POINTS)
         z = np.exp(1j * omega * period)
         plant = np.polynomial.polynomial.polyval(1 / z, differences.astype(np.complex128))
@@ -73,10 +77,15 @@ class SampledLoop:
         return cls(omega, plant, period, answer.axis is Axis.YAW)
 
     def controller(self, gains: Gains) -> NDArray[np.complex128]:
-        """C = kp + ki T z/(z − 1) + kd (z − 1)/(T z), as the loop's laws sum and difference."""
+        """C = kp + ki T z/(z − 1) + kd F (z − 1)/(T z), as the loop's laws sum and difference.
+
+        F = a z/(z − 1 + a) with a = T/(T_f + T) is the derivative's filter, 1 without one.
+        """
         z, T = np.exp(1j * self.omega * self.period), self.period
+        share = T / (gains.filter_time + T)
+        filtered = share * z / (z - 1 + share)
         found: NDArray[np.complex128] = (
-            gains.kp + gains.ki * T * z / (z - 1) + gains.kd * (z - 1) / (T * z)
+            gains.kp + gains.ki * T * z / (z - 1) + gains.kd * filtered * (z - 1) / (T * z)
         )
         return found
 

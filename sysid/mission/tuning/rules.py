@@ -31,11 +31,17 @@ class LagModel:
 
 @dataclass(frozen=True)
 class Gains:
-    """Gains of a parallel PID: u = kp e + ki ∫e dt + kd de/dt (thesis 4.32)."""
+    """Gains of a parallel PID: u = kp e + ki ∫e dt + kd de/dt (thesis 4.32).
+
+    Attributes:
+        kp, ki, kd: the gains.
+        filter_time: of a first-order filter of the derivative [s].
+    """
 
     kp: float
     ki: float = 0.0
     kd: float = 0.0
+    filter_time: float = 0.0
 
 
 def lag_model(answer: AxisAnswer, period: float) -> LagModel:

@@ -75,10 +75,11 @@ def draw(figure: "Figure", picture: ResponsePicture) -> None:
     rows = -(-len(picture.panels) // picture.columns)
     grid = figure.add_gridspec(rows, picture.columns)
     for k, panel in enumerate(picture.panels):
-        _draw_panel(figure.add_subplot(grid[k // picture.columns, k % picture.columns]), panel)
+        draw_panel(figure.add_subplot(grid[k // picture.columns, k % picture.columns]), panel)
 
 
-def _draw_panel(axes: "Axes", panel: Panel) -> None:
+def draw_panel(axes: "Axes", panel: Panel) -> None:
+    """Draw one panel."""
     angle = np.linspace(0.0, 2.0 * np.pi, 73)
     for x, y, radius, colour in panel.discs:
         axes.fill(x + radius * np.cos(angle), y + radius * np.sin(angle), color=colour, zorder=2)

@@ -1,0 +1,101 @@
+"""``sysid tune --navigation``: the noise of a mission's filter, estimated from a log."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from .. import reading, render
+from .estimate import columns_of
+
+if TYPE_CHECKING:
+    from sysid.mission.tuning.filter_noise import FilterTuning
+
+
+@dataclass(frozen=True)
+class SensorOptions:
+    """A log of sensors, and how it is read; see ``sysid estimate``."""
+
+    log: Path | None = None
+    sensor: tuple[str, ...] = ()
+    time: str | None = None
+    ts: float | None = None
+    units: tuple[str, ...] = ()
+
+
+def sensor_options(
+    navigation: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="LOG",
+            help="Estimate the noise of the mission's filter from a log of its sensors instead.",
+        ),
+    ] = None,
+    sensor: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=COLUMN", help="Of --navigation: column of a reading of another name."
+        ),
+    ] = None,
+    time: reading.Time = None,
+    ts: reading.SampleTime = None,
+    units: reading.Units = None,
+) -> SensorOptions:
+    """The options of reading a log of sensors."""
+    return SensorOptions(navigation, tuple(sensor or ()), time, ts, tuple(units or ()))
+
+
+def tune_filter(
+    mission: Path, log: Path, sensors: SensorOptions, to: Path | None, json: bool
+) -> None:
+    """Estimate the noise, show it, and write the mission with it where that is asked."""
+    from sysid.mission.spec import load_mission
+    from sysid.mission.tuning.filter_noise import tuned_filter
+    from sysid.mission.tuning.written import write_mission
+
+    given = load_mission(mission)
+    options = reading.read_options(
+        time=sensors.time, ts=sensors.ts, units=list(sensors.units) or None
+    )
+    with render.progress(f"Following {log.name}"):
+        found = tuned_filter(log, given, columns_of(list(sensors.sensor)), options)
+    facts: dict[str, Any] = found.summary()
+    if to is not None:
+        noise = {"q": dict(found.q), "r": dict(found.r), "gate": found.gate}
+        law = type(given.navigation).model_validate(  # type: ignore[attr-defined]
+            {**given.navigation.model_dump(exclude_unset=True), **noise}  # type: ignore[attr-defined]
+        )
+        tuned = given.model_copy(update={"navigation": law})
+        facts["to"] = write_mission(mission, to, tuned, "navigation")
+    render.document(facts) if json else _show(log.name, found, facts)
+
+
+def _show(name: str, found: "FilterTuning", facts: dict[str, Any]) -> None:
+    rows = [
+        (
+            f"{kind}.{key}",
+            render.number(value, 3),
+            "at its bound" if f"{kind}.{key}" in found.at_bound else "",
+        )
+        for kind, values in (("q", found.q), ("r", found.r))
+        for key, value in values.items()
+    ]
+    render.table(("noise", "value", ""), [*rows, ("gate", render.number(found.gate, 4), "")])
+    before, after = facts["consistency"]["before"], facts["consistency"]["after"]
+    pairs = [
+        (key, render.number(before[key], 3), render.number(after[key], 3))
+        for key in ("nis_mean", "nees_mean")
+        if before.get(key) is not None and after.get(key) is not None
+    ]
+    errors = facts["errors"]
+    pairs += [
+        (key, render.number(value, 3), render.number(errors["after"][key], 3))
+        for key, value in errors["before"].items()
+    ]
+    render.table((name, "before", "after"), pairs)
+    render.say(found.sentence)
+    for warning in facts["warnings"]:
+        render.warn(f"! {warning}")
+    if "to" in facts:
+        render.say(f"Mission: {facts['to']}")

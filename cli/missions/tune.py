@@ -1,0 +1,235 @@
+"""``sysid tune``: gains of a mission's controller by driving, and from the plant alone."""
+
+from dataclasses import dataclass
+from math import isinf
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sysid.errors import UsageError
+from sysid.workspace.store import Workspace
+
+from .. import reading, render, targets
+from ..mission_options import AcceptChanges
+from .filter_tuning import SensorOptions, sensor_options, tune_filter
+from .law_options import LawChoice
+from .simulate import load_plant
+
+if TYPE_CHECKING:
+    from sysid.mission.tuning.tuned import GainSet, Tuning
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is driven: sets of gains, plants for each, and the seed of all of it."""
+
+    trials: int
+    robust: int
+    seed: int
+
+
+def effort(
+    trials: Annotated[
+        int, typer.Option("--trials", "--runs", metavar="N", help="Sets of gains to drive.")
+    ] = 256,
+    robust: Annotated[
+        int,
+        typer.Option(
+            metavar="N",
+            help="Plants that each set drives, drawn from the covariance of the plant's "
+            "parameters; 1 for the plant as estimated.",
+        ),
+    ] = 8,
+    seed: Annotated[int, typer.Option(metavar="N", help="Of sets, plants and sensor noise.")] = 0,
+) -> Effort:
+    """The options of how much is driven."""
+    return Effort(trials, robust, seed)
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Files to write; None for those not asked for: the mission with the gains, a picture."""
+
+    to: Path | None
+    plot: Path | None
+
+
+def outputs(
+    to: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write the mission with the proposed gains: .yaml."),
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw the choice: .svg or .png.")
+    ] = None,
+) -> Outputs:
+    """The options of what is written."""
+    return Outputs(to, plot)
+
+
+@dataclass(frozen=True)
+class Loop:
+    """What is driven; None for what the workspace and the mission say."""
+
+    plant: Path | None
+    control: str | None
+    accept_changes: bool
+
+
+def loop_options(
+    plant: Annotated[
+        Path | None,
+        typer.Option(metavar="PATH", help="Plant package, folder or zip [WORKSPACE/plant]."),
+    ] = None,
+    control: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KIND",
+            help="Tune another controller than the mission's: pid, or speed=KIND,yaw=KIND.",
+        ),
+    ] = None,
+    accept_changes: AcceptChanges = False,
+) -> Loop:
+    """The options of what is driven."""
+    return Loop(plant, control, accept_changes)
+
+
+@reading.composed(loop=loop_options, how=effort, files=outputs, sensors=sensor_options)
+def tune(
+    mission: Annotated[Path, typer.Argument(metavar="MISSION", help="A mission (YAML).")],
+    *,
+    loop: Loop,
+    how: Effort,
+    files: Outputs,
+    sensors: SensorOptions,
+    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
+    json: reading.Json = False,
+) -> None:
+    """Tune the gains of a mission's controller: sets to choose from, one of them proposed.
+
+    Every set drives steps of speed and yaw, and the mission, with several plants; the worst counts.
+    Beside them stand the present gains, and those that rules read off the plant. With --navigation
+    it is the noise of the mission's filter that is tuned, to a log of its sensors.
+    """
+    from sysid.mission.spec import load_mission
+    from sysid.mission.tuning.search import SearchOptions
+    from sysid.mission.tuning.search import tune as search
+    from sysid.mission.tuning.written import write_mission
+
+    if sensors.log is not None:
+        unused = (("plant", loop.plant), ("control", loop.control), ("plot", files.plot))
+        for option, value in unused:
+            if value is not None:
+                raise UsageError(f"--navigation tunes a filter: --{option} has no use with it")
+        _check_target(files.to, mission)
+        tune_filter(mission, sensors.log, sensors, files.to, json)
+        return
+    if sensors != SensorOptions():
+        raise UsageError("options of reading a log are of use only with --navigation LOG")
+    targets.check_picture(files.plot)
+    _check_target(files.to, mission)
+    options = SearchOptions(how.trials, how.robust, how.seed)
+    given = LawChoice(control=loop.control).applied(load_mission(mission))
+    package = load_plant(Workspace(workspace), loop.plant, loop.accept_changes)
+    with render.progress(f"Driving {mission.name}", how.trials) as advance:
+        found = search(given, package.model(), options, advance)
+    facts: dict[str, Any] = found.summary()
+    facts["warnings"] = [*package.notes, *found.notes]
+    if files.to is not None:
+        facts["to"] = write_mission(mission, files.to, found.mission)
+    if files.plot is not None:
+        from .tuning_picture import draw_tuning
+
+        draw_tuning(files.plot, mission.stem, given, found, package.model())
+        facts["plot"] = files.plot
+    render.document(facts) if json else _show(mission.name, found, facts)
+
+
+def _check_target(to: Path | None, mission: Path) -> None:
+    """Refuse a mission file that cannot be written.
+
+    Raises:
+        UsageError: it has another ending, is the mission itself, or its folder is not there.
+    """
+    if to is None:
+        return
+    if to.suffix.lower() not in (".yaml", ".yml"):
+        raise UsageError(f"--to {to}: a mission file ends in .yaml")
+    targets.check(to, "--to", new_folder=False)
+    if to.exists() and mission.exists() and to.samefile(mission):
+        raise UsageError(f"--to {to} would overwrite the mission; name another file")
+
+
+def _show(name: str, found: "Tuning", facts: dict[str, Any]) -> None:
+    sets = _shown(found)
+    rows = [
+        (words, *(_number(s.criteria[key], digits) for _, key, digits in _COLUMNS))
+        for words, s in sets.items()
+    ]
+    plants = f", worst of {found.plants} plants" if found.plants > 1 else ""
+    headings = ("set", *(words for words, *_ in _COLUMNS))
+    render.table(headings, rows, title=f"{name}: gains{plants}", caption=_caption(found))
+    axes = [f"margins, {axis}" for axis in found.best.margins]
+    render.table(
+        ("set", "gains", *axes), [(words, _gains(s), *_margins(s)) for words, s in sets.items()]
+    )
+    render.say(found.sentence)
+    for warning in facts["warnings"]:
+        render.warn(f"! {warning}")
+    for what, key in (("Mission", "to"), ("Picture", "plot")):
+        if key in facts:
+            render.say(f"{what}: {facts[key]}")
+
+
+_COLUMNS = (
+    ("rise V [s]", "rise_speed_s", 2),
+    ("over V [%]", "overshoot_speed", 1),
+    ("rise ψ [s]", "rise_yaw_s", 2),
+    ("over ψ [%]", "overshoot_yaw", 1),
+    ("time [s]", "time_s", 1),
+    ("clear [m]", "min_clearance_m", 2),
+    ("effort [s]", "effort", 2),
+)
+"""Criteria as the table names them, with decimals."""
+
+
+def _shown(found: "Tuning") -> "dict[str, GainSet]":
+    """Rows of the table: the proposed set, the ends of the front, the present one, the rules."""
+    sets = {"proposed": found.best}
+    for words, k in found.extremes.items():
+        sets[words] = found.front[k]
+    sets["present"] = found.present
+    for rule in found.rules:
+        sets[rule.name if len(rule.axes) > 1 else f"{rule.name} ({rule.axes[0]})"] = rule
+    return sets
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def _caption(found: "Tuning") -> str:
+    test = found.test
+    return (
+        f"V to {test.speed:.3g} m/s, ψ by 60° and back to -60°; effort: ∫(V_cmd² + ψ_cmd²) dt; "
+        f"a dash: never; --json has all {len(found.front)} sets to choose from"
+    )
+
+
+def _gains(chosen: "GainSet") -> str:
+    return ", ".join(f"{name} {value:g}" for name, value in chosen.gains.items())
+
+
+def _margins(chosen: "GainSet") -> list[str]:
+    """Gain and phase margin of each axis."""
+    return [
+        f"{_or_any('× {:.2g}', m.gain)}, {_or_any('{:.0f}°', m.phase_deg)}"
+        if m.stable
+        else "unstable"
+        for m in chosen.margins.values()
+    ]
+
+
+def _or_any(form: str, margin: float) -> str:
+    return "any" if isinf(margin) else form.format(margin)

@@ -1,0 +1,121 @@
+"""The picture of ``sysid tune``: its front, and answers of the proposed and the present gains."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from sysid.data.record import Array
+    from sysid.mission.contracts import Controller
+    from sysid.mission.spec import Mission
+    from sysid.mission.tuning.tuned import Tuning
+    from sysid.report.missions.front_drawing import Trade
+    from sysid.report.missions.response_drawing import Panel
+    from sysid.structures.model import Model
+
+    Criteria = Mapping[str, float | None]
+
+_RULES = {
+    "ziegler-nichols": "ZN",
+    "ziegler-nichols-edge": "ZN edge",
+    "cohen-coon": "CC",
+    "lambda": "λ",
+    "simc": "SIMC",
+}
+"""Short names of rules; others keep theirs."""
+
+
+def draw_tuning(path: Path, name: str, given: "Mission", found: "Tuning", model: "Model") -> None:
+    """Draw the choice.
+
+    Args:
+        path: the picture.
+        name: of the mission.
+        given: the mission with its present gains.
+        found: the choice.
+        model: of the plant.
+    """
+    import numpy as np
+
+    from sysid.report.plots import FrontPicture, plot_front
+
+    trades = [
+        _trade(found, "the steps", ("rise of V and ψ [s]", "rise"), ("overshoot [%]", "overshoot")),
+        _trade(found, "the mission", ("time [s]", "time"), ("effort [s]", "effort")),
+    ]
+    if found.best.criteria["min_clearance_m"] is not None:
+        across, up = ("time [s]", "time"), ("nearest obstacle [m]", "clearance")
+        trades.append(_trade(found, "its obstacles", across, up))
+    gains = ", ".join(f"{name} {value:g}" for name, value in found.best.gains.items())
+    plants = f", worst of {found.plants} plants" if found.plants > 1 else ""
+    plot_front(
+        path,
+        FrontPicture(
+            title=f"{name}: {len(found.front)} sets of gains to choose from",
+            subtitle=f"proposed: {gains}; {found.trials} tried{plants}",
+            trades=tuple(trades),
+            shade=np.array([_axis(s.criteria, "effort") for s in found.front]),
+            shade_name="effort [s]",
+            proposed=found.proposed,
+            answers=_answers(given, found, model),
+        ),
+    )
+
+
+def _axis(criteria: "Criteria", what: str) -> float:
+    """One criterion of a set, of both axes together."""
+    c = {name: float("inf") if v is None else v for name, v in criteria.items()}
+    if what == "rise":
+        return c["rise_speed_s"] + c["rise_yaw_s"]
+    if what == "overshoot":
+        return max(c["overshoot_speed"], c["overshoot_yaw"])
+    return c[{"time": "time_s", "effort": "effort", "clearance": "min_clearance_m"}[what]]
+
+
+def _trade(found: "Tuning", title: str, across: tuple[str, str], up: tuple[str, str]) -> "Trade":
+    import numpy as np
+
+    from sysid.report.plots import Mark, Trade
+
+    def both(sets: "Sequence[Criteria]") -> "Array":
+        return np.array([[_axis(c, across[1]), _axis(c, up[1])] for c in sets])
+
+    named = [("present", found.present), *((_RULES.get(r.name, r.name), r) for r in found.rules)]
+    marks = tuple(Mark(name, *both([s.criteria])[0].tolist()) for name, s in named if s.arrives)
+    front = both([s.criteria for s in found.front])
+    return Trade(title, across[0], up[0], both(found.tried), front, marks)
+
+
+def _answers(given: "Mission", found: "Tuning", model: "Model") -> "tuple[Panel, ...]":
+    """Steps of speed and yaw with the estimated plant, and the path of the mission."""
+    import numpy as np
+
+    from sysid.mission.robot.mapping import as_robot
+    from sysid.mission.simulator import simulate
+    from sysid.report.plots import Line, Panel
+
+    robot, _ = as_robot(model.plant(), given)
+    steps = found.test.mission(given)
+
+    def log(mission: "Mission", control: "Controller") -> "dict[str, Array]":
+        return dict(simulate(mission.model_copy(update={"control": control}), robot).log)
+
+    controllers = {"proposed": found.mission.control, "present": given.control}
+    logs = {name: log(steps, control) for name, control in controllers.items()}
+    speed, yaw = [], []
+    for name, run in logs.items():
+        first, turning = (
+            run["t"] < found.test.yaw_at,
+            run["t"] >= found.test.yaw_at - steps.control.period,
+        )
+        psi = np.degrees(np.unwrap(run["psi"]))
+        speed.append(Line(name, run["t"][first], run["v"][first]))
+        yaw.append(Line(name, run["t"][turning], psi[turning]))
+    v_ref, psi_ref = run["v_ref"][first], np.degrees(run["psi_ref"][turning])
+    speed.append(Line("reference", run["t"][first], v_ref, reference=True))
+    yaw.append(Line("reference", run["t"][turning], psi_ref, reference=True))
+    return (
+        Panel("step of the speed", "time [s]", "V [m/s]", tuple(speed)),
+        Panel("step of the yaw and back", "time [s]", "ψ [°]", tuple(yaw)),
+    )

@@ -1,0 +1,105 @@
+"""A mission file with another law: its text as it is, but for the section of that law."""
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from sysid.data.files import write_atomic
+from sysid.errors import DataError, UsageError
+from sysid.mission.control.axes import AXES, AxisController
+from sysid.mission.registry import kind_of
+from sysid.mission.settings import TunedSettings
+from sysid.mission.spec import Mission, load_mission
+from sysid.mission.yaml_source import read_yaml
+
+
+def write_mission(source: Path, target: Path, mission: Mission, role: str = "control") -> Path:
+    """Write a mission file again with the controller, or another law, of a mission.
+
+    Comments and order of the file stay; what stood in the section of the law goes.
+
+    Args:
+        source: the file that the mission is from.
+        target: the file to write.
+        mission: with its new law.
+        role: the section, ``control`` or ``navigation``.
+
+    Raises:
+        UsageError: the target is the source.
+        DataError: the file cannot be written, or the law cannot be said in one.
+    """
+    if target.exists() and target.samefile(source):
+        raise UsageError(f"{target} is the mission itself; name another file")
+    text = source.read_bytes().decode("utf-8-sig")
+    law = getattr(mission, role)
+    new = replaced(text, read_yaml(source).values, role, section(role, law))
+    write_atomic(target, new.encode())
+    if getattr(load_mission(target), role) != law:
+        raise DataError(
+            f"{target} does not give the law of {role} back: a mission file cannot name it"
+        )
+    return target
+
+
+def section(role: str, control: Any) -> dict[str, Any]:
+    """The section of a mission file that describes a law: every gain, and what is no default."""
+    if not isinstance(control, AxisController):
+        return {"kind": kind_of(role, control), **_keys(control)}
+    found: dict[str, Any] = {}
+    for axis in AXES:
+        law = getattr(control, axis)
+        found[axis] = {"kind": kind_of(f"control.{axis}", law), **_keys(law)}
+    return found | {k: v for k, v in _keys(control).items() if k not in found}
+
+
+def _keys(law: Any) -> dict[str, Any]:
+    """Keys of a law that are gains, or no defaults."""
+    gains = {name.partition(".")[0] for name in law.gains} if isinstance(law, TunedSettings) else {}
+    said = law.model_dump()
+    return {
+        name: list(said[name]) if isinstance(said[name], tuple) else said[name]
+        for name, field in type(law).model_fields.items()
+        if name not in AXES and (name in gains or said[name] != field.get_default())
+    }
+
+
+def replaced(text: str, values: dict[str, Any], role: str, law: dict[str, Any]) -> str:
+    """The text of a mission file with another section.
+
+    Args:
+        text: of the file.
+        values: what it says.
+        role: name of the section.
+        law: the new section.
+    """
+    block = _block(role, law)
+    root = yaml.compose(text, Loader=yaml.SafeLoader)
+    if not isinstance(root, yaml.MappingNode) or root.flow_style:
+        # one mapping in braces: there is no line that could be kept
+        whole: str = yaml.safe_dump({**values, role: law}, sort_keys=False)
+        return whole
+    for key, value in root.value:
+        if key.value == role:
+            lines = text.splitlines(keepends=True)
+            end = _last_line(value, key.start_mark.line)
+            kept = "".join(lines[end + 1 :])
+            return "".join(lines[: key.start_mark.line]) + block + kept
+    return text + ("" if text.endswith("\n") else "\n") + block
+
+
+def _last_line(node: yaml.Node, line: int) -> int:
+    """The last line on which something of a value stands; blank lines and comments are outside."""
+    if isinstance(node, yaml.CollectionNode) and not node.flow_style and node.value:
+        last = node.value[-1]
+        return _last_line(last[1] if isinstance(last, tuple) else last, line)
+    return max(line, int(node.end_mark.line) - (node.end_mark.column == 0))
+
+
+def _block(role: str, law: dict[str, Any]) -> str:
+    """A section, each axis and key on a line of its own."""
+    lines = []
+    for key, value in law.items():
+        shown = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=1000)
+        lines.append(f"  {key}: {shown.removesuffix('...' + chr(10)).strip()}\n")
+    return f"{role}:\n" + "".join(lines)
