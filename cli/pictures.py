@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from sysid.plant.replay import Replay
     from sysid.report.correlation_panels import LagTest
     from sysid.report.fit_picture import FitSegment
+    from sysid.report.mission_drawing import MissionPicture
     from sysid.report.missions.estimate_drawing import Estimate
 
 
@@ -92,22 +93,46 @@ def draw_ranking(path: Path, ranking: "Ranking") -> None:
 
 def draw_mission(path: Path, name: str, mission: "Mission", result: "MissionResult") -> None:
     """Draw the path among the obstacles with its references and commands."""
+    from dataclasses import replace
+
     import numpy as np
 
-    from sysid.report.plots import MissionPicture, Obstacle, plot_mission
+    from sysid.report.plots import plot_mission
 
-    log, seconds = result.log, result.time_s
+    log = result.log
+    pose = np.column_stack([log["x"], log["y"], log["psi"]])
+    picture = replace(
+        mission_scene(mission, name, log["t"], pose, log["v"]),
+        outcome=result.outcome.value,
+        pwm=np.column_stack([log["pwm_l"], log["pwm_r"]]),
+        speed_reference=log["v_ref"],
+        heading_reference=log["psi_ref"],
+        min_clearance=result.min_clearance_m,
+        estimate=_estimate(log),
+    )
+    plot_mission(path, picture)
+
+
+def mission_scene(
+    mission: "Mission", name: str, t: "Array", pose: "Array", speed: "Array"
+) -> "MissionPicture":
+    """A drive (t [s], x, y [m], ψ [rad], speed [m/s]) among what its mission has in the plane."""
+    import numpy as np
+
+    from sysid.report.plots import MissionPicture, Obstacle
+
+    seconds = float(t[-1])
 
     def line(points: "Sequence[tuple[float, float]]") -> "Array | None":
         return np.array(points) if points else None
 
-    picture = MissionPicture(
+    return MissionPicture(
         name=name,
-        outcome=result.outcome.value,
-        t=log["t"],
-        pose=np.column_stack([log["x"], log["y"], log["psi"]]),
-        speed=log["v"],
-        pwm=np.column_stack([log["pwm_l"], log["pwm_r"]]),
+        outcome="",
+        t=t,
+        pose=pose,
+        speed=speed,
+        pwm=np.zeros((len(t), 2)),
         goal=mission.goal,
         tolerance=mission.tolerance,
         obstacles=tuple(
@@ -119,12 +144,7 @@ def draw_mission(path: Path, name: str, mission: "Mission", result: "MissionResu
         waypoints=line(mission.waypoints),
         course=line(mission.path and (mission.start[:2], *mission.path, mission.goal)),
         influence=mission.guidance.reach,
-        speed_reference=log["v_ref"],
-        heading_reference=log["psi_ref"],
-        min_clearance=result.min_clearance_m,
-        estimate=_estimate(log),
     )
-    plot_mission(path, picture)
 
 
 def _estimate(log: "Mapping[str, Array]") -> "Estimate | None":

@@ -31,12 +31,14 @@ class Repeats:
         seed: of the batch, of a run of it to replay, or of the noise of one run; None for 0.
         vary: names of what varies; None for what the mission says.
         scheduler: who runs them; None for this process.
+        measured: log of a drive to lay over the runs; None for none.
     """
 
     runs: int | None = None
     seed: int | None = None
     vary: tuple[str, ...] | None = None
     scheduler: str | None = None
+    measured: Path | None = None
 
     def refuse_for_log(self, log: Path) -> None:
         """A log is replayed once.
@@ -44,7 +46,7 @@ class Repeats:
         Raises:
             UsageError: an option of runs is given.
         """
-        for name in ("runs", "seed", "vary", "scheduler"):
+        for name in ("runs", "seed", "vary", "scheduler", "measured"):
             if getattr(self, name) is not None:
                 raise UsageError(f"{log} is a log to replay: --{name} has no use with it")
 
@@ -98,14 +100,22 @@ def repeats(
             help="With --runs: processes, or the address of a Dask scheduler [threads].",
         ),
     ] = None,
+    measured: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="LOG",
+            help="Log of a drive of this mission, with its pose: where does it leave what the runs "
+            "predict, and why?",
+        ),
+    ] = None,
 ) -> Repeats:
     """The options of many runs."""
-    if vary is not None and runs is None and seed is None:
+    if vary is not None and runs is None and seed is None and measured is None:
         raise UsageError("--vary says what differs between runs: give --runs, or --seed of one run")
     if scheduler is not None and runs is None:
         raise UsageError("--scheduler shares many runs: give --runs as well")
     names = None if vary is None else tuple(name.strip() for name in vary.split(","))
-    return Repeats(runs, seed, names, scheduler)
+    return Repeats(runs, seed, names, scheduler, measured)
 
 
 def candidates(

@@ -12,6 +12,7 @@ from .. import reading, render, targets
 from ..mission_options import AcceptChanges
 from .law_options import LawChoice, law_choice, refuse_for_log
 from .many_runs import Repeats, Ride, candidates, drive_many, repeats, ride, show_files, show_many
+from .measured import draw_measured, lay_over, show_measured
 
 if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
@@ -57,7 +58,7 @@ def simulate(
     place = Workspace(workspace)
     package = load_plant(place, plant, accept_changes)
     drives = mission.suffix.lower() in _MISSION_FILES
-    if drives and read != ReadOptions():
+    if drives and how.measured is None and read != ReadOptions():
         raise UsageError(f"{mission} is a mission: options of reading a log have no use with it")
     if not drives:
         refuse_for_log(laws, mission)
@@ -70,13 +71,16 @@ def simulate(
     if target.exists() and mission.exists() and target.samefile(mission):
         raise UsageError(f"--log {target} would overwrite what is simulated; name another file")
     if drives:
-        facts = _driven(mission, place, package, (target, plot), laws, how)
+        facts = _driven(mission, place, package, (target, plot), laws, how, read)
     else:
         facts = _replay(mission, package.plant(), target, plot, read)
     facts["warnings"] = [*package.notes, *facts["warnings"]]
     if json:
         render.document(facts)
-    elif "runs" in facts:
+        return
+    if "measured" in facts:
+        show_measured(facts["measured"])
+    if "runs" in facts:
         show_many(mission, facts, how)
     else:
         _show(mission.name, facts)
@@ -105,15 +109,28 @@ def _driven(
     files: tuple[Path, Path | None],
     laws: LawChoice,
     how: Repeats,
+    read: "ReadOptions",
 ) -> dict[str, Any]:
-    """Once, or many times; the log and the picture to write are given."""
+    """Once, or many times, and beside a measured drive; log and picture to write are given."""
     from sysid.mission.spec import load_mission
 
     mission = laws.applied(load_mission(path))
     models = candidates(place, package, mission, how)
+    if how.measured is None:
+        if how.runs is not None:
+            return drive_many(path, mission, models, *files, how)
+        return _drive(path, package.plant(), *files, ride(mission, package, models, how))
+    found, measured, warnings = lay_over(how.measured, mission, models, how, read)
+    log, plot = files
     if how.runs is not None:
-        return drive_many(path, mission, models, *files, how)
-    return _drive(path, package.plant(), *files, ride(mission, package, models, how))
+        facts = drive_many(path, mission, models, log, None, how)
+    else:
+        facts = _drive(path, package.plant(), log, None, ride(mission, package, models, Repeats()))
+    facts |= {"measured": measured, "warnings": [*facts["warnings"], *warnings]}
+    if plot is not None:
+        draw_measured(plot, path.stem, mission, found)
+        facts["plot"] = plot
+    return facts
 
 
 def _drive(path: Path, plant: "Plant", log: Path, plot: Path | None, given: Ride) -> dict[str, Any]:

@@ -184,12 +184,9 @@ def _circle(x: float, y: float, radius: float) -> tuple[Array, Array]:
 
 
 def _draw_scene(axes: "Axes", picture: MissionPicture) -> None:
-    _draw_obstacles(axes, picture)
-    _draw_way(axes, picture)
-    goal = _circle(*picture.goal, picture.tolerance)
-    axes.fill(*goal, color=style.GREEN, alpha=0.18, linewidth=0, zorder=2)
-    axes.plot(*goal, color=style.GREEN, linewidth=1.0, label="goal and tolerance", zorder=2)
-    axes.plot(*picture.goal, color=style.GREEN, marker="+", markersize=6, linestyle="none")
+    draw_obstacles(axes, picture)
+    draw_way(axes, picture)
+    draw_goal(axes, picture)
     every = max(1, len(picture.pose) // _PATH_POINTS)
     path = np.vstack([picture.pose[::every], picture.pose[-1:]])
     axes.plot(path[:, 0], path[:, 1], color=style.BLUE, linewidth=1.6, label="path", zorder=3)
@@ -219,7 +216,15 @@ def _draw_scene(axes: "Axes", picture: MissionPicture) -> None:
     axes.set_title(" ")
 
 
-def _draw_obstacles(axes: "Axes", picture: MissionPicture) -> None:
+def draw_goal(axes: "Axes", picture: MissionPicture) -> None:
+    """The goal with its tolerance."""
+    goal = _circle(*picture.goal, picture.tolerance)
+    axes.fill(*goal, color=style.GREEN, alpha=0.18, linewidth=0, zorder=2)
+    axes.plot(*goal, color=style.GREEN, linewidth=1.0, label="goal and tolerance", zorder=2)
+    axes.plot(*picture.goal, color=style.GREEN, marker="+", markersize=6, linestyle="none")
+
+
+def draw_obstacles(axes: "Axes", picture: MissionPicture) -> None:
     """Obstacles, walls and areas; one that moves where it began, and fainter where it ended."""
     for polygon in picture.polygons:
         axes.fill(*polygon.T, color=_SOLID, linewidth=0, zorder=2)
@@ -251,7 +256,7 @@ def _draw_obstacles(axes: "Axes", picture: MissionPicture) -> None:
             range_named = True
 
 
-def _draw_way(axes: "Axes", picture: MissionPicture) -> None:
+def draw_way(axes: "Axes", picture: MissionPicture) -> None:
     """The line to follow and the places to pass."""
     if picture.course is not None:
         axes.plot(

@@ -33,7 +33,14 @@ from sysid.report.correlation_panels import LagTest
 from sysid.report.dynamics_drawing import DynamicsPicture, PoleZeroSet, StepResponse
 from sysid.report.fit_picture import FitPicture, FitSegment
 from sysid.report.mission_drawing import MissionPicture, Obstacle
-from sysid.report.missions import front_drawing, plan_drawing, response_drawing, runs_drawing
+from sysid.report.missions import (
+    fan_drawing,
+    front_drawing,
+    plan_drawing,
+    response_drawing,
+    runs_drawing,
+)
+from sysid.report.missions.fan_drawing import FanPanel, FanPicture
 from sysid.report.missions.front_drawing import FrontPicture, Mark, Trade
 from sysid.report.missions.plan_drawing import CurvePanel, PlanPicture
 from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
@@ -46,6 +53,8 @@ if TYPE_CHECKING:
 __all__ = [
     "CurvePanel",
     "DynamicsPicture",
+    "FanPanel",
+    "FanPicture",
     "FitPicture",
     "FitSegment",
     "FrontPicture",
@@ -66,6 +75,7 @@ __all__ = [
     "inline_svg",
     "picture_format",
     "plot_dynamics",
+    "plot_fan",
     "plot_fit",
     "plot_front",
     "plot_mission",
@@ -123,6 +133,16 @@ def plot_mission(path: Path, picture: MissionPicture) -> None:
     """
     size = mission_drawing.size_inches(picture)
     _write(path, size, lambda figure: mission_drawing.draw(figure, picture))
+
+
+def plot_fan(path: Path, picture: FanPicture) -> None:
+    """Draw a measured drive over the runs that were predicted for it.
+
+    Raises:
+        UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
+    """
+    size = fan_drawing.size_inches(picture)
+    _write(path, size, lambda figure: fan_drawing.draw(figure, picture))
 
 
 def plot_plan(path: Path, picture: PlanPicture) -> None:

@@ -73,7 +73,7 @@ class CompiledRuns:
 
         Args:
             draws: at most ``lanes`` runs.
-            seen: takes verdicts (n, lanes) and X, Y (n, 2, lanes) [m] of block after block.
+            seen: takes verdicts (n, lanes) and X, Y [m], ψ [rad] (n, 3, lanes), block after block.
 
         Returns:
             Their figures, in this order.
@@ -255,7 +255,7 @@ class CompiledRuns:
                 seen = seen._replace(max_deviation_m=farthest)
                 over = ended.verdict != Verdict.GOES_ON
                 ended = Figures(*(jnp.where(over, a, b) for a, b in zip(ended, seen, strict=True)))
-                return (state, ended), (ended.verdict, jnp.stack([ended.x, ended.y]))
+                return (state, ended), (ended.verdict, jnp.stack([ended.x, ended.y, ended.psi]))
 
             return jax.lax.scan(sample, (state, ended), (clock, noise))
 

@@ -1,14 +1,17 @@
-"""The paths of some runs, for pictures."""
+"""The paths of some runs: for pictures, and to lay a measured one over them."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from sysid.data.record import Array
 from sysid.errors import ModelError
 from sysid.mission.loop import Verdict
-from sysid.mission.monte_carlo.chunks import LANES
+from sysid.mission.monte_carlo.chunks import LANES, chunks
 from sysid.mission.monte_carlo.compiled import CompiledRuns
+from sysid.mission.monte_carlo.draws import run_seeds
+from sysid.mission.monte_carlo.figures import FAILED
 from sysid.mission.monte_carlo.setup import Setup
 from sysid.mission.monte_carlo.workers import why_not_at_once
 
@@ -42,7 +45,7 @@ def paths_of(setup: Setup, seeds: Sequence[int]) -> list[Array]:
         places = np.concatenate([p for _, p in seen])
         for lane, k in enumerate(runs):
             last = int(np.argmax(verdict[:, lane] != Verdict.GOES_ON))
-            found[k] = places[: last + 1, :, lane]
+            found[k] = places[: last + 1, :2, lane]
     return [found[k] for k in sorted(found)]
 
 
@@ -52,3 +55,74 @@ def _alone(setup: Setup, seed: int) -> list[Array]:
     except ModelError:
         return []
     return [np.column_stack([log["x"], log["y"]])]
+
+
+@dataclass(frozen=True, eq=False)
+class RunPaths:
+    """Where runs were at the same instants; those that failed are left out.
+
+    Attributes:
+        t: instants [s], (N,).
+        pose: x, y [m], ψ [rad] of every run, (K, N, 3); one that has ended stays where it is.
+        ended_s: when the last of them had ended [s].
+    """
+
+    t: Array
+    pose: Array
+    ended_s: float
+
+
+def run_paths(setup: Setup, runs: int, seed: int = 0) -> RunPaths:
+    """Drive so many runs and keep their paths, 24 bytes a sample of each.
+
+    Args:
+        setup: mission, plants and what varies.
+        runs: how many.
+        seed: of the batch.
+
+    Raises:
+        ModelError: the plant is none that could drive, or cannot be drawn.
+    """
+    seeds = run_seeds(seed, runs)
+    parts = _single_paths(setup, seeds) if why_not_at_once(setup) else _all_paths(setup, seeds)
+    t = max((t for t, _, _ in parts), key=len)
+    poses = [np.pad(p, ((0, 0), (0, len(t) - p.shape[1]), (0, 0)), "edge") for _, p, _ in parts]
+    return RunPaths(t, np.concatenate(poses), max(ended for _, _, ended in parts))
+
+
+_Part = tuple[Array, Array, float]
+"""Instants, poses and the last end of some runs."""
+
+
+def _all_paths(setup: Setup, seeds: Sequence[int]) -> list[_Part]:
+    """Side by side."""
+    lanes = min(LANES, len(seeds))
+    compiled = [CompiledRuns(setup, k, lanes) for k in range(len(setup.plants))]
+    found = []
+    for chunk in chunks(setup, seeds, lanes):
+        own, poses = compiled[chunk.which], list[Array]()
+
+        def keep(_: Array, places: Array, poses: list[Array] = poses) -> None:
+            poses.append(places)
+
+        figures = own.figures(own.driver.drawing.draw(chunk.seeds), keep)
+        kept = np.flatnonzero(figures.verdict != FAILED)
+        t = np.concatenate([own.clock.block(k).t for k in range(len(poses))])
+        pose = np.moveaxis(np.concatenate(poses)[..., kept], -1, 0)
+        found.append((t, pose, float(figures.time_s[kept].max(initial=0.0))))
+    return found
+
+
+def _single_paths(setup: Setup, seeds: Sequence[int]) -> list[_Part]:
+    """One after the other."""
+    found = []
+    for seed in seeds:
+        try:
+            log = setup.simulated(seed).log
+        except ModelError:
+            continue
+        pose = np.column_stack([log["x"], log["y"], log["psi"]])
+        found.append((log["t"], pose[None], float(log["t"][-1])))
+    if not found:
+        raise ModelError("every run of the mission fails: the plant runs away, or a law does")
+    return found

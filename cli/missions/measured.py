@@ -1,0 +1,99 @@
+"""``sysid simulate --measured``: a measured mission laid over the runs predicted for it."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .. import render
+from ..field_options import with_options
+from .many_runs import Repeats
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sysid.data.finding import Finding
+    from sysid.data.reading.read_options import ReadOptions
+    from sysid.data.record import Record
+    from sysid.mission.measured.fan import Comparison
+    from sysid.mission.spec import Mission
+    from sysid.structures.model import Model
+
+
+def lay_over(
+    log: Path, mission: "Mission", models: "Sequence[Model]", how: Repeats, read: "ReadOptions"
+) -> "tuple[Comparison, dict[str, Any], list[str]]":
+    """Compare a log with runs of its mission, and have its diagnosis name why it leaves them.
+
+    Returns:
+        The comparison, ``measured`` of the document, and warnings.
+    """
+    from sysid.data.finding import warned
+    from sysid.discrepancy.proof.likely_cause import likely_cause
+    from sysid.mission.measured.against import RUNS, against_runs
+
+    record, findings = _drive(log, read)
+    runs = min(how.runs or RUNS, MOST)
+    with render.progress(f"Driving towards {log.name}"):
+        found = against_runs(record, mission, models, runs, how.seed or 0, how.vary)
+    facts: dict[str, Any] = {**found.summary(), "cause": None, "other_causes": []}
+    facts["notes"] = list(found.notes)
+    if found.leaves is not None:
+        with render.stages("Diagnosing") as progress:
+            why = likely_cause(record, models[0], mission.vehicle.given_geometry, progress)
+        facts |= {"cause": why.name, "other_causes": list(why.others)}
+        facts["sentence"] += f" {with_options(why.sentence)}"
+    return found, facts, [with_options(f) for f in warned(findings)]
+
+
+MOST = 4000
+"""Paths that a fan keeps: more make it no smoother, and memory grows with them."""
+
+
+def _drive(log: Path, read: "ReadOptions") -> "tuple[Record, tuple[Finding, ...]]":
+    """The longest record of a log, on an even grid with lost readings held."""
+    from sysid.data.preparation import Preparation, read_prepared
+
+    if read.resample == "auto":
+        read = replace(read, resample="hold")
+    records, findings = read_prepared([log], read, Preparation())
+    return max(records, key=len), findings
+
+
+def show_measured(found: dict[str, Any]) -> None:
+    """What the comparison says, and what was done for it."""
+    for note in found["notes"]:
+        render.say(note)
+    share = 100 * found["inside_share"]
+    render.say(f"{found['sentence']} Of its instants {share:.3g} % lie inside.")
+
+
+def draw_measured(path: Path, name: str, mission: "Mission", found: "Comparison") -> None:
+    """Draw the fan with the measured path over it."""
+    import numpy as np
+
+    from sysid.mission.measured.fan import QUANTITIES, UNITS
+    from sysid.report.plots import FanPanel, FanPicture, plot_fan
+
+    from ..pictures import mission_scene
+
+    fan, reach = found.fan, found.fan.limit * found.fan.scale
+    turns = 2.0 * np.pi * np.round((found.values[:, 2] - fan.middle[:, 2]) / (2.0 * np.pi))
+    measured = found.values - np.array([0.0, 0.0, 1.0, 0.0]) * turns[:, None]
+    panels = tuple(
+        FanPanel(
+            f"{words} [{UNITS[k]}]",
+            fan.low[:, k],
+            fan.high[:, k],
+            (fan.middle - reach)[:, k],
+            (fan.middle + reach)[:, k],
+            measured[:, k],
+        )
+        for k, words in enumerate(("x", "y", "heading", "speed"))
+    )
+    head = "stays inside" if found.leaves is None else f"leaves at {found.leaves_at_s:.1f} s"
+    scene = mission_scene(
+        mission, name, fan.t, found.values[:, :3], found.values[:, QUANTITIES.index("speed")]
+    )
+    facts = f"{fan.runs} runs of {name}; measured: {found.name}"
+    title = f"{found.name} {head} {'the fan of its runs' if found.leaves is None else ''}".strip()
+    plot_fan(path, FanPicture(scene, fan.ways, fan.t, panels, found.leaves, title, facts))
