@@ -24,6 +24,7 @@ from sysid.data.files import write_atomic
 from sysid.errors import UsageError
 from sysid.report import (
     dynamics_drawing,
+    fan_drawing,
     fit_drawing,
     mission_drawing,
     ranking_drawing,
@@ -31,16 +32,15 @@ from sysid.report import (
 )
 from sysid.report.correlation_panels import LagTest
 from sysid.report.dynamics_drawing import DynamicsPicture, PoleZeroSet, StepResponse
+from sysid.report.fan_drawing import FanPanel, FanPicture
 from sysid.report.fit_picture import FitPicture, FitSegment
 from sysid.report.mission_drawing import MissionPicture, Obstacle
 from sysid.report.missions import (
-    fan_drawing,
     front_drawing,
     plan_drawing,
     response_drawing,
     runs_drawing,
 )
-from sysid.report.missions.fan_drawing import FanPanel, FanPicture
 from sysid.report.missions.front_drawing import FrontPicture, Mark, Trade
 from sysid.report.missions.plan_drawing import CurvePanel, PlanPicture
 from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
