@@ -41,6 +41,7 @@ _PLACES = {
     "read_logs": "sysid.data.io",
     "simulate": "sysid.interface",
     "structure": "sysid.interface",
+    "tune": "sysid.interface",
     "write_package": "sysid.export.package",
 }
 """Name → the module that holds it."""
@@ -68,6 +69,7 @@ if TYPE_CHECKING:
     from sysid.interface import plan as plan
     from sysid.interface import simulate as simulate
     from sysid.interface import structure as structure
+    from sysid.interface import tune as tune
     from sysid.mission.spec import Mission as Mission
     from sysid.mission.spec import load_mission as load_mission
     from sysid.plant.package import load_plant as load_plant

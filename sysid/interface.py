@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from sysid.mission.plan import Plan
     from sysid.mission.result import MissionResult
     from sysid.mission.spec import Mission
+    from sysid.mission.tuning.tuned import Tuning
     from sysid.structures.plant import Plant
     from sysid.vehicle.kinematics import Geometry
 
@@ -247,6 +248,39 @@ def _mission(mission: "Mission | str | Path") -> "Mission":
     from sysid.mission.spec import Mission, load_mission
 
     return mission if isinstance(mission, Mission) else load_mission(mission)
+
+
+def tune(
+    mission: "Mission | str | Path",
+    plant: "Plant | Model",
+    *,
+    trials: int = 256,
+    robust: int = 8,
+    seed: int = 0,
+) -> "Tuning":
+    """Gains of a mission's controller by driving many sets of them, a front to choose from.
+
+    Args:
+        mission: a mission, or the file that holds one.
+        plant: what drives; only a model has a covariance to draw other plants from.
+        trials: sets of gains.
+        robust: plants that each set drives; 1 for the estimated one.
+        seed: of sets, plants and sensor noise.
+
+    Returns:
+        The front, the proposed set (``best``), margins, and what rules read off the plant.
+
+    Raises:
+        DataError: the mission file cannot be read.
+        UsageError: the controller has no gains, or a number makes no search.
+        ModelError: no set of gains brings the robot to the goal.
+    """
+    from sysid.mission.spec import Mission, load_mission
+    from sysid.mission.tuning.search import SearchOptions
+    from sysid.mission.tuning.search import tune as search
+
+    spec = mission if isinstance(mission, Mission) else load_mission(mission)
+    return search(spec, plant, SearchOptions(trials, robust, seed))
 
 
 def diagnose(

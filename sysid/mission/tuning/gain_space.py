@@ -49,7 +49,7 @@ class GainSpace:
         if not gains:
             raise UsageError(
                 f"the controller {type(control).__name__} marks none of its keys as a gain to be "
-                "tuned: choose `control` of another kind, or mark its keys with Search(low, high)"
+                "tuned: choose another kind of controller, or mark its keys with Search(low, high)"
             )
         bounds = np.array(list(gains.values()), dtype=np.float64)
         return cls(tuple(gains), bounds[:, 0], bounds[:, 1])
