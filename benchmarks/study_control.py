@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from control_cases import FAMILY, PERIOD, driven, family_runs
+from compensated_robots import FAMILY, PERIOD, driven, family_runs
 from stamps import stamped
 
 from sysid.data.preprocess import Detrend

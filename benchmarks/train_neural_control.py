@@ -12,7 +12,7 @@ import re
 from pathlib import Path
 
 import numpy as np
-from control_cases import FAMILY, PERIOD, family_rms, family_runs
+from compensated_robots import FAMILY, PERIOD, family_rms, family_runs
 
 from sysid.data.record import Array
 from sysid.mission.control.neural import features
