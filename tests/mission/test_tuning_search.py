@@ -4,6 +4,7 @@ import re
 import shlex
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,8 +16,10 @@ import sysid
 from sysid.errors import ModelError, UsageError
 from sysid.estimation.pem import fit
 from sysid.export.package import write_package
+from sysid.mission.contracts import ControlInputs
 from sysid.mission.control.axes import AxisController
 from sysid.mission.control.linear import PD, P
+from sysid.mission.control.pi_p import SpeedPIYawP
 from sysid.mission.loop import Verdict
 from sysid.mission.monte_carlo.setup import Setup
 from sysid.mission.result import write_log
@@ -111,6 +114,24 @@ def test_runs_side_by_side_are_runs_one_by_one() -> None:
     # hundreds of steps, each rounded otherwise
     np.testing.assert_allclose(together.v[:rows], alone.v[:rows], rtol=0, atol=1e-9)
     np.testing.assert_allclose(together.psi[:rows], alone.psi[:rows], rtol=0, atol=1e-9)
+
+
+class Branching(SpeedPIYawP):
+    """A law that asks ``if`` of a number, which nothing that compiles can answer."""
+
+    def step(self, state: Any, inputs: ControlInputs, dt: Any, xp: Any) -> Any:
+        return super().step(state, inputs, dt if inputs.estimate.speed < 9 else 0.0, xp)
+
+
+def test_a_law_that_cannot_be_compiled_is_driven_run_by_run_and_said_so() -> None:
+    branching = SHORT.model_copy(update={"control": Branching()})
+    few = SearchOptions(8, 1)
+    alone, together = tune(branching, model(), few), tune(SHORT, model(), few)
+    assert any("the law of control cannot be compiled" in note for note in alone.notes)
+    assert not any("compiled" in note for note in together.notes)
+    assert [s.gains for s in alone.front] == [s.gains for s in together.front]
+    for one, other in zip(alone.front, together.front, strict=True):
+        assert one.criteria == pytest.approx(other.criteria, abs=1e-9)
 
 
 def test_rise_and_overshoot_are_those_of_the_answers() -> None:
