@@ -40,6 +40,7 @@ _PLACES = {
     "read_log": "sysid.data.io",
     "read_logs": "sysid.data.io",
     "simulate": "sysid.interface",
+    "simulate_runs": "sysid.interface",
     "structure": "sysid.interface",
     "tune": "sysid.interface",
     "write_package": "sysid.export.package",
@@ -68,6 +69,7 @@ if TYPE_CHECKING:
     from sysid.interface import load_model as load_model
     from sysid.interface import plan as plan
     from sysid.interface import simulate as simulate
+    from sysid.interface import simulate_runs as simulate_runs
     from sysid.interface import structure as structure
     from sysid.interface import tune as tune
     from sysid.mission.spec import Mission as Mission

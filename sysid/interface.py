@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from sysid.discrepancy.diagnosis import Diagnosis
     from sysid.estimation.selection.comparison import Ranking
     from sysid.mission.estimate import Estimation
+    from sysid.mission.monte_carlo.mission_runs import MissionRuns
     from sysid.mission.plan import Plan
     from sysid.mission.result import MissionResult
     from sysid.mission.spec import Mission
@@ -203,6 +204,35 @@ def simulate(
     spec = _mission(mission)
     robot, _ = as_robot(plant.plant() if isinstance(plant, Model) else plant, spec)
     return drive(spec, robot, seed)
+
+
+def simulate_runs(
+    mission: "Mission | str | Path",
+    plant: "Plant | Model | Sequence[Model]",
+    runs: int,
+    *,
+    seed: int = 0,
+    vary: Sequence[str] | None = None,
+) -> "MissionRuns":
+    """Drive a mission many times, with what is not known for sure drawn for every run.
+
+    Args:
+        mission: a mission, or the file that holds one.
+        plant: what drives; a model's parameters are drawn from their covariance. Several models
+            where they vary, the first nominal.
+        runs: how many.
+        seed: of the batch.
+        vary: names of what varies; None for what the mission says.
+
+    Raises:
+        DataError: the mission file cannot be read.
+        ModelError: the plant cannot drive it.
+        UsageError: a name or a number makes no sense.
+    """
+    from sysid.mission.monte_carlo.runs import simulate_runs as drive
+
+    plants = list(plant) if isinstance(plant, Sequence) else [plant]
+    return drive(_mission(mission), plants, runs, seed, vary)
 
 
 def plan(mission: "Mission | str | Path") -> "Plan":

@@ -132,3 +132,13 @@ def test_a_mission_is_planned_and_a_log_of_its_sensors_estimated(tmp_path: Path)
     # 1 rad/s at r = 0.0215 m for 1 s, on the straight.
     assert found.columns["x_est"][-1] == pytest.approx(0.0215, rel=1e-6)
     assert found.columns["y_est"][-1] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_mission_is_driven_many_times() -> None:
+    from mission_cases import Robot
+
+    mission = sysid.Mission.model_validate({"goal": (0.5, 0.0), "vary": {"start": {"x": 0.02}}})
+    found = sysid.simulate_runs(mission, Robot(), 20, seed=1)  # type: ignore[arg-type]
+    assert sum(o.count for o in found.outcomes.values()) == 20
+    again = sysid.simulate_runs(mission, Robot(), 20, seed=1)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(found.time_s, again.time_s)
