@@ -46,6 +46,7 @@ MADE_BY: dict[str, tuple[str, str]] = {
     "grey_boxes.md": ("study_grey_box.py", "python benchmarks/study_grey_box.py"),
     "diagnose_study.md": ("study_diagnose.py", "make study-diagnose"),
     "navigation.md": ("study_navigation.py", "make study"),
+    "prediction_intervals.md": ("study_missions.py", "make study"),
     "tours.md": ("study_tour.py", "make study"),
     "odd_logs.md": ("study_odd_logs.py", "make study"),
     "benchmark_linear.md": ("bench_linear.py", "make bench"),
