@@ -220,5 +220,8 @@ believed.
 
 
 if __name__ == "__main__":
+    from stamps import stamped
+
     REPORT.write_text(page(), encoding="utf-8")
+    stamped(REPORT)
     print(REPORT.read_text(encoding="utf-8"))
