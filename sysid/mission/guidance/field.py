@@ -142,12 +142,12 @@ class PotentialField(GuidanceSettings):
         x, y, psi = pose
         turn = state.after(psi, xp)
         acting = acting_points(scene, x, y, inputs.t, xp)
-        body = inputs.estimate
-        fx, fy = total_force(x, y, scene.goal, [o for o in acting if not moves(o)], self, xp)
-        for o in acting:
-            if moves(o):
-                rx, ry = moving_force(body, o, self.eta, self.rho0, xp)
-                fx, fy = fx + rx, fy + ry
+        moving = [o for o in acting if moves(o)]
+        resting = [o for o in acting if not moves(o)] if moving else acting
+        fx, fy = total_force(x, y, scene.goal, resting, self, xp)
+        for o in moving:
+            rx, ry = moving_force(inputs.estimate, o, self.eta, self.rho0, xp)
+            fx, fy = fx + rx, fy + ry
         speed = speed_reference(x, y, scene.goal, acting, self, xp)
         # Where the forces cancel exactly no direction is better than the present one.
         heading = xp.where((fx == 0) & (fy == 0), psi, xp.arctan2(fy, fx))

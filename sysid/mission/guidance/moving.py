@@ -15,8 +15,8 @@ CLOSEST = 0.02
 
 def moves(disc: Disc) -> bool:
     """Whether an obstacle moves, or may move in another run of a batch."""
-    at_rest = all(isinstance(v, int | float) and v == 0 for v in (disc.vx, disc.vy))
-    return not at_rest
+    vx, vy = disc.vx, disc.vy
+    return not (isinstance(vx, int | float) and isinstance(vy, int | float) and vx == vy == 0)
 
 
 def braked_distance(body: Body, disc: Disc, xp: Any) -> tuple[Real, Real, Real, Real]:
