@@ -1,0 +1,1 @@
+"""``sysid bench``: a robot's parts on the bench."""

@@ -1,0 +1,8 @@
+"""The group of commands ``sysid bench``."""
+
+import typer
+
+bench = typer.Typer(
+    no_args_is_help=True,
+    help="Characterise a robot's parts before it drives: motor, inertia, power supply.",
+)

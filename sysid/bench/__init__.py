@@ -1,0 +1,1 @@
+"""Characterising a robot before it drives: its motors, its inertia, its power supply."""

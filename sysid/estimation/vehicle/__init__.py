@@ -1,0 +1,1 @@
+"""The vehicle from logs that hold the pose: radii, widths, slip, masses."""
