@@ -11,9 +11,9 @@ from sysid.criteria.information import information_criteria
 from sysid.data.io import read_log
 from sysid.data.preprocess import Detrend
 from sysid.data.record import PWM_FULL_SCALE, Array, Channel, Record
-from sysid.discrepancy.pose.windows import path_of
 from sysid.effects.ground import Ground
 from sysid.errors import Termination
+from sysid.estimation.vehicle.windows import path_of
 from sysid.structures.augmented.structure import Augmented
 from sysid.structures.model import Model
 from sysid.vehicle.kinematics import Geometry

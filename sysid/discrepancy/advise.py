@@ -12,12 +12,12 @@ import numpy as np
 
 from sysid.data.record import Array, Record
 from sysid.discrepancy.diagnosis import Experiment
-from sysid.discrepancy.pose.windows import track_channels
 from sysid.discrepancy.search.named_sets import Node
 from sysid.discrepancy.search.naming import NamingSearch
 from sysid.discrepancy.search.supermodel import prepare
 from sysid.effects.catalogue import about, is_known
 from sysid.effects.programmes import Programme, Row
+from sysid.estimation.vehicle.windows import track_channels
 
 CLEAR = 1.0
 """Models that differ by so many noise standard deviations (RMS) are told apart at a glance."""

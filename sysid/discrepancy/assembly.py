@@ -12,7 +12,6 @@ from sysid.discrepancy.following import ASTRAY, not_followed
 from sysid.discrepancy.policies import VERDICT
 from sysid.discrepancy.pose.diagnosis import PoseDiagnosis
 from sysid.discrepancy.pose.ground_model import with_ground
-from sysid.discrepancy.pose.windows import track_channels
 from sysid.discrepancy.proof.explain import described, explain
 from sysid.discrepancy.proof.localise import Region, localise
 from sysid.discrepancy.samples import inspect_samples
@@ -23,6 +22,7 @@ from sysid.discrepancy.verdict import Remaining, story, undecided, verdict_of
 from sysid.effects.catalogue import CHANGED, about, chain_effects, ground_effects
 from sysid.effects.samples import DROPOUTS, QUANTISATION
 from sysid.errors import SysidError
+from sysid.estimation.vehicle.windows import track_channels
 from sysid.structures.model import Model
 
 FEW_WINDOWS = 40

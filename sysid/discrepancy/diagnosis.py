@@ -6,10 +6,10 @@ from typing import Any
 from sysid.data.record import Array, Record
 from sysid.discrepancy.gap import Gap
 from sysid.discrepancy.named_effects import NamedEffect
-from sysid.discrepancy.pose.geometry import GeometryEstimate
 from sysid.discrepancy.proof.localise import Region
 from sysid.discrepancy.proof.model_error import ResidualVerdict
 from sysid.effects.samples import DROPOUTS, HELD_TELEMETRY, QUANTISATION
+from sysid.estimation.vehicle.geometry import GeometryEstimate
 from sysid.structures.model import Model
 
 OF_THE_LOG = {

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Record
+from sysid.data.record import Array, Record
 
 MANY = 4
 """From this many records on each is cut once: every piece costs initial states to estimate."""
@@ -23,6 +23,26 @@ that is ordered by level or sign; the shorter the pieces, the more their initial
 
 CLOSE = 0.01
 """Held-out errors that differ by less than this fraction are the same for all purposes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Errors of one model on what it was fitted to and on what was held out.
+
+    Attributes:
+        estimation: (N, ny) of each estimation record, NaN where a sample does not count.
+        held: the same of the held-out samples.
+    """
+
+    estimation: tuple[Array, ...]
+    held: tuple[Array, ...]
+
+    def mean_squares(self) -> tuple[Array, Array]:
+        """Mean squared errors of both parts, (ny,) each."""
+        return (
+            np.nanmean(np.concatenate(self.estimation) ** 2, axis=0),
+            np.nanmean(np.concatenate(self.held) ** 2, axis=0),
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,8 @@ from command_line import write_log
 from example_package import Installed
 
 from sysid.data.record import PWM_FULL_SCALE
-from sysid.discrepancy.pose.windows import path_of
 from sysid.effects.ground import Ground
+from sysid.estimation.vehicle.windows import path_of
 from sysid.vehicle.kinematics import Geometry
 
 GAIN, DT, NOISE = 20.0, 0.05, 0.1

@@ -12,9 +12,9 @@ from scipy.signal import lfilter
 
 from sysid.data.record import Record
 from sysid.discrepancy.pose.diagnosis import PoseDiagnosis, diagnose_pose
-from sysid.discrepancy.pose.geometry import contradicted
-from sysid.discrepancy.pose.windows import path_of, track_channels, tracks_of
 from sysid.effects.ground import Ground
+from sysid.estimation.vehicle.geometry import contradicted
+from sysid.estimation.vehicle.windows import path_of, track_channels, tracks_of
 from sysid.vehicle.kinematics import Geometry
 
 ROBOT = Geometry()

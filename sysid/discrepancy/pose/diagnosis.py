@@ -29,7 +29,12 @@ from sysid.discrepancy.pose.evidence import (
     pose_gap,
     pose_residuals,
 )
-from sysid.discrepancy.pose.fit import (
+from sysid.discrepancy.search.evidence import Evidence
+from sysid.effects.base import Length
+from sysid.effects.catalogue import effect
+from sysid.effects.ground import Ground
+from sysid.estimation.vehicle.geometry import GeometryEstimate, contradicted, in_one_frame
+from sysid.estimation.vehicle.ground_fit import (
     BOTH_RADII,
     SPEED_OFFSET,
     Candidate,
@@ -44,8 +49,7 @@ from sysid.discrepancy.pose.fit import (
     lengths,
     radius_slot,
 )
-from sysid.discrepancy.pose.geometry import GeometryEstimate, contradicted, in_one_frame
-from sysid.discrepancy.pose.windows import (
+from sysid.estimation.vehicle.windows import (
     CHANNELS,
     Noise,
     Track,
@@ -53,10 +57,6 @@ from sysid.discrepancy.pose.windows import (
     track_channels,
     tracks_of,
 )
-from sysid.discrepancy.search.evidence import Evidence
-from sysid.effects.base import Length
-from sysid.effects.catalogue import effect
-from sysid.effects.ground import Ground
 from sysid.vehicle.kinematics import Geometry
 
 FEWEST = 6

@@ -10,15 +10,16 @@ from numpy.typing import NDArray
 from sysid.data.record import Array
 from sysid.discrepancy.gap import REPLICATES, ChannelGap, Gap
 from sysid.discrepancy.policies import POSE
-from sysid.discrepancy.pose.fit import (
+from sysid.discrepancy.search.evidence import Evidence
+from sysid.effects.ground import Ground
+from sysid.estimation.vehicle.ground_fit import (
     Candidate,
     Fitted,
     PoseProblem,
     PoseSearch,
 )
-from sysid.discrepancy.pose.windows import CHANNELS, OVERLAP
-from sysid.discrepancy.search.evidence import Errors, Evidence
-from sysid.effects.ground import Ground
+from sysid.estimation.vehicle.windows import CHANNELS, OVERLAP
+from sysid.fitting.holdout import Errors
 
 
 def evidence_of(before: Fitted, after: Fitted, tried: int) -> Evidence:

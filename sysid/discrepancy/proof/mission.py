@@ -15,9 +15,9 @@ import numpy as np
 
 from sysid.data.record import Array, Record
 from sysid.discrepancy.pose.ground_model import without_readings
-from sysid.discrepancy.pose.windows import path_of, track_channels
 from sysid.effects.ground import Ground
 from sysid.errors import ModelError
+from sysid.estimation.vehicle.windows import path_of, track_channels
 from sysid.mission.clearance import has_surfaces, step_clearance
 from sysid.mission.contracts import Pose
 from sysid.mission.result import MissionResult

@@ -11,7 +11,6 @@ from sysid.discrepancy.policies import BUDGET, RULE
 from sysid.discrepancy.search.admission import admissible, beyond_a_sample
 from sysid.discrepancy.search.batched_search import best_tracks, refined, search
 from sysid.discrepancy.search.evidence import (
-    Errors,
     Evidence,
     compare_errors,
     effective_samples,
@@ -26,6 +25,7 @@ from sysid.discrepancy.search.supermodel import (
 )
 from sysid.effects.base import Effect, StartsFrom
 from sysid.effects.catalogue import LEVEL, about
+from sysid.fitting.holdout import Errors
 
 
 class CandidateSearch:

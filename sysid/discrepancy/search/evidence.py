@@ -10,6 +10,7 @@ from sysid.criteria.coloured import effective_sample_size
 from sysid.data.reading.held import fresh_only, refreshes
 from sysid.data.record import Array, Record
 from sysid.discrepancy.policies import RULE
+from sysid.fitting.holdout import Errors
 
 BLOCKS = 24
 """Blocks that before and after are compared on; each still holds many time constants."""
@@ -54,26 +55,6 @@ class Evidence:
         the errors finds nothing, and the gain must be there again on held-out data.
         """
         return self.delta_bic < RULE.bic and self.t > RULE.t
-
-
-@dataclass(frozen=True, eq=False)
-class Errors:
-    """Free-run errors of one model.
-
-    Attributes:
-        estimation: (N, ny) of each estimation record, NaN where a sample does not count.
-        held: the same of the held-out samples.
-    """
-
-    estimation: tuple[Array, ...]
-    held: tuple[Array, ...]
-
-    def mean_squares(self) -> tuple[Array, Array]:
-        """Mean squared errors of both parts, (ny,) each."""
-        return (
-            np.nanmean(np.concatenate(self.estimation) ** 2, axis=0),
-            np.nanmean(np.concatenate(self.held) ** 2, axis=0),
-        )
 
 
 def effective_samples(errors: Sequence[Array]) -> Array:

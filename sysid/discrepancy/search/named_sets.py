@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array
-from sysid.discrepancy.search.evidence import Errors, Evidence
+from sysid.discrepancy.search.evidence import Evidence
+from sysid.fitting.holdout import Errors
 from sysid.fitting.profile import NORMAL
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from sysid.criteria.coloured import coloured_gram
 from sysid.data.record import Array
-from sysid.discrepancy.pose.windows import OVERLAP, Track
+from sysid.estimation.vehicle.windows import OVERLAP, Track
 from sysid.vehicle.kinematics import Geometry, wrap_angle
 
 CONTRADICTS = 0.20

@@ -8,11 +8,11 @@ import numpy as np
 
 from sysid.criteria.coloured import coloured_gram
 from sysid.data.record import Array, Index
-from sysid.discrepancy.pose.windows import CHANNELS, Noise, Track
-from sysid.discrepancy.search.evidence import Errors
 from sysid.effects.base import Effect, EffectParameter, Length
 from sysid.effects.catalogue import ground_effects
 from sysid.effects.ground import Ground
+from sysid.estimation.vehicle.windows import CHANNELS, Noise, Track
+from sysid.fitting.holdout import Errors
 from sysid.fitting.problem import Problem
 from sysid.fitting.solvers import Descent, levenberg_marquardt
 from sysid.vehicle.kinematics import Geometry
