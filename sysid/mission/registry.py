@@ -7,12 +7,13 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError, ValidationError
 
+from sysid.data.yaml_files.problems import sentence_at
+from sysid.data.yaml_files.source import shown
 from sysid.errors import UsageError
 from sysid.extensions import loaded, points, unusable
 from sysid.mission.axis import AxisLaw
 from sysid.mission.contracts import Controller, Guidance, Motion, Navigation, Sensor
 from sysid.mission.loop import COLUMNS
-from sysid.mission.yaml_source import shown
 
 GROUP = "sysid.mission"
 """Other packages name their laws in this entry-point group, as ``guidance.my-kind``."""
@@ -234,10 +235,3 @@ def _below(kind: str, error: ErrorDetails) -> InitErrorDetails:
     context = {**error.get("ctx", {}), "sentence": error["msg"]}
     custom = PydanticCustomError(error["type"], "{sentence}", context)
     return {"type": custom, "loc": (kind, *error["loc"]), "input": error["input"]}
-
-
-def sentence_at(place: tuple[str | int, ...], sentence: str) -> ValidationError:
-    """The sentence as an error of the key at a place of the section that is checked."""
-    error = PydanticCustomError("sentence", "{sentence}", {"sentence": sentence})
-    details: InitErrorDetails = {"type": error, "loc": place, "input": None}
-    return ValidationError.from_exception_data("mission", [details])

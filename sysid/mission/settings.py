@@ -6,29 +6,16 @@ A law is such a section itself: its fields are the keys a mission may give it, i
 from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple, Self
 
-from pydantic import BaseModel, ConfigDict, Field, PlainValidator, model_validator
+from pydantic import Field, PlainValidator
 
+from sysid.data.yaml_files.settings import Coordinate as Coordinate
+from sysid.data.yaml_files.settings import Gain as Gain
+from sysid.data.yaml_files.settings import Positive as Positive
+from sysid.data.yaml_files.settings import Settings as Settings
+from sysid.data.yaml_files.source import shown
 from sysid.mission.contracts import Pose, Scene, State
 from sysid.mission.traits import ControlAdvice, GuidanceAdvice, GuidanceTraits
-from sysid.mission.yaml_source import shown
 from sysid.vehicle.kinematics import Real
-
-# Bounds far outside any use, which keep every later formula inside the range of floats.
-Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
-Positive = Annotated[float, Field(ge=1e-6, le=1e6)]
-Gain = Annotated[float, Field(ge=0, le=1e6)]
-
-
-class Settings(BaseModel):
-    """A section of the mission file; unknown keys, wrong types and infinities are refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _mapping(cls, value: Any) -> Any:
-        """Read a key with nothing after it, as in ``guidance:``, as an empty section."""
-        return {} if value is None else value
 
 
 class Search(NamedTuple):

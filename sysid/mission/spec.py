@@ -20,6 +20,8 @@ from pydantic import (
 )
 
 from sysid import floats
+from sysid.data.yaml_files.problems import sentence_at
+from sysid.data.yaml_files.source import read_yaml, shown
 from sysid.errors import DataError
 from sysid.mission.clearance import inside, nearest_point
 from sysid.mission.contracts import (
@@ -42,11 +44,10 @@ from sysid.mission.guidance.waypoints import PassingWaypoints, way_length
 from sysid.mission.motion.kinematic import Kinematic
 from sysid.mission.navigation.equipment import equipped, lacking
 from sysid.mission.navigation.odometry import Odometry
-from sysid.mission.registry import default_sensor, law, sensor_set, sentence_at
+from sysid.mission.registry import default_sensor, law, sensor_set
 from sysid.mission.settings import Coordinate, Positive, Settings
 from sysid.mission.spec_problems import first_problem
 from sysid.mission.variation import Variation
-from sysid.mission.yaml_source import read_yaml, shown
 from sysid.vehicle.kinematics import Geometry, wrap_angle
 
 Place = tuple[Coordinate, Coordinate]

@@ -9,9 +9,9 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from sysid.data.record import Array
+from sysid.data.yaml_files.source import shown
 from sysid.errors import UsageError
 from sysid.mission.settings import Settings
-from sysid.mission.yaml_source import shown
 
 QUANTITIES = ("parameters", "noise", "start", "obstacles", "friction", "models")
 """What can vary, in the order in which it is told."""

@@ -6,12 +6,12 @@ from typing import Any
 import yaml
 
 from sysid.data.files import write_atomic
+from sysid.data.yaml_files.source import read_yaml
 from sysid.errors import DataError, UsageError
 from sysid.mission.control.axes import AXES, AxisController
 from sysid.mission.registry import kind_of
 from sysid.mission.settings import TunedSettings
 from sysid.mission.spec import Mission, load_mission
-from sysid.mission.yaml_source import read_yaml
 
 
 def write_mission(source: Path, target: Path, mission: Mission, role: str = "control") -> Path:
