@@ -3,8 +3,12 @@
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
+
+import numpy as np
 
 from sysid.errors import ModelError
+from sysid.vehicle.kinematics import Real
 
 
 class Shear(StrEnum):
@@ -22,53 +26,88 @@ class Shear(StrEnum):
 class Soil:
     """Ground under a track.
 
+    A number may be an array, one value a run of a batch; what a compiled batch traces is not
+    checked here, so check it before.
+
     Attributes:
         cohesion: c [Pa].
         friction_angle: φ, angle of internal shearing resistance [rad].
         shear_modulus: K of (2.28), K_max of (2.29) and (2.30): shear displacement [m].
         shear: law of shear stress against shear displacement.
         residual: K_r of (2.30), residual over largest shear stress [1].
-        rolling: μr, rolling resistance over load (2.34) [1].
+        rolling: μr, rolling resistance over load (2.34), of the running gear alone: what compacting
+            the ground takes is reckoned from n, k_c and k_phi [1].
         lateral: μl, lateral friction over load (2.35, 2.36) [1].
         n, k_c, k_phi: Bekker's p = (k_c/b + k_φ) zⁿ: exponent [1], [N/m^(n+1)], [N/m^(n+2)];
             k_phi of infinity is ground that does not give way.
+        std: standard deviations of these numbers, (name, value in the unit of the number) each;
+            a number that is not among them counts as exact.
         source: where the numbers are from.
 
     Raises:
         ModelError: a number is impossible.
     """
 
-    cohesion: float
-    friction_angle: float
-    shear_modulus: float
+    cohesion: Real
+    friction_angle: Real
+    shear_modulus: Real
     shear: Shear = Shear.JANOSI
-    residual: float = 1.0
-    rolling: float = 0.05
-    lateral: float = 0.5
-    n: float = 1.0
-    k_c: float = 0.0
-    k_phi: float = math.inf
+    residual: Real = 1.0
+    rolling: Real = 0.05
+    lateral: Real = 0.5
+    n: Real = 1.0
+    k_c: Real = 0.0
+    k_phi: Real = math.inf
+    std: tuple[tuple[str, float], ...] = ()
     source: str = ""
 
     def __post_init__(self) -> None:
-        limits = (
-            ("cohesion", 0.0, math.inf),
-            ("rolling", 0.0, math.inf),
-            ("lateral", 0.0, math.inf),
-            ("friction_angle", 0.0, 0.5 * math.pi),
-            ("k_c", 0.0, math.inf),
+        for name in ("cohesion", "rolling", "lateral", "k_c"):
+            _check(name, getattr(self, name), lambda v: (v >= 0.0) & (v < math.inf), "at least 0")
+        for name in ("shear_modulus", "n"):
+            _check(name, getattr(self, name), lambda v: (v > 0.0) & (v < math.inf), "more than 0")
+        _check("k_phi", self.k_phi, lambda v: v > 0.0, "more than 0, or inf for firm ground")
+        _check(
+            "friction_angle",
+            self.friction_angle,
+            lambda v: (v >= 0.0) & (v < 0.5 * math.pi),
+            "radians from 0 to below π/2",
         )
-        for name, low, high in limits:
-            value = getattr(self, name)
-            if not low <= value < high:
-                raise ModelError(f"the soil's {name} is {value}: give at least {low:g}")
-        for name in ("shear_modulus", "n", "k_phi"):
-            if not getattr(self, name) > 0:
-                raise ModelError(f"the soil's {name} is {getattr(self, name)}: give more than 0")
-        if not 0.0 < self.residual <= 1.0:
-            raise ModelError(f"the soil's residual is {self.residual}: give a share in (0, 1]")
+        _check(
+            "residual", self.residual, lambda v: (v > 0.0) & (v <= 1.0), "a share above 0, up to 1"
+        )
+        for name, value in self.std:
+            if name not in NUMBERS:
+                raise ModelError(f"the soil has no number {name}: std may name {_named(NUMBERS)}")
+            _check(f"std of {name}", value, lambda v: (v >= 0.0) & (v < math.inf), "at least 0")
 
     @property
     def friction(self) -> float:
         """tan φ: largest shear stress over normal stress, without cohesion [1]."""
         return math.tan(self.friction_angle)
+
+
+NUMBERS = (
+    "cohesion",
+    "friction_angle",
+    "shear_modulus",
+    "residual",
+    "rolling",
+    "lateral",
+    "n",
+    "k_c",
+    "k_phi",
+)
+"""The numbers of a soil, which may have a standard deviation."""
+
+
+def _check(name: str, value: Any, within: Any, wanted: str) -> None:
+    """Refuse a number, or an array of numbers, that is not within its limits."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.ndarray | np.floating):
+        return  # traced by a compiler: it has no value yet
+    if not np.all(within(value)):
+        raise ModelError(f"the soil's {name} is {value}: give {wanted}")
+
+
+def _named(names: tuple[str, ...]) -> str:
+    return f"{', '.join(names[:-1])} and {names[-1]}"

@@ -1,0 +1,1 @@
+"""Terramechanics: presets of soils, pressure, sinkage, resistances, drawbar pull, turning."""
