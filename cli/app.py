@@ -13,7 +13,9 @@ import typer
 from sysid.errors import SysidError
 
 from . import compare, diagnose, excite, export, fit, inspect, models, structures
-from .field_options import Command
+from .bench import motor
+from .bench.group import bench
+from .field_options import Command, every_command
 from .missions import estimate, plan, simulate, tune
 
 _HELP = {"help_option_names": ["-h", "--help"]}
@@ -40,6 +42,9 @@ for _command in (
 ):
     app.command(context_settings=_HELP, cls=Command)(_command)
 app.command(context_settings=_HELP, cls=plan.PlotMayStandAlone)(plan.plan)
+for _command in (motor.motor,):
+    bench.command(context_settings=_HELP, cls=Command)(_command)
+app.add_typer(bench, name="bench", context_settings=_HELP)
 
 _ALLOCATIONS = 100_000
 """New objects after which Python looks for circles of them; its own 700 suit a program that has no
@@ -68,10 +73,7 @@ def root(
     still lacks: sysid diagnose LOG.
     """
     if workspace is not None:
-        names = [
-            command.callback.__name__ for command in app.registered_commands if command.callback
-        ]
-        context.default_map = {name: {"workspace": str(workspace)} for name in names}
+        context.default_map = _everywhere(context.command, {"workspace": str(workspace)})
     if version:
         from sysid.version import __version__
 
@@ -108,17 +110,27 @@ def main(argv: Sequence[str] | None = None) -> int:
     return code if isinstance(code, int) else 0
 
 
+def _everywhere(group: Any, values: dict[str, str]) -> dict[str, Any]:
+    """Defaults of every command below a group, those of a group within it one level down."""
+    return {
+        name: _everywhere(command, values) if hasattr(command, "commands") else values
+        for name, command in group.commands.items()
+    }
+
+
 def _command_of(whole: Any, arguments: list[str]) -> tuple[Any, str, list[str]]:
     """The command a line asks for, its name and its own arguments.
 
     A line that begins with a command goes to it straight, not through the root: typer reads the
     root's options with pydantic, whose import would double the time of ``sysid fit --help``.
     """
-    first = arguments[0] if arguments else ""
     if not arguments:
         return whole, "sysid", ["--help"]
-    if first in whole.commands:
-        return whole.commands[first], f"sysid {first}", arguments[1:]
+    known = every_command(whole)
+    for words in (2, 1):
+        name = " ".join(arguments[:words])
+        if name in known and len(arguments) >= words:
+            return known[name], f"sysid {name}", arguments[words:]
     return whole, "sysid", arguments
 
 

@@ -50,6 +50,16 @@ def options_of(command: Any) -> dict[str, str]:
     return {p.name: max(p.opts, key=len) for p in command.params if p.opts[0].startswith("-")}
 
 
+def every_command(group: Any) -> dict[str, Any]:
+    """The commands of a group by what is typed; those of a group within it behind its name."""
+    found: dict[str, Any] = {}
+    for name, command in group.commands.items():
+        found[name] = command
+        if hasattr(command, "commands"):
+            found |= {f"{name} {own}": one for own, one in every_command(command).items()}
+    return found
+
+
 def fields_in(marked: str) -> list[Given]:
     """The fields of what stands in backticks; none where it is no such thing."""
     try:
@@ -76,7 +86,7 @@ def _declared(fields: set[str]) -> tuple[str, dict[str, str]]:
     if context is None:
         return "", {}
     root = context.obj  # of every line that ``main`` runs
-    commands = {"": context.command, **getattr(root, "commands", {})}
+    commands = {"": context.command, **(every_command(root) if root is not None else {})}
     every = ((name, options_of(command)) for name, command in commands.items())
     return next(((name, found) for name, found in every if fields <= found.keys()), ("", {}))
 

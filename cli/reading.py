@@ -185,7 +185,7 @@ def read_options(
         ts=ts,
         delimiter=delimiter,
         decimal=decimal,
-        units=_units(units or []),
+        units=units_of(units or []),
         pwm_max=pwm_max,
         resample=check_policy(resample),
         unwrap=periods(unwrap or []),
@@ -272,7 +272,12 @@ def _names(given: list[str] | None) -> tuple[str, ...]:
     return tuple(name.strip() for item in given or [] for name in item.split(","))
 
 
-def _units(given: list[str]) -> dict[str, str]:
+def units_of(given: list[str]) -> dict[str, str]:
+    """``["omega_l=rpm,t=ms"]`` as column → unit.
+
+    Raises:
+        UsageError: a text cannot be read.
+    """
     found: dict[str, str] = {}
     for item in given:
         for pair in item.split(","):

@@ -1,4 +1,4 @@
-"""The data that comes with the workbench: robot logs from a truth twin, and missions.
+"""The data that comes with the workbench: robot logs from a twin, missions, bench tables.
 
 ``path("prbs")`` is the file of a log, ``path("goal_1m")`` that of a mission; ``names()`` lists
 them. README.md beside this file says what is in each and how it was made.
@@ -9,11 +9,11 @@ from pathlib import Path
 
 __all__ = ["folder", "names", "path"]
 
-_KINDS = {"devastator": ".csv", "missions": ".yaml"}
+_KINDS = {"devastator": ".csv", "missions": ".yaml", "bench": ".csv"}
 
 
 def folder(kind: str | None = None) -> Path:
-    """The installed folder of the ``devastator`` logs or the ``missions``; the parent of both.
+    """The installed folder of the ``devastator`` logs, ``missions`` or ``bench`` tables, or of all.
 
     Raises:
         FileNotFoundError: there is no such kind; the message names those there are.
@@ -26,7 +26,7 @@ def folder(kind: str | None = None) -> Path:
 
 
 def names(kind: str) -> tuple[str, ...]:
-    """Names of the bundled ``devastator`` logs or ``missions``, sorted, without extension.
+    """Names of the bundled files of a kind, sorted, without extension.
 
     Raises:
         FileNotFoundError: there is no such kind; the message names those there are.

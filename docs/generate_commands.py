@@ -67,10 +67,14 @@ class Command:
 def commands() -> tuple[Command, ...]:
     """Every command in the order of ``sysid --help``."""
     found = []
-    for registered in app.registered_commands:
+    every = [("", registered) for registered in app.registered_commands]
+    for group in app.registered_groups:
+        assert group.typer_instance is not None
+        every += [(f"{group.name} ", one) for one in group.typer_instance.registered_commands]
+    for before, registered in every:
         function = registered.callback
         assert function is not None
-        name = registered.name or function.__name__.replace("_", "-")
+        name = before + (registered.name or function.__name__.replace("_", "-"))
         found.append(Command(name, inspect.getdoc(function) or "", _parameters(function)))
     return tuple(found)
 

@@ -22,11 +22,13 @@ _PLACES = {
     "Mission": "sysid.mission.spec",
     "Model": "sysid.structures.model",
     "ModelError": "sysid.errors",
+    "MotorOptions": "sysid.bench.motor.characterise",
     "Plant": "sysid.structures.plant",
     "ReadOptions": "sysid.data.reading.read_options",
     "Record": "sysid.data.record",
     "SysidError": "sysid.errors",
     "UsageError": "sysid.errors",
+    "characterise_motor": "sysid.bench.motor.characterise",
     "compare": "sysid.interface",
     "diagnose": "sysid.interface",
     "estimate_pose": "sysid.interface",
@@ -48,6 +50,8 @@ _PLACES = {
 """Name → the module that holds it."""
 
 if TYPE_CHECKING:
+    from sysid.bench.motor.characterise import MotorOptions as MotorOptions
+    from sysid.bench.motor.characterise import characterise_motor as characterise_motor
     from sysid.data.io import read_log as read_log
     from sysid.data.io import read_logs as read_logs
     from sysid.data.reading.read_options import ReadOptions as ReadOptions

@@ -102,6 +102,9 @@ def test_shown_commands_parse(page: str, command: str) -> None:
     words = shlex.split(command)[1:]
     whole: Any = typer.main.get_command(app)
     assert words[0] in whole.commands, f"{page}: there is no command {words[0]}"
+    if hasattr(whole.commands[words[0]], "commands"):  # a group: the command is its second word
+        whole, words = whole.commands[words[0]], words[1:]
+        assert words[0] in whole.commands, f"{page}: there is no command {words[0]} of the group"
     # parses every option and argument, and runs nothing
     whole.commands[words[0]].make_context(f"sysid {words[0]}", words[1:])
 

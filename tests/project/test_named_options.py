@@ -14,7 +14,7 @@ import typer
 from command_line import robot_log, run
 from sysid_cli import reading
 from sysid_cli.app import app
-from sysid_cli.field_options import fields_in, options_of, with_options
+from sysid_cli.field_options import every_command, fields_in, options_of, with_options
 
 import sysid
 from sysid.data.excitation import DESIGNS
@@ -27,7 +27,7 @@ ROOT = Path(__file__).resolve().parents[2]
 GROUP: Any = typer.main.get_command(app)
 OPTIONS = {
     name: {word for p in command.params for word in p.opts}
-    for name, command in GROUP.commands.items()
+    for name, command in every_command(GROUP).items()
 }
 EVERYWHERE = {"--debug", "--workspace", "--version", "--help"}
 """Options of the root, which every line may hold."""
@@ -43,7 +43,7 @@ SHOWN_BY = {
 }
 """Module or folder of the command line → the commands whose messages it writes."""
 
-WITH_COMMAND = re.compile(r"sysid (\w+)(?:(?!sysid)[^`\n])*?(--[a-z][a-z-]+)")
+WITH_COMMAND = re.compile(r"sysid ((?:bench )?\w+)(?:(?!sysid)[^`\n])*?(--[a-z][a-z-]+)")
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
 MARKED = re.compile(r"(?<!`)`([a-z_]+(?:[=\[][^`]*)?)`(?!`)")
 
@@ -78,7 +78,9 @@ def named_options() -> list[tuple[str, str, str]]:
     found = []
     for path in sorted((ROOT / "cli").rglob("*.py")):
         module = path.relative_to(ROOT).as_posix()
-        own = (path.stem,) if path.stem in OPTIONS else SHOWN_BY.get(str(Path(module).parent))
+        folder = path.parent.name
+        name = next((n for n in (path.stem, f"{folder} {path.stem}") if n in OPTIONS), "")
+        own = (name,) if name else SHOWN_BY.get(str(Path(module).parent))
         shown = SHOWN_BY.get(module, own)
         for line, text in messages(path):
             if module == "cli/reading.py" and OPTION.fullmatch(text):
@@ -111,7 +113,7 @@ def named_fields() -> list[tuple[str, str]]:
 def arguments_of_scripts() -> set[str]:
     """Every argument of the façade's functions and classes of options."""
     verbs = (sysid.fit, sysid.identify, sysid.compare, sysid.diagnose, sysid.tune, sysid.load_plant)
-    options = (sysid.ReadOptions, sysid.FitOptions, Policy, Preparation)
+    options = (sysid.ReadOptions, sysid.FitOptions, Policy, Preparation, sysid.MotorOptions)
     return {p for verb in verbs for p in signature(verb).parameters} | {
         f.name for cls in options for f in fields(cls)
     }
@@ -130,7 +132,7 @@ def test_the_library_names_no_option() -> None:
 def test_every_field_a_message_names_is_an_option_and_an_argument() -> None:
     every = named_fields()
     assert len(every) > 120
-    known = set().union(*(options_of(command) for command in GROUP.commands.values()))
+    known = set().union(*(options_of(command) for command in every_command(GROUP).values()))
     wrong = [f"{place}: no command has an option of {name}" for place, name in every
              if name not in known]  # fmt: skip
     wrong += [f"{place}: no script can give {name}" for place, name in every

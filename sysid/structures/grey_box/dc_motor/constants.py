@@ -180,6 +180,7 @@ def bench(m: "DCMotor") -> tuple[Constant, ...]:
         Constant("torque_constant", "Nm/A", 8.6626e-4, **held, words="Kc, m"),
         Constant("motor_viscous", "Nm/(rad/s)", 1.0651e-7, **held, words="ftot, m"),
         Constant("motor_inertia", "kg m²", 1e-7, **held, words="Jtot, m"),
+        Constant("motor_friction", "Nm", 0.0, **held, words="C0, m, beside friction_torque"),
         Constant("gear", "", 120.0, **held, words="turns of the motor for one of the sprocket"),
         *body,
         Constant(
@@ -219,7 +220,7 @@ def from_bench(m: "DCMotor", xp: Any, p: Mapping[str, Signal]) -> dict[str, Sign
     return {
         "gain": per_volt * volts * p["bridge_gain"] / damping,
         "inertia": (xp.zeros((m.ny, 1)) + own / damping, cross),
-        "coulomb": p["friction_torque"] / damping,
+        "coulomb": (p["friction_torque"] + n * p["motor_friction"]) / damping,
     }
 
 
@@ -228,8 +229,9 @@ def bench_guess(m: "DCMotor", gain: Array, level: Array) -> dict[str, Any]:
     plain = m.unpack(np, m.pack({}))
     q = from_bench(m, np, plain)
     share = np.abs(gain) / np.ravel(q["gain"])
-    damping = 1.0 / (q["coulomb"] / plain["friction_torque"])
+    at_motor = plain["gear"] * plain["motor_friction"]
+    damping = 1.0 / (q["coulomb"] / (plain["friction_torque"] + at_motor))
     return {
         "bridge_gain": share,
-        "friction_torque": np.abs(gain) * level * np.ravel(damping),
+        "friction_torque": np.abs(gain) * level * np.ravel(damping) - at_motor,
     }

@@ -1,0 +1,106 @@
+"""``sysid bench motor``: the constants of a motor from its experiments."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sysid.errors import UsageError
+from sysid.workspace.store import Workspace
+
+from .. import reading, render
+
+if TYPE_CHECKING:
+    from sysid.bench.motor.characterise import MotorBench
+
+
+def motor(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE...", help="Tables of experiments and values: CSV, see docs/bench.md."
+        ),
+    ],
+    known: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--known", metavar="NAME=VALUE", help="A constant known otherwise: R=3.1 or R=3.1±0.05."
+        ),
+    ] = None,
+    gear: Annotated[
+        float | None,
+        typer.Option("--gear", metavar="TURNS", help="Turns of the motor for one of the output."),
+    ] = None,
+    method: Annotated[
+        str,
+        typer.Option(
+            "--method",
+            metavar="HOW",
+            help="separate: one experiment at a time; joint: all of them at once.",
+        ),
+    ] = "separate",
+    units: reading.Units = None,
+    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
+    json: reading.Json = False,
+) -> None:
+    """Characterise a DC motor: R, Kem, Kc, f, C0, J with errors, and a model of it."""
+    from sysid.bench.motor.characterise import MotorOptions, characterise_motor
+    from sysid.bench.motor.model import bench_model, motor_report
+
+    options = MotorOptions(
+        known=known_of(known or []),
+        gear=gear,
+        units=reading.units_of(units or []),
+        method=method,
+    )
+    found = characterise_motor(files, options)
+    facts = found.to_json()
+    model = bench_model(found, files)
+    stored = None if model is None else Workspace(workspace).save(model, motor_report(found))
+    if stored is not None:
+        Workspace(workspace).remember("latest", [stored.id])
+    facts |= {"model": None if stored is None else stored.id}
+    render.document(facts) if json else _show(found, facts)
+
+
+def known_of(given: list[str]) -> dict[str, tuple[float, float | None]]:
+    """Constants as ``R=3.1`` or ``R=3.1±0.05``: value and standard error, None without one.
+
+    Raises:
+        UsageError: one has another form.
+    """
+    found = {}
+    for pair in (p for item in given for p in item.split(",")):
+        name, _, number = (part.strip() for part in pair.partition("="))
+        value, _, error = number.replace("+-", "±").partition("±")
+        try:
+            found[name] = float(value), float(error) if error else None
+        except ValueError:
+            raise UsageError(f"--known cannot read {pair!r}; write R=3.1 or R=3.1±0.05") from None
+    return found
+
+
+def _show(found: "MotorBench", facts: dict[str, Any]) -> None:
+    from sysid.bench.motor.experiments import CONSTANTS
+
+    joint = {p["name"]: p for p in facts["joint"]["parameters"]}
+    printed = any(p.published is not None for p in found.parameters)
+    heads = ["constant", "value", "± std. error", "all at once", "± std. error", "unit"]
+    rows = []
+    for p in found.parameters:
+        both = joint.get(p.name, {})
+        row: list[object] = [
+            p.name, p.value, render.number(p.std_error, 2), both.get("value"),
+            render.number(both.get("std_error"), 2), p.unit,
+        ]  # fmt: skip
+        rows.append(row + ([p.published] if printed else []) + [CONSTANTS[p.name][1]])
+    heads += ["thesis"] if printed else []
+    render.table([*heads, "meaning"], rows, title="Motor")
+    for p in found.parameters:
+        render.say(f"{p.name}: {p.reason}.")
+    for note in found.notes:
+        render.warn(f"! {note}")
+    if facts["model"] is None:
+        render.warn("! No model: J is not known.")
+    else:
+        render.say(f"Kept as {facts['model']}. Next: sysid compare, sysid export.", "bold")

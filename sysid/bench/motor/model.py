@@ -1,0 +1,108 @@
+"""The motor of the bench as a model: structure dc-motor with the constants of the bench."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid.bench.motor.characterise import MotorBench
+from sysid.bench.motor.equations import MotorConstants, steady_state, time_constant
+from sysid.data.preprocess import Detrend
+from sysid.data.record import Channel
+from sysid.errors import Termination
+from sysid.fitting.problem import Parameter
+from sysid.structures.grey_box.dc_motor.structure import DCMotor
+from sysid.structures.model import Model, Provenance
+from sysid.version import __version__
+
+NAMES: Mapping[str, str] = {
+    "R": "resistance",
+    "Kem": "back_emf",
+    "Kc": "torque_constant",
+    "f": "motor_viscous",
+    "J": "motor_inertia",
+    "C0": "motor_friction",
+}
+"""Constant of the bench → constant of the structure."""
+
+SAMPLE_TIME = 0.1
+"""Sample time [s] of the robot, for which a model is made unless something else is asked for."""
+
+
+def bench_model(
+    found: MotorBench,
+    files: Sequence[Path] = (),
+    dt: float = SAMPLE_TIME,
+    channels: tuple[str, str] = ("voltage", "omega"),
+) -> Model | None:
+    """The dc-motor of these constants, voltage [V] in, speed of the output shaft [rad/s] out.
+
+    What was estimated keeps its standard error and its correlations; L di/dt is neglected, as in
+    the structure. None where J is not known: the model would have no dynamics.
+
+    Args:
+        found: the constants.
+        files: what they came from, for the provenance.
+        dt: sample time [s].
+        channels: names of input and output.
+    """
+    c = found.constants
+    if not c.J > 0.0:
+        return None
+    inputs, outputs = (Channel(channels[0], "V"),), (Channel(channels[1], "rad/s"),)
+    bare = DCMotor(1, 1, input="voltage", friction="coulomb", parametrisation="bench", dt=dt)
+    structure = replace(bare, substeps=max(1, int(np.ceil(10.0 * dt / time_constant(c)))))
+    values = {own: getattr(c, name) for name, own in NAMES.items()}
+    values |= {"gear": c.gear, "load_inertia": 0.0, "bridge_gain": 1.0, "friction_torque": 0.0}
+    theta = structure.pack(values)
+    estimated = {NAMES[n]: k for k, n in enumerate(found.names) if n in NAMES}
+    table = structure.parameters(inputs, outputs)
+    places = {p.name: k for k, p in enumerate(table)}
+    covariance = np.zeros((len(table), len(table)))
+    for a, i in estimated.items():
+        for b, j in estimated.items():
+            covariance[places[a], places[b]] = found.covariance[i, j]
+    top = max((float(np.max(np.abs(t.voltage))) for t in found.tests), default=1.0)
+    speed = float(steady_state(c, np.array([top]))[0][0])
+    noise = [g.noise for g in found.joint.groups if g.quantity == "speed"]
+    return Model(
+        structure=replace(structure, input_range=((-top, top),)),
+        theta=theta,
+        covariance=covariance,
+        parameters=tuple(
+            _held(p, v, p.name in estimated) for p, v in zip(table, theta, strict=True)
+        ),
+        dt=dt,
+        inputs=inputs,
+        outputs=outputs,
+        detrend=Detrend.none(1, 1),
+        noise_covariance=np.array([[float(np.mean(np.square(noise))) if noise else 0.0]]),
+        n_estimated=len(estimated),
+        criteria={},
+        termination=Termination.CLOSED_FORM,
+        ranges=np.array([[-top, top], [-speed, speed]]),
+        warnings=tuple(found.notes),
+        provenance=Provenance(
+            options={"made_by": "bench motor", "experiments": [str(f) for f in files]},
+            version=__version__,
+        ),
+    )
+
+
+def _held(parameter: Parameter, value: float, estimated: bool) -> Parameter:
+    return replace(parameter, fixed=None if estimated else float(value))
+
+
+def motor_report(found: MotorBench) -> dict[str, Any]:
+    """What the workspace keeps with the model."""
+    return {"bench": found.to_json()}
+
+
+def constants_of(model: Model) -> MotorConstants:
+    """The motor that a model with constants of the bench describes, as ``bench_model`` made it."""
+    assert isinstance(model.structure, DCMotor)
+    p = model.structure.unpack(np, model.theta)
+    values = {name: float(np.ravel(p[own])[0]) for name, own in NAMES.items()}
+    return MotorConstants(**values, gear=float(p["gear"]))
