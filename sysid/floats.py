@@ -17,6 +17,9 @@ array = np.array
 inf = math.inf
 nan = math.nan
 
+_LARGEST_EXPONENT = 709.0
+"""math.exp refuses what NumPy calls infinite."""
+
 
 def __getattr__(name: str) -> Any:
     return getattr(np, name)
@@ -30,6 +33,21 @@ def sin(x: Any) -> Any:
 def cos(x: Any) -> Any:
     """cos x."""
     return math.cos(x) if type(x) is float else np.cos(x)
+
+
+def tan(x: Any) -> Any:
+    """tan x."""
+    return math.tan(x) if type(x) is float else np.tan(x)
+
+
+def exp(x: Any) -> Any:
+    """eˣ; infinite where it is too large for a number."""
+    return math.exp(x) if type(x) is float and x < _LARGEST_EXPONENT else np.exp(x)
+
+
+def expm1(x: Any) -> Any:
+    """eˣ − 1, without loss of digits at 0; infinite where it is too large for a number."""
+    return math.expm1(x) if type(x) is float and x < _LARGEST_EXPONENT else np.expm1(x)
 
 
 def abs(x: Any) -> Any:

@@ -1,14 +1,9 @@
 """The one place that imports and configures JAX: double precision, compilations kept on disk."""
 
 import os
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-
-from sysid import floats
 
 KEPT_FROM = 0.1
 """Compilations that took longer than this are kept on disk [s]."""
@@ -30,18 +25,6 @@ def jax_module() -> Any:
         jax.config.update("jax_persistent_cache_min_compile_time_secs", KEPT_FROM)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
     return jax
-
-
-def repeated(xp: Any, times: Any, advance: Callable[[Any], Any], x: Any) -> Any:
-    """x after ``times`` rounds of ``advance``: one loop where a namespace can say so."""
-    if xp is np or xp is floats:
-        for _ in range(times):
-            x = advance(x)
-        return x
-    own = getattr(xp, "repeated", None)  # what records a step for an exporter
-    if own is not None:
-        return own(times, advance, x)
-    return jax_module().lax.fori_loop(0, times, lambda _, x: advance(x), x)
 
 
 def compiled(function: Any) -> Any:

@@ -30,16 +30,18 @@ class Geometry:
         r: sprocket radius [m].
         B: distance between the centre lines of the tracks [m].
 
+    A length that a compiler traces is not checked.
+
     Raises:
         ModelError: a length is not positive and finite.
     """
 
-    r: float = 0.0215
-    B: float = 0.186
+    r: Real = 0.0215
+    B: Real = 0.186
 
     def __post_init__(self) -> None:
         for name, value in (("sprocket radius r", self.r), ("track distance B", self.B)):
-            if not (math.isfinite(value) and value > 0):
+            if isinstance(value, int | float) and not (math.isfinite(value) and value > 0):
                 raise ModelError(f"the {name} is {value}: give a length in metres above 0")
 
 

@@ -16,13 +16,13 @@ import numpy as np
 from sysid import floats
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import UsageError, argument
-from sysid.fitting.compiled import repeated
 from sysid.fitting.problem import (
     Focus,
     Initial,
     Parameter,
     Problem,
 )
+from sysid.loops import repeated
 from sysid.structures.base import NamedStructure, refuse_options
 from sysid.structures.grey_box.constants import Constant, Rung, Signal
 from sysid.structures.grey_box.runs import (

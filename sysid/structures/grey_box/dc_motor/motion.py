@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.structures.grey_box.dry_friction import (
+from sysid.vehicle.dry_friction import (
     Motors,
     Pair,
     Signal,

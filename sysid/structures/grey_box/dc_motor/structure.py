@@ -21,9 +21,9 @@ from sysid.structures.grey_box.dc_motor.constants import (
 )
 from sysid.structures.grey_box.dc_motor.motion import STEPS, friction_constants, of_motors
 from sysid.structures.grey_box.dc_motor.start import central_guesses
-from sysid.structures.grey_box.dry_friction import decay
 from sysid.structures.grey_box.single_runs import together
 from sysid.structures.grey_box.structure import GreyBox
+from sysid.vehicle.dry_friction import decay
 
 _CHOICES = MappingProxyType(
     {
