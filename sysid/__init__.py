@@ -19,6 +19,7 @@ _PLACES = {
     "DataError": "sysid.errors",
     "FitOptions": "sysid.fitting.options",
     "Focus": "sysid.fitting.problem",
+    "Hanging": "sysid.bench.pendulum.inertia",
     "Mission": "sysid.mission.spec",
     "Model": "sysid.structures.model",
     "ModelError": "sysid.errors",
@@ -34,6 +35,8 @@ _PLACES = {
     "estimate_pose": "sysid.interface",
     "fit": "sysid.interface",
     "identify": "sysid.interface",
+    "inertia_of_logs": "sysid.bench.pendulum.study",
+    "inertia_of_period": "sysid.bench.pendulum.study",
     "inspect": "sysid.interface",
     "load_mission": "sysid.mission.spec",
     "load_model": "sysid.interface",
@@ -52,6 +55,9 @@ _PLACES = {
 if TYPE_CHECKING:
     from sysid.bench.motor.characterise import MotorOptions as MotorOptions
     from sysid.bench.motor.characterise import characterise_motor as characterise_motor
+    from sysid.bench.pendulum.inertia import Hanging as Hanging
+    from sysid.bench.pendulum.study import inertia_of_logs as inertia_of_logs
+    from sysid.bench.pendulum.study import inertia_of_period as inertia_of_period
     from sysid.data.io import read_log as read_log
     from sysid.data.io import read_logs as read_logs
     from sysid.data.reading.read_options import ReadOptions as ReadOptions

@@ -18,12 +18,13 @@ _ROW = 2.9
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """One line of a panel: its name, x and y, and whether it is a reference."""
+    """One line of a panel: its name, x and y, whether it is a reference, or dots instead."""
 
     name: str
     x: Array
     y: Array
     reference: bool = False
+    dots: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +96,9 @@ def draw_panel(axes: "Axes", panel: Panel) -> None:
                 "zorder": 4,
             }
             axes.plot(line.x, line.y, label=line.name, **dashed)
+        elif line.dots:
+            dotted: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 3.0}
+            axes.plot(line.x, line.y, label=line.name, color=next(colours), **dotted)
         else:
             axes.plot(line.x, line.y, label=line.name, color=next(colours), linewidth=1.5)
     axes.set_title(panel.title)

@@ -1,0 +1,297 @@
+"""The swing of a pendulum out of a log: its angle, from an angle, a quaternion or a position."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sysid.data.column_words import words
+from sysid.data.files import read_bytes
+from sysid.data.finding import Finding, Severity
+from sysid.data.reading.columns import NO_INPUT, choose_columns
+from sysid.data.reading.read_options import ReadOptions
+from sysid.data.reading.row_times import column_reader, row_times
+from sysid.data.reading.table import Table, read_table
+from sysid.data.record import Array
+from sysid.data.unit_words import ending
+from sysid.data.units import conversion
+from sysid.errors import DataError, UsageError, argument
+
+ANGLES = frozenset(
+    (
+        *("angle", "theta", "phi", "psi", "roll", "pitch", "yaw", "swing", "tilt"),
+        *("winkel", "pendulum", "heading", "rot", "euler"),
+    )
+)
+"""Words of a column that holds an angle."""
+RATES = frozenset(
+    ("rate", "vel", "velocity", "speed", "omega", "gyro", "dot", "accel", "acc", "w", "w2")
+)
+"""Words that make it the rate of one."""
+CLEAR = 3.0
+"""Among several angles one is the swing where it moves by so many times the next one."""
+_QUATERNION = re.compile(
+    r"(?P<head>.*?)(?:q|quat|quaternion|orientation|ori|rotation|rot)[ _.\-]*(?P<part>[wxyz0-3])",
+    re.IGNORECASE,
+)
+_SCALAR_FIRST = {"0": "w", "1": "x", "2": "y", "3": "z"}
+_POSITION = re.compile(
+    r"(?:p|pos|position|com|cog|tracker)?[ _.\-]*(?P<axis>[xyz])(?:[ _.\-]*pos(?:ition)?)?",
+    re.IGNORECASE,
+)
+FEWEST = 20
+"""Rows below which nothing swings to be seen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Swing:
+    """An angle over time.
+
+    Attributes:
+        name: of the file.
+        t: instants, rising, (N,) [s].
+        angle: (N,) [rad], or in an untold unit.
+        in_radians: whether the unit is known; else it is radians or degrees.
+        findings: what there is to say about the reading.
+    """
+
+    name: str
+    t: Array
+    angle: Array
+    in_radians: bool
+    findings: tuple[Finding, ...]
+
+
+def read_swing(
+    path: str | Path, options: ReadOptions, arm: float, trim: tuple[float, float] = (0.0, 0.0)
+) -> Swing:
+    """The swing that a log holds.
+
+    An angle goes before a quaternion, whose rotation about the axis it mostly turns about is
+    taken, and that before a position, whose way along its main direction is arm·sin θ.
+
+    Args:
+        path: CSV or Parquet.
+        options: ``outputs`` (one: the angle), ``time``, ``ts``, ``units``, ``delimiter`` and
+            ``decimal`` count here.
+        arm: distance of the tracked point from the hinge [m], of use for a position only.
+        trim: seconds left out at the head and at the tail.
+
+    Raises:
+        DataError: the log holds no angle, no time, or too few rows.
+        UsageError: a column or unit named is not there.
+    """
+    path = Path(path)
+    table = read_table(read_bytes(path), path.name, options.delimiter, options.decimal)
+    known = [n for n in options.units if n.lower() not in [c.lower() for c in table.names]]
+    if known:
+        raise UsageError(f"`units` names {known[0]!r}, which is no column: {_listed(table)}")
+    names, kind = _places(table, options)
+    t, said = _times(table, names, options)
+    values = table.columns(names)
+    angle, in_radians, how = _ANGLE_OF[kind](table, names, values, options, arm)
+    good = np.isfinite(angle) & np.isfinite(t)
+    missing = int(np.sum(~good))
+    t, angle = t[good], angle[good]
+    if np.any(np.diff(t) < 0):
+        row = int(np.flatnonzero(np.diff(t) < 0)[0]) + 1
+        raise DataError(f"{table.where}: the time falls after {t[row - 1]:g} s: sort the rows")
+    fresh = np.append(True, np.diff(t) > 0)
+    head, tail = trim
+    fresh &= (t >= t[0] + head) & (t <= t[-1] - tail) if len(t) else fresh
+    t, angle = t[fresh], angle[fresh]
+    if len(t) < FEWEST:
+        raise DataError(
+            f"{table.where} holds {len(t)} readings of {how}: record some ten swings, at 20 Hz or "
+            "faster"
+        )
+    notes = [_note(table, "swing-columns", f"the angle is {how}.")] if how != names[0] else []
+    if missing:
+        notes.append(_note(table, "empty-cells", f"{missing} rows without a reading left out."))
+    return Swing(table.where, t - t[0], angle, in_radians, (*said, *notes))
+
+
+def _places(table: Table, options: ReadOptions) -> tuple[tuple[str, ...], str]:
+    """The columns that tell the angle, and what they are."""
+    if options.outputs:
+        if len(options.outputs) > 1:
+            raise UsageError("`outputs` names several columns: one angle swings")
+        asked = options.outputs[0]
+        found = [n for n in table.names if n.lower() == asked.lower()]
+        if not found:
+            raise UsageError(f"{table.where} has no column {asked!r}: {_listed(table)}")
+        return (found[0],), "angle"
+    parts: dict[str, dict[str, str]] = {"quaternion": {}, "position": {}}
+    for name in table.names:
+        base = ending(name)[0]
+        turned, moved = _QUATERNION.fullmatch(base), _POSITION.fullmatch(base)
+        if turned:
+            part = turned["part"].lower()
+            parts["quaternion"].setdefault(_SCALAR_FIRST.get(part, part), name)
+        elif moved:
+            parts["position"].setdefault(moved["axis"].lower(), name)
+    angles = [n for n in table.names if _is_angle(table, n)]
+    if angles:
+        return _largest(table, angles), "angle"
+    if set(parts["quaternion"]) == set("wxyz"):
+        return tuple(parts["quaternion"][a] for a in "wxyz"), "quaternion"
+    if len(parts["position"]) >= 2:
+        return tuple(parts["position"].values()), "position"
+    raise DataError(
+        f"{table.where} holds no angle, quaternion or position: {_listed(table)}; name the "
+        f"column with {argument(outputs=table.names[-1])}"
+    )
+
+
+def _is_angle(table: Table, name: str) -> bool:
+    """Whether a column's words and unit are those of an angle."""
+    base, unit = ending(name)
+    unit = unit or table.units[table.names.index(name)]
+    said = set(words(base))
+    if RATES & said or _QUATERNION.fullmatch(base):
+        return False
+    try:
+        fits = not unit or conversion(unit).unit == "rad"
+    except UsageError:
+        fits = True  # a label of the file that says nothing
+    return fits and bool(ANGLES & said)
+
+
+def _largest(table: Table, angles: Sequence[str]) -> tuple[str, ...]:
+    """The angle that swings: alone, or by far the largest of several."""
+    if len(angles) == 1:
+        return (angles[0],)
+    moves = [_span(_unfolded(table.columns((n,))[:, 0], False)) for n in angles]
+    order = np.argsort(moves)[::-1]
+    if moves[order[0]] < CLEAR * moves[order[1]]:
+        raise DataError(
+            f"{table.where} holds several angles that swing ({', '.join(angles)}): name one with "
+            f"{argument(outputs=angles[int(order[0])])}"
+        )
+    return (angles[int(order[0])],)
+
+
+def _span(values: Array) -> float:
+    """The range of the bulk: a wild reading is no swing."""
+    good = values[np.isfinite(values)]
+    return float(np.ptp(np.percentile(good, (1.0, 99.0)))) if len(good) else 0.0
+
+
+def _times(
+    table: Table, names: tuple[str, ...], options: ReadOptions
+) -> tuple[Array, tuple[Finding, ...]]:
+    choice = choose_columns(
+        table.names, (NO_INPUT,), names, options.time, table.where, column_reader(table),
+        options.ts is not None,
+    )  # fmt: skip
+    clock = row_times(table, choice.clock, options.units, options.ts)
+    untold = [f for f in clock.findings if f.code == "sample-time" and f.severity > Severity.NOTE]
+    if untold and options.ts is None:
+        raise DataError(
+            f"{table.where} does not tell its sample time, and the period is counted in it: give "
+            "it in seconds with `ts`, or the time column with `time`"
+        )
+    return clock.t, clock.findings
+
+
+def _from_angle(
+    table: Table, names: tuple[str, ...], values: Array, options: ReadOptions, arm: float
+) -> tuple[Array, bool, str]:
+    unit = _unit(table, names[0], options.units)
+    found = conversion(unit, names[0]) if unit else None
+    if found is not None and found.unit not in ("rad", ""):
+        raise UsageError(
+            f"{table.where}: {names[0]} is in {unit}, which is no angle: name another column, or "
+            f"its unit with {argument(units={names[0]: 'deg'})}"
+        )
+    known = found is not None and bool(found.unit)
+    angle = values[:, 0] * (found.scale if found is not None and known else 1.0)
+    return _unfolded(angle, known), known, names[0]
+
+
+def _unfolded(angle: Array, in_radians: bool) -> Array:
+    """An angle that starts over at ±180° made to go on; a wild reading is no fold."""
+    turn = 360.0 if not in_radians and _span(angle) > 2.0 * np.pi else 2.0 * np.pi
+    if _span(angle) < 0.5 * turn:
+        return angle
+    good, out = np.isfinite(angle), angle.copy()
+    out[good] = np.unwrap(angle[good], period=turn)
+    return out
+
+
+def _from_quaternion(
+    table: Table, names: tuple[str, ...], values: Array, options: ReadOptions, arm: float
+) -> tuple[Array, bool, str]:
+    """Rotation about the axis the body mostly turns about, from its mean attitude."""
+    size = np.linalg.norm(values, axis=1)
+    good = np.isfinite(size) & (size > 0.5)  # a tracker that sees nothing writes zeros
+    if good.sum() < FEWEST:
+        raise DataError(f"{table.where}: {', '.join(names)} hold no quaternion of length 1")
+    q = values[good] / size[good, None]
+    mean = np.linalg.eigh(q.T @ q)[1][:, -1]  # Markley (2007): signs of q do not matter
+    w0, v0 = mean[0], -mean[1:]
+    w = w0 * q[:, 0] - q[:, 1:] @ v0
+    v = w0 * q[:, 1:] + q[:, :1] * v0 + np.cross(np.broadcast_to(v0, q[:, 1:].shape), q[:, 1:])
+    v = v * np.sign(np.where(w == 0.0, 1.0, w))[:, None]
+    sine = np.linalg.norm(v, axis=1)
+    turned = v * (2.0 * np.arctan2(sine, np.abs(w)) / np.maximum(sine, 1e-12))[:, None]
+    angle = np.full(len(values), np.nan)
+    angle[good] = _along_main(turned)
+    return angle, True, f"the rotation of {', '.join(names)} about the axis it mostly turns about"
+
+
+def _from_position(
+    table: Table, names: tuple[str, ...], values: Array, options: ReadOptions, arm: float
+) -> tuple[Array, bool, str]:
+    """Way along the main direction over the arm: its sine."""
+    scales = []
+    for name in names:
+        unit = _unit(table, name, options.units) or "m"
+        found = conversion(unit, name)
+        if found.unit != "m":
+            raise UsageError(f"{table.where}: {name} is in {unit}, which is no length of a path")
+        scales.append(found.scale)
+    place = values * np.array(scales)
+    good = np.all(np.isfinite(place), axis=1)
+    if good.sum() < FEWEST:
+        raise DataError(f"{table.where}: {', '.join(names)} hold {int(good.sum())} positions")
+    way = _along_main(place[good])
+    way = way - 0.5 * float(np.sum(np.percentile(way, (1.0, 99.0))))
+    if _span(way) > 2.0 * arm:
+        raise DataError(
+            f"{table.where}: {', '.join(names)} move by {_span(way):.3g} m, farther than a body at "
+            f"{arm:g} m from the hinge can: name their unit, or the distance with `l`"
+        )
+    angle = np.full(len(values), np.nan)
+    angle[good] = np.arcsin(np.clip(way / arm, -1.0, 1.0))
+    return angle, True, f"the way of {', '.join(names)} over the arm of {arm:g} m"
+
+
+_ANGLE_OF = {
+    "angle": _from_angle,
+    "quaternion": _from_quaternion,
+    "position": _from_position,
+}
+
+
+def _along_main(vectors: Array) -> Array:
+    """Components along the direction in which vectors (N, 3) or (N, 2) vary most, (N,)."""
+    centred = vectors - np.median(vectors, axis=0)
+    main = np.linalg.eigh(centred.T @ centred)[1][:, -1]
+    return np.asarray(centred @ main)
+
+
+def _unit(table: Table, name: str, units: Mapping[str, str]) -> str:
+    """The unit of a column: by option, in brackets, or what its name ends in."""
+    given = next((u for n, u in units.items() if n.lower() == name.lower()), "")
+    return given or table.units[table.names.index(name)] or ending(name)[1]
+
+
+def _listed(table: Table) -> str:
+    return f"its columns are {', '.join(table.names[:20])}"
+
+
+def _note(table: Table, code: str, sentence: str) -> Finding:
+    return Finding(code, Severity.NOTE, f"{table.where}: {sentence}", record=table.where)
