@@ -1,1 +1,1 @@
-"""Terramechanics: presets of soils, pressure, sinkage, resistances, drawbar pull, turning."""
+"""Soils by name, and what they give and take: sinkage, resistances, drawbar pull, turning."""
