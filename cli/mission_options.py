@@ -126,7 +126,6 @@ def given_lengths(text: str) -> "Geometry":
 def _lengths_in(path: Path) -> "Geometry":
     """The lengths in the section ``vehicle:`` of a file, such as a mission."""
     from sysid.data.yaml_files.source import read_yaml
-
     from sysid.vehicle.kinematics import Geometry
 
     vehicle = read_yaml(path).values.get("vehicle")

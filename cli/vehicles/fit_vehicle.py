@@ -1,6 +1,6 @@
 """``sysid fit-vehicle``: radii, width, slip, lags and lever arm from logs with a pose."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,16 +14,9 @@ from .fit_vehicle_picture import drawn
 from .fit_vehicle_report import show
 
 if TYPE_CHECKING:
-    from sysid.data.finding import Finding
     from sysid.data.preparation import Preparation
     from sysid.data.reading.read_options import ReadOptions
-    from sysid.data.record import Record
     from sysid.estimation.vehicle.vehicle_fit import VehicleFit
-
-_WANTED = (
-    "time, the speeds of the left and of the right wheels (such as omega_l and omega_r in rad/s), "
-    "and the pose x, y [m] and psi [rad], in one file or the pose in a second one (--join)"
-)
 
 
 @dataclass(frozen=True)
@@ -113,9 +106,11 @@ def fit_vehicle(
     """
     given = None if geometry is None else given_lengths(geometry)
     _refuse_without(logs or [])
-    records, findings = _records(logs or [], read, steps)
-    held, more = _records(validation, read, steps) if validation else ((), ())
+    from sysid.estimation.vehicle.logs import read_drives
     from sysid.estimation.vehicle.vehicle_fit import fit_vehicle as fit
+
+    records, findings = read_drives(logs or [], read, steps)
+    held, more = read_drives(validation, read, steps) if validation else ((), ())
 
     with render.progress("Fitting the vehicle"):
         found = fit(records, held, given, motion)
@@ -131,22 +126,15 @@ def _refuse_without(logs: list[Path]) -> None:
     Raises:
         UsageError: there is no log, or what stands for one is no file.
     """
+    from sysid.estimation.vehicle.logs import NEEDED
+
     if not logs:
-        raise UsageError(f"fit-vehicle has no LOG to fit; what is missing: {_WANTED}")
+        raise UsageError(f"fit-vehicle has no LOG to fit; what is missing: {NEEDED}")
     for log in logs:
         if not log.exists():
             raise UsageError(
-                f"{log} is no file, and numbers alone tell nothing; what is missing: {_WANTED}"
+                f"{log} is no file, and numbers alone tell nothing; what is missing: {NEEDED}"
             )
-
-
-def _records(
-    paths: list[Path], read: "ReadOptions", steps: "Preparation"
-) -> "tuple[tuple[Record, ...], tuple[Finding, ...]]":
-    """Every row as it was logged: the fit tells fresh readings from repeats itself."""
-    from sysid.data.preparation import read_prepared
-
-    return read_prepared(paths, replace(read, held="keep") if read.held == "auto" else read, steps)
 
 
 def _written(files: Files, found: "VehicleFit", name: str) -> dict[str, Any]:

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from sysid.estimation.vehicle.drive import Drive
     from sysid.estimation.vehicle.slip_curves import SlipPoint
     from sysid.estimation.vehicle.slip_fit import Part
-    from sysid.estimation.vehicle.vehicle_fit import VehicleFit
+    from sysid.estimation.vehicle.vehicle_fit import Motion, VehicleFit
     from sysid.report.plots import Panel
 
 PIECE = 10.0
@@ -24,7 +24,7 @@ def drawn(path: Path, name: str, found: "VehicleFit") -> None:
     from sysid.report.plots import Line, Panel, ResponsePicture, plot_responses
 
     part = max(found.held, key=lambda p: len(p.windows))
-    models = {"before": Kinematic(found.known), "after": found.model}
+    models: dict[str, Motion] = {"before": Kinematic(found.known), "after": found.model}
     starts = _pieces(part)
     paths = [Line(k, *_path(part.drive, m.readings(part.drive), starts)) for k, m in models.items()]
     measured = Line("measured", *_path(part.drive, part.drive.pose, starts), reference=True)

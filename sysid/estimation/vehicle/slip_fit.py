@@ -13,6 +13,7 @@ import numpy as np
 
 from sysid.data.record import Array, Index
 from sysid.estimation.vehicle.drive import Drive
+from sysid.estimation.vehicle.geometry import LEFT_OUT
 from sysid.estimation.vehicle.ground_fit import with_memory
 from sysid.estimation.vehicle.slip_model import AT, LOWER, NULLS, TERMS, window_errors
 from sysid.estimation.vehicle.windows import OVERLAP
@@ -30,7 +31,7 @@ SHOWN = 4.0
 """Standard errors by which an optional term must be off doing nothing: five terms are tried up to
 five times, and their errors are known to a fifth."""
 
-MAYBE = 1.5
+MAYBE = 2.0
 """… or by so many, where it also lowers the errors of each half of the log with the numbers of the
 other: grounds that change along the way make standard errors large and a term no less real."""
 
@@ -279,11 +280,11 @@ def _judged(problem: _SlipProblem, q: Array) -> SlipFit:
     n, free = len(TERMS), list(problem.free)
     J = replace(problem, free=tuple(range(n))).jacobian(q)
     covariance, added = np.zeros((n, n)), q.copy()
-    covariance[np.ix_(free, free)] = _covariance(problem, J, q, free)[0]
+    covariance[np.ix_(free, free)] = _Linear.of(problem, J, q, free).covariance(problem, q, free)
     for k in (k for k in range(n) if k not in free):
-        both, step = _covariance(problem, J, q, [*free, k])
-        covariance[k, k] = both[-1, -1]
-        added[k] = q[k] + step[-1]
+        both = _Linear.of(problem, J, q, [*free, k])
+        covariance[k, k] = both.variances(problem, [-1])[0]
+        added[k] = q[k] + both.step[-1]
     return SlipFit(
         q,
         problem.geometry,
@@ -307,21 +308,51 @@ def _likeness(J: Array) -> Array:
     return found
 
 
-def _covariance(problem: _SlipProblem, J: Array, q: Array, free: list[int]) -> tuple[Array, Array]:
-    """Covariance of some numbers, and the step from q to where they all fit best."""
-    residual = problem.residual(q)
-    rows = len(residual) - len(TERMS)
-    j, prior = J[:rows, free], problem.prior[free]
-    data = j.T @ j
-    inverse = np.linalg.inv(data + np.diag(prior**-2.0))
-    step = -inverse @ (j.T @ residual[:rows] + (q - problem.centre)[free] / prior**2)
-    influence = residual[:rows, None] * (j @ inverse)
-    windows = rows / 3
-    freedom = max(windows / OVERLAP - len(free), 1.0) * OVERLAP / windows
-    each = with_memory(influence, problem.lengths[:-1]) / freedom
-    # what the prior leaves open where the log is silent; errors of the log beside it
-    silent = inverse @ np.diag(prior**-2.0) @ inverse
-    plain = inverse @ data @ inverse * float(np.mean(residual[:rows] ** 2)) / freedom
-    wanted = np.maximum(each, np.diag(plain))
-    size = np.sqrt(wanted / np.maximum(np.diag(plain), 1e-300))
-    return plain * np.outer(size, size) + silent, step
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """The problem around q as a line in some numbers.
+
+    Attributes:
+        silent: variance that the prior leaves open where the log is silent, (k, k).
+        plain: variance of white errors, (k, k).
+        influence: what each error does to each number, (3W, k).
+        step: from q to where they all fit best, (k,).
+        freedom: share of the windows that are left when as many as there are numbers are used up.
+    """
+
+    silent: Array
+    plain: Array
+    influence: Array
+    step: Array
+    freedom: float
+
+    @classmethod
+    def of(cls, problem: _SlipProblem, J: Array, q: Array, free: list[int]) -> "_Linear":
+        residual = problem.residual(q)
+        rows = len(residual) - len(TERMS)
+        j, prior = J[:rows, free], problem.prior[free]
+        data, pull = j.T @ j, np.diag(prior**-2.0)
+        inverse = np.linalg.inv(data + pull)
+        step = -inverse @ (j.T @ residual[:rows] + (q - problem.centre)[free] / prior**2)
+        left = residual[:rows] + j @ step  # with a number that is added in its place
+        windows = rows / 3
+        freedom = max(windows / OVERLAP - len(free), 1.0) * OVERLAP / windows
+        plain = inverse @ data @ inverse * float(np.mean(left**2)) / freedom
+        influence = left[:, None] * (j @ inverse)
+        return cls(inverse @ pull @ inverse, plain, influence, step, freedom)
+
+    def variances(self, problem: _SlipProblem, which: Sequence[int]) -> Array:
+        """Of some numbers, with the memory of the errors where they have one, (len(which),)."""
+        at = list(which)
+        each = with_memory(self.influence[:, at], problem.lengths[:-1]) / self.freedom
+        return np.asarray(np.maximum(each, np.diag(self.plain)[at]) + np.diag(self.silent)[at])
+
+    def covariance(self, problem: _SlipProblem, q: Array, free: list[int]) -> Array:
+        """Of all numbers; lengths are no surer than speeds between two samples let them be."""
+        white = np.diag(self.plain)
+        wanted = self.variances(problem, range(len(free))) - np.diag(self.silent)
+        size = np.sqrt(wanted / np.maximum(white, 1e-300))
+        found = self.plain * np.outer(size, size) + self.silent
+        sampled = [i for i, k in enumerate(free) if k <= AT["effective_width"]]
+        found[sampled, sampled] += (LEFT_OUT * q[[free[i] for i in sampled]]) ** 2
+        return np.asarray(found)

@@ -280,9 +280,10 @@ def window_errors(q: Array, drive: Drive, geometry: Geometry, windows: Index) ->
 
 
 def _following(values: Array, lag: float, step: float) -> Array:
-    """y + τ ẏ = x, in backward steps, so that no lag is a lag of nothing, (N,)."""
+    """y + τ ẏ = x: means of y over steps in which x is constant, from rest in the first, (N,)."""
     if lag <= 0.0 or not len(values):
         return values
-    keep = lag / (lag + step)
-    out, _ = lfilter([1.0 - keep], np.array([1.0, -keep]), values, zi=np.array([keep * values[0]]))
-    return np.asarray(out)
+    keep = float(np.exp(-step / lag))
+    ends, _ = lfilter([1.0 - keep], np.array([1.0, -keep]), values, zi=np.array([keep * values[0]]))
+    starts = np.concatenate([values[:1], ends[:-1]])
+    return np.asarray(values + (starts - values) * (lag / step) * (1.0 - keep))

@@ -9,6 +9,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+import numpy as np
+
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError
 from sysid.estimation.vehicle.drive import Drive, Drives, drives_of
@@ -26,21 +28,13 @@ from sysid.estimation.vehicle.judged import (
 from sysid.estimation.vehicle.numbers import Correlations, VehicleNumber
 from sysid.estimation.vehicle.slip_curves import SlipCurves, slip_curves
 from sysid.estimation.vehicle.slip_fit import Part, SlipFit, errors_of, fit_slip
-from sysid.estimation.vehicle.slip_model import NULLS, body_speeds, pose_read
-from sysid.estimation.vehicle.slip_numbers import correlations_of, in_units, numbers_of
+from sysid.estimation.vehicle.slip_model import NULLS, TERMS, body_speeds, pose_read
+from sysid.estimation.vehicle.slip_numbers import correlations_of, numbers_of
 from sysid.vehicle.kinematics import Geometry
 
 
-class MotionFit(Protocol):
-    """A fitted model of motion."""
-
-    def numbers(self) -> tuple[VehicleNumber, ...]:
-        """Every quantity, told by the log or not."""
-        ...
-
-    def correlations(self) -> Correlations:
-        """How far errors of the numbers go together."""
-        ...
+class Motion(Protocol):
+    """What foretells a pose from what the wheels did."""
 
     def errors(self, parts: Sequence[Part]) -> Array:
         """Measured less foretold increments of windows, (W, 3) [m, m, rad]."""
@@ -54,8 +48,20 @@ class MotionFit(Protocol):
         """Way [m] and angle turned [rad] in each step of a drive's grid."""
         ...
 
-    def acting(self) -> Geometry:
-        """Radius and width as a vehicle without slip would have them to drive alike."""
+
+class MotionFit(Motion, Protocol):
+    """A fitted model of motion."""
+
+    def numbers(self) -> tuple[VehicleNumber, ...]:
+        """Every quantity, told by the log or not."""
+        ...
+
+    def correlations(self) -> Correlations:
+        """How far errors of the numbers go together."""
+        ...
+
+    def refitted(self, parts: Sequence[Part]) -> "MotionFit":
+        """The same model fitted to other windows."""
         ...
 
 
@@ -102,6 +108,11 @@ class Slipping:
         """How far errors of the numbers go together."""
         return correlations_of(self.fit)
 
+    def refitted(self, parts: Sequence[Part]) -> "Slipping":
+        """The same terms fitted to other windows."""
+        terms = [TERMS[k].name for k in self.fit.free if TERMS[k].optional]
+        return Slipping(fit_slip(parts, self.fit.geometry, terms), self.given)
+
     def errors(self, parts: Sequence[Part]) -> Array:
         """Measured less foretold increments of windows, (W, 3) [m, m, rad]."""
         return errors_of(self.fit.q, parts, self.fit.geometry)
@@ -113,11 +124,6 @@ class Slipping:
     def driven(self, drive: Drive) -> tuple[Array, Array]:
         """Way [m] and angle turned [rad] in each step of a drive's grid."""
         return _steps(self.fit.q, drive, self.fit.geometry)
-
-    def acting(self) -> Geometry:
-        """Mean effective radius and effective width."""
-        n = in_units(self.fit.q, self.fit.geometry)
-        return Geometry(0.5 * (n["radius_left"] + n["radius_right"]), n["effective_width"])
 
 
 def _steps(q: Array, drive: Drive, geometry: Geometry) -> tuple[Array, Array]:
@@ -305,6 +311,7 @@ def _judged(study: _Study, model: MotionFit) -> VehicleFit:
     else:
         slipping = model.fit
     every = [*study.first, *study.second]
+    acting = _acting(model, study.first)
     return VehicleFit(
         motion=study.motion,
         numbers=model.numbers(),
@@ -316,12 +323,12 @@ def _judged(study: _Study, model: MotionFit) -> VehicleFit:
             drift(before.errors, model.driven, long),
             drift(model.errors, model.driven, long),
         ),
-        folds=_folds(study),
-        curves=slip_curves(every, slipping, study.given or model.acting()),
+        folds=_folds(study, model),
+        curves=slip_curves(every, slipping, study.given or acting),
         given=study.given,
         known=study.known,
         lengths=study.lengths,
-        acting=model.acting(),
+        acting=acting,
         windows=(
             sum(len(p.windows) for p in study.first),
             sum(len(p.windows) for p in study.second),
@@ -333,15 +340,31 @@ def _judged(study: _Study, model: MotionFit) -> VehicleFit:
     )
 
 
-def _folds(study: _Study) -> tuple[Fold, ...]:
-    """Both halves of every drive, each fitted and judged by the other."""
+def _acting(model: Motion, parts: Sequence[Part]) -> Geometry:
+    """Radius and width with which wheels that roll would go as far and turn as far in all.
+
+    r = Σ |v| Δt / Σ ½|ω_L + ω_R| Δt,   B = r Σ |ω_R − ω_L| Δt / Σ |ψ̇| Δt
+    """
+    rolled = spun = way = turned = 0.0
+    for d in (p.drive for p in parts):
+        steps = model.driven(d)
+        way += float(np.abs(steps[0]).sum())
+        turned += float(np.abs(steps[1]).sum())
+        rolled += 0.5 * float(np.abs(d.omega.sum(axis=1)).sum()) * d.step
+        spun += float(np.abs(np.diff(d.omega, axis=1)).sum()) * d.step
+    r = way / max(rolled, 1e-12)
+    return Geometry(max(r, 1e-9), max(r * spun / max(turned, 1e-12), 1e-9))
+
+
+def _folds(study: _Study, model: MotionFit) -> tuple[Fold, ...]:
+    """Both halves of every drive, each fitted and judged by the other, with the same terms."""
     halves = split(study.drives.each, 0.5)
     if not all(enough(h) for h in halves):
         return ()
     found = []
     before = Kinematic(study.known)
     for fitted, judge in (halves, halves[::-1]):
-        model = MOTIONS[study.motion](fitted, _start(study.lengths), study.given)
+        model = model.refitted(fitted)
         values = {n.name: n.value for n in model.numbers() if n.in_model}
         found.append(
             Fold(PathErrors.of(before.errors(judge)), PathErrors.of(model.errors(judge)), values)
