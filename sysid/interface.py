@@ -20,8 +20,8 @@ from sysid.structures.registry import structure_class
 if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
     from sysid.discrepancy.diagnosis import Diagnosis
-    from sysid.estimation.vehicle.vehicle_fit import VehicleFit
     from sysid.estimation.selection.comparison import Ranking
+    from sysid.estimation.vehicle.vehicle_fit import VehicleFit
     from sysid.mission.estimate import Estimation
     from sysid.mission.monte_carlo.mission_runs import MissionRuns
     from sysid.mission.plan import Plan
