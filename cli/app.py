@@ -17,7 +17,7 @@ from .bench import motor, pendulum
 from .bench.group import bench
 from .field_options import Command, every_command
 from .missions import estimate, plan, simulate, tune
-from .vehicles import fit_vehicle
+from .vehicles import vehicle
 
 _HELP = {"help_option_names": ["-h", "--help"]}
 
@@ -40,7 +40,7 @@ for _command in (
     tune.tune,
     estimate.estimate,
     diagnose.diagnose,
-    fit_vehicle.fit_vehicle,
+    vehicle.vehicle,
 ):
     app.command(context_settings=_HELP, cls=Command)(_command)
 app.command(context_settings=_HELP, cls=plan.PlotMayStandAlone)(plan.plan)

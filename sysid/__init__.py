@@ -29,12 +29,13 @@ _PLACES = {
     "Record": "sysid.data.record",
     "SysidError": "sysid.errors",
     "UsageError": "sysid.errors",
+    "Vehicle": "sysid.vehicle.wheels.vehicle",
+    "Wheel": "sysid.vehicle.wheels.wheel",
     "characterise_motor": "sysid.bench.motor.characterise",
     "compare": "sysid.interface",
     "diagnose": "sysid.interface",
     "estimate_pose": "sysid.interface",
     "fit": "sysid.interface",
-    "fit_vehicle": "sysid.interface",
     "identify": "sysid.interface",
     "inertia_of_logs": "sysid.bench.pendulum.study",
     "inertia_of_period": "sysid.bench.pendulum.study",
@@ -42,6 +43,7 @@ _PLACES = {
     "load_mission": "sysid.mission.spec",
     "load_model": "sysid.interface",
     "load_plant": "sysid.plant.package",
+    "load_vehicle": "sysid.vehicle.wheels.description",
     "plan": "sysid.interface",
     "read_log": "sysid.data.io",
     "read_logs": "sysid.data.io",
@@ -75,7 +77,6 @@ if TYPE_CHECKING:
     from sysid.interface import diagnose as diagnose
     from sysid.interface import estimate_pose as estimate_pose
     from sysid.interface import fit as fit
-    from sysid.interface import fit_vehicle as fit_vehicle
     from sysid.interface import identify as identify
     from sysid.interface import inspect as inspect
     from sysid.interface import load_model as load_model
@@ -89,6 +90,9 @@ if TYPE_CHECKING:
     from sysid.plant.package import load_plant as load_plant
     from sysid.structures.model import Model as Model
     from sysid.structures.plant import Plant as Plant
+    from sysid.vehicle.wheels.description import load_vehicle as load_vehicle
+    from sysid.vehicle.wheels.vehicle import Vehicle as Vehicle
+    from sysid.vehicle.wheels.wheel import Wheel as Wheel
 
 __all__ = ["__version__", *sorted(_PLACES)]
 

@@ -29,6 +29,7 @@ from sysid.report import (
     mission_drawing,
     ranking_drawing,
     style,
+    vehicle_drawing,
 )
 from sysid.report.correlation_panels import LagTest
 from sysid.report.dynamics_drawing import DynamicsPicture, PoleZeroSet, StepResponse
@@ -46,6 +47,7 @@ from sysid.report.missions.plan_drawing import CurvePanel, PlanPicture
 from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
 from sysid.report.missions.runs_drawing import RunsPicture
 from sysid.report.ranking_drawing import RankingPicture, RankingRow
+from sysid.report.vehicle_drawing import VehiclePicture, WheelMark
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -72,6 +74,8 @@ __all__ = [
     "RunsPicture",
     "StepResponse",
     "Trade",
+    "VehiclePicture",
+    "WheelMark",
     "inline_svg",
     "picture_format",
     "plot_dynamics",
@@ -82,6 +86,7 @@ __all__ = [
     "plot_plan",
     "plot_ranking",
     "plot_responses",
+    "plot_vehicle",
     "share_letters",
 ]
 
@@ -193,6 +198,16 @@ def plot_dynamics(path: Path, picture: DynamicsPicture) -> None:
     """
     size = dynamics_drawing.size_inches(picture)
     _write(path, size, lambda figure: dynamics_drawing.draw(figure, picture))
+
+
+def plot_vehicle(path: Path, picture: VehiclePicture) -> None:
+    """Draw a vehicle from above, with its axles and the centre it turns about.
+
+    Raises:
+        UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
+    """
+    size = vehicle_drawing.size_inches(picture)
+    _write(path, size, lambda figure: vehicle_drawing.draw(figure, picture))
 
 
 def inline_svg(

@@ -66,7 +66,8 @@ def _sentence(
     if kind == "extra_forbidden":
         return _unknown(place, known_keys(place[:-1]))
     if kind == "missing":
-        return f"the key {name!r} is missing: add {examples.get(name, f'{name}: a number')}"
+        key = str(place[-1])
+        return f"the key {name!r} is missing: add {examples.get(key, f'{key}: a number')}"
     if kind == NAMED:
         return f"{name} {details['msg']}"
     if kind in _LIMITS:
@@ -79,6 +80,8 @@ def _sentence(
         return f"{name} is {value}: give a finite number"
     if kind.startswith("float"):
         return f"{name} is {shown(value)}: give a number"
+    if kind == "string_type":
+        return f"{name} is {shown(value)}: write a text in quotes"
     if kind == "model_type" or kind == "dict_type":
         return f"{name} is {shown(value)}: write a section {{key: value}} with its settings"
     return str(details["msg"]).removeprefix("Value error, ")

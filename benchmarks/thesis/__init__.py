@@ -1,1 +1,0 @@
-"""The thesis figure by figure: what is published beside the same made here."""

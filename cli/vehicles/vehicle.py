@@ -1,0 +1,119 @@
+"""``sysid vehicle``: what the wheels of a described vehicle let it do."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sysid.errors import UsageError
+
+from .. import reading, render, targets
+
+if TYPE_CHECKING:
+    from sysid.vehicle.wheels.vehicle import Vehicle
+
+
+def vehicle(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A vehicle (YAML), a mission or a URDF.")
+    ],
+    angles: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME=RAD,…", help="Steering angles [rad] instead of the file's, by wheel."
+        ),
+    ] = None,
+    twist: Annotated[
+        str | None,
+        typer.Option(
+            metavar="VX,VY,WZ",
+            help="Wanted motion [m/s, m/s, rad/s]: speeds and angles of the wheels for it.",
+        ),
+    ] = None,
+    speeds: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME=RAD/S,…",
+            help="Speeds of wheels [rad/s], by name or in the file's order: the motion they tell.",
+        ),
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Draw wheels, axles and centre: .svg or .png."),
+    ] = None,
+    urdf: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the vehicle as a URDF.")
+    ] = None,
+    json: reading.Json = False,
+) -> None:
+    """Say what the wheels of a vehicle let it do, and turn motions into wheel speeds and back."""
+    targets.check_picture(plot)
+    if urdf is not None:
+        targets.check(urdf, "--urdf", new_folder=False)
+    from sysid.vehicle.wheels.description import load_vehicle
+    from sysid.vehicle.wheels.summary import forward_document, inverse_document, summary
+
+    found = load_vehicle(file)
+    at = _by_name(angles, "--angles", _steered(found))
+    facts = summary(found, at)
+    if twist is not None:
+        wanted = tuple(_numbers(twist, "--twist"))
+        facts["inverse"] = inverse_document(found, found.inverse(wanted, at))
+    if speeds is not None:
+        told = _by_name(speeds, "--speeds", [w.name for w in found.wheels if w.kind != "caster"])
+        facts["forward"] = forward_document(found, found.forward(told or {}, at))
+    _write(found, facts, plot, urdf)
+    if json:
+        render.document(facts)
+    else:
+        from .vehicle_report import show
+
+        show(facts)
+
+
+def _write(found: "Vehicle", facts: dict[str, Any], plot: Path | None, urdf: Path | None) -> None:
+    """The files that were asked for."""
+    if plot is not None:
+        from .vehicle_picture import draw
+
+        draw(plot, found, facts)
+        facts["plot"] = plot
+    if urdf is not None:
+        from sysid.data.files import write_atomic
+        from sysid.vehicle.wheels.urdf_writing import urdf_text
+
+        write_atomic(urdf, urdf_text(found))
+        facts["urdf"] = urdf
+
+
+def _steered(found: "Vehicle") -> list[str]:
+    return [w.name for w in found.wheels if w.kind == "steerable"]
+
+
+def _by_name(text: str | None, option: str, in_order: Sequence[str]) -> Mapping[str, float] | None:
+    """``a=1,b=2``, or ``1,2`` for the names in their order."""
+    if text is None:
+        return None
+    if "=" not in text:
+        values = _numbers(text, option)
+        if len(values) != len(in_order):
+            raise UsageError(
+                f"{option} {text} has {len(values)} numbers for {len(in_order)} wheels "
+                f"({', '.join(in_order) or 'none'}): name them, as in {option} NAME=VALUE"
+            )
+        return dict(zip(in_order, values, strict=True))
+    found: dict[str, float] = {}
+    for part in text.split(","):
+        name, _, value = part.rpartition("=")
+        if not name or name.strip() in found:
+            raise UsageError(f"{option} {text}: write NAME=VALUE once for each wheel")
+        (found[name.strip()],) = _numbers(value, option)
+    return found
+
+
+def _numbers(text: str, option: str) -> list[float]:
+    try:
+        return [float(word) for word in text.split(",")]
+    except ValueError:
+        raise UsageError(f"{option} {text}: write numbers with commas between them") from None

@@ -1,0 +1,143 @@
+"""What is to be said of a vehicle, in words: its type, and what its wheels do not let it do."""
+
+import math
+from collections.abc import Iterator
+
+from sysid.vehicle.wheels.constraints import RANK_TOLERANCE, Angles, Scale, rank, rows_of
+from sysid.vehicle.wheels.mobility import Icr, IcrKind, icr
+from sysid.vehicle.wheels.twists import ForwardKinematics, InverseKinematics, speeds_tell_motion
+from sysid.vehicle.wheels.vehicle import Vehicle
+from sysid.vehicle.wheels.wheel import Wheel
+
+TYPES = {
+    (3, 0): "drives in any direction at once, as with omni wheels, Mecanum wheels or casters alone",
+    (2, 0): "differential drive: forward and turning at once, never sideways",
+    (2, 1): "one steered wheel, else casters: turns at once, and drives where the wheel is steered",
+    (1, 1): "as a tricycle, bicycle or car: drives along an arc that steering chooses",
+    (1, 2): "two steered wheels or more: steering moves the centre of turning anywhere",
+}
+"""Degrees of mobility and steerability of the five classical types (Campion 1996), in words."""
+
+INERTIA_APART = 2.0
+"""Ratio of measured to computed yaw inertia beyond which one of them is doubted: bodies differ from
+a solid box by less (a thin shell has 5/3 of its inertia)."""
+
+
+def type_words(vehicle: Vehicle) -> str:
+    """What a vehicle of these degrees does."""
+    found = vehicle.degrees
+    known = TYPES.get((found.mobility, found.steerability))
+    if known is not None:
+        return known
+    if found.mobility == 0:
+        return (
+            "the axles of the fixed wheels do not meet in one point, so that the vehicle cannot "
+            "move unless wheels slide"
+        )
+    centre = icr([w for w in vehicle.wheels if w.kind == "fixed"])
+    if centre.kind is IcrKind.INFINITY:
+        return (
+            "drives straight only, since its fixed wheels stand on several parallel axles; it "
+            "turns by letting them slide, as skid steering does (describe it as tracks with an "
+            "effective_width)"
+        )
+    return "its fixed wheels let it turn about one point only"
+
+
+def icr_words(found: Icr) -> str:
+    """Where the body turns about, as a sentence with its numbers."""
+    words, run = found.kind.value, ""
+    if found.direction is not None:
+        dx, dy = found.direction
+        run = f"{math.degrees(math.atan2(dy, dx)):.4g}° to x"
+    if found.point is None:
+        return f"{words}, at {run}" if run else words
+    x, y = found.point
+    place = f"({x:.4g}, {y:.4g}) m"
+    return f"{words}: through {place} at {run}" if run else f"{words}: {place}"
+
+
+def notes(vehicle: Vehicle, angles: Angles | None = None) -> tuple[str, ...]:
+    """Sentences on what a reader would not expect; none where all is plain."""
+    return (*vehicle.notes, *_notes(vehicle, angles))
+
+
+def _notes(vehicle: Vehicle, angles: Angles | None) -> Iterator[str]:
+    wheels, scale = vehicle.wheels, Scale.of(vehicle.wheels)
+    for k, one in enumerate(wheels):
+        for other in wheels[k + 1 :]:
+            if one.kind == other.kind == "fixed" and _same_place(one, other, scale):
+                yield f"{one.name} and {other.name} stand in one place and act as one wheel."
+    off = {n: a for n, a in vehicle.misalignment(angles).items() if a}
+    if off and vehicle.mobility > 0:
+        worst = max(off, key=lambda name: abs(off[name]))
+        yield (
+            f"At these steering angles the axles do not meet in one point: the vehicle stands, or "
+            f"wheels slide; {worst} points {math.degrees(abs(off[worst])):.3g}° off the motion "
+            "that suits all of them best."
+        )
+    fixed = rows_of([w.sliding_row() for w in wheels if w.kind == "fixed"])
+    if rank(fixed, scale) == 1:
+        for wheel in wheels:
+            if wheel.kind == "steerable" and _on_axle(wheel, fixed[0].tolist(), scale):
+                yield (
+                    f"{wheel.name} stands on the axle of the fixed wheels: steering it turns "
+                    "nothing."
+                )
+    if not speeds_tell_motion(wheels):
+        yield (
+            "The speeds of the wheels do not tell the motion, and cannot command all of it: "
+            "casters follow whatever the body does."
+        )
+    yield from _on_inertia(vehicle)
+
+
+def _on_inertia(vehicle: Vehicle) -> Iterator[str]:
+    parts, measured = vehicle.mass_properties(), vehicle.yaw_inertia
+    if parts is None or measured is None:
+        return
+    computed = float(parts.tensor[2, 2])
+    if not 1 / INERTIA_APART <= measured / computed <= INERTIA_APART:
+        yield (
+            f"The yaw inertia of {measured:.4g} kg m² is {measured / computed:.3g} times the "
+            f"{computed:.4g} kg m² that masses and sizes of the parts give: one of them is wrong."
+        )
+
+
+def _same_place(one: Wheel, other: Wheel, scale: Scale) -> bool:
+    (ax, ay), (bx, by) = one.position, other.position
+    return math.hypot(ax - bx, ay - by) <= RANK_TOLERANCE * scale.length
+
+
+def _on_axle(wheel: Wheel, row: list[float], scale: Scale) -> bool:
+    """Whether the steering axis lies on the line a y − b x + l = 0 of a fixed wheel's axle."""
+    a, b, lever = row
+    x, y = wheel.position
+    return abs(a * y - b * x + lever) <= RANK_TOLERANCE * scale.length
+
+
+def inverse_words(found: InverseKinematics) -> str:
+    """Whether the wanted twist is possible, and what is missing."""
+    if found.exact:
+        words = "The wheels can give this motion"
+    else:
+        vx, vy, wz = found.impossible
+        words = (
+            f"Not all of it is possible: {vx:.4g} m/s forward, {vy:.4g} m/s to the left and "
+            f"{wz:.4g} rad/s are missing, {found.residual:.4g} m/s at the wheels"
+        )
+    if found.slowdown > 1:
+        return f"{words}, {found.slowdown:.3g} times faster than motors reach."
+    return f"{words}."
+
+
+def forward_words(found: ForwardKinematics) -> str:
+    """What the wheel speeds tell, and whether they agree."""
+    if found.agree:
+        return "The wheels agree: none of them has to slip."
+    every = [*found.rolling.items(), *found.sliding.items()]
+    worst = max(every, key=lambda item: abs(item[1]))[0]
+    return (
+        f"The wheels do not agree: they slip by {found.residual:.4g} m/s (root mean square), "
+        f"{worst} most, or lengths or angles are not as described."
+    )

@@ -1,0 +1,242 @@
+"""A vehicle from a URDF: its wheels are joints that turn freely about a level axis.
+
+A level ``continuous`` joint whose link holds a cylinder round it, or a sphere, is a wheel, called
+as its joint. One that hangs on a joint with an upright axis is steerable, or a caster where its
+contact trails behind that axis. Everything else counts as the body at its zero position.
+"""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from sysid.data.record import Array
+from sysid.errors import DataError, ModelError
+from sysid.vehicle.kinematics import wrap_angle
+from sysid.vehicle.wheels.body import Body, Inertia, MassProperties, combined
+from sysid.vehicle.wheels.urdf_links import BASE, Joint, Pose, Robot, Shape
+from sysid.vehicle.wheels.vehicle import Vehicle
+from sysid.vehicle.wheels.wheel import Wheel
+from sysid.vehicle.wheels.xml_source import read_xml
+
+TILT = 0.17
+"""Sine of 10°: up to there an axis counts as level or upright, as cambered wheels are."""
+
+DECIMALS = 12
+"""Decimals of lengths and angles [m, rad] behind which products of rotations only round."""
+
+LEAST_TRAIL = 1e-6
+"""Distance [m] between axis and contact below which a steered wheel does not trail."""
+
+
+def read_urdf(path: Path) -> Vehicle:
+    """The vehicle that a URDF describes, in the frame of its base link.
+
+    Raises:
+        UsageError: there is no such file.
+        DataError: it is no URDF, or has no wheels; one sentence with its line.
+    """
+    robot = Robot(read_xml(path), path.name)
+    found = _Walk(robot)
+    if not found.wheels:
+        looked = f" ({'; '.join(found.notes)})" if found.notes else ""
+        raise robot.wrong(
+            robot.top.line,
+            "no wheel is found: a wheel is a continuous joint with a level axis whose link has a "
+            f"cylinder or sphere{looked}",
+        )
+    try:
+        return Vehicle(
+            tuple(found.wheels),
+            name=robot.name,
+            body=_body(found.body, found.boxes),
+            friction=_friction(robot),
+            notes=tuple(found.notes),
+        )
+    except ModelError as error:
+        raise robot.wrong(robot.top.line, str(error)) from None
+
+
+class _Walk:
+    """One way through the tree: wheels, the masses of the rest, boxes, and what was passed over."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self.wheels: list[Wheel] = []
+        self.body: list[MassProperties] = []
+        self.boxes: list[tuple[Pose, Shape]] = []
+        self.notes: list[str] = []
+        self._more = {
+            e.attributes.get("reference", ""): e.attributes for e in robot.top.all("sysid")
+        }
+        self._visit(robot.root, BASE, None)
+
+    def _visit(self, link: str, pose: Pose, steering: tuple[Joint, Pose] | None) -> None:
+        """Count a link to the body, and go on to what hangs on it."""
+        properties = self.robot.properties(link)
+        if properties is not None:
+            self.body.append(placed(properties, pose))
+        self.boxes += [(pose, s) for s in self.robot.shapes(link) if s.kind == "box"]
+        for joint in self.robot.below(link):
+            there = pose.then(joint.origin)
+            axis = there.axes @ joint.axis
+            upright, level = abs(axis[2]) > math.sqrt(1 - TILT**2), abs(axis[2]) < TILT
+            if joint.kind == "continuous" and level and self._is_wheel(joint, there, steering):
+                continue
+            turns = joint.kind in ("continuous", "revolute") and upright
+            if turns and steering is None:
+                self._visit(joint.child, there, (joint, there))
+            else:
+                if joint.kind != "fixed":
+                    self.notes.append(f"joint {joint.name} ({joint.kind}) is taken at position 0")
+                self._visit(joint.child, there, steering)
+
+    def _is_wheel(self, joint: Joint, pose: Pose, steering: tuple[Joint, Pose] | None) -> bool:
+        """Add the wheel of a joint, if its links hold a shape that rolls about its axis."""
+        axle = pose.axes @ joint.axis
+        links = list(self._rigid(joint.child, pose))
+        rolling = (
+            (there.then(shape.pose), shape)
+            for link, there in links
+            for shape in self.robot.shapes(link)
+            if shape.kind in ("cylinder", "sphere")
+        )
+        shape = next((s for s in rolling if rolls(s, axle)), None)
+        if shape is None:
+            self.notes.append(
+                f"joint {joint.name} turns like a wheel, but its link {joint.child} has no "
+                "cylinder or sphere about its axis"
+            )
+            return False
+        given = [(self.robot.properties(link), there) for link, there in links]
+        masses = [placed(p, there) for p, there in given if p is not None]
+        self.wheels.append(self._wheel(joint, pose, shape, steering, masses))
+        return True
+
+    def _rigid(self, link: str, pose: Pose) -> Iterator[tuple[str, Pose]]:
+        """A link and what is fixed to it."""
+        yield link, pose
+        for joint in self.robot.below(link):
+            yield from self._rigid(joint.child, pose.then(joint.origin))
+
+    def _wheel(
+        self,
+        joint: Joint,
+        pose: Pose,
+        shape: tuple[Pose, Shape],
+        steering: tuple[Joint, Pose] | None,
+        masses: list[MassProperties],
+    ) -> Wheel:
+        axle = pose.axes @ joint.axis
+        offset = shape[0].place - pose.place
+        middle = pose.place + axle * float(offset @ axle)
+        heading = math.atan2(-axle[0], axle[1])  # e = axle × z
+        lengths, extra = shape[1].lengths, self._more.get(joint.child, {})
+        keys: dict[str, Any] = {
+            "name": joint.name,
+            "at": middle,
+            "r": lengths[0],
+            "heading": rounded_angle(heading),
+            "width": lengths[1] if len(lengths) > 1 else None,
+            "mass": sum(p.mass for p in masses) or None,
+            "max_speed": joint.velocity,
+        }
+        if steering is not None:
+            keys |= self._steered(joint, middle, heading, *steering)
+        keys |= self._of_our_own(extra)
+        keys["at"] = _rounded(keys["at"])
+        try:
+            return Wheel(**keys)
+        except ValidationError as error:
+            said = error.errors()[0]["msg"].removeprefix("Value error, ")
+            raise self.robot.wrong(joint.line, f"the wheel of joint {joint.name}: {said}") from None
+
+    def _steered(
+        self, joint: Joint, middle: Array, heading: float, steering: Joint, there: Pose
+    ) -> dict[str, Any]:
+        """Keys of a wheel that hangs on an upright joint."""
+        along = np.array([math.cos(heading), math.sin(heading)])
+        rest = middle[:2] - there.place[:2]
+        trail = round(-float(rest @ along), DECIMALS)
+        side = round(float(along[0] * rest[1] - along[1] * rest[0]), DECIMALS)
+        keys: dict[str, Any] = {"at": np.array([*there.place[:2], middle[2]])}
+        keys |= {"side": side} if abs(side) > LEAST_TRAIL else {}
+        if steering.kind == "continuous" and abs(trail) > LEAST_TRAIL:
+            return keys | {"kind": "caster", "offset": trail}
+        if abs(trail) > LEAST_TRAIL:
+            self.notes.append(
+                f"wheel {joint.name} is steered and trails {trail:.3g} m behind its steering "
+                "axis, which is left out"
+            )
+        keys["kind"] = "steerable"
+        if steering.limits is not None and steering.kind == "revolute":
+            turned = there.axes @ steering.axis
+            low, high = steering.limits
+            keys["angle_limits"] = (low, high) if turned[2] > 0 else (-high, -low)
+        return keys
+
+    def _of_our_own(self, extra: dict[str, str]) -> dict[str, Any]:
+        """What a URDF has no place for, and an element ``sysid`` keeps."""
+        found: dict[str, Any] = {}
+        for key in ("angle", "roller"):
+            if key in extra:
+                try:
+                    found[key] = float(extra[key])
+                except ValueError:
+                    raise DataError(
+                        f"{self.robot.file}: {key} of <sysid> is {extra[key]!r}: give a number"
+                    ) from None
+        return found | ({"kind": "swedish"} if "roller" in found else {})
+
+
+def placed(own: MassProperties, pose: Pose) -> MassProperties:
+    """Mass properties of a link, in the frame of the base."""
+    centre = pose.place + pose.axes @ own.centre
+    return MassProperties(own.mass, centre, pose.axes @ own.tensor @ pose.axes.T)
+
+
+def rounded_angle(angle: float) -> float:
+    """The angle [rad] in (−π, π], rounded so that it reads the same when written and read again."""
+    found = round(float(wrap_angle(angle)), DECIMALS) + 0.0
+    return -found if found <= -round(math.pi, DECIMALS) else found
+
+
+def rolls(shape: tuple[Pose, Shape], axle: Array) -> bool:
+    """Whether a sphere, or a cylinder round the axle."""
+    pose, form = shape
+    return form.kind == "sphere" or bool(abs(pose.axes[:, 2] @ axle) > math.sqrt(1 - TILT**2))
+
+
+def _body(parts: list[MassProperties], boxes: list[tuple[Pose, Shape]]) -> Body:
+    """The first box, and all masses as one."""
+    keys: dict[str, Any] = {}
+    if boxes:
+        pose, shape = boxes[0]
+        there = pose.then(shape.pose)
+        size = np.abs(there.axes) @ np.array(shape.lengths)
+        keys |= {"size": _rounded(size), "at": _rounded(there.place)}
+    if parts:
+        whole = combined(parts)
+        keys |= {"mass": whole.mass, "mass_centre": _rounded(whole.centre)}
+        if np.linalg.eigvalsh(whole.tensor)[0] > 0:  # links may have a mass and no inertia
+            keys["inertia"] = Inertia.of(whole.tensor)
+    return Body(**keys)
+
+
+def _rounded(vector: Array) -> tuple[float, ...]:
+    return tuple(round(float(v), DECIMALS) + 0.0 for v in vector)  # + 0.0: no -0.0
+
+
+def _friction(robot: Robot) -> float | None:
+    """``mu1`` of the first Gazebo element that has it."""
+    for element in robot.top.all("gazebo"):
+        mu = element.first("mu1")
+        if mu is not None:
+            try:
+                return float(mu.attributes.get("value", mu.text))
+            except ValueError:
+                raise robot.wrong(mu.line, f"mu1 is {mu.text.strip()!r}: give a number") from None
+    return None
