@@ -27,16 +27,33 @@ def export(
             help="Formats; json is the package alone [json,c: without c where that cannot be].",
         ),
     ] = None,
+    controller: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MISSION",
+            help="Write the laws of this mission (YAML), too: guidance, control, navigation.",
+        ),
+    ] = None,
+    precision: Annotated[
+        str, typer.Option(metavar="double|float", help="Numbers of the C code.")
+    ] = "double",
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
     json: reading.Json = False,
 ) -> None:
     """Write a model as a plant package and run its self-test."""
-    from sysid.export.package import write_package
+    from sysid.export.package import Form, write_package
     from sysid.plant.package import FILES, read_description
     from sysid.plant.selftest import TOLERANCE, selftest
 
     if output is not None:
         targets.check(output, "-o")
+    if precision not in ("double", "float"):
+        raise typer.BadParameter(f"{precision!r} is no precision: choose double or float")
+    mission = None
+    if controller is not None:
+        from sysid.mission.spec import load_mission
+
+        mission = load_mission(controller)
     place = Workspace(workspace)
     stored = place.chosen(model)
     path = write_package(
@@ -45,6 +62,7 @@ def export(
         stored.report,
         stored.id,
         None if formats is None else formats.split(","),
+        Form(mission, precision == "double"),
     )
     error = selftest(path)
     for warning in stored.model.warnings:

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from sysid.mission.loop import Loop
 from sysid.plant.selftest import SelfTest
 from sysid.structures.model import Model
 
@@ -18,12 +19,16 @@ class Source:
         name: what the plant is called.
         description: the content of plant.json without files and hash.
         selftest: rows that every runtime must reproduce from rest.
+        loop: the closed loop of a mission around this plant, where what drives it is wanted, too.
+        double: whether numbers are to have 8 bytes; else 4.
     """
 
     model: Model
     name: str
     description: Mapping[str, Any]
     selftest: SelfTest
+    loop: Loop | None = None
+    double: bool = True
 
 
 class Exporter(ABC):

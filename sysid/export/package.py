@@ -1,18 +1,37 @@
 """A model as a plant package, in the formats that are wanted."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from sysid.errors import ModelError
 from sysid.export.base import Exporter, Source
+from sysid.export.closed_loop import loop_of
 from sysid.export.registry import DEFAULT, chosen
+from sysid.mission.spec import Mission
 from sysid.plant import package
 from sysid.plant.description import describe
 from sysid.plant.selftest import make_selftest
 from sysid.plant.storage import Files
 from sysid.structures.model import Model
+
+
+@dataclass(frozen=True)
+class Form:
+    """What is written beside the plant, and how.
+
+    Attributes:
+        controller: the mission whose laws are written, too; None for the plant alone.
+        double: whether numbers in C have 8 bytes, else 4.
+    """
+
+    controller: Mission | None = None
+    double: bool = True
+
+
+PLANT_ALONE = Form()
 
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
 
@@ -23,13 +42,14 @@ def write_package(
     report: Mapping[str, Any] = _NOTHING,
     name: str = "",
     formats: Sequence[str] | None = None,
+    form: Form = PLANT_ALONE,
 ) -> Path:
     """Write a model as a plant package: a folder, or one zip where ``path`` ends in ``.zip``.
 
     The package appears whole or not at all, and replaces one that is there already.
 
     Args:
-        model, report, name, formats: see :func:`package_files`.
+        model, report, name, formats, form: see :func:`package_files`.
         path: the folder or zip.
 
     Returns:
@@ -40,7 +60,7 @@ def write_package(
         ModelError: the model has no input, or cannot be written in a format that was asked for.
         DataError: the place cannot be written.
     """
-    return package.write(path, package_files(model, report, name, formats))
+    return package.write(path, package_files(model, report, name, formats, form))
 
 
 def package_files(
@@ -48,6 +68,7 @@ def package_files(
     report: Mapping[str, Any] = _NOTHING,
     name: str = "",
     formats: Sequence[str] | None = None,
+    form: Form = PLANT_ALONE,
 ) -> Files:
     """The files of a package by name: the package itself, and a folder for each format.
 
@@ -59,6 +80,7 @@ def package_files(
         name: what to call the plant; the structure's name unless given.
         formats: names of exporters. None writes the usual ones, and one of these that cannot write
             this model is left out: the model card says why.
+        form: what is written beside the plant, and how.
 
     Raises:
         UsageError: a format does not exist.
@@ -71,7 +93,10 @@ def package_files(
             f"{name} has no input that could drive it: a plant needs one; fit a structure with "
             "inputs"
         )
-    source = Source(model, name, describe(model, report, name), make_selftest(model))
+    loop = None if form.controller is None else loop_of(model, form.controller)
+    source = Source(
+        model, name, describe(model, report, name), make_selftest(model), loop, form.double
+    )
     files: dict[str, bytes] = {}
     usage = ""
     for exporter in exporters:

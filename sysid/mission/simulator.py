@@ -90,7 +90,7 @@ def simulate(
     scene, drive = scene_of(mission, informed), drive_of(mission, informed)
     loop = closed_loop(mission, plant, scene, floats, drive)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        state, table = _run(loop, seed)
+        state, table = run(loop, seed)
     table.setflags(write=False)
     log = MappingProxyType({name: table[:, i] for i, name in enumerate(loop.columns)})
     outcome = Outcome[Verdict(int(state.verdict)).name]
@@ -163,7 +163,7 @@ def closed_loop(
     )
 
 
-def _run(loop: Loop, seed: int) -> tuple[LoopState, Array]:
+def run(loop: Loop, seed: int) -> tuple[LoopState, Array]:
     """Sample until the mission ends; the last state and the log's rows."""
     rows = []
     tick = Tick(0.0, 0.0, (), ())

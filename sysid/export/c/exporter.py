@@ -4,13 +4,16 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from sysid.export.base import Exporter, Source
+from sysid.export.c.build import arduino_files, build_files
+from sysid.export.c.loop.sources import loop_sources
+from sysid.export.c.precision import DOUBLE, in_single, single
 from sysid.export.c.source import c_sources
 
 _USAGE = """In C99, without heap or globals (`c/plant.h`, `c/plant.c`); the self-test prints its
 largest relative error:
 
 ```
-cd c && cc -std=c99 -O2 -o selftest plant.c selftest.c -lm && ./selftest
+cd c && make && ./selftest      # or: cc -std=c99 -O2 -o selftest plant.c selftest.c -lm
 ```
 """
 
@@ -27,7 +30,17 @@ class C(Exporter):
         Raises:
             ModelError: the plant cannot be written as C.
         """
-        return c_sources(source.model, source.selftest, source.name)
+        precision = DOUBLE if source.double else single(source.model)
+        files = c_sources(source.model, source.selftest, source.name, precision.plant)
+        extra: dict[str, str] = {}
+        if source.loop is not None:
+            made = loop_sources(source.loop, precision)
+            files |= made.files
+            extra = arduino_files(source.loop, files, made.navigation)
+        files |= build_files(files) | extra
+        if precision.double:
+            return files
+        return {n: in_single(t) if n.endswith((".c", ".h")) else t for n, t in files.items()}
 
     def usage(self) -> str:
         """How to build the self-test."""

@@ -18,12 +18,14 @@ class Operation:
         form: as C, {0}, {1} … its arguments.
         numeric: the same on numbers.
         truth: whether it gives a truth.
+        conditions: which arguments are truths.
         idle: (cells) → the cell it gives without an operation, or None.
     """
 
     form: str
     numeric: Callable[..., Any]
     truth: bool = False
+    conditions: tuple[int, ...] = ()
     idle: Callable[..., Cell | None] = lambda *cells: None
 
     def __call__(self, *cells: Cell) -> Cell:
@@ -34,7 +36,13 @@ class Operation:
         found = self.idle(*cells)
         if found is not None:
             return found
-        return program.line(self.form.format(*(c.text for c in cells)), cells, self.truth)
+        texts = (
+            c.text
+            if c.number is not None and k not in self.conditions
+            else program.read(c.text, c.name, k in self.conditions)
+            for k, c in enumerate(cells)
+        )
+        return program.line(self.form.format(*texts), cells, self.truth)
 
 
 def cell(value: Any) -> Cell:
@@ -67,7 +75,9 @@ def _limited(never: float) -> Callable[[Cell, Cell], Cell | None]:
 
 
 def _chosen(c: Cell, a: Cell, b: Cell) -> Cell | None:
-    return None if c.number is None else a if c.number else b
+    if c.number is not None:
+        return a if c.number else b
+    return a if a.text == b.text else None
 
 
 ADD = Operation("{0} + {1}", np.add, idle=_added)
@@ -78,13 +88,17 @@ POWER = Operation("pow({0}, {1})", np.power, idle=_powered)
 NEGATIVE = Operation("-{0}", np.negative)
 MAXIMUM = Operation("{0} > {1} ? {0} : {1}", np.maximum, idle=_limited(-np.inf))
 MINIMUM = Operation("{0} < {1} ? {0} : {1}", np.minimum, idle=_limited(np.inf))
-WHERE = Operation("{0} ? {1} : {2}", lambda c, a, b: a if c else b, idle=_chosen)
+WHERE = Operation("{0} ? {1} : {2}", lambda c, a, b: a if c else b, conditions=(0,), idle=_chosen)
 ABSOLUTE = Operation("fabs({0})", np.abs)
 SIGN = Operation("(double)(({0} > 0.0) - ({0} < 0.0))", np.sign)
 
+_AND = Operation("{0} && {1}", np.logical_and, True, (0, 1))
+_OR = Operation("{0} || {1}", np.logical_or, True, (0, 1))
+_NOT = Operation("!{0}", np.logical_not, True, (0,))
+
 _COMPARISONS = {
     "greater": ">", "greater_equal": ">=", "less": "<", "less_equal": "<=",
-    "equal": "==", "not_equal": "!=", "logical_and": "&&", "logical_or": "||",
+    "equal": "==", "not_equal": "!=",
 }  # fmt: skip
 _C_FUNCTIONS = {
     "exp": "exp", "expm1": "expm1", "log": "log", "log1p": "log1p", "log10": "log10",
@@ -107,12 +121,17 @@ OPERATIONS: Mapping[str, Operation] = MappingProxyType(
         "abs": ABSOLUTE,
         "absolute": ABSOLUTE,
         "sign": SIGN,
+        "fmod": Operation("fmod({0}, {1})", np.fmod),
+        "isnan": Operation("isnan({0})", np.isnan, True),
+        "isfinite": Operation("isfinite({0})", np.isfinite, True),
         "arctan2": Operation("atan2({0}, {1})", np.arctan2),
         "hypot": Operation("hypot({0}, {1})", np.hypot),
-        "logical_not": Operation("!{0}", np.logical_not, True),
-        "invert": Operation("!{0}", np.logical_not, True),
-        "bitwise_and": Operation("{0} && {1}", np.logical_and, True),
-        "bitwise_or": Operation("{0} || {1}", np.logical_or, True),
+        "logical_not": _NOT,
+        "invert": _NOT,
+        "logical_and": _AND,
+        "logical_or": _OR,
+        "bitwise_and": _AND,
+        "bitwise_or": _OR,
         **{
             name: Operation(f"{{0}} {c} {{1}}", getattr(np, name), True)
             for name, c in _COMPARISONS.items()

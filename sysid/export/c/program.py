@@ -45,6 +45,13 @@ class Cell:
         self.name, self.place = name, place
 
 
+def as_number(c: Cell) -> str:
+    """A cell as C where a number is wanted: truths become 0.0 or 1.0."""
+    if c.number is not None:
+        return number(c.number)
+    return c.program.read(c.text, c.name, False) if c.program else c.text
+
+
 def constant(value: float) -> Cell:
     """The cell of a number."""
     return Cell(factor(value), float(value))
@@ -60,13 +67,24 @@ class _Lines:
 
 
 class Program:
-    """Statements in the order in which they were recorded; equal ones become one."""
+    """Statements in the order in which they were recorded; equal ones become one.
 
-    def __init__(self) -> None:
+    Args:
+        numbers: that make names different from those of another program.
+    """
+
+    def __init__(self, numbers: Iterator[int] | None = None) -> None:
         self._scopes: list[list[_Lines | Loop]] = [[]]
         self._known: dict[str, str] = {}
         self._tables: dict[str, tuple[str, ...]] = {}
-        self._numbers = count()
+        self._truths: set[str] = set()
+        self._numbers = count() if numbers is None else numbers
+
+    def read(self, text: str, name: str, condition: bool) -> str:
+        """A value as C where a truth is wanted (``condition``), or a number."""
+        if (name in self._truths) == condition:
+            return text
+        return f"({text} != 0.0)" if condition else f"(double){text}"
 
     # ----------------------------------------------------------------- single values
 
@@ -78,6 +96,8 @@ class Program:
             reads = frozenset(c.name for c in used if c.number is None)
             self._add(_Lines(name, (f"const {kind} {name} = {text};",), reads))
             self._known[text] = name
+            if truth:
+                self._truths.add(name)
         name = self._known[text]
         return Cell(name, None, self, name)
 
@@ -93,19 +113,41 @@ class Program:
     # ----------------------------------------------------------------- arrays
 
     def looped(
-        self, form: str, shape: tuple[int, ...], args: Sequence[Cells], truth: bool = False
+        self,
+        form: str,
+        shape: tuple[int, ...],
+        args: Sequence[Cells],
+        truth: bool = False,
+        conditions: Sequence[int] = (),
     ) -> Cells:
-        """An operation on every entry of arrays of cells that broadcast to ``shape``."""
+        """An operation on every entry of arrays of cells that broadcast to ``shape``.
+
+        Args:
+            form: as C, {0}, {1} … its arguments.
+            shape: of the result.
+            args: the arguments.
+            truth: whether it gives truths.
+            conditions: which arguments are truths.
+        """
         accesses = tuple(self._access(a, shape) for a in args)
+        form = form.format(
+            *(
+                self.read(f"{{{k}}}", a.array or a.reads, k in conditions)
+                for k, a in enumerate(accesses)
+            )
+        )
         key = f"{form}{shape}{truth}{accesses}"
         if key not in self._known:
             self._known[key] = self._name("a")
             self._add(Loop(self._known[key], shape, form, accesses, truth))
+            if truth:
+                self._truths.add(self._known[key])
         return self._entries(self._known[key], shape)
 
     def reduced(self, form: str, start: str, cells: Cells) -> Cells:
         """The last axis of an array of cells taken together by ``form`` of two values."""
         access = self._access(cells, cells.shape)
+        form = form.format("{0}", self.read("{1}", access.array or access.reads, False))
         name = self._name("a")
         self._add(Loop(name, cells.shape, form, (access,), start=start))
         if cells.ndim == 1:
@@ -224,7 +266,7 @@ class Program:
         flat = cells.ravel().tolist()
         if all(c.number is not None for c in flat):
             return self._table(np.array([c.number for c in flat]))
-        texts = [c.text if c.number is None else number(c.number) for c in flat]
+        texts = [as_number(c) for c in flat]
         key = f"{{{', '.join(texts)}}}"
         if key not in self._known:
             name = self._known[key] = self._name("a")
@@ -253,7 +295,7 @@ class Rounds:
             program._scopes.pop(), {c.name for c in after if c.number is None}
         )
         program._known = self._outer
-        texts = [c.text if c.number is None else number(c.number) for c in self.start]
+        texts = [as_number(c) for c in self.start]
         lines = [
             f"double {name}[{len(texts)}] = {{",
             *wrapped(texts),
@@ -270,7 +312,4 @@ class Rounds:
 
 def assigned(name: str, values: Sequence[Cell], operator: str = "=") -> list[str]:
     """Lines that put cells into ``name[0]`` and on."""
-    return [
-        f"{name}[{k}] {operator} {c.text if c.number is None else number(c.number)};"
-        for k, c in enumerate(values)
-    ]
+    return [f"{name}[{k}] {operator} {as_number(c)};" for k, c in enumerate(values)]

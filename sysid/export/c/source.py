@@ -15,11 +15,13 @@ from sysid.structures.c_step import CStep
 from sysid.structures.model import Model
 from sysid.version import __version__
 
-_MATHEMATICAL = re.compile(r"\b(HUGE_VAL|[a-z]\w*\()")
+_MATHEMATICAL = re.compile(r"\b(HUGE_VAL|NAN|[a-z]\w*\()")
 """What needs math.h: infinity, and calls of functions."""
 
 
-def c_sources(model: Model, test: SelfTest, name: str = "") -> dict[str, str]:
+def c_sources(
+    model: Model, test: SelfTest, name: str = "", tolerance: float = TOLERANCE
+) -> dict[str, str]:
     """``plant.h``, ``plant.c`` and ``selftest.c`` of a model.
 
     The code computes what the structure's ``step`` computes, in double precision, so that it
@@ -29,6 +31,7 @@ def c_sources(model: Model, test: SelfTest, name: str = "") -> dict[str, str]:
         model: a fitted model.
         test: the rows ``selftest.c`` checks.
         name: what to call the plant; the structure's title unless given.
+        tolerance: error that ``selftest.c`` allows, in parts of the range of each output.
 
     Raises:
         ModelError: the structure cannot be written as C.
@@ -41,7 +44,7 @@ def c_sources(model: Model, test: SelfTest, name: str = "") -> dict[str, str]:
     code = "\n".join((*written.support, *written.body))
     headers = ["#include <math.h>", ""] if _MATHEMATICAL.search(code) else []
     return {
-        "plant.h": _fill(
+        "plant.h": fill(
             "plant.h",
             **common,
             dt=number(model.dt),
@@ -51,7 +54,7 @@ def c_sources(model: Model, test: SelfTest, name: str = "") -> dict[str, str]:
             n_storage=storage,
             channels="\n".join(_channel_lines(model.inputs, model.outputs)),
         ),
-        "plant.c": _fill(
+        "plant.c": fill(
             "plant.c",
             **common,
             words="\n".join(f" * {line}".rstrip() for line in map(comment, written.words)),
@@ -60,11 +63,11 @@ def c_sources(model: Model, test: SelfTest, name: str = "") -> dict[str, str]:
             n_storage=storage,
             body="\n".join(_step_lines(model, written)),
         ),
-        "selftest.c": _fill(
+        "selftest.c": fill(
             "selftest.c",
             **common,
             rows=str(len(test.t)),
-            tolerance=number(TOLERANCE),
+            tolerance=number(tolerance),
             data="\n".join(f"    {{{listed(row)}}}," for row in np.column_stack([test.u, test.y])),
             scale=listed(test.scale()),
         ),
@@ -94,6 +97,7 @@ def _channel_lines(inputs: tuple[Channel, ...], outputs: tuple[Channel, ...]) ->
             yield f" * {letter}[{k}]  {comment(channel.name)}{unit}"
 
 
-def _fill(template: str, **values: str) -> str:
+def fill(template: str, **values: str) -> str:
+    """A template with its values put in."""
     source = files("sysid.export.c").joinpath("templates", template).read_text(encoding="utf-8")
     return Template(source).substitute(values)

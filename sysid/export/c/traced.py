@@ -13,7 +13,16 @@ from typing import Any
 import numpy as np
 
 from sysid.errors import ModelError
-from sysid.export.c.operations import ADD, MAXIMUM, MINIMUM, MULTIPLY, OPERATIONS, Operation, cell
+from sysid.export.c.operations import (
+    ADD,
+    MAXIMUM,
+    MINIMUM,
+    MULTIPLY,
+    OPERATIONS,
+    WHERE,
+    Operation,
+    cell,
+)
 from sysid.export.c.operations import total as taken_together
 from sysid.export.c.program import Cells, Program
 
@@ -26,8 +35,8 @@ Motors, tanks and effects have two or six entries a signal, the tables of a netw
 
 def _operator(name: str, swapped: bool = False) -> Callable[..., Any]:
     if swapped:
-        return lambda self, other: _each(OPERATIONS[name], other, self)
-    return lambda *values: _each(OPERATIONS[name], *values)
+        return lambda self, other: _called(name, other, self)
+    return lambda *values: _called(name, *values)
 
 
 class Traced:
@@ -45,7 +54,7 @@ class Traced:
             raise _refusal(f"{name}.{method}")
         if name == "matmul":
             return _product(*values)
-        return _each(_operation(name), *values)
+        return _called(name, *values)
 
     def __array_function__(self, function: Any, types: Any, args: Any, options: Any) -> Any:
         return getattr(TRACE, function.__name__)(*args, **options)
@@ -78,6 +87,39 @@ class Traced:
         """The cells in a row."""
         return Traced(self.cells.ravel())
 
+    def clip(self, low: Any, high: Any) -> "Traced":
+        """Cut to [low, high]."""
+        found: Traced = _clip(self, low, high)
+        return found
+
+    def min(self, axis: int | None = None) -> "Traced":
+        """The smallest of its entries."""
+        return _reduced(self, axis, MINIMUM)
+
+    def max(self, axis: int | None = None) -> "Traced":
+        """The largest of its entries."""
+        return _reduced(self, axis, MAXIMUM)
+
+    def any(self) -> "Traced":
+        """Whether one of its truths holds."""
+        return Traced(taken_together(self.cells.ravel().tolist(), OPERATIONS["logical_or"]))
+
+    def all(self) -> "Traced":
+        """Whether all of its truths hold."""
+        return Traced(taken_together(self.cells.ravel().tolist(), OPERATIONS["logical_and"]))
+
+    def swapaxes(self, one: int, other: int) -> "Traced":
+        """Two axes exchanged."""
+        return Traced(self.cells.swapaxes(one, other))
+
+    def tolist(self) -> Any:
+        """The entries as nested lists of arrays without axes."""
+        return [part.tolist() for part in self] if self.ndim else self
+
+    def astype(self, kind: Any) -> "Traced":
+        """The same: C makes an integer where an index is wanted."""
+        return self
+
     def copy(self) -> "Traced":
         """The same cells in an array of its own."""
         return Traced(self.cells.copy())
@@ -92,6 +134,8 @@ class Traced:
     def __getitem__(self, key: Any) -> "Traced":
         if isinstance(key, Traced):
             return _looked_up(self, key)
+        if isinstance(key, tuple) and any(isinstance(k, Traced) for k in key):
+            return _looked_up(self.ravel(), _flat_index(self.shape, key))
         return Traced(self.cells[key])
 
     def __setitem__(self, key: Any, value: Any) -> None:
@@ -120,6 +164,7 @@ class Traced:
     __sub__, __rsub__ = _operator("subtract"), _operator("subtract", swapped=True)
     __mul__, __rmul__ = _operator("multiply"), _operator("multiply", swapped=True)
     __truediv__, __rtruediv__ = _operator("divide"), _operator("divide", swapped=True)
+    __mod__, __rmod__ = _operator("mod"), _operator("mod", swapped=True)
     __pow__, __rpow__ = _operator("power"), _operator("power", swapped=True)
     __and__, __rand__ = _operator("bitwise_and"), _operator("bitwise_and", swapped=True)
     __or__, __ror__ = _operator("bitwise_or"), _operator("bitwise_or", swapped=True)
@@ -149,6 +194,22 @@ def cells_of(value: Any) -> Cells:
     return found
 
 
+def _called(name: str, *values: Any) -> Traced:
+    """NumPy's function of this name."""
+    return _remainder(*values) if name in _REMAINDERS else _each(_operation(name), *values)
+
+
+_REMAINDERS = ("mod", "remainder")
+
+
+def _remainder(a: Any, b: Any) -> Traced:
+    """Python's remainder, with the sign of its divisor, by C's, which has that of the other."""
+    found = _each(OPERATIONS["fmod"], a, b)
+    one, other = (_each(OPERATIONS["less"], v, 0.0) for v in (found, b))
+    opposite = _each(OPERATIONS["not_equal"], one, other)
+    return _each(WHERE, (found != 0.0) & opposite, found + b, found)
+
+
 def _program(*arrays: Cells) -> Program | None:
     return next((c.program for a in arrays for c in a.flat if c.program is not None), None)
 
@@ -161,7 +222,9 @@ def _each(operation: Operation, *values: Any) -> Traced:
     if program is not None and int(np.prod(shape)) > WRITTEN_OUT:
         if operation is OPERATIONS["power"] and all(c.number == 2.0 for c in arrays[1].flat):
             operation, arrays = MULTIPLY, [arrays[0], arrays[0]]
-        return Traced(program.looped(operation.form, shape, arrays, operation.truth))
+        return Traced(
+            program.looped(operation.form, shape, arrays, operation.truth, operation.conditions)
+        )
     arrays = [np.broadcast_to(a, shape) for a in arrays]
     found = np.empty(shape, dtype=object)
     for k in np.ndindex(shape):
@@ -195,6 +258,8 @@ def _reduced(value: Any, axis: int | None = None, operation: Operation = ADD) ->
 def _product(a: Any, b: Any) -> Traced:
     """The matrix product, written out where it is small or has many zeros."""
     left, right = cells_of(a), cells_of(b)
+    if max(left.ndim, right.ndim) > 2:
+        return _stacked_product(left, right)
     if right.ndim == 2:
         # the rows of aᵀ's partner, equal ones computed once: units that see the same signals
         unique: dict[tuple[str, ...], int] = {}
@@ -214,6 +279,27 @@ def _product(a: Any, b: Any) -> Traced:
         terms = [MULTIPLY(p, q) for p, q in zip(wide[k], other[k], strict=True)]
         found[k] = taken_together([cell(0.0), *terms])
     return Traced(found)
+
+
+def _stacked_product(left: Cells, right: Cells) -> Traced:
+    """Matrix products side by side."""
+    many = np.broadcast_shapes(left.shape[:-2], right.shape[:-2])
+    left = np.broadcast_to(left, (*many, *left.shape[-2:]))
+    right = np.broadcast_to(right, (*many, *right.shape[-2:]))
+    found = np.empty((*many, left.shape[-2], right.shape[-1]), dtype=object)
+    for k in np.ndindex(many):
+        found[k] = _product(Traced(left[k]), Traced(right[k])).cells
+    return Traced(found)
+
+
+def _flat_index(shape: tuple[int, ...], key: tuple[Any, ...]) -> Traced:
+    """Where an entry stands in a row, from its places along all axes."""
+    if len(key) != len(shape):
+        raise _refusal("indices of some axes that follow from signals")
+    at: Any = Traced(cells_of(0.0))
+    for n, k in zip(shape, key, strict=True):
+        at = at * float(n) + k
+    return Traced(cells_of(at))
 
 
 def _looked_up(row: Traced, at: Traced) -> Traced:
@@ -264,7 +350,7 @@ def _function(name: str) -> Callable[..., Any]:
 
     def call(*values: Any) -> Any:
         if any(map(_is_traced, values)):
-            return _each(OPERATIONS[name], *values)
+            return _called(name, *values)
         return getattr(np, name)(*values)
 
     return call
@@ -313,9 +399,30 @@ def _repeated(times: int, advance: Callable[[Traced], Traced], x: Traced) -> Tra
     return Traced(rounds.finished(cells_of(found).ravel().tolist())).reshape(x.shape)
 
 
+def _cholesky(matrix: Any) -> Traced:
+    """The lower triangle L with LLᵀ = A, written out."""
+    a = Traced(cells_of(matrix))
+    n = len(a)
+    L = np.zeros((n, n), dtype=object)
+    for j in range(n):
+        for i in range(j, n):
+            rest = a[i, j]
+            for k in range(j):
+                rest = rest - L[i, k] * L[j, k]
+            L[i, j] = TRACE.sqrt(rest) if i == j else rest / L[j, j]
+    return Traced(cells_of(L.tolist()))
+
+
 TRACE: Any = _Namespace(
+    __name__="recorded as C",
+    linalg=SimpleNamespace(cholesky=_cholesky),
     pi=np.pi,
     inf=np.inf,
+    nan=np.nan,
+    eye=np.eye,
+    full=np.full,
+    array=lambda value, dtype=None: Traced(cells_of(value)),
+    float64=lambda value: Traced(cells_of(value)),
     zeros=np.zeros,
     ones=np.ones,
     arange=np.arange,
@@ -342,6 +449,6 @@ TRACE: Any = _Namespace(
     amax=partial(_fold, MAXIMUM),
     amin=partial(_fold, MINIMUM),
     mean=_mean,
-    **{name: _function(name) for name in OPERATIONS},
+    **{name: _function(name) for name in (*OPERATIONS, *_REMAINDERS)},
 )
 """The namespace that records."""

@@ -13,6 +13,8 @@ WIDTH = 96
 def number(value: float) -> str:
     """A double literal that reads back as the same double."""
     value = float(value)
+    if np.isnan(value):
+        return "NAN"
     if np.isinf(value):
         return "HUGE_VAL" if value > 0 else "-HUGE_VAL"
     return repr(value)

@@ -5,8 +5,13 @@ from typing import Any
 
 
 def compiled(xp: Any) -> bool:
-    """Whether a namespace is traced by JAX, where numbers decide nothing about what is done."""
-    return getattr(xp, "__name__", "") == "jax.numpy"
+    """Whether numbers are traced, by JAX or to become C: they decide nothing about what is done."""
+    return getattr(xp, "__name__", "") == "jax.numpy" or recorded(xp)
+
+
+def recorded(xp: Any) -> bool:
+    """Whether operations are recorded one by one, to become C."""
+    return getattr(xp, "__name__", "") == "recorded as C"
 
 
 def mapped(f: Callable[..., Any], *trees: Any) -> Any:
@@ -34,7 +39,7 @@ def repeated(
         The last carry, and the outputs, row after row along axis 0.
     """
     rest = mapped(lambda leaf: leaf[begin:], rows)
-    if compiled(xp):
+    if compiled(xp) and not recorded(xp):
         import jax
 
         return jax.lax.scan(step, first, rest)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sysid.mission.navigation.flow import compiled
+from sysid.mission.navigation.flow import compiled, recorded
 from sysid.vehicle.kinematics import Geometry, Real, step_pose
 
 POSE_AND_SPEEDS = ("x", "y", "psi", "v", "yaw_rate")
@@ -204,6 +204,9 @@ def _arc(psi: Real, mean: Ground, dt: Real, known_heading: bool, xp: Any) -> _Ar
 
 def matrix(entries: Mapping[tuple[int, int], Real], rows: int, columns: int, xp: Any) -> Any:
     """A matrix of zeros but for its entries (row, column)."""
+    if recorded(xp):
+        every = [[entries.get((i, j), 0.0) for j in range(columns)] for i in range(rows)]
+        return xp.array(every)
     zeros = xp.zeros((rows, columns))
     if compiled(xp):
         at = np.array(list(entries)).T

@@ -1,0 +1,216 @@
+"""Guidance, control, command module, navigation and motion of a mission, to be recorded as C."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, cast
+
+from sysid.export.c.loop.block import Law
+from sysid.export.c.loop.laws import documented, numbers, with_numbers
+from sysid.export.c.loop.members import described
+from sysid.export.c.loop.trees import Path, identifier
+from sysid.export.c.traced import TRACE
+from sysid.mission.contracts import (
+    Body,
+    Command,
+    ControlInputs,
+    GuidanceInputs,
+    MotionInputs,
+    NavigationInputs,
+    Pose,
+    References,
+    Scene,
+)
+from sysid.mission.loop import Loop
+from sysid.vehicle.kinematics import Geometry
+
+Numbers = Mapping[Path, Any]
+
+
+class Lengths(NamedTuple):
+    """Lengths of a vehicle that may be parameters of C."""
+
+    r: Any
+    B: Any
+
+
+ESTIMATE = {"x": 0.0, "y": 0.0, "psi": 0.0, "speed": 0.0, "yaw_rate": 0.0}
+"""What a body is, as inputs and outputs have it."""
+
+
+def body_of(given: Mapping[str, Any]) -> Body:
+    """The body that inputs say."""
+    return Body(Pose(given["x"], given["y"], given["psi"]), given["speed"], given["yaw_rate"])
+
+
+def flat(body: Body) -> dict[str, Any]:
+    """A body as inputs and outputs have it."""
+    return dict(zip(ESTIMATE, (*body.pose, body.speed, body.yaw_rate), strict=True))
+
+
+def scene_numbers(scene: Scene) -> dict[Path, float]:
+    """Numbers of a scene that may change from mission to mission, by place."""
+    found: dict[Path, float] = {
+        **{("start", k): v for k, v in scene.start._asdict().items()},
+        ("goal", "x"): scene.goal[0],
+        ("goal", "y"): scene.goal[1],
+        ("tolerance",): scene.tolerance,
+        ("vehicle", "r"): scene.geometry.r,
+        ("vehicle", "B"): scene.geometry.B,
+    }
+    for k, obstacle in enumerate(scene.obstacles, 1):
+        moving = obstacle.vx != 0.0 or obstacle.vy != 0.0
+        for name, value in obstacle._asdict().items():
+            if moving or name not in ("vx", "vy"):
+                found["obstacle", str(k), name] = value
+    for k, place in enumerate(scene.way, 1):
+        found |= {("waypoint", str(k), n): v for n, v in zip("xy", place, strict=True)}
+    for k, place in enumerate(scene.path, 1):
+        found |= {("path", str(k), n): v for n, v in zip("xy", place, strict=True)}
+    return {p: float(v) for p, v in found.items()}
+
+
+def with_scene_numbers(scene: Scene, given: Numbers) -> Scene:
+    """The scene with other numbers at these places."""
+
+    def at(default: Any, *path: str) -> Any:
+        return given.get(path, default)
+
+    def places(name: str, points: tuple[Any, ...]) -> tuple[Any, ...]:
+        return tuple(
+            (at(p[0], name, str(k), "x"), at(p[1], name, str(k), "y"))
+            for k, p in enumerate(points, 1)
+        )
+
+    lengths = Lengths(at(scene.geometry.r, "vehicle", "r"), at(scene.geometry.B, "vehicle", "B"))
+    return scene._replace(
+        start=Pose(*(at(v, "start", k) for k, v in scene.start._asdict().items())),
+        goal=(at(scene.goal[0], "goal", "x"), at(scene.goal[1], "goal", "y")),
+        tolerance=at(scene.tolerance, "tolerance"),
+        geometry=cast(Geometry, lengths),
+        obstacles=tuple(
+            o._replace(**{n: at(v, "obstacle", str(k), n) for n, v in o._asdict().items()})
+            for k, o in enumerate(scene.obstacles, 1)
+        ),
+        way=places("waypoint", scene.way),
+        path=places("path", scene.path),
+    )
+
+
+def laws(loop: Loop) -> dict[str, Law]:
+    """The laws of a closed loop by the names of their C functions."""
+    return {
+        "guidance": _guidance(loop),
+        "control": _control(loop),
+        "command": _command(loop),
+        "navigation": _navigation(loop),
+        "motion": _motion(loop),
+    }
+
+
+def _law(
+    name: str,
+    title: str,
+    loop: Loop,
+    inputs: Mapping[str, Any],
+    step: Callable[[Any, Scene, Any, Mapping[str, Any]], tuple[Any, Any]],
+) -> Law:
+    """A law of the loop with its own numbers and those of the scene as parameters."""
+    own = getattr(loop, name)
+
+    def start(given: Numbers) -> Any:
+        return with_numbers(own, given).start(with_scene_numbers(loop.scene, given), TRACE)
+
+    def advance(given: Numbers, state: Any, read: Any) -> tuple[Any, Any]:
+        scene = with_scene_numbers(loop.scene, given)
+        return step(with_numbers(own, given), scene, state, read)
+
+    mine = dict(numbers(own))
+
+    def words(place: Path) -> tuple[str, str]:
+        return documented(own, place) if place in mine else described(identifier(place))
+
+    parameters = {**scene_numbers(loop.scene), **mine}
+    return Law(name, title, parameters, dict(inputs), start, advance, words)
+
+
+def _guidance(loop: Loop) -> Law:
+    def step(law: Any, scene: Scene, state: Any, read: Mapping[str, Any]) -> tuple[Any, Any]:
+        asked = GuidanceInputs(read["t"], body_of(read), scene)
+        state, found = law.step(state, asked, loop.control.period, TRACE)
+        return state, guidance_outputs(found)
+
+    title = "From the estimated pose to references of speed and yaw, once a control period"
+    return _law("guidance", title, loop, {"t": 0.0, **ESTIMATE}, step)
+
+
+def guidance_outputs(found: References) -> dict[str, Any]:
+    """References as outputs."""
+    return {
+        "reference_speed": found.speed,
+        "reference_psi": found.psi,
+        "arrived": found.arrived,
+        "gives_up": found.gives_up,
+    }
+
+
+CONTROL_INPUTS = ("t", "reference_speed", "reference_psi", *ESTIMATE)
+APPLIED = ("applied_v_cmd", "applied_psi_cmd")
+
+
+def _control(loop: Loop) -> Law:
+    def step(law: Any, scene: Scene, state: Any, read: Mapping[str, Any]) -> tuple[Any, Any]:
+        wanted = References(read["reference_speed"], read["reference_psi"], False)
+        applied = Command(*(read[n] for n in APPLIED))
+        asked = ControlInputs(read["t"], wanted, body_of(read), scene, applied)
+        state, command = law.step(state, asked, loop.control.period, TRACE)
+        return state, command._asdict()
+
+    title = "From references and estimate to the speed and the yaw command, once a control period"
+    return _law("control", title, loop, dict.fromkeys((*CONTROL_INPUTS, *APPLIED), 0.0), step)
+
+
+def _command(loop: Loop) -> Law:
+    def step(given: Numbers, state: Any, read: Mapping[str, Any]) -> tuple[Any, Any]:
+        wanted = Command(read["v_cmd"], read["psi_cmd"])
+        pwm, applied = loop.drive(wanted, body_of(read), read["t"], TRACE)
+        return (), command_outputs(pwm, applied)
+
+    inputs = dict.fromkeys(("t", "v_cmd", "psi_cmd", *ESTIMATE), 0.0)
+    title = "From the speed and the yaw command to the pulse widths of both tracks"
+    return Law("command", title, {}, inputs, lambda given: (), step, _of_signal)
+
+
+def command_outputs(pwm: tuple[Any, Any], applied: Command) -> dict[str, Any]:
+    """What the command module gives, as outputs."""
+    given = (*pwm, applied.v_cmd, applied.psi_cmd)
+    return dict(zip(("pwm_l", "pwm_r", *APPLIED), given, strict=True))
+
+
+def _of_signal(place: Path) -> tuple[str, str]:
+    return described(identifier(place))
+
+
+def _navigation(loop: Loop) -> Law:
+    names = ("omega_l", "omega_r", *(n for s in loop.scene.sensors.values() for n in s.names))
+
+    def step(law: Any, scene: Scene, state: Any, read: Mapping[str, Any]) -> tuple[Any, Any]:
+        readings = {n: read[n] for n in names}
+        drive = (read["drive_l"], read["drive_r"])
+        seen = NavigationInputs(read["t"], readings, scene, drive)
+        state, body = law.step(state, seen, read["dt"], TRACE)
+        return state, flat(body)
+
+    inputs = dict.fromkeys(dict.fromkeys(("t", "dt", *names, "drive_l", "drive_r")), 0.0)
+    title = "From what the sensors read to where the robot is, at every sample"
+    return _law("navigation", title, loop, inputs, step)
+
+
+def _motion(loop: Loop) -> Law:
+    def step(law: Any, scene: Scene, state: Any, read: Mapping[str, Any]) -> tuple[Any, Any]:
+        omega, ground = (read["omega_l"], read["omega_r"]), loop.plant.ground
+        rolled = MotionInputs(read["t"], *(ground(*omega) if ground else omega), scene)
+        state, body = law.step(state, rolled, read["dt"], TRACE)
+        return state, flat(body)
+
+    inputs = dict.fromkeys(("t", "dt", "omega_l", "omega_r"), 0.0)
+    title = "From the track speeds on the ground to where the vehicle is, at every sample"
+    return _law("motion", title, loop, inputs, step)

@@ -1,0 +1,19 @@
+"""The closed loop of a mission around a model's plant, as it is exported."""
+
+from sysid import floats
+from sysid.mission.loop import Loop
+from sysid.mission.robot.mapping import as_robot
+from sysid.mission.simulator import closed_loop, drive_of, scene_of
+from sysid.mission.spec import Mission
+from sysid.structures.model import Model
+
+
+def loop_of(model: Model, mission: Mission) -> Loop:
+    """The loop that ``simulate`` would run.
+
+    Raises:
+        ModelError: the plant drives no robot, or lacks what a law needs.
+    """
+    robot, _ = as_robot(model.plant(), mission)
+    scene, drive = scene_of(mission, robot), drive_of(mission, robot)
+    return closed_loop(mission, robot, scene, floats, drive)
