@@ -80,16 +80,23 @@ def driven(
     for path, option in ((mission, "--mission"), (plant, "--plant")):
         if path is not None and not path.exists():
             raise UsageError(f"there is no {path}; check the path after {option}")
-    lengths = None if geometry is None else _lengths(geometry)
+    lengths = None if geometry is None else given_lengths(geometry)
     if lengths is not None and mission is not None:
         _agree(lengths, mission)
     package = None if plant is None else read_package(plant, accept_changes)
     return Driven(mission, package, lengths)
 
 
-def _lengths(text: str) -> "Geometry":
-    """The vehicle's lengths as ``--geometry`` gives them."""
+def given_lengths(text: str) -> "Geometry":
+    """The vehicle's lengths as ``--geometry`` gives them: both by number, or in a file.
+
+    Raises:
+        UsageError: they cannot be read.
+    """
     from sysid.vehicle.kinematics import Geometry
+
+    if Path(text).suffix in (".yaml", ".yml"):
+        return _lengths_in(Path(text))
 
     found: dict[str, float] = {}
     for part in text.split(","):
@@ -114,6 +121,22 @@ def _lengths(text: str) -> "Geometry":
         return Geometry(found["r"], found["B"])
     except ModelError as error:
         raise UsageError(f"--geometry: {error}") from None
+
+
+def _lengths_in(path: Path) -> "Geometry":
+    """The lengths in the section ``vehicle:`` of a file, such as a mission."""
+    from sysid.data.yaml_files.source import read_yaml
+    from sysid.vehicle.kinematics import Geometry
+
+    vehicle = read_yaml(path).values.get("vehicle")
+    found = vehicle if isinstance(vehicle, dict) else {}
+    lacking = [n for n in ("r", "B") if not isinstance(found.get(n), int | float)]
+    if lacking:
+        raise UsageError(f"--geometry {path}: its section vehicle gives no {lacking[0]} in metres")
+    try:
+        return Geometry(float(found["r"]), float(found["B"]))
+    except ModelError as error:
+        raise UsageError(f"--geometry {path}: {error}") from None
 
 
 def _agree(lengths: "Geometry", mission: Path) -> None:

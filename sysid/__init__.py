@@ -36,6 +36,7 @@ _PLACES = {
     "diagnose": "sysid.interface",
     "estimate_pose": "sysid.interface",
     "fit": "sysid.interface",
+    "fit_vehicle": "sysid.interface",
     "identify": "sysid.interface",
     "inertia_of_logs": "sysid.bench.pendulum.study",
     "inertia_of_period": "sysid.bench.pendulum.study",
@@ -77,6 +78,7 @@ if TYPE_CHECKING:
     from sysid.interface import diagnose as diagnose
     from sysid.interface import estimate_pose as estimate_pose
     from sysid.interface import fit as fit
+    from sysid.interface import fit_vehicle as fit_vehicle
     from sysid.interface import identify as identify
     from sysid.interface import inspect as inspect
     from sysid.interface import load_model as load_model

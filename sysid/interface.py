@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
     from sysid.discrepancy.diagnosis import Diagnosis
     from sysid.estimation.selection.comparison import Ranking
+    from sysid.estimation.vehicle.vehicle_fit import VehicleFit
     from sysid.mission.estimate import Estimation
     from sysid.mission.monte_carlo.mission_runs import MissionRuns
     from sysid.mission.plan import Plan
@@ -349,3 +350,27 @@ def diagnose(
         geometry=geometry,
         seed=seed,
     )
+
+
+def fit_vehicle(
+    records: Records,
+    validation: Records = (),
+    *,
+    geometry: "Geometry | None" = None,
+    motion: str = "slip",
+) -> "VehicleFit":
+    """Radii, width, slip, lags and lever arm of a vehicle, from logs that hold its pose.
+
+    Args:
+        records: logs, read with ``ReadOptions(held="keep")`` so that every row is there.
+        validation: logs that judge; none holds out the last 30 % of ``records``.
+        geometry: the lengths that ``before`` stands for; None for the bundled robot's.
+        motion: what moves it, such as ``slip``.
+
+    Raises:
+        DataError: pose or wheel speeds are missing, or there are too few of them.
+        UsageError: there is no such motion.
+    """
+    from sysid.estimation.vehicle.vehicle_fit import fit_vehicle as fit_of
+
+    return fit_of(_several(records), _several(validation), geometry, motion)

@@ -36,6 +36,7 @@ SHOWN_BY = {
     "cli/reading.py": ("inspect", "fit", "diagnose"),  # those that compose all of it
     "cli/mission_options.py": ("diagnose",),
     "cli/missions": ("simulate",),
+    "cli/vehicles/fit_vehicle.py": ("fit-vehicle",),
     "cli/fit_options.py": ("fit",),
     "cli/targets.py": ("fit", "compare", "simulate", "plan"),
     "cli/structures.py": ("fit",),
@@ -43,7 +44,7 @@ SHOWN_BY = {
 }
 """Module or folder of the command line → the commands whose messages it writes."""
 
-WITH_COMMAND = re.compile(r"sysid ((?:bench )?\w+)(?:(?!sysid)[^`\n])*?(--[a-z][a-z-]+)")
+WITH_COMMAND = re.compile(r"sysid ((?:bench )?[\w-]+)(?:(?!sysid)[^`\n])*?(--[a-z][a-z-]+)")
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
 MARKED = re.compile(r"(?<!`)`([a-z_]+(?:[=\[][^`]*)?)`(?!`)")
 
@@ -113,7 +114,8 @@ def named_fields() -> list[tuple[str, str]]:
 def arguments_of_scripts() -> set[str]:
     """Every argument of the façade's functions and classes of options."""
     verbs = (sysid.fit, sysid.identify, sysid.compare, sysid.diagnose, sysid.tune, sysid.load_plant,
-             sysid.inertia_of_logs, sysid.inertia_of_period, sysid.Hanging)  # fmt: skip
+             sysid.inertia_of_logs, sysid.inertia_of_period, sysid.Hanging,
+             sysid.fit_vehicle)  # fmt: skip
     options = (sysid.ReadOptions, sysid.FitOptions, Policy, Preparation, sysid.MotorOptions)
     return {p for verb in verbs for p in signature(verb).parameters} | {
         f.name for cls in options for f in fields(cls)

@@ -239,12 +239,12 @@ def in_one_frame(tracks: Sequence[Track]) -> tuple[tuple[Track, ...], tuple[str,
     return read, tuple(said)
 
 
-def contradicted(tracks: Sequence[Track], assumed: Geometry) -> GeometryEstimate | None:
-    """The lengths that the pose says, where it contradicts the assumed ones; else None.
+def lengths_of(tracks: Sequence[Track], assumed: Geometry) -> GeometryEstimate:
+    """The lengths that the pose says.
 
     Args:
         tracks: of one vehicle, in one frame.
-        assumed: lengths that nobody has given.
+        assumed: lengths taken where the pose does not tell them.
     """
     ways = _ways([_READINGS[0].of(t) for t in tracks])
     scale, r_error = ways.line
@@ -254,11 +254,21 @@ def contradicted(tracks: Sequence[Track], assumed: Geometry) -> GeometryEstimate
     width = radius / slope if known_turn and slope > 0.0 else assumed.B
     r_error = math.hypot(r_error, LEFT_OUT * r)
     relative = math.hypot(slope_error / slope if slope else 0.0, r_error / r if known_r else 0.0)
-    found = GeometryEstimate(
+    return GeometryEstimate(
         Geometry(radius, width),
         (r_error if known_r else None, relative * width if known_turn else None),
         assumed,
     )
+
+
+def contradicted(tracks: Sequence[Track], assumed: Geometry) -> GeometryEstimate | None:
+    """The lengths that the pose says, where it contradicts the assumed ones; else None.
+
+    Args:
+        tracks: of one vehicle, in one frame.
+        assumed: lengths that nobody has given.
+    """
+    found = lengths_of(tracks, assumed)
     return found if found.contradicts else None
 
 

@@ -266,8 +266,13 @@ class PoseProblem(Problem):
         return J
 
 
-def _memory(influence: Array, lengths: Sequence[int]) -> Array:
-    """Variance of each number from what every error did to it (rows), with its memory, (n,)."""
+def with_memory(influence: Array, lengths: Sequence[int]) -> Array:
+    """Variance of each number from what every error did to it, with the errors' memory, (n,).
+
+    Args:
+        influence: what each of the three errors of each window did to each number, (3W, n).
+        lengths: of these rows, those of each record.
+    """
     whole = np.array([n // len(CHANNELS) for n in lengths if n])
     windows, numbers = len(influence) // len(CHANNELS), influence.shape[1]
     each = influence.reshape(windows, len(CHANNELS), numbers).sum(axis=1)
@@ -326,7 +331,7 @@ class PoseSearch:
         white = Errors(self.estimation.whitened(parts[0]), self.held.whitened(parts[1]))
         bound = any(k in free for k in best.at_bound)
         inverse = np.linalg.pinv(J.T @ J, hermitian=True) if free else np.zeros((0, 0))
-        grown = _memory(best.residual[:, None] * (J @ inverse), self.estimation.lengths)
+        grown = with_memory(best.residual[:, None] * (J @ inverse), self.estimation.lengths)
         size = np.sqrt(np.maximum(grown / np.maximum(variance * np.diag(inverse), 1e-300), 1.0))
         covariance = variance * inverse * np.outer(size, size)
         return Fitted(keys, best.p, covariance, free, errors, white, bound)

@@ -12,6 +12,7 @@ from sysid.mission.control.axes import AXES, AxisController
 from sysid.mission.registry import kind_of
 from sysid.mission.settings import TunedSettings
 from sysid.mission.spec import Mission, load_mission
+from sysid.vehicle.kinematics import Geometry
 
 
 def write_mission(source: Path, target: Path, mission: Mission, role: str = "control") -> Path:
@@ -40,6 +41,46 @@ def write_mission(source: Path, target: Path, mission: Mission, role: str = "con
             f"{target} does not give the law of {role} back: a mission file cannot name it"
         )
     return target
+
+
+def vehicle_section(target: Path, geometry: Geometry) -> Path:
+    """Write a file that holds the section ``vehicle:`` of a mission and nothing else.
+
+    Args:
+        target: the file to write.
+        geometry: lengths of the vehicle.
+    """
+    write_atomic(target, _block("vehicle", _lengths(geometry)).encode())
+    return target
+
+
+def write_vehicle(source: Path, target: Path, geometry: Geometry) -> Path:
+    """Write a mission file again with other lengths of its vehicle; all else stays.
+
+    Args:
+        source: the file of the mission.
+        target: the file to write.
+        geometry: the lengths.
+
+    Raises:
+        UsageError: the target is the source.
+        DataError: a file cannot be read or written.
+    """
+    if target.exists() and target.samefile(source):
+        raise UsageError(f"{target} is the mission itself; name another file")
+    load_mission(source)
+    values = read_yaml(source).values
+    old = values.get("vehicle")
+    vehicle = {**(old if isinstance(old, dict) else {}), **_lengths(geometry)}
+    text = source.read_bytes().decode("utf-8-sig")
+    write_atomic(target, replaced(text, values, "vehicle", vehicle).encode())
+    load_mission(target)
+    return target
+
+
+def _lengths(geometry: Geometry) -> dict[str, float]:
+    """To six digits: more than any log tells."""
+    return {"r": float(f"{geometry.r:.6g}"), "B": float(f"{geometry.B:.6g}")}
 
 
 def section(role: str, control: Any) -> dict[str, Any]:

@@ -1,0 +1,152 @@
+"""``sysid fit-vehicle``: radii, width, slip, lags and lever arm from logs with a pose."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sysid.errors import UsageError
+
+from .. import reading, render, targets
+from ..mission_options import given_lengths
+from .fit_vehicle_picture import drawn
+from .fit_vehicle_report import show
+
+if TYPE_CHECKING:
+    from sysid.data.preparation import Preparation
+    from sysid.data.reading.read_options import ReadOptions
+    from sysid.estimation.vehicle.vehicle_fit import VehicleFit
+
+
+@dataclass(frozen=True)
+class Files:
+    """What is written; None for what was not asked for."""
+
+    section: Path | None
+    mission: Path | None
+    to: Path | None
+    plot: Path | None
+
+
+def files(
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="FILE", help="Write the section `vehicle:` (.yaml)."),
+    ] = None,
+    mission: Annotated[
+        Path | None,
+        typer.Option("--mission", metavar="M.yaml", help="Mission to write again with --to."),
+    ] = None,
+    to: Annotated[
+        Path | None,
+        typer.Option(
+            "--to", metavar="FILE", help="Write the mission with the vehicle that was found."
+        ),
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw paths and slip: .svg or .png.")
+    ] = None,
+) -> Files:
+    """Where the results go.
+
+    Raises:
+        UsageError: a place cannot be written to, or one of --mission and --to is missing.
+    """
+    targets.check_picture(plot)
+    for path, option in ((output, "-o"), (to, "--to")):
+        if path is not None:
+            if path.suffix not in (".yaml", ".yml"):
+                raise UsageError(f"{option} {path}: a file with a vehicle ends in .yaml")
+            targets.check(path, option, new_folder=False)
+    if (to is None) != (mission is None):
+        lacks = "--mission M.yaml to write it from" if mission is None else "--to FILE to write to"
+        raise UsageError(f"a mission with the new vehicle needs {lacks}, too")
+    if to is not None and mission is not None and to.exists() and to.samefile(mission):
+        raise UsageError(f"--to {to} would overwrite the mission; name another file")
+    return Files(output, mission, to, plot)
+
+
+@reading.composed(files=files, steps=reading.preparation, read=reading.read_options)
+def fit_vehicle(
+    logs: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="LOG...", help="CSV or Parquet with wheel speeds and a pose."),
+    ] = None,
+    geometry: Annotated[
+        str | None,
+        typer.Option(
+            "--geometry",
+            metavar="r=M,B=M",
+            help="Wheel or sprocket radius and distance of wheels or tracks [m], r=0.30,B=1.08, "
+            "or a file that -o wrote [the bundled robot's]: what `before` stands for.",
+        ),
+    ] = None,
+    motion: Annotated[
+        str, typer.Option("--motion", metavar="KIND", help="What moves it: slip or dynamic.")
+    ] = "slip",
+    validation: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--val",
+            metavar="LOG",
+            help="Log to judge it on; the last 30 % of the logs unless given. Again for more.",
+        ),
+    ] = None,
+    *,
+    files: Files,
+    steps: "Preparation",
+    read: "ReadOptions",
+    json: reading.Json = False,
+) -> None:
+    """Find radii, width, slip, lags and lever arm of a vehicle from logs that hold its pose.
+
+    Each with its standard error, and a sentence where a log does not tell it. Judged on windows of
+    two seconds that were not used.
+    """
+    given = None if geometry is None else given_lengths(geometry)
+    _refuse_without(logs or [])
+    from sysid.estimation.vehicle.logs import read_drives
+    from sysid.estimation.vehicle.vehicle_fit import fit_vehicle as fit
+
+    records, findings = read_drives(logs or [], read, steps)
+    held, more = read_drives(validation, read, steps) if validation else ((), ())
+
+    with render.progress("Fitting the vehicle"):
+        found = fit(records, held, given, motion)
+    document: dict[str, Any] = {"logs": [str(p) for p in logs or []], **found.to_json()}
+    document["notes"] = [*found.notes, *(f.text for f in (*findings, *more))]
+    document |= _written(files, found, (logs or [])[0].stem)
+    render.document(document) if json else show(found, document)
+
+
+def _refuse_without(logs: list[Path]) -> None:
+    """Refuse numbers without a file, with the list of what is missing.
+
+    Raises:
+        UsageError: there is no log, or what stands for one is no file.
+    """
+    from sysid.estimation.vehicle.logs import NEEDED
+
+    if not logs:
+        raise UsageError(f"fit-vehicle has no LOG to fit; what is missing: {NEEDED}")
+    for log in logs:
+        if not log.exists():
+            raise UsageError(
+                f"{log} is no file, and numbers alone tell nothing; what is missing: {NEEDED}"
+            )
+
+
+def _written(files: Files, found: "VehicleFit", name: str) -> dict[str, Any]:
+    """What was written, by kind."""
+    from sysid.mission.tuning.written import vehicle_section, write_vehicle
+
+    document: dict[str, Any] = {}
+    if files.section is not None:
+        document["output"] = vehicle_section(files.section, found.acting)
+    if files.mission is not None and files.to is not None:
+        document["to"] = write_vehicle(files.mission, files.to, found.acting)
+    if files.plot is not None:
+        drawn(files.plot, name, found)
+        document["plot"] = files.plot
+    return document

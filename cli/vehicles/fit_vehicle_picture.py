@@ -1,0 +1,119 @@
+"""The picture of ``sysid fit-vehicle``: held-out paths, errors over time, and slip."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sysid.data.record import Array
+    from sysid.estimation.vehicle.drive import Drive
+    from sysid.estimation.vehicle.slip_curves import SlipPoint
+    from sysid.estimation.vehicle.slip_fit import Part
+    from sysid.estimation.vehicle.vehicle_fit import Motion, VehicleFit
+    from sysid.report.plots import Panel
+
+PIECE = 10.0
+"""Length of the pieces [s] after which a drawn path starts again from the measured pose."""
+
+PIECES = 6
+"""Pieces that are drawn: more would lie on top of each other."""
+
+
+def drawn(path: Path, name: str, found: "VehicleFit") -> None:
+    """Draw held-out paths as measured, before and after, errors after two seconds, and slip."""
+    from sysid.estimation.vehicle.vehicle_fit import Kinematic
+    from sysid.report.plots import Line, Panel, ResponsePicture, plot_responses
+
+    part = max(found.held, key=lambda p: len(p.windows))
+    models: dict[str, Motion] = {"before": Kinematic(found.known), "after": found.model}
+    starts = _pieces(part)
+    paths = [Line(k, *_path(part.drive, m.readings(part.drive), starts)) for k, m in models.items()]
+    measured = Line("measured", *_path(part.drive, part.drive.pose, starts), reference=True)
+    at = part.drive.at[part.windows[:, 0]]
+    errors = {k: m.errors([part]) for k, m in models.items()}
+    away = [Line(k, at, (e[:, 0] ** 2 + e[:, 1] ** 2) ** 0.5) for k, e in errors.items()]
+    turned = [Line(k, at, e[:, 2]) for k, e in errors.items()]
+    panels = (
+        Panel(f"held-out paths of {PIECE:g} s", "x [m]", "y [m]", (*paths, measured), plane=True),
+        Panel("position after two seconds", "time [s]", "error [m]", tuple(away)),
+        Panel("heading after two seconds", "time [s]", "error [rad]", tuple(turned)),
+        *_slip_panels(found),
+    )
+    acting = found.acting
+    title = f"{name}: r = {acting.r:.4g} m, B = {acting.B:.4g} m as it turns"
+    subtitle = (
+        "mean error after two seconds on held-out paths: "
+        f"{found.before.path:.3g} → {found.after.path:.3g} m, "
+        f"{found.before.heading:.3g} → {found.after.heading:.3g} rad"
+    )
+    plot_responses(path, ResponsePicture(title, subtitle, panels))
+
+
+def _pieces(part: "Part") -> "list[tuple[int, int]]":
+    """First and last reading of the pieces that are drawn."""
+    d = part.drive
+    found: list[tuple[int, int]] = []
+    i, end = int(part.windows[0, 0]), int(part.windows[-1, 1])
+    while i < end and len(found) < PIECES:
+        j = i
+        while j < end and d.at[j] - d.at[i] < PIECE and d.joins[j + 1] == d.joins[i]:
+            j += 1
+        if j > i + 1:
+            found.append((i, j))
+        i = max(j, i + 1)
+    return found
+
+
+def _path(
+    drive: "Drive", readings: "Array", pieces: "list[tuple[int, int]]"
+) -> "tuple[Array, Array]":
+    """x and y of the readings, each piece from the measured pose at its start."""
+    import numpy as np
+
+    x, y = [], []
+    for i, j in pieces:
+        a, b = readings[i], drive.pose[i]
+        turn = np.exp(1j * (b[2] - a[2]))
+        moved = (readings[i : j + 1, 0] - a[0]) + 1j * (readings[i : j + 1, 1] - a[1])
+        there = moved * turn + complex(b[0], b[1])
+        x += [there.real, [np.nan]]
+        y += [there.imag, [np.nan]]
+    return np.concatenate(x), np.concatenate(y)
+
+
+def _slip_panels(found: "VehicleFit") -> "list[Panel]":
+    """The share of the way and of the turn that is lost, with bands of one standard error."""
+    from sysid.report.plots import Line, Panel
+
+    across = {
+        "turning": ("turning", "turning |ω_R − ω_L| / (|ω_R| + |ω_L|)"),
+        "speed": ("speed", "speed of the wheels [m/s]"),
+        "acceleration": ("acceleration", "acceleration of the wheels [m/s²]"),
+    }
+    panels = []
+    for key, (words, label) in across.items():
+        shown = {"of the way": found.curves[key]}
+        if key == "turning":
+            shown["of the turn"] = found.curves["turn"]
+        curves = {name: points for name, points in shown.items() if points}
+        if curves:
+            lines = tuple(
+                Line(name, _column(points, "at"), _column(points, "slip"))
+                for name, points in curves.items()
+            )
+            bands = tuple(_band(points) for points in curves.values())
+            panels.append(Panel(f"lost against {words}", label, "share", lines, outlines=bands))
+    return panels
+
+
+def _column(points: "tuple[SlipPoint, ...]", name: str) -> "Array":
+    import numpy as np
+
+    return np.array([getattr(p, name) for p in points], dtype=np.float64)
+
+
+def _band(points: "tuple[SlipPoint, ...]") -> "tuple[Array, Array]":
+    """The closed line around a curve, one standard error away."""
+    import numpy as np
+
+    at, slip, error = (_column(points, n) for n in ("at", "slip", "std_error"))
+    return np.concatenate([at, at[::-1]]), np.concatenate([slip + error, (slip - error)[::-1]])

@@ -1,0 +1,69 @@
+"""What ``sysid fit-vehicle`` shows: numbers, and errors before and after."""
+
+from math import floor, isfinite, log10
+from typing import TYPE_CHECKING, Any
+
+from .. import render
+
+if TYPE_CHECKING:
+    from sysid.estimation.vehicle.vehicle_fit import VehicleFit
+
+
+def show(found: "VehicleFit", document: dict[str, Any]) -> None:
+    """Print the result for a person."""
+    told = [n for n in found.numbers if n.identifiable]
+    render.table(
+        ("quantity", "value", "± standard error", "unit", "what it is"),
+        [
+            (n.name, _digits(n.value, n.std_error), _error(n.std_error), n.unit, n.sentence)
+            for n in told
+        ],
+    )
+    for n in found.numbers:
+        if not n.identifiable:
+            render.say(f"{n.name}: {n.sentence}")
+    for a, b, r in found.correlations.strong():
+        render.say(f"Errors of {a} and {b} go together ({r:.2f}).")
+    _show_errors(found)
+    for note in document["notes"]:
+        render.warn(f"! {note}")
+    acting = found.acting
+    render.say(f"As a vehicle without slip: r = {acting.r:.4g} m, B = {acting.B:.4g} m.")
+    for key, word in (("output", "Vehicle"), ("to", "Mission"), ("plot", "Picture")):
+        if key in document:
+            render.say(f"{word}: {document[key]}")
+
+
+def _show_errors(found: "VehicleFit") -> None:
+    steps = (found.before, found.plain, found.after)
+    first, last = found.drift
+    rows: list[tuple[object, ...]] = [
+        ("path after two seconds [m]", *(e.path for e in steps)),
+        ("heading after two seconds [rad]", *(e.heading for e in steps)),
+    ]
+    if first.per_metre is not None:
+        rows.append(("drift for each metre [m]", first.per_metre, None, last.per_metre))
+    if first.per_turn is not None:
+        rows.append(("drift for each turn [rad]", first.per_turn, None, last.per_turn))
+    for k, fold in enumerate(found.folds):
+        half = ("second half by the first", "first half by the second")[k]
+        rows.append((f"{half}: path [m]", fold.before.path, None, fold.after.path))
+        rows.append((f"{half}: heading [rad]", fold.before.heading, None, fold.after.heading))
+    windows = f"{found.windows[1]} held-out windows; fitted on {found.windows[0]}"
+    render.table(
+        ("mean error", "before", "plain", "after"),
+        rows,
+        "Paths that were not used",
+        f"{windows}; {found.before_sentence}; plain: one radius and one width from a line.",
+    )
+
+
+def _digits(value: float, error: float) -> str:
+    """A value to the second digit of its standard error."""
+    if not (isfinite(error) and error > 0.0):
+        return f"{value:.4g}"
+    return f"{value:.{min(max(1 - floor(log10(error)), 0), 6)}f}"
+
+
+def _error(error: float) -> str:
+    return f"{error:.2g}"

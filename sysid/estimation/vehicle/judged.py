@@ -1,0 +1,160 @@
+"""How well a vehicle's numbers foretell its pose: on windows that they were not fitted on."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.errors import DataError
+from sysid.estimation.vehicle.drive import Drive
+from sysid.estimation.vehicle.slip_fit import Part
+from sysid.estimation.vehicle.windows import OVERLAP, WINDOW
+
+ESTIMATED = 0.7
+"""Share of each drive's windows that numbers are estimated on, where no other log judges."""
+
+FEWEST = 6
+"""Windows that each part must hold: fewer leave nothing to judge by."""
+
+LONG = 10.0
+"""Length of the stretches [s] over which drift is told."""
+
+Errors = Callable[[Sequence[Part]], Array]
+"""Measured less predicted increments of windows, (W, 3) [m, m, rad]."""
+
+
+@dataclass(frozen=True)
+class PathErrors:
+    """Mean errors over windows.
+
+    Attributes:
+        path, heading: mean distance [m] and mean size of the turn's error [rad] at a window's end.
+        path_rms, heading_rms: root mean squares of the same.
+        windows: how many.
+    """
+
+    path: float
+    heading: float
+    path_rms: float
+    heading_rms: float
+    windows: int
+
+    @classmethod
+    def of(cls, errors: Array) -> "PathErrors":
+        """Of (W, 3) errors."""
+        away, turned = np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
+        return cls(
+            float(away.mean()),
+            float(turned.mean()),
+            float(np.sqrt(np.mean(away**2))),
+            float(np.sqrt(np.mean(turned**2))),
+            len(errors),
+        )
+
+
+@dataclass(frozen=True)
+class Drift:
+    """How errors grow with the way: over stretches of ``LONG`` seconds.
+
+    Attributes:
+        per_metre: distance from where the vehicle is, for each metre driven [m/m].
+        per_turn: error of the heading for each whole turn [rad].
+        stretches: how many, which overlap fourfold.
+    """
+
+    per_metre: float | None
+    per_turn: float | None
+    stretches: int
+
+    def to_json(self) -> dict[str, Any]:
+        """Every field."""
+        return {
+            "per_metre": self.per_metre,
+            "per_turn": self.per_turn,
+            "stretches": self.stretches,
+        }
+
+
+def split(drives: Sequence[Drive], share: float = ESTIMATED) -> tuple[list[Part], list[Part]]:
+    """The first windows of each drive, and those that begin after them."""
+    first, second = [], []
+    for d in drives:
+        every = d.windows()
+        cut = round(share * len(every))
+        head = every[:cut]
+        end = head[-1, 1] if len(head) else 0
+        first.append(Part(d, head))
+        second.append(Part(d, every[cut:][every[cut:, 0] >= end]))
+    return _not_empty(first), _not_empty(second)
+
+
+def whole(drives: Sequence[Drive], length: float = WINDOW) -> list[Part]:
+    """All windows of each drive."""
+    return _not_empty([Part(d, d.windows(length)) for d in drives])
+
+
+def enough(parts: Sequence[Part]) -> bool:
+    """Whether windows are enough to estimate from or to judge by."""
+    return sum(len(p.windows) for p in parts) >= FEWEST
+
+
+def check_enough(parts: Sequence[Part], name: str) -> None:
+    """Refuse a log with too few windows.
+
+    Raises:
+        DataError: it holds fewer than ``FEWEST``.
+    """
+    if not enough(parts):
+        found = sum(len(p.windows) for p in parts)
+        raise DataError(
+            f"{name} holds {found} window{'' if found == 1 else 's'} of two seconds in which the "
+            f"vehicle drives and its pose is read at both ends, fewer than {FEWEST} (they overlap "
+            f"{OVERLAP} times); drive for at least 20 s"
+        )
+
+
+def long_stretches(parts: Sequence[Part]) -> list[Part]:
+    """Stretches of ``LONG`` seconds in the time of these windows."""
+    found = []
+    for p in parts:
+        windows = p.drive.windows(LONG)
+        inside = (windows[:, 0] >= p.windows[0, 0]) & (windows[:, 1] <= p.windows[-1, 1])
+        found.append(Part(p.drive, windows[inside]))
+    return _not_empty(found)
+
+
+def drift(
+    errors: Errors, driven: Callable[[Drive], tuple[Array, Array]], parts: Sequence[Part]
+) -> Drift:
+    """How the errors grow with the way.
+
+    Args:
+        errors: of windows.
+        driven: way [m] and angle turned [rad] in each step of a drive's grid.
+        parts: stretches.
+    """
+    if not parts:
+        return Drift(None, None, 0)
+    error = errors(parts)
+    way, turned = (np.concatenate([_over(p, driven(p.drive)[k]) for p in parts]) for k in (0, 1))
+    away = float(np.hypot(error[:, 0], error[:, 1]).sum())
+    turns = float(turned.sum()) / (2.0 * np.pi)
+    return Drift(
+        away / float(way.sum()) if way.sum() > 0.0 else None,
+        float(np.abs(error[:, 2]).sum()) / turns if turns > 0.0 else None,
+        len(error),
+    )
+
+
+def _over(part: Part, steps: Array) -> Array:
+    """What a quantity sums up to in each window, (W,)."""
+    d = part.drive
+    total = np.concatenate([[0.0], np.cumsum(np.abs(steps))])
+    ends = np.interp(d.at[part.windows], d.nodes, total)
+    return np.asarray(ends[:, 1] - ends[:, 0])
+
+
+def _not_empty(parts: Sequence[Part]) -> list[Part]:
+    return [p for p in parts if len(p.windows)]

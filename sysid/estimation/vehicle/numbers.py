@@ -1,0 +1,100 @@
+"""The numbers of a vehicle as a person reads them: value, standard error, what they mean."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.data.record import Array
+
+
+@dataclass(frozen=True)
+class VehicleNumber:
+    """One quantity of a vehicle.
+
+    Attributes:
+        name, unit: of the quantity.
+        value, std_error: estimate and its standard error.
+        identifiable: whether the log tells it: it leaves much less open than a guess without it.
+        sentence: what it is; for one that the log does not tell, the manoeuvre that would.
+        in_model: whether the model that is judged holds it; else it is what it would be.
+    """
+
+    name: str
+    value: float
+    std_error: float
+    unit: str
+    identifiable: bool
+    sentence: str
+    in_model: bool = True
+
+    def to_json(self) -> dict[str, Any]:
+        """Every field."""
+        return {
+            "name": self.name,
+            "value": self.value,
+            "std_error": self.std_error,
+            "unit": self.unit,
+            "identifiable": self.identifiable,
+            "sentence": self.sentence,
+            "in_model": self.in_model,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Correlations:
+    """How far errors of the numbers in the model go together.
+
+    Attributes:
+        names: of the numbers.
+        matrix: (n, n), 1 on its diagonal.
+    """
+
+    names: tuple[str, ...]
+    matrix: Array
+
+    @classmethod
+    def of(cls, names: Sequence[str], covariance: Array) -> "Correlations":
+        """From their covariance, (n, n)."""
+        size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        return cls(tuple(names), covariance / np.outer(size, size))
+
+    def strong(self, beyond: float = 0.9) -> tuple[tuple[str, str, float], ...]:
+        """Pairs whose errors go together by more than so much."""
+        n = len(self.names)
+        return tuple(
+            (self.names[i], self.names[j], float(self.matrix[i, j]))
+            for i in range(n)
+            for j in range(i)
+            if abs(self.matrix[i, j]) > beyond
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """{names, matrix}."""
+        return {"names": list(self.names), "matrix": self.matrix.tolist()}
+
+
+def derived(
+    of: Callable[[Array], Mapping[str, float]], q: Array, covariance: Array, steps: Array
+) -> dict[str, tuple[float, float]]:
+    """Quantities that follow from others: name → value and standard error, √(g C gᵀ).
+
+    Args:
+        of: the quantities as a function of the numbers.
+        q, covariance: the numbers, (n,), and their covariance, (n, n).
+        steps: differences that make the gradient g, (n,).
+    """
+    value = of(q)
+    gradient = {name: np.zeros(len(q)) for name in value}
+    for k, h in enumerate(steps):
+        up, down = q.copy(), q.copy()
+        up[k] += h
+        down[k] -= h
+        above, below = of(up), of(down)
+        for name in value:
+            gradient[name][k] = (above[name] - below[name]) / (2.0 * h)
+    return {
+        name: (value[name], max(float(g @ covariance @ g), 0.0) ** 0.5)
+        for name, g in gradient.items()
+    }

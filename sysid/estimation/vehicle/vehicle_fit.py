@@ -1,0 +1,372 @@
+"""A vehicle's numbers from logs that hold its pose, and how far they foretell paths not used.
+
+``MOTIONS`` says which models of motion can be fitted; each makes a ``MotionFit`` of windows, and
+everything that is judged here (held-out errors, halves that judge each other, drift) is judged of
+whatever that foretells.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from sysid.data.record import Array, Record
+from sysid.errors import UsageError
+from sysid.estimation.vehicle.drive import Drive, Drives, drives_of
+from sysid.estimation.vehicle.geometry import GeometryEstimate, lengths_of
+from sysid.estimation.vehicle.judged import (
+    Drift,
+    PathErrors,
+    check_enough,
+    drift,
+    enough,
+    long_stretches,
+    split,
+    whole,
+)
+from sysid.estimation.vehicle.numbers import Correlations, VehicleNumber
+from sysid.estimation.vehicle.slip_curves import SlipCurves, slip_curves
+from sysid.estimation.vehicle.slip_fit import Part, SlipFit, errors_of, fit_slip
+from sysid.estimation.vehicle.slip_model import NULLS, TERMS, body_speeds, pose_read
+from sysid.estimation.vehicle.slip_numbers import correlations_of, numbers_of
+from sysid.vehicle.kinematics import Geometry
+
+
+class Motion(Protocol):
+    """What foretells a pose from what the wheels did."""
+
+    def errors(self, parts: Sequence[Part]) -> Array:
+        """Measured less foretold increments of windows, (W, 3) [m, m, rad]."""
+        ...
+
+    def readings(self, drive: Drive) -> Array:
+        """x, y [m], ψ [rad] that a drive's source would read, from any start, (M, 3)."""
+        ...
+
+    def driven(self, drive: Drive) -> tuple[Array, Array]:
+        """Way [m] and angle turned [rad] in each step of a drive's grid."""
+        ...
+
+
+class MotionFit(Motion, Protocol):
+    """A fitted model of motion."""
+
+    def numbers(self) -> tuple[VehicleNumber, ...]:
+        """Every quantity, told by the log or not."""
+        ...
+
+    def correlations(self) -> Correlations:
+        """How far errors of the numbers go together."""
+        ...
+
+    def refitted(self, parts: Sequence[Part]) -> "MotionFit":
+        """The same model fitted to other windows."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Kinematic:
+    """Wheels that roll: what a vehicle of these lengths does, and the model that others start from.
+
+    Attributes:
+        geometry: lengths.
+    """
+
+    geometry: Geometry
+
+    def errors(self, parts: Sequence[Part]) -> Array:
+        """Measured less foretold increments of windows, (W, 3) [m, m, rad]."""
+        return errors_of(NULLS, parts, self.geometry)
+
+    def readings(self, drive: Drive) -> Array:
+        """x, y [m], ψ [rad] at a drive's readings, from the origin, (M, 3)."""
+        return pose_read(NULLS, drive, self.geometry)
+
+    def driven(self, drive: Drive) -> tuple[Array, Array]:
+        """Way [m] and angle turned [rad] in each step of a drive's grid."""
+        return _steps(NULLS, drive, self.geometry)
+
+
+@dataclass(frozen=True, eq=False)
+class Slipping:
+    """A vehicle that slips about centres of rotation that its sides keep.
+
+    Attributes:
+        fit: its numbers.
+        given: lengths that a person gave; None for none.
+    """
+
+    fit: SlipFit
+    given: Geometry | None
+
+    def numbers(self) -> tuple[VehicleNumber, ...]:
+        """Every quantity, told by the log or not."""
+        return numbers_of(self.fit, self.given)
+
+    def correlations(self) -> Correlations:
+        """How far errors of the numbers go together."""
+        return correlations_of(self.fit)
+
+    def refitted(self, parts: Sequence[Part]) -> "Slipping":
+        """The same terms fitted to other windows."""
+        terms = [TERMS[k].name for k in self.fit.free if TERMS[k].optional]
+        return Slipping(fit_slip(parts, self.fit.geometry, terms), self.given)
+
+    def errors(self, parts: Sequence[Part]) -> Array:
+        """Measured less foretold increments of windows, (W, 3) [m, m, rad]."""
+        return errors_of(self.fit.q, parts, self.fit.geometry)
+
+    def readings(self, drive: Drive) -> Array:
+        """x, y [m], ψ [rad] that the source of a drive's pose would read, (M, 3)."""
+        return pose_read(self.fit.q, drive, self.fit.geometry)
+
+    def driven(self, drive: Drive) -> tuple[Array, Array]:
+        """Way [m] and angle turned [rad] in each step of a drive's grid."""
+        return _steps(self.fit.q, drive, self.fit.geometry)
+
+
+def _steps(q: Array, drive: Drive, geometry: Geometry) -> tuple[Array, Array]:
+    forward, yaw_rate = body_speeds(q, drive.omega, drive.step, geometry)
+    return forward * drive.step, yaw_rate * drive.step
+
+
+Fitter = Callable[[Sequence[Part], Geometry, Geometry | None], MotionFit]
+"""Windows, lengths to start from, and those a person gave → a fitted model."""
+
+
+def _slip(parts: Sequence[Part], start: Geometry, given: Geometry | None) -> MotionFit:
+    return Slipping(fit_slip(parts, start), given)
+
+
+MOTIONS: Mapping[str, Fitter] = {"slip": _slip}
+"""Models of motion that can be fitted, by the name that a mission knows them under."""
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Numbers from one half of the paths, judged on the other.
+
+    Attributes:
+        before, after: errors on the half that judges.
+        numbers: name → value of what was fitted on the other.
+    """
+
+    before: PathErrors
+    after: PathErrors
+    numbers: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class VehicleFit:
+    """What logs tell of a vehicle.
+
+    Attributes:
+        motion: name of the model.
+        numbers: every quantity, told or not.
+        correlations: of those in the model.
+        before, plain, after: errors on held-out windows with the lengths that were known, with one
+            radius and one width from a straight line through the windows, and with the model.
+        drift: how errors grow with the way, before and after.
+        folds: two halves that judge each other; empty where they are too short.
+        curves: slip as measured.
+        given: lengths that a person gave; None for none.
+        known: lengths that ``before`` stands for.
+        lengths: those of ``plain``.
+        acting: radius and width as a vehicle without slip would have them to drive alike.
+        windows: windows (estimation, held-out); they overlap fourfold.
+        model: what was fitted.
+        estimation, held: windows that it was fitted on, and judged on.
+        notes: what was done to the logs, in sentences.
+    """
+
+    motion: str
+    numbers: tuple[VehicleNumber, ...]
+    correlations: Correlations
+    before: PathErrors
+    plain: PathErrors
+    after: PathErrors
+    drift: tuple[Drift, Drift]
+    folds: tuple[Fold, ...]
+    curves: SlipCurves
+    given: Geometry | None
+    known: Geometry
+    lengths: GeometryEstimate
+    acting: Geometry
+    windows: tuple[int, int]
+    model: MotionFit
+    estimation: tuple[Part, ...]
+    held: tuple[Part, ...]
+    notes: tuple[str, ...]
+
+    def number(self, name: str) -> VehicleNumber:
+        """A quantity by name."""
+        return next(n for n in self.numbers if n.name == name)
+
+    @property
+    def before_sentence(self) -> str:
+        """What is meant by before."""
+        what = f"r = {self.known.r:g} m and B = {self.known.B:g} m"
+        if self.given is not None:
+            return f"before: wheels that roll, with the geometry that was given ({what})"
+        sentence = f"before: wheels that roll, with the default geometry ({what}); none was given"
+        if self.lengths.contradicts:
+            sentence += (
+                ", and the pose contradicts it, so that before says little: compare with plain, or "
+                "give the vehicle's own `geometry`"
+            )
+        return sentence
+
+    def to_json(self) -> dict[str, Any]:
+        """The document of ``fit-vehicle``."""
+        steps = {"before": self.before, "plain": self.plain, "after": self.after}
+        first, last = self.drift
+        return {
+            "motion": self.motion,
+            "parameters": [n.to_json() for n in self.numbers],
+            "correlations": self.correlations.to_json(),
+            "path_error_m": {k: e.path for k, e in steps.items()},
+            "heading_error_rad": {k: e.heading for k, e in steps.items()},
+            "path_error_rms_m": {k: e.path_rms for k, e in steps.items()},
+            "heading_error_rms_rad": {k: e.heading_rms for k, e in steps.items()},
+            "before": self.before_sentence,
+            "drift": {"before": first.to_json(), "after": last.to_json()},
+            "two_fold": [
+                {
+                    "path_error_m": {"before": f.before.path, "after": f.after.path},
+                    "heading_error_rad": {"before": f.before.heading, "after": f.after.heading},
+                    "parameters": dict(f.numbers),
+                }
+                for f in self.folds
+            ],
+            "slip": {k: [p.to_json() for p in points] for k, points in self.curves.items()},
+            "windows": {"estimation": self.windows[0], "held_out": self.windows[1]},
+            "geometry": {
+                "given": None if self.given is None else {"r": self.given.r, "B": self.given.B},
+                "plain": self.lengths.to_json(),
+            },
+            "vehicle": {"r": self.acting.r, "B": self.acting.B},
+        }
+
+
+def fit_vehicle(
+    records: Sequence[Record],
+    held: Sequence[Record] = (),
+    geometry: Geometry | None = None,
+    motion: str = "slip",
+) -> VehicleFit:
+    """What logs tell of a vehicle, judged on windows of two seconds that were held out.
+
+    Args:
+        records: of one vehicle, with a pose and the speeds of its two sides, every row as logged
+            (``held='keep'`` where they are read: repeats of slow sensors are told apart here).
+        held: records that judge; without them the last 30 % of each record's windows do.
+        geometry: radius and distance of the wheels or tracks; None for the thesis's robot's.
+        motion: a name of ``MOTIONS``.
+
+    Raises:
+        DataError: pose or speeds are missing, or there are too few windows.
+        UsageError: there is no such motion.
+    """
+    if motion not in MOTIONS:
+        raise UsageError(f"`motion` is one of {', '.join(MOTIONS)}, got {motion!r}")
+    known = geometry or Geometry()
+    drives = drives_of((*records, *held), known)
+    own, other = drives.each[: len(records)], drives.each[len(records) :]
+    first, second = (whole(own), whole(other)) if held else split(own)
+    check_enough(first, records[0].name)
+    check_enough(second, (held or records)[0].name)
+    lengths = lengths_of([t for t in drives.tracks if len(t.starts)], known)
+    start = _start(lengths)
+    model = MOTIONS[motion](first, start, geometry)
+    return _judged(_Study(drives, first, second, known, geometry, lengths, motion), model)
+
+
+@dataclass(frozen=True, eq=False)
+class _Study:
+    """What a vehicle is fitted to and judged by."""
+
+    drives: Drives
+    first: list[Part]
+    second: list[Part]
+    known: Geometry
+    given: Geometry | None
+    lengths: GeometryEstimate
+    motion: str
+
+
+def _start(lengths: GeometryEstimate) -> Geometry:
+    """Where a fit starts: a width that the log does not tell goes with the radius."""
+    r, width = lengths.geometry.r, lengths.geometry.B
+    if lengths.std_errors[0] is not None and lengths.std_errors[1] is None:
+        width = lengths.assumed.B * r / lengths.assumed.r
+    return Geometry(r, width)
+
+
+def _judged(study: _Study, model: MotionFit) -> VehicleFit:
+    before, plain = Kinematic(study.known), Kinematic(study.lengths.geometry)
+    long = long_stretches(study.second)
+    if not isinstance(model, Slipping):
+        slipping = fit_slip(study.first, _start(study.lengths), ())
+    else:
+        slipping = model.fit
+    every = [*study.first, *study.second]
+    acting = _acting(model, study.first)
+    return VehicleFit(
+        motion=study.motion,
+        numbers=model.numbers(),
+        correlations=model.correlations(),
+        before=PathErrors.of(before.errors(study.second)),
+        plain=PathErrors.of(plain.errors(study.second)),
+        after=PathErrors.of(model.errors(study.second)),
+        drift=(
+            drift(before.errors, model.driven, long),
+            drift(model.errors, model.driven, long),
+        ),
+        folds=_folds(study, model),
+        curves=slip_curves(every, slipping, study.given or acting),
+        given=study.given,
+        known=study.known,
+        lengths=study.lengths,
+        acting=acting,
+        windows=(
+            sum(len(p.windows) for p in study.first),
+            sum(len(p.windows) for p in study.second),
+        ),
+        model=model,
+        estimation=tuple(study.first),
+        held=tuple(study.second),
+        notes=study.drives.notes,
+    )
+
+
+def _acting(model: Motion, parts: Sequence[Part]) -> Geometry:
+    """Radius and width with which wheels that roll would go as far and turn as far in all.
+
+    r = Σ |v| Δt / Σ ½|ω_L + ω_R| Δt,   B = r Σ |ω_R − ω_L| Δt / Σ |ψ̇| Δt
+    """
+    rolled = spun = way = turned = 0.0
+    for d in (p.drive for p in parts):
+        steps = model.driven(d)
+        way += float(np.abs(steps[0]).sum())
+        turned += float(np.abs(steps[1]).sum())
+        rolled += 0.5 * float(np.abs(d.omega.sum(axis=1)).sum()) * d.step
+        spun += float(np.abs(np.diff(d.omega, axis=1)).sum()) * d.step
+    r = way / max(rolled, 1e-12)
+    return Geometry(max(r, 1e-9), max(r * spun / max(turned, 1e-12), 1e-9))
+
+
+def _folds(study: _Study, model: MotionFit) -> tuple[Fold, ...]:
+    """Both halves of every drive, each fitted and judged by the other, with the same terms."""
+    halves = split(study.drives.each, 0.5)
+    if not all(enough(h) for h in halves):
+        return ()
+    found = []
+    before = Kinematic(study.known)
+    for fitted, judge in (halves, halves[::-1]):
+        model = model.refitted(fitted)
+        values = {n.name: n.value for n in model.numbers() if n.in_model}
+        found.append(
+            Fold(PathErrors.of(before.errors(judge)), PathErrors.of(model.errors(judge)), values)
+        )
+    return tuple(found)

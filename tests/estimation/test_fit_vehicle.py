@@ -1,0 +1,176 @@
+"""What a log tells of a vehicle: its numbers, with errors that hold, and what it cannot tell."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import run
+from skid_steer_logs import Skid, columns, wheels, written
+
+from sysid.data.io import read_log
+from sysid.data.reading.read_options import ReadOptions
+from sysid.data.record import Record
+from sysid.estimation.vehicle.vehicle_fit import VehicleFit, fit_vehicle
+from sysid.vehicle.kinematics import Geometry
+
+NOMINAL = Geometry(0.15, 0.6)
+SKID = Skid((0.15, 0.152), 0.9, (0.12, -0.05), 0.03, 0.137, 0.061)
+TURNING = Skid((0.14, 0.14), 1.2, lag=0.4, heading_lag=0.4, slip_turning=0.2)
+WHEELS = ("omega_l", "omega_r")
+FAR = 4.0
+"""Standard errors: of some twenty numbers in a test one is off by as many in a thousand tests."""
+
+
+def record(skid: Skid, folder: Path, seconds: float = 60.0, straight: bool = False) -> Record:
+    """A log of a drive as the command reads it."""
+    log = written(folder / "drive.csv", columns(skid, wheels(seconds, straight=straight)))
+    return read_log(log, ReadOptions(held="keep", inputs=("none",)))
+
+
+@cache
+def _fitted(skid: Skid, folder: Path) -> VehicleFit:
+    return fit_vehicle([record(skid, folder)], geometry=NOMINAL)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One folder for the logs of all tests here."""
+    return tmp_path_factory.mktemp("drives")
+
+
+def test_it_finds_every_number_of_the_vehicle(folder: Path) -> None:
+    found = _fitted(SKID, folder)
+    truth = {
+        "radius_left": 0.15,
+        "radius_right": 0.152,
+        "effective_width": 0.9,
+        "marker_x": 0.12,
+        "marker_y": -0.05,
+        "heading_offset": 0.03,
+        "pose_lag": 0.137,
+        "heading_lag": 0.061,
+        "icr_x": -0.12,
+        "icr_y_left": 0.5,
+        "icr_y_right": -0.4,
+        "width_ratio": 1.5,
+    }
+    for name, value in truth.items():
+        number = found.number(name)
+        assert number.identifiable
+        assert abs(number.value - value) < FAR * number.std_error, name
+        assert number.std_error < 0.02, name
+    # lags of 137 and 61 ms in rows of 50 ms: known far better than a row
+    assert found.number("pose_lag").std_error < 0.01
+
+
+def test_it_foretells_paths_that_it_was_not_fitted_to(folder: Path) -> None:
+    found = _fitted(SKID, folder)
+    assert found.after.heading < 0.1 * found.before.heading
+    assert found.after.path < 0.2 * found.before.path
+    assert all(f.after.heading < 0.1 * f.before.heading for f in found.folds)
+    assert found.drift[1].per_metre is not None
+    assert found.drift[1].per_metre < 0.05  # noise of the pose and speeds between rows
+
+
+def test_slip_in_turns_is_told_from_a_width(folder: Path) -> None:
+    found = _fitted(TURNING, folder)
+    for name, value in (("slip_turning", 0.2), ("effective_width", 1.2), ("pose_lag", 0.4)):
+        number = found.number(name)
+        assert number.in_model
+        assert abs(number.value - value) < FAR * number.std_error, name
+    curve = found.curves["turning"]
+    assert curve[-1].slip > curve[0].slip + 0.05
+
+
+def test_what_a_straight_drive_does_not_tell_is_said(folder: Path) -> None:
+    found = fit_vehicle([record(SKID, folder, straight=True)], geometry=NOMINAL)
+    told = {n.name: n for n in found.numbers}
+    assert told["radius_left"].identifiable or told["radius_right"].identifiable
+    for name in ("effective_width", "marker_y", "icr_y_left"):
+        assert not told[name].identifiable
+    assert "turns on the spot" in told["effective_width"].sentence
+
+
+def test_a_pose_that_jumps_is_left_out(folder: Path) -> None:
+    log = record(SKID, folder)
+    assert log.pose is not None
+    pose = log.pose.copy()
+    pose[500:, 0] += 3.0
+    jumped = Record(log.u, log.y, log.dt, log.inputs, log.outputs, pose, name="jumped.csv")
+    found = fit_vehicle([jumped], geometry=NOMINAL)
+    assert any("jumps 1 time" in n for n in found.notes)
+    assert found.after.path < 1.5 * _fitted(SKID, folder).after.path
+
+
+def test_readings_that_repeat_are_no_measurements(folder: Path) -> None:
+    log = record(SKID, folder)
+    assert log.pose is not None
+    rows = np.arange(len(log))
+    pose, omega = log.pose[rows - rows % 5], log.y[rows - rows % 4]
+    held = Record(log.u, omega, log.dt, log.inputs, log.outputs, pose, name="held.csv")
+    found = fit_vehicle([held], geometry=NOMINAL)
+    # speeds between readings every 0.2 s are no better than a line: 1 % and a tenth of a row
+    assert found.number("effective_width").value == pytest.approx(0.9, rel=0.02)
+    assert found.number("pose_lag").value == pytest.approx(0.137, abs=0.02)
+
+
+def test_the_command_writes_a_document_a_vehicle_and_a_mission(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    named = columns(TURNING, wheels(40.0))
+    log = written(tmp_path / "drive.csv", named)
+    mission = tmp_path / "m.yaml"
+    mission.write_text("goal: [1, 0]\nvehicle:\n  B: 0.6  # by tape\n", encoding="utf-8")
+    target, section = tmp_path / "new.yaml", tmp_path / "vehicle.yaml"
+    options = ("--geometry", "r=0.15,B=0.6", "--mission", mission, "--to", target, "-o", section)
+    document = run(capsys, "fit-vehicle", log, *options, "--json").document
+    fields = {"name", "value", "std_error", "unit", "identifiable", "sentence", "in_model"}
+    assert all(set(p) == fields for p in document["parameters"])
+    for key in ("path_error_m", "heading_error_rad"):
+        assert document[key]["after"] < 0.4 * document[key]["before"]
+    assert document["vehicle"]["B"] == pytest.approx(1.2, rel=0.3)
+    assert "1." in target.read_text(encoding="utf-8").partition("vehicle:")[2]
+    again = run(capsys, "fit-vehicle", log, "--geometry", section, "--json").document
+    assert again["heading_error_rad"]["before"] < 0.5 * document["heading_error_rad"]["before"]
+
+
+def test_wheels_and_pose_may_stand_in_two_files(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    named = columns(Skid(width=0.9), wheels(40.0))
+    log = written(tmp_path / "wheels.csv", {k: named[k] for k in ("t", *WHEELS)})
+    late = {"t": named["t"] + 5.0} | {k: named[k] for k in ("x", "y", "psi")}
+    pose = written(tmp_path / "pose.csv", late)
+    found = run(capsys, "fit-vehicle", log, "--join", pose, "--json").document
+    width = next(p for p in found["parameters"] if p["name"] == "effective_width")
+    assert abs(width["value"] - 0.9) < FAR * width["std_error"]
+    assert "compare with plain" in found["before"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((), "what is missing: time, the speeds"),
+        (("0.3", "1.08"), "0.3 is no file"),
+        (("{log}", "--motion", "sliding"), "motion is one of"),
+        (("{log}", "--to", "new.yaml"), "--mission M.yaml"),
+        (("{log}", "--geometry", "r=0.3"), "gives no B"),
+        (("{bare}",), "lacks a pose"),
+        (("{still}",), "never turn"),
+        (("{short}",), "fewer than"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_sentence(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: tuple[str, ...], words: str
+) -> None:
+    named = columns(SKID, wheels(6.0))
+    logs = {
+        "log": written(tmp_path / "log.csv", columns(SKID, wheels(30.0))),
+        "bare": written(tmp_path / "bare.csv", {k: named[k] for k in ("t", *WHEELS)}),
+        "still": written(tmp_path / "still.csv", named | dict.fromkeys(WHEELS, 0 * named["t"])),
+        "short": written(tmp_path / "short.csv", named),
+    }
+    found = run(capsys, "fit-vehicle", *(a.format(**logs) for a in arguments))
+    assert found.code in (1, 2)
+    assert words in found.err
