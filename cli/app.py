@@ -17,7 +17,7 @@ from .bench import motor, pendulum
 from .bench.group import bench
 from .field_options import Command, every_command
 from .missions import estimate, plan, simulate, tune
-from .vehicles import fit_vehicle, vehicle
+from .vehicles import fit_vehicle, soil, vehicle
 
 _HELP = {"help_option_names": ["-h", "--help"]}
 
@@ -42,6 +42,7 @@ for _command in (
     diagnose.diagnose,
     vehicle.vehicle,
     fit_vehicle.fit_vehicle,
+    soil.soil,
 ):
     app.command(context_settings=_HELP, cls=Command)(_command)
 app.command(context_settings=_HELP, cls=plan.PlotMayStandAlone)(plan.plan)

@@ -20,26 +20,27 @@ def _rule() -> tuple[Any, Any]:
 
 
 def integrate(
-    f: Callable[[Real], tuple[Real, ...]], parts: Sequence[tuple[Real, Real]], axes: int = 0
+    f: Callable[[Real], tuple[Real, ...]],
+    parts: Sequence[tuple[Real, Real]],
+    axes: int = 0,
+    xp: Any = np,
 ) -> tuple[Real, ...]:
     """Sums of ∫ f dx over the parts, one for each value of f.
 
     Args:
-        f: takes places x of shape (nodes, …) and gives values of shapes that broadcast with it.
+        f: takes places x of shape (nodes, parts, …) and gives values of that shape.
         parts: (begin, end) of each [m], numbers or arrays with ``axes`` axes; an empty one adds 0.
         axes: how many axes the arrays have that a single value would be for one run.
+        xp: array namespace.
 
     Returns:
-        The integrals, without the axis of the nodes.
+        The integrals, without the axes of nodes and parts.
     """
-    nodes, weights = (a.reshape((-1,) + (1,) * axes) for a in _rule())
-    totals: tuple[Real, ...] = ()
-    for begin, end in parts:
-        half = 0.5 * (end - begin)
-        values = f(begin + half * (1.0 + nodes))
-        sums = tuple(half * (weights * v).sum(axis=0) for v in values)
-        totals = tuple(t + s for t, s in zip(totals, sums, strict=True)) if totals else sums
-    return totals
+    nodes, weights = (a.reshape((-1,) + (1,) * (axes + 1)) for a in _rule())
+    begins, ends = (xp.stack(xp.broadcast_arrays(*side)) for side in zip(*parts, strict=True))
+    half = 0.5 * (ends - begins)
+    values = f(begins + half * (1.0 + nodes))
+    return tuple((half * weights * v).sum(axis=(0, 1)) for v in values)
 
 
 def axes_of(*values: Real) -> int:

@@ -90,5 +90,5 @@ def thrust(
     for low, high in pressure.smooth_parts(length, xp):
         middle = xp.clip(settled, low, high)
         parts += [(low, middle), (middle, high)]
-    (force,) = integrate(stress, parts, axes)
+    (force,) = integrate(stress, parts, axes, xp)
     return xp.sign(slip) * width * force

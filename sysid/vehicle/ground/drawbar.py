@@ -19,6 +19,8 @@ _ROUNDS, _TRIED = 6, 33
 six times: that places the slip within 1e-7, where the pull is flat to rounding."""
 _HALVINGS = 50
 """Of an interval of 1: to 1e-15."""
+_HALVINGS_OF_SLOPE = 34
+"""To 1e-10 rad: each asks for a largest pull anew."""
 _STEEPEST = math.radians(89.0)
 
 
@@ -97,8 +99,8 @@ class Traction:
         """Largest drawbar pull [N] and its slip [1], of slips from 0 to 1."""
         low, high = xp.asarray(0.0), xp.asarray(1.0)
         best = high
+        shape = (-1,) + (1,) * np.ndim(self.drawbar_pull(high, xp))
         for _ in range(_ROUNDS):
-            shape = (-1,) + (1,) * max(np.ndim(low), np.ndim(self.load(xp)))
             share = xp.linspace(0.0, 1.0, _TRIED).reshape(shape)
             at = xp.argmax(self.drawbar_pull(low + (high - low) * share, xp), axis=0)
             step = (high - low) / (_TRIED - 1)
@@ -158,7 +160,7 @@ class Traction:
         low, high = 0.0, min(self.tipping_slope * (1.0 - 1e-9), _STEEPEST)
         if spare(low) < 0.0:
             return math.nan
-        for _ in range(_HALVINGS):
+        for _ in range(_HALVINGS_OF_SLOPE):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if spare(middle) >= 0.0 else (low, middle)
         return low

@@ -167,9 +167,9 @@ PRESETS = (
         "snow",
         "undisturbed snow",
         (1.6, 4.37, 196.72, 1.03, 19.7),
-        (3.0, 1.8),
+        (0.29, 2.5),
         (3.75, 0.72),
-        "snow (U.S.), spread of its three rows of snow; K the middle of Wong's 2.5 to 5 cm",
+        "snow (U.S.), spread of its two rows (in Sweden 6 kPa); K the middle of Wong's 2.5 to 5 cm",
     ),
     _rigid(
         "concrete",
@@ -250,37 +250,51 @@ def soil_of(value: "str | Mapping[str, object] | Soil") -> Soil:
     if not isinstance(value, Mapping):
         raise ModelError(f"a soil is a preset's name or numbers by name, not {value!r}")
     given = dict(value)
-    preset, spread = given.pop("preset", None), given.pop("std", None)
-    _check_keys(given)
+    preset = given.pop("preset", None)
     if preset is not None and not isinstance(preset, str):
         raise ModelError(f"the soil's preset is {preset!r}: give a name such as dry-sand")
-    base = soil_preset(preset) if preset is not None else None
-    numbers = _numbers(given)
-    words = {k: str(given[k]) for k in ("shear", "source") if given.get(k) is not None}
-    if "shear" in words and words["shear"] not in [s.value for s in Shear]:
-        known = ", ".join(s.value for s in Shear)
-        raise ModelError(f"the soil's shear is {words['shear']!r}: give one of {known}")
-    missing = [k for k in _REQUIRED if k not in numbers]
-    if base is None and missing:
+    if preset is not None:
+        return soil_over(soil_preset(preset), given)
+    _check_keys(given)
+    missing = [k for k in _REQUIRED if k not in {_SPELT.get(key, key) for key in given}]
+    if missing:
         raise ModelError(
             f"the soil lacks {' and '.join(missing)}: give a preset, or cohesion, friction_angle "
             "and shear_modulus at least"
         )
-    cohesion, angle, modulus = (numbers.get(k, 0.0) for k in _REQUIRED)
-    kept = base or Soil(cohesion, angle, modulus, source="given")
-    std = {k: v for k, v in kept.std if k not in numbers} | _spread(spread, numbers, kept)
-    shear = Shear(words["shear"]) if "shear" in words else kept.shear
-    source = words.get("source") or _source(kept, numbers, base is not None)
+    return replace(soil_over(Soil(0.0, 0.0, 1.0), given), source=str(given.get("source", "given")))
+
+
+def soil_over(base: Soil, given: Mapping[str, object]) -> Soil:
+    """A soil with numbers of its own, as :func:`soil_of` reads them without a preset.
+
+    Raises:
+        ModelError: a key or a number is not one of a soil.
+    """
+    given = dict(given)
+    spread = given.pop("std", None)
+    _check_keys(given)
+    numbers = _numbers(given)
+    shear = str(given.get("shear", base.shear.value))
+    if shear not in [s.value for s in Shear]:
+        known = ", ".join(s.value for s in Shear)
+        raise ModelError(f"the soil's shear is {shear!r}: give one of {known}")
+    std = {k: v for k, v in base.std if k not in numbers} | _spread(spread, numbers, base)
+    source = base.source
+    if numbers:
+        source = f"{', '.join(numbers)} given; the rest: {base.source}"
     changed: dict[str, Any] = dict(numbers)
-    return replace(kept, **changed, shear=shear, std=tuple(std.items()), source=source)
+    source = str(given.get("source", source))
+    return replace(base, **changed, shear=Shear(shear), std=tuple(std.items()), source=source)
 
 
 def _check_keys(given: Mapping[str, object]) -> None:
-    known = [f.name for f in fields(Soil)] + [*_SPELT, "preset"]
+    known = [*(f.name for f in fields(Soil)), *_SPELT]
     for key in given:
         if key not in known:
-            near = difflib.get_close_matches(str(key), known, n=1)
-            advice = f"did you mean {near[0]}?" if near else f"the keys are {', '.join(known)}"
+            near = difflib.get_close_matches(str(key), [*known, "preset"], n=1)
+            keys = ", ".join(["preset", *known])
+            advice = f"did you mean {near[0]}?" if near else f"the keys are {keys}"
             raise ModelError(f"a soil has no key {key!r}: {advice}")
     angles = [k for k in ("friction_angle", *_SPELT) if k in given]
     if len(angles) > 1:
@@ -326,9 +340,3 @@ def _spread(given: object, numbers: Mapping[str, float], base: Soil) -> dict[str
         angle = numbers.get("friction_angle", base.friction_angle)
         found["friction_angle"] *= math.cos(angle) ** 2
     return found
-
-
-def _source(base: Soil, numbers: Mapping[str, float], from_preset: bool) -> str:
-    if not from_preset or not numbers:
-        return base.source
-    return f"{', '.join(numbers)} given; the rest: {base.source}"

@@ -93,13 +93,13 @@ def lateral_reaction(
         load = pressure.at(x, weight, length, 1.0, xp)
         return load, load * (0.5 * length - pressure.centre - x)
 
-    force: Real = 0.0
-    moment: Real = 0.0
+    ahead, behind = [], []
     for low, high in pressure.smooth_parts(length, xp):
         middle = xp.clip(turn_at, low, high)
-        for part, side in (((low, middle), 1.0), ((middle, high), -1.0)):
-            load, turning = integrate(line_load, [part], axes)
-            force, moment = force + side * load, moment + side * turning
+        ahead.append((low, middle))
+        behind.append((middle, high))
+    before, after = (integrate(line_load, parts, axes, xp) for parts in (ahead, behind))
+    force, moment = before[0] - after[0], before[1] - after[1]
     way = xp.sign(yaw_rate) * soil.lateral
     return -way * force, way * moment
 

@@ -29,8 +29,10 @@ _QUARTER = 0.5 * math.pi
 its shear has long settled, and going round would bring a place back to where it began."""
 _NO_SLIDING = 1e-300
 """Keeps a direction defined where nothing slides [m²/s²]."""
-_FIRST_SLIPS = (0.3, 1.0, 0.1, 3.0, 0.0)
+_FIRST_SLIPS = (0.3, 1.0, 0.1, 3.0)
 """Slip that a search for a steady turn begins with, in lengths of the track a radian turned."""
+_MOST_TRIED = 60
+"""Motions that a search tries from one beginning: those that end well need some 30."""
 _BALANCED = 1e-6
 """Imbalance over weight that counts as none: far below what is known of any soil."""
 _GRADES = (1.0 / 8.0, 1.0 / 64.0)
@@ -119,7 +121,7 @@ def _track(
     parts: list[tuple[Real, Real]] = []
     for low, high in pressure.smooth_parts(length, xp):
         parts += pairwise([low, *(xp.clip(c, low, high) for c in cuts), high])
-    forward, sideways, moment = integrate(stress, parts, axes)
+    forward, sideways, moment = integrate(stress, parts, axes, xp)
     return width * forward, width * sideways, width * moment
 
 
@@ -191,6 +193,9 @@ def _balance(
     """Track speeds [m/s], V_y [m/s] and forces in balance; None where there is no balance."""
     from scipy.optimize import root
 
+    if float(traction.largest_pull()[0]) < 0.0:
+        return None  # it does not drive straight on either
+
     vehicle, vx = traction.vehicle, radius * yaw_rate
     half = 0.5 * vehicle.geometry.B
     resistance = 0.5 * float(traction.rolling() + traction.compaction())
@@ -212,10 +217,11 @@ def _balance(
             / (weight * arm),
         ]
 
+    options: Any = {"maxfev": _MOST_TRIED}
     for extra in _FIRST_SLIPS:
         apart = extra + half / vehicle.contact_length
         first = [vx / scale - apart, vx / scale + apart, 0.0]
-        solution = root(imbalance, first, method="hybr")
+        solution = root(imbalance, first, method="hybr", options=options)
         if max(map(abs, imbalance(solution.x))) < _BALANCED:
             return forces(solution.x)
     return None

@@ -1,0 +1,286 @@
+"""``sysid soil``: what a ground gives a tracked vehicle and takes from it."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sysid.errors import UsageError
+
+from .. import reading, render, targets
+
+if TYPE_CHECKING:
+    from sysid.vehicle.ground.assessment import Quantity, SoilAssessment
+    from sysid.vehicle.ground.drawbar import Traction
+    from sysid.vehicle.soil import Soil
+
+
+def soil(
+    ground: Annotated[
+        str | None,
+        typer.Argument(metavar="[SOIL]", help="A preset's name, or a YAML file with a soil."),
+    ] = None,
+    vehicle: Annotated[
+        Path | None,
+        typer.Option(
+            "--vehicle",
+            metavar="FILE",
+            help="YAML with r, B, L, track_width, centre, height, mass, as sysid vehicle reads it, "
+            "or a mission [the bundled robot].",
+        ),
+    ] = None,
+    numbers: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help="A number of the soil instead: cohesion=500, friction_angle_deg=31.",
+        ),
+    ] = None,
+    slope: Annotated[
+        float | None, typer.Option("--slope", metavar="DEG", help="A slope to climb [°].")
+    ] = None,
+    slips: Annotated[
+        str | None,
+        typer.Option("--slip", metavar="I,I", help="Slips to tell the drawbar pull at, 0 to 1."),
+    ] = None,
+    wheels: Annotated[
+        int | None,
+        typer.Option(
+            "--road-wheels",
+            metavar="N",
+            help="Road wheels of a track, which press in peaks [a rigid track].",
+        ),
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", metavar="FILE", help="Draw shear, pull and turning (svg or png)."),
+    ] = None,
+    json: reading.Json = False,
+) -> None:
+    """List soils with their sources, or tell what one gives a tracked vehicle and takes from it."""
+    from sysid.vehicle.ground.assessment import RADII, SLIPS, assess
+
+    if ground is None and vehicle is None and not numbers:
+        _list(json)
+        return
+    targets.check_picture(plot)
+    traction = _traction(ground, vehicle, numbers or [], wheels)
+    found = assess(
+        traction,
+        None if slope is None else math.radians(slope),
+        SLIPS if slips is None else _slips(slips),
+        RADII,
+    )
+    if json:
+        render.document(_document(found))
+    else:
+        _show(found, ground or str(vehicle))
+    if plot is not None:
+        from .soil_picture import draw_soil
+
+        draw_soil(plot, ground or str(vehicle), found)
+
+
+def _traction(
+    ground: str | None, vehicle: Path | None, numbers: list[str], wheels: int | None
+) -> "Traction":
+    """Soil and vehicle as the options say.
+
+    Raises:
+        UsageError: an option cannot be read, or there is no soil.
+        ModelError, DataError: soil or vehicle cannot be.
+    """
+    from sysid.vehicle.ground.drawbar import Traction
+    from sysid.vehicle.ground.files import read_vehicle
+    from sysid.vehicle.pressure import Distribution, Pressure
+    from sysid.vehicle.tracked import TrackedVehicle
+
+    body = TrackedVehicle() if vehicle is None else read_vehicle(vehicle)
+    spread = None
+    if wheels is not None:
+        spread = Pressure(Distribution.WHEELS, body.centre, wheels)
+    return Traction(_soil(ground, vehicle, numbers), body, spread)
+
+
+def _soil(ground: str | None, vehicle: Path | None, numbers: list[str]) -> "Soil":
+    from sysid.vehicle.ground.files import read_soil
+    from sysid.vehicle.ground.presets import soil_of, soil_over
+
+    given: dict[str, object] = {}
+    for pair in numbers:
+        name, sign, value = (p.strip() for p in pair.partition("="))
+        try:
+            given[name] = value if name == "shear" else float(value)
+        except ValueError:
+            sign = ""
+        if not sign:
+            raise UsageError(f"--set cannot read {pair!r}; write NAME=VALUE, such as cohesion=500")
+    if ground is None:
+        return soil_of(given) if vehicle is None else soil_over(read_soil(vehicle), given)
+    path = Path(ground)
+    if path.suffix.lower() in (".yaml", ".yml") or path.is_file():
+        return soil_over(read_soil(path), given)
+    return soil_of({"preset": ground, **given})
+
+
+def _slips(text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise UsageError(f"--slip cannot read {text!r}; write shares such as 0.05,0.2") from None
+
+
+def _list(json: bool) -> None:
+    from sysid.vehicle.ground.presets import PRESETS
+
+    if json:
+        render.document(
+            {"presets": [{"name": p.name, "title": p.title, **_facts(p.soil)} for p in PRESETS]}
+        )
+        return
+    heads = ("soil", "ground", "c [kPa]", "φ [°]", "K [mm]", "μr", "μl")
+    rows = []
+    for p in PRESETS:
+        std, s = dict(p.soil.std), p.soil
+        scales = (
+            ("cohesion", 1e-3), ("friction_angle", 180.0 / math.pi), ("shear_modulus", 1e3),
+            ("rolling", 1.0), ("lateral", 1.0),
+        )  # fmt: skip
+        numbers = [_plus_minus(getattr(s, n) * k, std.get(n, 0.0) * k) for n, k in scales]
+        rows.append([p.name, p.title, *numbers])
+    render.table(heads, rows, caption="sysid soil SOIL")
+    for p in PRESETS:
+        render.say(f"{p.name}: {p.soil.source}.", "dim")
+
+
+def _plus_minus(value: float, std: float | None) -> str:
+    """A number and its standard deviation with two digits; three of the number without one."""
+    if not std:
+        return render.number(value, 3)
+    digits = max(0, 1 - math.floor(math.log10(std)))
+    return f"{value:.{digits}f} ± {std:.{digits}f}"
+
+
+def _facts(ground: "Soil") -> dict[str, Any]:
+    from sysid.vehicle.soil import NUMBERS
+
+    return {
+        **{n: getattr(ground, n) for n in NUMBERS},
+        "shear": ground.shear.value,
+        "std": dict(ground.std),
+        "source": ground.source,
+    }
+
+
+def _document(found: "SoilAssessment") -> dict[str, Any]:
+    traction = found.traction
+    body, spread = traction.vehicle, traction.spread()
+    return {
+        "soil": _facts(traction.soil),
+        "vehicle": {
+            "r": body.geometry.r,
+            "B": body.geometry.B,
+            **{
+                n: getattr(body, n)
+                for n in ("contact_length", "track_width", "mass", "centre", "height")
+            },
+        },
+        "pressure": {
+            "distribution": spread.distribution.value,
+            "wheels": spread.wheels if spread.distribution == "wheels" else None,
+        },
+        "quantities": [_number(q) for q in found.quantities],
+        "drawbar": [
+            {
+                "slip": p.slip,
+                "thrust_n": p.thrust.value,
+                "thrust_std_error": p.thrust.std_error,
+                "pull_n": p.pull.value,
+                "pull_std_error": p.pull.std_error,
+                "efficiency": p.efficiency,
+            }
+            for p in found.pulls
+        ],
+        "turning": [
+            {
+                "radius_m": t.radius,
+                "moment_nm": t.moment.value,
+                "moment_std_error": t.moment.std_error,
+                "reason": t.moment.reason,
+                "empirical_moment_nm": t.empirical,
+                "power_w": t.power.value,
+                "power_std_error": t.power.std_error,
+            }
+            for t in found.turns
+        ],
+        "notes": found.notes,
+    }
+
+
+def _number(q: "Quantity") -> dict[str, Any]:
+    return {
+        "name": q.name,
+        "value": q.value,
+        "std_error": q.std_error,
+        "unit": q.unit,
+        "reason": q.reason,
+        "driven_by": q.driven_by,
+    }
+
+
+_WORDS = {
+    "thrust_max": "largest thrust",
+    "rolling_resistance": "rolling resistance",
+    "compaction_resistance": "resistance of compaction",
+    "sinkage": "sinkage",
+    "drawbar_pull_max": "largest drawbar pull",
+    "slip_at_drawbar_pull_max": "at a slip of",
+    "turning_moment": "moment against turning, μl",
+    "steepest_slope": "steepest slope",
+    "slope_pull": "pull up the slope",
+    "slope_slip": "slip up the slope",
+}
+_SHOWN_IN = {"rad": ("°", 180.0 / math.pi), "m": ("mm", 1e3)}
+
+
+def _show(found: "SoilAssessment", name: str) -> None:
+    body = found.traction.vehicle
+    render.say(
+        f"{name} under {body.mass:.3g} kg on two tracks of {1e3 * body.contact_length:.3g} by "
+        f"{1e3 * body.track_width:.3g} mm",
+        "bold",
+    )
+    rows = []
+    for q in found.quantities:
+        unit, scale = _SHOWN_IN.get(q.unit, (q.unit, 1.0))
+        std = None if q.std_error is None else q.std_error * scale
+        shown = "–" if q.value is None else _plus_minus(q.value * scale, std)
+        why = q.reason or f"most of it from {q.driven_by}"
+        rows.append([_WORDS[q.name], shown, unit, why])
+    render.table(("", "value ± std. deviation", "unit", "the uncertainty"), rows)
+    render.table(
+        ("slip", "thrust [N]", "drawbar pull [N]", "efficiency"),
+        [
+            [p.slip, *(_plus_minus(q.value or 0.0, q.std_error) for q in (p.thrust, p.pull)),
+             p.efficiency]
+            for p in found.pulls
+        ],
+        title="Straight on",
+    )  # fmt: skip
+    render.table(
+        ("radius [m]", "moment [N m]", "by μl and radius [N m]", "power at 0.1 m/s [W]"),
+        [
+            [t.radius, _turned(t.moment), t.empirical, _turned(t.power)]
+            for t in found.turns
+        ],
+        title="Turning",
+    )  # fmt: skip
+    render.say(f"Soil: {found.traction.soil.source}.", "dim")
+    for note in found.notes:
+        render.warn(f"! {note}")
+
+
+def _turned(q: "Quantity") -> str:
+    return "no steady turn" if q.value is None else _plus_minus(q.value, q.std_error)
