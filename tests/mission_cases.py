@@ -26,6 +26,7 @@ from sysid.mission.contracts import (
 )
 from sysid.mission.spec import Mission
 from sysid.vehicle.kinematics import Geometry
+from sysid.vehicle.motors import Bench
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ SCENE = goal(
     walls=[[(-1.5, 2.0), (1.0, 2.5), (1.5, 1.5)]],
     polygons=[[(-2.0, -1.0), (-1.0, -1.0), (-1.5, -2.0)]],
     waypoints=[(2.0, 1.0), (3.0, 2.0)],
-).scene()
+).scene()._replace(motors=(Bench().motor(7.5),) * 2)
 """One of everything that laws may have to do with."""
 
 

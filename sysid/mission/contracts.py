@@ -18,7 +18,10 @@ from sysid.data.record import Array, Channel
 from sysid.effects.ground import Ground
 from sysid.mission.axis import PUBLISHED, Nominal
 from sysid.mission.traits import ControlAdvice, GuidanceAdvice, GuidanceTraits, Hold
+from sysid.vehicle.floor import Floor
 from sysid.vehicle.kinematics import Geometry, Real
+from sysid.vehicle.motors import Motor
+from sysid.vehicle.tracked import TrackedVehicle
 
 State = Any
 """What a law remembers: a number, an array, or a tuple or dict of states."""
@@ -42,11 +45,13 @@ class Body(NamedTuple):
         pose: X, Y [m], ψ [rad].
         speed: forward speed V_x [m/s].
         yaw_rate: ψ̇ [rad/s].
+        lateral: speed to the left V_y [m/s]; tracks that do not slide sideways have none.
     """
 
     pose: Pose
     speed: Real
     yaw_rate: Real
+    lateral: Real = 0.0
 
 
 class Disc(NamedTuple):
@@ -116,6 +121,9 @@ class Scene(NamedTuple):
         nominal: what the plant answers to both commands, for controllers that need a model.
         sensors: what navigation reads besides the wheels, by kind, with its figures.
         dt: time between two samples [s]; the loop puts the plant's here.
+        car: lengths, mass and inertia, for motions that ask.
+        floor: what it stands on, likewise.
+        motors: of the left and the right track, where the motion turns the tracks.
     """
 
     start: Pose
@@ -130,6 +138,9 @@ class Scene(NamedTuple):
     nominal: Nominal = PUBLISHED
     sensors: Mapping[str, "Sensor"] = MappingProxyType({})
     dt: float = 0.1
+    car: TrackedVehicle | None = None
+    floor: Floor | None = None
+    motors: tuple[Motor, Motor] | None = None
 
     @property
     def targets(self) -> tuple[Point, ...]:
@@ -247,12 +258,19 @@ class SensorInputs(NamedTuple):
 
 
 class MotionInputs(NamedTuple):
-    """What moves the vehicle at a sample ``t`` [s]: the track speeds on the ground [rad/s]."""
+    """What moves the vehicle at a sample ``t`` [s].
+
+    Attributes:
+        omega_l, omega_r: the track speeds on the ground [rad/s]; those of the sample before where
+            the motion turns the tracks itself.
+        drive: left and right command held since the sample before [drive], 1 is full drive.
+    """
 
     t: Real
     omega_l: Real
     omega_r: Real
     scene: Scene
+    drive: tuple[Real, Real] = (0.0, 0.0)
 
 
 # Parts --------------------------------------------------------------------------------------------
@@ -348,6 +366,20 @@ class Motion(Protocol):
     def start(self, scene: Scene, xp: Any) -> State: ...
 
     def step(self, state: State, inputs: MotionInputs, dt: Real, xp: Any) -> tuple[State, Body]: ...
+
+
+@runtime_checkable
+class TurnsTracks(Protocol):
+    """A motion that turns the tracks itself, by ``scene.motors`` against the ground.
+
+    The plant is not stepped then. At a sample such a motion comes first: from the last sample to
+    this one under the command held in between. What it says of wheels and body is what sensors
+    read, what navigation, guidance and control decide on, and what the log holds.
+    """
+
+    def wheel_speeds(self, state: State) -> tuple[Real, Real]:
+        """ω of the left and the right track after a step [rad/s]."""
+        ...
 
 
 @runtime_checkable

@@ -31,6 +31,7 @@ from sysid.mission.contracts import (
     SensorInputs,
     State,
     SteppablePlant,
+    TurnsTracks,
     readout_of,
 )
 from sysid.vehicle.kinematics import Real
@@ -163,6 +164,10 @@ Drive = Callable[[Command, Body, Real, Any], tuple[tuple[Real, Real], Command]]
 """(command, how the robot moves, t, xp) → PWM of both tracks [µs], what of the command it gives."""
 
 
+Moved = tuple[tuple[Real, Real], tuple[State, Body]]
+"""Wheel speeds, and what a motion remembers and says."""
+
+
 @dataclass(frozen=True)
 class Loop:
     """The parts of one closed loop.
@@ -242,7 +247,8 @@ class Loop:
         """Advance to the next sample of the plant.
 
         At a control instant guidance and control use the latest reading, the one of the same
-        instant included. A reading at this sample is y(k) under the command held so far.
+        instant included. A reading at this sample is y(k) under the command held so far; a motion
+        that turns the tracks gives it itself, before anything is read.
 
         Args:
             state: after the sample before.
@@ -254,21 +260,22 @@ class Loop:
         """
         scene, xp = self.scene, self.xp
         drive = state.pwm[0] / PWM_FULL_SCALE, state.pwm[1] / PWM_FULL_SCALE
-        y = self._readout(state.plant, xp.array(state.pwm))
-        omega = (
-            xp.float64(y[0]),
-            xp.float64(y[1]),
-        )  # what is decided before this sample reaches it now
+        # what is decided before this sample reaches it now: the reading is of what was held
+        moved = self._driven(state, drive, tick)
+        omega = self._turning(state) if moved is None else moved[0]
         for t in tick.before:
             state = self._decided(state, t)
-        state, readings = self._read(state, omega, tick, draws)
+        state, readings = self._read(state, omega, moved, tick, draws)
         seen = NavigationInputs(tick.t, readings, scene, drive)
         remembered, estimate = self.navigation.step(state.navigation, seen, tick.dt, xp)
         state = state._replace(navigation=remembered, estimate=estimate)
         for t in tick.now:
             state = self._decided(state, t)
-        plant, omega = self._wheels(state)
-        remembered, body = self._moved(state, omega, tick)
+        plant = state.plant
+        if moved is None:
+            plant, omega = self._wheels(state)
+            moved = omega, self._moved(state, omega, tick)
+        remembered, body = moved[1]
         progress, verdict = self._judged(state, body, tick)
         state = state._replace(
             plant=plant, motion=remembered, body=body, progress=progress, verdict=verdict
@@ -282,6 +289,20 @@ class Loop:
             row = (*row, *law.report(getattr(state, part), xp))
         return state, row
 
+    def _driven(self, state: LoopState, drive: tuple[Real, Real], tick: Tick) -> Moved | None:
+        """Wheel speeds and motion at this sample where the motion turns the tracks itself."""
+        if not isinstance(self.motion, TurnsTracks):
+            return None
+        before = self.motion.wheel_speeds(state.motion)
+        inputs = MotionInputs(tick.t, *before, self.scene, drive)
+        remembered, body = self.motion.step(state.motion, inputs, tick.dt, self.xp)
+        return self.motion.wheel_speeds(remembered), (remembered, body)
+
+    def _turning(self, state: LoopState) -> tuple[Real, Real]:
+        """Wheel speeds at this sample under the command held so far."""
+        y = self._readout(state.plant, self.xp.array(state.pwm))
+        return self.xp.float64(y[0]), self.xp.float64(y[1])
+
     def _moved(self, state: LoopState, omega: tuple[Real, Real], tick: Tick) -> tuple[State, Body]:
         """Where tracks that turn at ``omega`` bring the vehicle at this sample."""
         ground = self.plant.ground
@@ -293,6 +314,7 @@ class Loop:
         self,
         state: LoopState,
         omega: tuple[Real, Real],
+        moved: Moved | None,
         tick: Tick,
         draws: Sequence[Sequence[Real]],
     ) -> tuple[LoopState, Mapping[str, Real]]:
@@ -301,7 +323,7 @@ class Loop:
         sensors = self.scene.sensors
         if not sensors:
             return state, readings
-        body = self._moved(state, omega, tick)[1]
+        body = (self._moved(state, omega, tick) if moved is None else moved[1])[1]
         after = []
         for sensor, last, numbers in zip(sensors.values(), state.sensors, draws, strict=True):
             seen = SensorInputs(tick.t, body, omega[0], omega[1], numbers, self.scene)

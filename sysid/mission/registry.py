@@ -61,6 +61,8 @@ BUILT_IN = {
     "navigation.ukf": "navigation.ukf:UnscentedKalman",
     "navigation.finite-model": "navigation.finite_model:FiniteModel",
     "motion.kinematic": "motion.kinematic:Kinematic",
+    "motion.slip": "motion.slip:Slip",
+    "motion.dynamic": "motion.dynamic:Dynamic",
     "sensors.encoders": "sensors.encoders:Encoders",
     "sensors.gyroscope": "sensors.gyroscope:Gyroscope",
     "sensors.accelerometer": "sensors.accelerometer:Accelerometer",
@@ -182,6 +184,37 @@ def law(role: str, section: Any) -> Any:
         raise PydanticCustomError("model_type", "a section of keys is needed")
     cls, keys = section_class(role, section)
     return cls.model_validate(keys, context={"law": law})
+
+
+def motion_chosen(mission: Any) -> Any:
+    """The values of a mission file, the kind of motion that its vehicle names in ``motion``.
+
+    Raises:
+        ValidationError: there is no such kind, or the section ``motion`` has another one.
+    """
+    if not isinstance(mission, Mapping):
+        return mission
+    vehicle, place = mission.get("vehicle"), ("vehicle", "motion")
+    kind = vehicle.get("motion") if isinstance(vehicle, Mapping) else None
+    kind = getattr(vehicle, "motion", kind)
+    if kind is None:
+        return mission
+    if not isinstance(kind, str) or kind not in kinds("motion"):
+        raise sentence_at(
+            place, f"vehicle.motion is {shown(kind)}: the kinds are {_listed('motion')}"
+        )
+    section = mission.get("motion")
+    section = {} if section is None else section
+    if isinstance(section, Mapping):
+        own = section.get("kind", kind)
+        section = {**section, "kind": own}
+    else:
+        own = kind_of("motion", section)
+    if own != kind:
+        raise sentence_at(
+            place, f"the vehicle's motion is {kind}, but motion.kind is {own}: keep one"
+        )
+    return {**mission, "motion": section}
 
 
 def sensor_set(section: Any) -> Mapping[str, Sensor]:

@@ -20,6 +20,7 @@ from sysid.mission.contracts import (
     Pose,
     Scene,
     SteppablePlant,
+    TurnsTracks,
 )
 from sysid.mission.ending import sentence, stuck
 from sysid.mission.loop import COLUMNS, Drive, Loop, LoopState, Tick, Verdict, plain_drive, ticks
@@ -27,6 +28,8 @@ from sysid.mission.noise import sensor_draws
 from sysid.mission.result import MissionResult, Outcome
 from sysid.mission.robot.compensation import compensation_of
 from sysid.mission.robot.nominal import limits_of, nominal_of
+from sysid.mission.robot.on_ground import on_ground
+from sysid.mission.robot.torque import motors_of
 from sysid.mission.spec import Mission
 
 
@@ -128,13 +131,16 @@ def scene_of(mission: Mission, known: SteppablePlant) -> Scene:
     Raises:
         ModelError: the controller needs a model, and the plant gives none.
     """
-    scene = mission.scene()
+    scene, driven = mission.scene(), known
+    wanted = mission.limits_from_plant or mission.control.uses_plant
+    if wanted and isinstance(mission.motion, TurnsTracks):
+        known = on_ground(known, scene)
     if mission.limits_from_plant:
         found = limits_of(known, scene.geometry)
         scene = scene._replace(limits=found._replace(**mission.limits.given))
     if not mission.control.uses_plant:
         return scene
-    drive, at_rest = drive_of(mission, known), Body(scene.start, 0.0, 0.0)
+    drive, at_rest = drive_of(mission, driven), Body(scene.start, 0.0, 0.0)
 
     def pwm(command: Command) -> tuple[float, float]:
         return drive(command, at_rest, 0.0, floats)[0]
@@ -150,6 +156,8 @@ def closed_loop(
     drive: Drive = plain_drive,
 ) -> Loop:
     """The loop of a mission's laws, a robot plant and a scene, over an array namespace."""
+    if isinstance(mission.motion, TurnsTracks):
+        scene = scene._replace(motors=motors_of(plant))
     return Loop(
         guidance=mission.complete_guidance,
         control=mission.control,

@@ -44,10 +44,11 @@ from sysid.mission.guidance.waypoints import PassingWaypoints, way_length
 from sysid.mission.motion.kinematic import Kinematic
 from sysid.mission.navigation.equipment import equipped, lacking
 from sysid.mission.navigation.odometry import Odometry
-from sysid.mission.registry import default_sensor, law, sensor_set
+from sysid.mission.registry import default_sensor, law, motion_chosen, sensor_set
 from sysid.mission.settings import Coordinate, Positive, Settings
 from sysid.mission.spec_problems import first_problem
 from sysid.mission.variation import Variation
+from sysid.mission.vehicle_spec import Physics, VehicleSpec, floor_of, tracked_vehicle
 from sysid.vehicle.kinematics import Geometry, wrap_angle
 
 Place = tuple[Coordinate, Coordinate]
@@ -99,42 +100,6 @@ class Obstacle(Settings):
     def disc(self) -> Disc:
         """The obstacle as the laws take it."""
         return Disc(self.x, self.y, self.radius, *self.velocity)
-
-
-class VehicleSpec(Settings):
-    """Geometry of the vehicle, and the scales of a plant that does not speak µs and rad/s.
-
-    Attributes:
-        r: sprocket radius [m].
-        B: distance between the track centre lines [m].
-        command_scale: plant input at full drive, in the plant's units; None lets
-            :func:`sysid.mission.robot.mapping.as_robot` choose.
-        speed_scale: wheel speed [rad/s] per unit of plant output; None likewise.
-    """
-
-    r: Positive = Geometry().r
-    B: Positive = Geometry().B
-    command_scale: Annotated[float, Field(ge=-1e9, le=1e9)] | None = None
-    speed_scale: Annotated[float, Field(ge=-1e9, le=1e9)] | None = None
-
-    @field_validator("command_scale", "speed_scale")
-    @classmethod
-    def _not_zero(cls, value: float | None, info: ValidationInfo) -> float | None:
-        if value == 0:
-            raise ValueError(
-                f"vehicle.{info.field_name} is 0, which disconnects the plant: change it"
-            )
-        return value
-
-    @property
-    def geometry(self) -> Geometry:
-        """The lengths as the kinematics take them."""
-        return Geometry(self.r, self.B)
-
-    @property
-    def given_geometry(self) -> Geometry | None:
-        """The lengths where the mission file gives one of them; None where both are assumed."""
-        return self.geometry if {"r", "B"} & self.model_fields_set else None
 
 
 class LimitSpec(Settings):
@@ -213,6 +178,12 @@ class Mission(Settings):
     limits: LimitSpec = LimitSpec()
     vary: Variation = Variation()
 
+    @model_validator(mode="before")
+    @classmethod
+    def _one_motion(cls, value: Any) -> Any:
+        """``vehicle: {motion: dynamic}`` says the kind of the section ``motion``."""
+        return motion_chosen(value)
+
     @field_validator("goal", mode="before")
     @classmethod
     def _goal(cls, value: Any) -> Any:
@@ -266,6 +237,24 @@ class Mission(Settings):
         if sentence:
             raise sentence_at(("navigation",), sentence)
         return self
+
+    @model_validator(mode="after")
+    def _one_vehicle(self) -> "Mission":
+        """What the motion says of the vehicle is what the vehicle says of itself."""
+        own = self.motion.told if isinstance(self.motion, Physics) else {}
+        for key, value in own.items():
+            if self.vehicle.told.get(key, value) != value:
+                raise sentence_at(
+                    ("vehicle", key), f"{key} of the vehicle is not that of motion: keep one"
+                )
+        tracked_vehicle(self.vehicle.geometry, self.physics)
+        return self
+
+    @property
+    def physics(self) -> Mapping[str, Any]:
+        """What is said of the vehicle and its floor, in either section."""
+        own = self.motion.told if isinstance(self.motion, Physics) else {}
+        return {**self.vehicle.told, **own}
 
     @model_validator(mode="after")
     def _clear(self) -> "Mission":
@@ -346,6 +335,8 @@ class Mission(Settings):
             path=self.path,
             limits=Limits(**self.limits.given),
             sensors=equipped(self.navigation, self.sensors, default_sensor),
+            car=tracked_vehicle(self.vehicle.geometry, self.physics),
+            floor=floor_of(self.physics),
         )
 
     def with_geometry(self, geometry: Geometry) -> "Mission":

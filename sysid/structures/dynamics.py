@@ -12,6 +12,7 @@ from sysid.data.record import Array, Channel
 from sysid.effects.compensation import Identified
 from sysid.effects.ground import Ground
 from sysid.structures.c_step import CStep
+from sysid.vehicle.motors import TorqueSource
 
 
 @dataclass(frozen=True)
@@ -120,6 +121,10 @@ class Dynamics(ABC):
     def ground(self, theta: Array) -> Ground:
         """Effects between tracks and ground: they change the pose, no output; none by default."""
         return Ground()
+
+    def torque(self, theta: Array) -> TorqueSource | None:
+        """The motors as sources of torque; None where the dynamics tell speeds only."""
+        return None
 
     def identified(self, theta: Array) -> Identified:
         """Effects between commands and torques, for who makes up for them; none by default."""

@@ -10,6 +10,7 @@ from sysid.data.record import Array, Channel
 from sysid.effects.compensation import Identified
 from sysid.effects.ground import Ground
 from sysid.structures.dynamics import Dynamics
+from sysid.vehicle.motors import TorqueSource
 
 Step = Callable[[Array, Array], tuple[Array, Array]]
 
@@ -33,6 +34,8 @@ class Plant:
         rest_state: state of the core in which nothing moves at the operating point.
         ground: effects between tracks and ground, for whoever moves a vehicle by the outputs.
         identified: effects between commands and torques, for whoever makes up for them.
+        torque: its motors as sources of torque, for whoever lets the ground answer them; None where
+            the core tells speeds only.
     """
 
     dt: float
@@ -47,6 +50,7 @@ class Plant:
     ground: Ground = field(default_factory=Ground)
     identified: Identified = field(default_factory=Identified)
     core_readout: Callable[[Array, Array], Array] | None = None
+    torque: TorqueSource | None = None
 
     @staticmethod
     def of_structure(
@@ -73,6 +77,7 @@ class Plant:
             ground=structure.ground(theta),
             identified=structure.identified(theta),
             core_readout=structure.readout(theta),
+            torque=structure.torque(theta),
         )
 
     def initial_state(self) -> Array:

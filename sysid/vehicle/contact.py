@@ -53,7 +53,7 @@ def _on(soil: Soil, load: Real, slip: Real, car: TrackedVehicle, xp: Any) -> Gri
     length, width = car.contact_length, car.track_width
     return Grip(
         uniform_thrust(soil, load, slip, length, width, xp),
-        length * width * soil.cohesion + load * soil.friction,
+        length * width * soil.cohesion + load * xp.tan(soil.friction_angle),
         soil.rolling * load,
         soil.lateral * load,
     )

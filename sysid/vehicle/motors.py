@@ -42,6 +42,20 @@ class Motor(NamedTuple):
     drag: Real = 0.0
 
 
+class TorqueSource(NamedTuple):
+    """The motors of an identified plant, one or the left and the right one.
+
+    Attributes:
+        motors: of each output; ``drive`` counts in the unit of the plant's input, of which
+            ``torque`` is the stall torque of one and ``limit`` and ``offset`` are values.
+        body: what of the inertia the plant shares between its tracks or has beside its motors, as
+            a part of theirs: 0 with the tracks lifted, more where the body moved along.
+    """
+
+    motors: tuple[Motor, ...]
+    body: Real = 0.0
+
+
 class Bench(NamedTuple):
     """Constants of one geared motor as the bench gives them (thesis 2.53–2.61, §5.2).
 

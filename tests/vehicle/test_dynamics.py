@@ -207,6 +207,21 @@ def test_a_vehicle_whose_ground_cannot_turn_it_goes_straight() -> None:
     assert (v, yaw_rate) == (0.0, 0.0)
 
 
+def test_batches_find_the_same_balance() -> None:
+    jax = jax_module()
+    jnp = jax.numpy
+    patch = Patch(Circle(0.0, 0.1, 0.1), replace(SAND, lateral=0.3))
+    omega = [(5.0, 9.0), (-4.0, 6.0), (8.0, 8.2), (0.0, 0.0), (-3.0, -1.0)]
+
+    def balance(left, right):
+        return balanced_velocity((left, right), (0.0, 0.0, 0.3), CAR, Floor(SAND, (patch,)), jnp)
+
+    many = jax.jit(jax.vmap(balance))(*jnp.array(omega).T)
+    for k, (left, right) in enumerate(omega):
+        one = balanced_velocity((left, right), (0.0, 0.0, 0.3), CAR, Floor(SAND, (patch,)), floats)
+        assert [float(m[k]) for m in many] == pytest.approx(one, abs=1e-12)
+
+
 def test_slip_ratios_say_what_tracks_lose() -> None:
     assert slip_ratio(0.4, 0.3) == pytest.approx(0.25)
     v, vy, yaw = slipping_velocity((10.0, 20.0), (0.1, 0.2), CAR.geometry)
@@ -275,11 +290,11 @@ def test_jax_gives_the_same_numbers_and_derivatives_in_every_parameter() -> None
         return xp.array((state.x, state.y, state.psi, *state.omega))
 
     values = [1.6, 0.06, 0.05, 0.5, 0.25]
-    one, other = end(values, floats), jax.jit(lambda v: end(v, jnp))(jnp.array(values))
-    np.testing.assert_allclose(np.asarray(other), one, atol=1e-11)
-    tangents = jax.jit(lambda v, t: jax.jvp(lambda w: end(w, jnp), (v,), (t,))[1])
+    one = end(values, floats)
+    both = jax.jit(lambda v, t: jax.jvp(lambda w: end(w, jnp), (v,), (t,)))
     for k, value in enumerate(values):
-        slope = tangents(jnp.array(values), jnp.eye(5)[k])
+        other, slope = both(jnp.array(values), jnp.eye(5)[k])
+        np.testing.assert_allclose(np.asarray(other), one, atol=1e-11)
         shift = 1e-5 * value
         ends = [end([*values[:k], value + s, *values[k + 1 :]], floats) for s in (shift, -shift)]
         expected = (ends[0] - ends[1]) / (2.0 * shift)

@@ -211,7 +211,11 @@ class ModelPlant:
         structure = self.model.structure
         step = structure.traced_step(theta, self.theta)
         return replace(
-            self._nominal, core=step, core_readout=_output(step), ground=structure.ground(theta)
+            self._nominal,
+            core=step,
+            core_readout=_output(step),
+            ground=structure.ground(theta),
+            torque=structure.torque(theta),
         )
 
 

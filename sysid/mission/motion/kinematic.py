@@ -7,11 +7,25 @@ from sysid.mission.settings import Settings
 from sysid.vehicle.kinematics import Geometry, Real, body_velocity, step_pose
 
 
-def moved(body: Body, omega_l: Real, omega_r: Real, geometry: Geometry, dt: Real, xp: Any) -> Body:
-    """Move a body on to the next sample, where the tracks turn at ``omega_l``, ``omega_r``.
+def carried(body: Body, speed: Real, yaw_rate: Real, dt: Real, xp: Any) -> Body:
+    """Move a body on to the next sample, where it has another speed and yaw rate.
 
     Between two samples the speeds are taken as constant at the mean of both (trapezoidal rule), and
-    the pose moves along the exact arc of these speeds (thesis 2.13, 2.14).
+    the pose moves along the exact arc of these speeds (thesis 2.14).
+
+    Args:
+        body: at the sample before.
+        speed: V_x at the new sample [m/s].
+        yaw_rate: ψ̇ there [rad/s].
+        dt: time between the samples [s].
+        xp: array namespace.
+    """
+    forward, turning = 0.5 * (body.speed + speed), 0.5 * (body.yaw_rate + yaw_rate)
+    return Body(Pose(*step_pose(*body.pose, forward, turning, dt, xp=xp)), speed, yaw_rate)
+
+
+def moved(body: Body, omega_l: Real, omega_r: Real, geometry: Geometry, dt: Real, xp: Any) -> Body:
+    """Move a body on to the next sample, where the tracks turn at ``omega_l``, ``omega_r``.
 
     Args:
         body: at the sample before.
@@ -20,9 +34,7 @@ def moved(body: Body, omega_l: Real, omega_r: Real, geometry: Geometry, dt: Real
         dt: time between the samples [s].
         xp: array namespace.
     """
-    speed, yaw_rate = body_velocity(omega_l, omega_r, geometry)
-    forward, turning = 0.5 * (body.speed + speed), 0.5 * (body.yaw_rate + yaw_rate)
-    return Body(Pose(*step_pose(*body.pose, forward, turning, dt, xp=xp)), speed, yaw_rate)
+    return carried(body, *body_velocity(omega_l, omega_r, geometry), dt, xp)
 
 
 class Kinematic(Settings):

@@ -11,13 +11,16 @@ import numpy as np
 
 from sysid.data.record import PWM_FULL_SCALE, Array, Channel
 from sysid.errors import ModelError
-from sysid.mission.contracts import SteppablePlant
+from sysid.mission.contracts import SteppablePlant, TurnsTracks
 from sysid.mission.navigation.equipment import assumed
 from sysid.mission.registry import default_sensor
 from sysid.mission.robot.robot_plant import RobotPlant
 from sysid.mission.robot.settling import Ending, Settling, settle
+from sysid.mission.robot.torque import check_lifted
 from sysid.mission.robot.wiring import Wiring, wirings
-from sysid.mission.spec import Mission, VehicleSpec
+from sysid.mission.spec import Mission
+from sysid.mission.vehicle_spec import VehicleSpec
+from sysid.mission.vehicle_spec import assumed as assumed_physics
 
 TOP_SPEED = 0.43
 """Forward speed of the thesis's robot at full drive [m/s]."""
@@ -99,7 +102,16 @@ def as_robot(
     """
     robot, notes = _driving(plant, mission, top_speed)
     said = assumed(mission.navigation, mission.sensors, robot.dt, default_sensor)
-    return robot, (*notes, *said)
+    return robot, (*notes, *said, *_about_motion(robot, mission))
+
+
+def _about_motion(robot: RobotPlant, mission: Mission) -> tuple[str, ...]:
+    """What the motion takes for granted: motors off the ground, numbers of vehicle and floor."""
+    said: tuple[str, ...] = ()
+    if isinstance(mission.motion, TurnsTracks):
+        said = check_lifted(robot, mission.vehicle.lifted)
+    missing = assumed_physics(mission.physics, getattr(mission.motion, "wanted", ()))
+    return (*said, *([missing] if missing else []))
 
 
 def _driving(

@@ -14,9 +14,9 @@ _G = 9.80665
 class Accelerometer(ImperfectSensor):
     """Reads the acceleration of the body, ``acc_x`` forward and ``acc_y`` to the left [m/s²].
 
-    a_x is the mean of V̇ since the last instant, so that readings times intervals add up to V;
-    a_y = V·ψ̇ is that of the instant (thesis 2.9 for a point that does not slide sideways). Gravity
-    is not in it: a tilt is a bias.
+    a_x is the mean of V̇_x since the last instant less V_yψ̇ of the instant: without V_y, readings
+    times intervals add up to V. a_y is V_xψ̇ of the instant and the mean of V̇_y (thesis 2.9
+    for the middle of the vehicle). Gravity is not in it: a tilt is a bias.
 
     Noise, range and resolution are those of the MPU-9250 (data sheet PS-MPU-9250A-01, §3.2: 300
     µg/√Hz, ±2 g in 16 bit); the bias walks as in the EuRoC records (Burri et al. 2016: 3e-3
@@ -34,20 +34,26 @@ class Accelerometer(ImperfectSensor):
     resolution: NotNegative = (2.0 * _G / 2**15,)
 
     def begin(self, scene: Scene, xp: Any) -> Reals:
-        """The speed at this sample and at the last instant [m/s]: at rest."""
-        return 0.0, 0.0
+        """V_x, V_y at this sample and at the last instant [m/s]: at rest."""
+        return 0.0, 0.0, 0.0, 0.0
 
     def measure(
         self, own: Reals, inputs: SensorInputs, since: Real, dt: Real, xp: Any
     ) -> tuple[Reals, Reals]:
-        """V̇ and V·ψ̇; none at t = 0."""
-        speed, before = inputs.body.speed, own[1]
-        forward = xp.where(since > 0, (speed - before) / xp.maximum(since, AT_ONCE), 0.0)
-        return (speed, before), (forward, speed * inputs.body.yaw_rate)
+        """V̇_x − V_yψ̇ and V_xψ̇ + V̇_y; no changes at t = 0."""
+        body, (_, _, speed, lateral) = inputs.body, own
+        time, passed = xp.maximum(since, AT_ONCE), since > 0
+        forward = xp.where(passed, (body.speed - speed) / time, 0.0)
+        aside = xp.where(passed, (body.lateral - lateral) / time, 0.0)
+        return (body.speed, body.lateral, speed, lateral), (
+            forward - body.lateral * body.yaw_rate,
+            aside + body.speed * body.yaw_rate,
+        )
 
     def read(
         self, own: Reals, measured: Reals, since: Real, now: Real, arrives: Real, xp: Any
     ) -> tuple[Reals, Reals]:
-        """The readings; the speed is kept at an instant."""
-        speed, before = own
-        return (speed, xp.where(now, speed, before)), measured
+        """The readings; the speeds are kept at an instant."""
+        speed, lateral, before, lateral_before = own
+        kept = xp.where(now, speed, before), xp.where(now, lateral, lateral_before)
+        return (speed, lateral, *kept), measured

@@ -21,9 +21,11 @@ from sysid.structures.grey_box.dc_motor.constants import (
 )
 from sysid.structures.grey_box.dc_motor.motion import STEPS, friction_constants, of_motors
 from sysid.structures.grey_box.dc_motor.start import central_guesses
+from sysid.structures.grey_box.dc_motor.torque import torque_source
 from sysid.structures.grey_box.single_runs import together
 from sysid.structures.grey_box.structure import GreyBox
 from sysid.vehicle.dry_friction import decay
+from sysid.vehicle.motors import TorqueSource
 
 _CHOICES = MappingProxyType(
     {
@@ -237,6 +239,10 @@ class DCMotor(GreyBox):
         matrix = np.diag(own[:, 0]) + (np.fliplr(np.eye(2)) * cross if self.ny == 2 else 0.0)
         speeds = np.linalg.eigvalsh(matrix)
         return np.append(speeds, np.inf) if self.output == "position" else np.asarray(speeds)
+
+    def torque(self, theta: Array) -> TorqueSource | None:
+        """The motors, where their torques are known: of the bench, or by ``torque_constant``."""
+        return torque_source(self, theta)
 
     def friction_entries(self) -> tuple[int, ...]:
         """Sliding friction; that at standstill counts in parts of it."""

@@ -1,0 +1,88 @@
+"""A robot plant whose motors feel the ground: what controllers and limits know of it then."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sysid import floats
+from sysid.data.record import PWM_FULL_SCALE, Array, Channel
+from sysid.effects.ground import Ground
+from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS, Scene, SteppablePlant
+from sysid.mission.robot.torque import motors_of
+from sysid.vehicle.dynamics import Forces, VehicleState, step, substeps_for
+from sysid.vehicle.floor import Floor
+from sysid.vehicle.motors import Motor
+from sysid.vehicle.tracked import TrackedVehicle
+
+
+@dataclass(frozen=True)
+class GroundedPlant:
+    """Two motors, a body and level ground of one soil; satisfies ``SteppablePlant``.
+
+    Attributes:
+        dt: sample time [s].
+        car: the body.
+        motors: left and right.
+        floor: what it stands on.
+    """
+
+    dt: float
+    car: TrackedVehicle
+    motors: tuple[Motor, Motor]
+    floor: Floor
+
+    @property
+    def inputs(self) -> tuple[Channel, ...]:
+        """``pwm_l, pwm_r`` [µs]."""
+        return ROBOT_INPUTS
+
+    @property
+    def outputs(self) -> tuple[Channel, ...]:
+        """``omega_l, omega_r`` [rad/s]."""
+        return ROBOT_OUTPUTS
+
+    @property
+    def input_range(self) -> tuple[tuple[float, float], ...]:
+        """The PWM [µs] of full drive either way."""
+        return ((-PWM_FULL_SCALE, PWM_FULL_SCALE),) * 2
+
+    @property
+    def u_offset(self) -> Array:
+        """Zero drive."""
+        return np.zeros(2)
+
+    @property
+    def ground(self) -> Ground:
+        """Nothing more between tracks and ground."""
+        return Ground()
+
+    def initial_state(self) -> Array:
+        """At rest: speeds, then what acted last."""
+        return np.zeros(13)
+
+    def step(self, state: Array, u: Array) -> tuple[Array, Array]:
+        """Advance one sample: PWM [µs] of both tracks in, wheel speeds [rad/s] out."""
+        vx, vy, turn, left, right, *f = state.tolist()
+        forces = Forces((f[0], f[1]), (f[2], f[3]), (f[4], f[5]), f[6], f[7])
+        now = VehicleState(0.0, 0.0, 0.0, vx, vy, turn, (left, right), forces)
+        drive = float(u[0]) / PWM_FULL_SCALE, float(u[1]) / PWM_FULL_SCALE
+        scheme = substeps_for(self.dt)
+        after = step(now, drive, self.dt, self.car, self.motors, self.floor, floats, scheme)
+        a = after.forces
+        held = (*a.motors, *a.thrust, *a.rolling, a.side, a.turning)
+        return (
+            np.array((after.vx, after.vy, after.yaw_rate, *after.omega, *held)),
+            np.array((left, right)),
+        )
+
+
+def on_ground(plant: SteppablePlant, scene: Scene) -> GroundedPlant:
+    """The plant's motors under the vehicle of a scene, on its floor without patches and slope.
+
+    Raises:
+        ModelError: the plant tells no torques.
+    """
+    assert scene.car is not None
+    assert scene.floor is not None
+    floor = replace(scene.floor, patches=(), slope=(0.0, 0.0))
+    return GroundedPlant(plant.dt, scene.car, motors_of(plant), floor)
