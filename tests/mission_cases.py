@@ -67,14 +67,18 @@ def goal(x: float, y: float, **more: object) -> Mission:
 
 AROUND = goal(6, 3, obstacles=[(2, 3.5), (3, 1), (4, 2.5), (5, 3)])
 
-SCENE = goal(
-    6,
-    3,
-    obstacles=[*AROUND.obstacles, {"at": (1.0, 1.0), "velocity": (0.1, -0.2)}],
-    walls=[[(-1.5, 2.0), (1.0, 2.5), (1.5, 1.5)]],
-    polygons=[[(-2.0, -1.0), (-1.0, -1.0), (-1.5, -2.0)]],
-    waypoints=[(2.0, 1.0), (3.0, 2.0)],
-).scene()._replace(motors=(Bench().motor(7.5),) * 2)
+SCENE = (
+    goal(
+        6,
+        3,
+        obstacles=[*AROUND.obstacles, {"at": (1.0, 1.0), "velocity": (0.1, -0.2)}],
+        walls=[[(-1.5, 2.0), (1.0, 2.5), (1.5, 1.5)]],
+        polygons=[[(-2.0, -1.0), (-1.0, -1.0), (-1.5, -2.0)]],
+        waypoints=[(2.0, 1.0), (3.0, 2.0)],
+    )
+    .scene()
+    ._replace(motors=(Bench().motor(7.5),) * 2)
+)
 """One of everything that laws may have to do with."""
 
 
