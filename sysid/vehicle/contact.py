@@ -3,7 +3,9 @@
 from typing import Any, NamedTuple
 
 from sysid.vehicle.floor import Floor
+from sysid.vehicle.ground.sinkage import compaction_resistance
 from sysid.vehicle.kinematics import Real
+from sysid.vehicle.shear import largest_stress
 from sysid.vehicle.soil import Soil
 from sysid.vehicle.thrust import uniform_thrust
 from sysid.vehicle.tracked import TrackedVehicle
@@ -18,7 +20,8 @@ class Grip(NamedTuple):
     Attributes:
         thrust: at the slip that was asked for [N].
         most: the largest there is, by Mohr and Coulomb [N].
-        rolling: largest rolling resistance (2.34) [N].
+        rolling: largest resistance to rolling: that of the running gear (2.34), and what pressing
+            the ground together takes [N].
         lateral: largest lateral friction [N].
     """
 
@@ -53,8 +56,8 @@ def _on(soil: Soil, load: Real, slip: Real, car: TrackedVehicle, xp: Any) -> Gri
     length, width = car.contact_length, car.track_width
     return Grip(
         uniform_thrust(soil, load, slip, length, width, xp),
-        length * width * soil.cohesion + load * xp.tan(soil.friction_angle),
-        soil.rolling * load,
+        length * width * largest_stress(soil, load / (length * width), xp),
+        soil.rolling * load + compaction_resistance(soil, load, length, width, xp=xp),
         soil.lateral * load,
     )
 

@@ -16,8 +16,12 @@ from sysid.vehicle.wheels.body import Body
 from sysid.vehicle.wheels.vehicle import Tracks, Vehicle
 from sysid.vehicle.wheels.wheel import Wheel
 
-ONLY_MISSIONS = ("command_scale", "speed_scale")
-"""Keys of a mission's section ``vehicle`` that say how a plant is wired, not what a vehicle is."""
+ONLY_MISSIONS = (
+    *("command_scale", "speed_scale", "lifted"),
+    *("motion", "soil", "patches", "slope", "height"),
+)
+"""Keys of a mission's section ``vehicle`` that say how a plant is wired, what moves the vehicle and
+what it stands on, not how it is made."""
 
 _OF_TRACKS = ("B", "L", "track_width", "effective_width", "centre")
 
