@@ -1,8 +1,9 @@
 """Write everything in ``reports/`` that the workbench itself makes: the tour, pictures, tables.
 
-    python benchmarks/make_reports.py [tour|missions|tuning|traps|measured|published|methods ...]
+    python benchmarks/make_reports.py [NAME ...]
 
-All of them unless some are named. Nothing in these files depends on the time, the place or the
+All of them unless some are named: tour, missions, tuning, thesis, traps, measured, published,
+methods. Nothing in these files depends on the time, the place or the
 load of the machine, so a second run writes the same bytes. Tables of measured records are left as
 they are where the records are not there (see ``measured_records.py``). The studies of the
 statistics, ``coverage.md`` and ``residual_tests.md``, take minutes: ``make study`` writes them.
@@ -20,7 +21,7 @@ REPORTS = Path(__file__).resolve().parent.parent / "reports"
 Writer = Callable[[Path], Mapping[str, str]]
 """Draws pictures into a folder and returns the texts that belong there by file name."""
 
-NAMES = ("tour", "missions", "tuning", "traps", "measured", "published", "methods")
+NAMES = ("tour", "missions", "tuning", "thesis", "traps", "measured", "published", "methods")
 
 
 def writers() -> dict[str, Writer]:
@@ -29,6 +30,7 @@ def writers() -> dict[str, Writer]:
     import methods_report
     import mission_report
     import published_report
+    import thesis_report
     import tour_report
     import trap_report
     import tuning_report
@@ -37,6 +39,7 @@ def writers() -> dict[str, Writer]:
         tour_report,
         mission_report,
         tuning_report,
+        thesis_report,
         trap_report,
         measured_report,
         published_report,

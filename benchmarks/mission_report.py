@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -137,7 +138,9 @@ def run(model: Model, mission: Mission) -> MissionResult:
     return simulate(mission, robot)
 
 
+@cache
 def identified(log: str) -> Identification:
+    """What ``sysid fit LOG --val LOG_val`` finds; several reports start from it."""
     estimation = read_logs([sysid_datasets.path(log)])
     validation = read_logs([sysid_datasets.path(f"{log}_val")])
     return identify(estimation, validation, Request(jobs=2))

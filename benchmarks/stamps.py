@@ -27,6 +27,7 @@ MADE_BY: dict[str, tuple[str, str]] = {
     "tour.md": ("tour_report.py", "make reports"),
     "missions.md": ("mission_report.py", "make reports"),
     "tuning.md": ("tuning_report.py", "make reports"),
+    "thesis.md": ("thesis_report.py", "make reports"),
     "traps.md": ("trap_report.py", "make reports"),
     "structures_on_data.md": ("measured_report.py", "make reports"),
     "published_figures.md": ("published_report.py", "make reports"),
@@ -60,7 +61,7 @@ PYTHON = f"{sys.version_info[0]}.{sys.version_info[1]}"
 """Another Python writes the same code's tree in other words: stamps of two versions differ."""
 
 PLACES = {"sysid": "sysid", "sysid_cli": "cli", "sysid_datasets": "datasets"}
-"""Package → its folder; any other name without a dot may be a script beside this one."""
+"""Package → its folder; any other name may be a script or a package of scripts beside this one."""
 
 HEAD = """# Reports
 
@@ -167,14 +168,11 @@ def _package(file: Path) -> str:
 def _files(name: str) -> Iterator[Path]:
     """The file of a module and of the packages it stands in; none for a foreign one."""
     first, *rest = name.split(".")
-    folder = ROOT / PLACES.get(first, "benchmarks")
-    if first in PLACES:
-        for depth in range(len(rest) + 1):
-            yield from _existing(folder.joinpath(*rest[:depth], "__init__.py"))
-        if rest:
-            yield from _existing(folder.joinpath(*rest).with_suffix(".py"))
-    elif not rest:
-        yield from _existing(folder / f"{first}.py")
+    folder = ROOT / PLACES[first] if first in PLACES else ROOT / "benchmarks" / first
+    for depth in range(len(rest) + 1):
+        yield from _existing(folder.joinpath(*rest[:depth], "__init__.py"))
+    if rest or first not in PLACES:
+        yield from _existing(folder.joinpath(*rest).with_suffix(".py"))
 
 
 def _existing(file: Path) -> Iterable[Path]:

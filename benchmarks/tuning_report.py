@@ -1,6 +1,7 @@
 """``tuning.md``: the thesis's studies of gains (6.12–6.24, 6.28) with the identified robot."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -74,14 +75,35 @@ with much dead time, and this one has little beside a slow control period.
 """
 
 
+@dataclass(frozen=True, eq=False)
+class Study:
+    """One picture and the rows of its table.
+
+    Attributes:
+        picture: what is drawn.
+        headers, rows: of the table, as text; none where another report has it.
+        align: of its columns.
+    """
+
+    picture: ResponsePicture
+    headers: Sequence[str] = ()
+    rows: Sequence[Sequence[str]] = ()
+    align: str = ""
+
+    def written(self, file: Path) -> str:
+        """The table; the picture goes into the file."""
+        plot_responses(file, self.picture)
+        return table(self.headers, self.rows, self.align) if self.headers else ""
+
+
 def write(folder: Path) -> Mapping[str, str]:
     """The tables; the pictures go into the folder."""
     model = best_by_aic(identified("prbs"))
-    text = HEAD.format(plant=called(model)) + _speed(model, folder)
-    text += YAW_HEAD + _yaw(model, folder)
-    text += PATH_HEAD + _paths(model, folder)
-    _sectors(model, folder)
-    text += SECTOR_HEAD + _references(model, folder)
+    text = HEAD.format(plant=called(model)) + speed(model).written(folder / "tuning_speed.svg")
+    text += YAW_HEAD + yaw(model).written(folder / "tuning_yaw.svg")
+    text += PATH_HEAD + paths(model).written(folder / "tuning_paths.svg")
+    text += sectors(model).written(folder / "tuning_sectors.svg")
+    text += SECTOR_HEAD + references(model).written(folder / "tuning_theta.svg")
     text += RULE_HEAD + _rules(model)
     return {"tuning.md": text}
 
@@ -116,7 +138,8 @@ STUDIES: Sequence[tuple[str, int, Sequence[tuple[float, float]]]] = (
 """Title, which of the two gains is varied, and the pairs (K_p, K_i)."""
 
 
-def _speed(model: Model, folder: Path) -> str:
+def speed(model: Model) -> Study:
+    """A step of the speed for gains of its controller (6.12–6.14)."""
     steps = Steps(speed=((0.0, 0.25),), until=8.0)
     panels, rows = [], []
     for title, varied, pairs in STUDIES:
@@ -132,18 +155,18 @@ def _speed(model: Model, folder: Path) -> str:
         reference = Line("reference", log["t"], np.full_like(log["t"], 0.25), reference=True)
         panels.append(Panel(title, "time [s]", "V [m/s]", (*lines, reference)))
     picture = ResponsePicture("Speed step to 0.25 m/s", f"plant: {called(model)}", tuple(panels))
-    plot_responses(folder / "tuning_speed.svg", picture)
-    return table(["figure", "K_p", "K_i", "rise [s]", "over", "left"], rows, "lrrrrr")
+    return Study(picture, ["figure", "K_p", "K_i", "rise [s]", "over", "left"], rows, "lrrrrr")
 
 
 def _seconds(value: float) -> str:
     return "never" if np.isnan(value) else f"{value:.1f}"
 
 
-def _yaw(model: Model, folder: Path) -> str:
+def yaw(model: Model) -> Study:
+    """A step of the heading and its reversal for gains of the yaw (6.15)."""
     size = np.radians(60.0)  # the reversal stays below a half turn, whose sense is open
-    yaw = ((0.0, 0.0), (1.0, size), (9.0, -size))
-    steps = Steps(speed=((0.0, 0.1),), yaw=yaw, until=20.0)
+    headings = ((0.0, 0.0), (1.0, size), (9.0, -size))
+    steps = Steps(speed=((0.0, 0.1),), yaw=headings, until=20.0)
     lines, rows = [], []
     for gain in (0.2, 0.3, 0.4, 0.6, 1.0):
         log = _followed(model, steps, SpeedPIYawP(kp_yaw=gain, psi_cmd_max=1.0)).log
@@ -156,25 +179,25 @@ def _yaw(model: Model, folder: Path) -> str:
     reference = Line("reference", t, np.degrees(log["psi_ref"]), reference=True)
     panel = Panel("6.15: step and reversal", "time [s]", "ψ [°]", (*lines, reference))
     picture = ResponsePicture("Yaw step and reversal", "at 0.1 m/s", (panel,), columns=1)
-    plot_responses(folder / "tuning_yaw.svg", picture)
-    return table(["K_pψ", "rise [s]", "over, step", "over, reversal"], rows, "rrrr")
+    return Study(picture, ["K_pψ", "rise [s]", "over, step", "over, reversal"], rows, "rrrr")
 
 
-_AROUND = Mission.model_validate({"goal": (3, 0.3), "obstacles": [(1.5, 0.0)]})
+AROUND = Mission.model_validate({"goal": (3, 0.3), "obstacles": [(1.5, 0.0)]})
 
 
-def _paths(model: Model, folder: Path) -> str:
+def paths(model: Model) -> Study:
+    """Two goals for two gains of the yaw, one with an obstacle on the way (6.16–6.19)."""
     cases = (
         ("without an obstacle", Mission(goal=(1.0, 1.0)), "6.16", "6.17"),
-        ("with an obstacle", _AROUND, "6.18", "6.19"),
+        ("with an obstacle", AROUND, "6.18", "6.19"),
     )
     panels, rows = [], []
     for words, mission, plane, angle in cases:
-        paths, angles = [], []
+        ways, angles = [], []
         for gain in (0.3, 0.6):
             result = _run(model, mission.model_copy(update={"control": SpeedPIYawP(kp_yaw=gain)}))
             log = result.log
-            paths.append(Line(f"K_pψ {gain:g}", log["x"], log["y"]))
+            ways.append(Line(f"K_pψ {gain:g}", log["x"], log["y"]))
             angles.append(Line(f"K_pψ {gain:g}", log["t"], np.degrees(np.unwrap(log["psi"]))))
             clear = "–" if result.min_clearance_m is None else f"{result.min_clearance_m:.2f}"
             ended = f"{result.outcome}, {result.time_s:.1f} s"
@@ -182,14 +205,14 @@ def _paths(model: Model, folder: Path) -> str:
         discs = [(*mission.goal, mission.tolerance, "#009e73")]
         discs += [(o.x, o.y, o.radius, "#8d99a6") for o in mission.obstacles]
         title = f"{plane}: path {words}"
-        panels.append(Panel(title, "x [m]", "y [m]", tuple(paths), True, tuple(discs)))
+        panels.append(Panel(title, "x [m]", "y [m]", tuple(ways), True, tuple(discs)))
         panels.append(Panel(f"{angle}: heading", "time [s]", "ψ [°]", tuple(angles)))
     picture = ResponsePicture("Paths for two gains of the yaw", "", tuple(panels), columns=2)
-    plot_responses(folder / "tuning_paths.svg", picture)
-    return table(["case", "K_pψ", "outcome", "path [m]", "clear [m]"], rows, "lrlrr")
+    return Study(picture, ["case", "K_pψ", "outcome", "path [m]", "clear [m]"], rows, "lrlrr")
 
 
-def _sectors(model: Model, folder: Path) -> None:
+def sectors(model: Model) -> Study:
+    """A goal in each of the four sectors around the start (6.21–6.24)."""
     panels = []
     for (x, y), figure in zip(SECTORS, ("6.21", "6.22", "6.23", "6.24"), strict=True):
         mission = Mission(goal=(float(x), float(y)))
@@ -198,11 +221,11 @@ def _sectors(model: Model, folder: Path) -> None:
         path = Line("path", log["x"], log["y"])
         panels.append(Panel(f"{figure}: goal ({x}, {y})", "x [m]", "y [m]", (path,), True, (goal,)))
     title = "Goals in the four sectors"
-    picture = ResponsePicture(title, "start in (0, 0, 0)", tuple(panels), columns=4)
-    plot_responses(folder / "tuning_sectors.svg", picture)
+    return Study(ResponsePicture(title, "start in (0, 0, 0)", tuple(panels), columns=4))
 
 
-def _references(model: Model, folder: Path) -> str:
+def references(model: Model) -> Study:
+    """Five metres straight ahead for θ of the reference of speed (6.28)."""
     panels, rows = [], []
     for theta in (1.0, 2.0, 3.0):
         field = PotentialField(theta=theta, Kg=0.3, h=1.0)
@@ -214,8 +237,7 @@ def _references(model: Model, folder: Path) -> str:
         ended = f"{result.outcome}, {result.time_s:.1f} s"
         rows.append([f"{theta:g}", ended, f"({x:.2f}, {y:.2f})"])
     picture = ResponsePicture("References of speed on a straight way", "goal (5, 0)", tuple(panels))
-    plot_responses(folder / "tuning_theta.svg", picture)
-    return table(["θ", "outcome", "ends at"], rows, "rll")
+    return Study(picture, ["θ", "outcome", "ends at"], rows, "rll")
 
 
 _RULES = {

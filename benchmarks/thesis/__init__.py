@@ -1,0 +1,1 @@
+"""The thesis figure by figure: what is published beside the same made here."""
