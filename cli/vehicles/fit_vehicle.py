@@ -11,22 +11,32 @@ from sysid.errors import UsageError
 from .. import reading, render, targets
 from ..mission_options import given_lengths
 from .fit_vehicle_picture import drawn
-from .fit_vehicle_report import show
+from .fit_vehicle_report import show, show_squares
 
 if TYPE_CHECKING:
     from sysid.data.preparation import Preparation
     from sysid.data.reading.read_options import ReadOptions
     from sysid.estimation.vehicle.vehicle_fit import VehicleFit
+    from sysid.vehicle.kinematics import Geometry
+
+
+@dataclass(frozen=True)
+class Squares:
+    """A table of where squares ended, and their side [m]."""
+
+    returns: Path
+    side: float
 
 
 @dataclass(frozen=True)
 class Files:
-    """What is written; None for what was not asked for."""
+    """Files beside the logs: what is written, and where squares ended; None for none."""
 
     section: Path | None
     mission: Path | None
     to: Path | None
     plot: Path | None
+    squares: Squares | None = None
 
 
 def files(
@@ -47,11 +57,23 @@ def files(
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw paths and slip: .svg or .png.")
     ] = None,
+    returns: Annotated[
+        Path | None,
+        typer.Option(
+            "--returns",
+            metavar="FILE",
+            help="Instead of logs: where squares driven both ways ended (direction, x, y).",
+        ),
+    ] = None,
+    side: Annotated[
+        float | None,
+        typer.Option("--side", metavar="M", help="Side of these squares [m]."),
+    ] = None,
 ) -> Files:
-    """Where the results go.
+    """Where the results go, and where squares come from.
 
     Raises:
-        UsageError: a place cannot be written to, or one of --mission and --to is missing.
+        UsageError: a place cannot be written to, or one of two options that go together is missing.
     """
     targets.check_picture(plot)
     for path, option in ((output, "-o"), (to, "--to")):
@@ -64,7 +86,11 @@ def files(
         raise UsageError(f"a mission with the new vehicle needs {lacks}, too")
     if to is not None and mission is not None and to.exists() and to.samefile(mission):
         raise UsageError(f"--to {to} would overwrite the mission; name another file")
-    return Files(output, mission, to, plot)
+    if (returns is None) != (side is None):
+        lacks = "--side, the squares' side in metres" if side is None else "--returns FILE"
+        raise UsageError(f"squares need {lacks}, too")
+    runs = None if returns is None or side is None else Squares(returns, side)
+    return Files(output, mission, to, plot, runs)
 
 
 @reading.composed(files=files, steps=reading.preparation, read=reading.read_options)
@@ -105,6 +131,9 @@ def fit_vehicle(
     two seconds that were not used.
     """
     given = None if geometry is None else given_lengths(geometry)
+    if files.squares is not None:
+        _returned(files.squares, given, logs or [], json)
+        return
     _refuse_without(logs or [])
     from sysid.estimation.vehicle.logs import read_drives
     from sysid.estimation.vehicle.vehicle_fit import fit_vehicle as fit
@@ -118,6 +147,21 @@ def fit_vehicle(
     document["notes"] = [*found.notes, *(f.text for f in (*findings, *more))]
     document |= _written(files, found, (logs or [])[0].stem)
     render.document(document) if json else show(found, document)
+
+
+def _returned(given: Squares, geometry: "Geometry | None", logs: list[Path], json: bool) -> None:
+    """Say what the returns of squares tell, where nothing but these was measured.
+
+    Raises:
+        UsageError: there are logs, too.
+    """
+    from sysid.estimation.vehicle.square_runs import read_returns, square_result
+    from sysid.vehicle.kinematics import Geometry
+
+    if logs:
+        raise UsageError("--returns stands instead of a LOG; squares in a log are found in it")
+    found = square_result(read_returns(given.returns, given.side, geometry or Geometry()))
+    render.document({"squares": found.to_json()}) if json else show_squares(found)
 
 
 def _refuse_without(logs: list[Path]) -> None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 from .. import render
 
 if TYPE_CHECKING:
+    from sysid.estimation.vehicle.square_runs import SquareResult
     from sysid.estimation.vehicle.vehicle_fit import VehicleFit
 
 
@@ -25,6 +26,8 @@ def show(found: "VehicleFit", document: dict[str, Any]) -> None:
     for a, b, r in found.correlations.strong():
         render.say(f"Errors of {a} and {b} go together ({r:.2f}).")
     _show_errors(found)
+    if found.squares is not None:
+        show_squares(found.squares)
     for note in document["notes"]:
         render.warn(f"! {note}")
     acting = found.acting
@@ -32,6 +35,19 @@ def show(found: "VehicleFit", document: dict[str, Any]) -> None:
     for key, word in (("output", "Vehicle"), ("to", "Mission"), ("plot", "Picture")):
         if key in document:
             render.say(f"{word}: {document[key]}")
+
+
+def show_squares(found: "SquareResult") -> None:
+    """Print what squares driven both ways say."""
+    rows = []
+    for name, centre, count in zip(("cw", "ccw"), found.centres, found.runs, strict=True):
+        if centre is not None:
+            rows.append((name, count, float(centre[0]), float(centre[1])))
+    render.table(("squares", "runs", "missed x [m]", "missed y [m]"), rows)
+    before, after = found.worst
+    render.say(found.sentence)
+    if after is not None:
+        render.say(f"Farthest centre of the returns: {before:.3g} m, corrected {after:.3g} m.")
 
 
 def _show_errors(found: "VehicleFit") -> None:

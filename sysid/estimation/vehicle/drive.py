@@ -35,6 +35,10 @@ IMPOSSIBLE = 3.0
 """A pose has jumped where it moves so many times as far as usual for what the wheels roll around
 that time: wheels that slip carry the vehicle less far in one place, three times as far in none."""
 
+USUAL = 0.75
+"""… the quantile that is usual: many steps lie beside a motion and not in it, and joined logs may
+hold a jump in every eighth."""
+
 LATEST = 1.0
 """… which is looked for within this time [s], because poses come late."""
 
@@ -252,7 +256,7 @@ def _without_jumps(
 ) -> tuple[tuple[Drive, ...], tuple[str, ...]]:
     """The drives with stretches that end where the pose goes faster than the wheels ever roll.
 
-    How far these carry it is the median of the log itself, so that no length need be known.
+    How far these carry it is seen in the log itself, so that no length need be known.
     """
     found, count = [], 0
     for d in drives:
@@ -284,7 +288,7 @@ def _jumps(d: Drive) -> NDArray[np.bool_]:
         at = np.clip((d.at[1:] / d.step).astype(int), 0, len(most) - 1)
         reach = most[at] * gap
         driven = reach > 0.1 * float(reach.max(initial=0.0))
-        scale = float(np.median(moved[driven] / reach[driven])) if driven.any() else 0.0
+        scale = float(np.quantile(moved[driven] / reach[driven], USUAL)) if driven.any() else 0.0
         noise = 1.4826 * float(np.median(np.abs(moved - np.minimum(moved, scale * reach))))
         typical = 1.4826 * float(np.median(np.abs(moved - np.median(moved))))
         limit = IMPOSSIBLE * scale * reach + NOISES * max(noise, typical)

@@ -97,7 +97,9 @@ def numbers_of(fit: SlipFit, given: Geometry | None) -> tuple[VehicleNumber, ...
         more = {} if given is None else ratios(q, fit.geometry, given)
         return {**centres(q, fit.geometry), **more}
 
-    joint = fit.covariance
+    outside = [k for k in range(len(TERMS)) if k not in fit.free]
+    joint = fit.covariance.copy()
+    joint[outside, outside] = 0.0  # the model goes without them
     more = []
     for name, (value, error) in derived(follow, fit.q, joint, steps).items():
         unit, meaning = _DERIVED[name]

@@ -6,7 +6,7 @@ whatever that foretells.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -29,7 +29,9 @@ from sysid.estimation.vehicle.numbers import Correlations, VehicleNumber
 from sysid.estimation.vehicle.slip_curves import SlipCurves, slip_curves
 from sysid.estimation.vehicle.slip_fit import Part, SlipFit, errors_of, fit_slip
 from sysid.estimation.vehicle.slip_model import NULLS, TERMS, body_speeds, pose_read
-from sysid.estimation.vehicle.slip_numbers import correlations_of, numbers_of
+from sysid.estimation.vehicle.slip_numbers import correlations_of, in_units, numbers_of
+from sysid.estimation.vehicle.square_runs import SquareResult, square_result
+from sysid.estimation.vehicle.square_search import PoseReading, square_runs
 from sysid.vehicle.kinematics import Geometry
 
 
@@ -177,6 +179,7 @@ class VehicleFit:
         windows: windows (estimation, held-out); they overlap fourfold.
         model: what was fitted.
         estimation, held: windows that it was fitted on, and judged on.
+        squares: what closed squares among the paths tell; None where there are none.
         notes: what was done to the logs, in sentences.
     """
 
@@ -197,6 +200,7 @@ class VehicleFit:
     model: MotionFit
     estimation: tuple[Part, ...]
     held: tuple[Part, ...]
+    squares: SquareResult | None
     notes: tuple[str, ...]
 
     def number(self, name: str) -> VehicleNumber:
@@ -239,6 +243,7 @@ class VehicleFit:
                 }
                 for f in self.folds
             ],
+            "squares": None if self.squares is None else self.squares.to_json(),
             "slip": {k: [p.to_json() for p in points] for k, points in self.curves.items()},
             "windows": {"estimation": self.windows[0], "held_out": self.windows[1]},
             "geometry": {
@@ -336,24 +341,44 @@ def _judged(study: _Study, model: MotionFit) -> VehicleFit:
         model=model,
         estimation=tuple(study.first),
         held=tuple(study.second),
+        squares=_squares(study, slipping),
         notes=study.drives.notes,
     )
 
 
-def _acting(model: Motion, parts: Sequence[Part]) -> Geometry:
-    """Radius and width with which wheels that roll would go as far and turn as far in all.
+def _squares(study: _Study, fit: SlipFit) -> SquareResult | None:
+    """Closed squares, judged as such, beside what the whole of the paths says."""
+    n = in_units(fit.q, fit.geometry)
+    reading = PoseReading(n["pose_lag"], n["heading_offset"])
+    runs = square_runs(study.drives.each, study.known, reading)
+    if not runs:
+        return None
+    found = square_result(runs)
+    ratio, width = n["radius_right"] / n["radius_left"], n["effective_width"] / study.known.B
+    text = f"{found.sentence} The whole of the paths says {ratio:.5g} and {width:.5g}."
+    return replace(found, sentence=text)
 
-    r = Σ |v| Δt / Σ ½|ω_L + ω_R| Δt,   B = r Σ |ω_R − ω_L| Δt / Σ |ψ̇| Δt
+
+def _acting(model: Motion, parts: Sequence[Part]) -> Geometry:
+    """Radius and width with which wheels that roll would go and turn most alike.
+
+    Least squares over all steps: v = r ½(ω_L + ω_R),   ψ̇ = (r/B)(ω_R − ω_L).
     """
-    rolled = spun = way = turned = 0.0
+    rolled, spun, way, turned = [], [], [], []
     for d in (p.drive for p in parts):
-        steps = model.driven(d)
-        way += float(np.abs(steps[0]).sum())
-        turned += float(np.abs(steps[1]).sum())
-        rolled += 0.5 * float(np.abs(d.omega.sum(axis=1)).sum()) * d.step
-        spun += float(np.abs(np.diff(d.omega, axis=1)).sum()) * d.step
-    r = way / max(rolled, 1e-12)
-    return Geometry(max(r, 1e-9), max(r * spun / max(turned, 1e-12), 1e-9))
+        along, angle = model.driven(d)
+        way.append(along / d.step)
+        turned.append(angle / d.step)
+        rolled.append(d.omega.mean(axis=1))
+        spun.append(np.diff(d.omega, axis=1)[:, 0])
+    r = _slope(np.concatenate(rolled), np.concatenate(way))
+    turn = _slope(np.concatenate(spun), np.concatenate(turned))
+    return Geometry(r, r / turn)
+
+
+def _slope(x: Array, y: Array) -> float:
+    """Slope of a line through the origin; tiny where there is nothing to tell it."""
+    return max(float(x @ y) / max(float(x @ x), 1e-12), 1e-9)
 
 
 def _folds(study: _Study, model: MotionFit) -> tuple[Fold, ...]:
