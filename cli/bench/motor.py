@@ -36,9 +36,16 @@ def motor(
         typer.Option(
             "--method",
             metavar="HOW",
-            help="separate: one experiment at a time; joint: all of them at once.",
+            help="separate: one experiment at a time; joint: all of them at once; auto: joint "
+            "where there is the log of a drive.",
         ),
-    ] = "separate",
+    ] = "auto",
+    pulses_per_turn: Annotated[
+        float,
+        typer.Option(
+            "--pulses", metavar="N", help="Pulses of the output shaft's sensor in a turn."
+        ),
+    ] = 1.0,
     units: reading.Units = None,
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
     json: reading.Json = False,
@@ -51,6 +58,7 @@ def motor(
         known=known_of(known or []),
         gear=gear,
         units=reading.units_of(units or []),
+        pulses_per_turn=pulses_per_turn,
         method=method,
     )
     found = characterise_motor(files, options)

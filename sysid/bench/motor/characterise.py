@@ -1,36 +1,35 @@
 """From files of the motor bench to the motor's constants with what they are worth."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from sysid.bench.motor.drive import DriveLog
+from sysid.bench.motor.drive_fit import fit_all
 from sysid.bench.motor.equations import PUBLISHED, MotorConstants
 from sysid.bench.motor.experiments import CONSTANTS, Kind, KnownValue, SteadyTest
-from sysid.bench.motor.joint import (
-    JointFit,
-    Part,
-    estimated_names,
-    fit_jointly,
-    known_part,
-    steady_part,
+from sysid.bench.motor.files import BenchFiles, Given, read_bench_files
+from sysid.bench.motor.joint import JointFit
+from sysid.bench.motor.plausibility import (
+    LEAST_RATIO,
+    MOST_RATIO,
+    contradictions,
+    hardly_told,
+    misfits,
+    missing_experiments,
+    require_currents,
+    require_plausible,
 )
 from sysid.bench.motor.propagation import propagated
 from sysid.bench.motor.published import PRINTED, is_the_thesis, printed_against
 from sysid.bench.motor.separate import Route, routes, values_of
-from sysid.bench.motor.tables import (
-    columns_of,
-    known_value,
-    known_values,
-    read_bench_table,
-    steady_test,
-)
 from sysid.data.record import Array
 from sysid.errors import DataError, UsageError
 
-METHODS = ("separate", "joint")
+METHODS = ("auto", "separate", "joint")
 
 
 @dataclass(frozen=True)
@@ -43,17 +42,27 @@ class MotorOptions:
         gear: turns of the motor for one of the output shaft; the thesis's 120 unless a file or
             this tells it.
         units: column → unit, where a file does not tell it.
-        method: ``separate`` (one experiment at a time, as the thesis) or ``joint``.
+        pulses_per_turn: of the sensor at the output shaft behind a column of event times.
+        method: ``separate`` (one experiment at a time, as the thesis), ``joint``, or ``auto``:
+            joint where there is the log of a drive.
+
+    Raises:
+        UsageError: one of them cannot be.
     """
 
-    known: Mapping[str, float | tuple[float, float | None]] = field(default_factory=dict)
+    known: Given = field(default_factory=dict)
     gear: float | None = None
     units: Mapping[str, str] = field(default_factory=dict)
-    method: str = "separate"
+    pulses_per_turn: float = 1.0
+    method: str = "auto"
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
             raise UsageError(f"`method` is one of {', '.join(METHODS)}, got {self.method!r}")
+        for name in ("gear", "pulses_per_turn"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0.0):
+                raise UsageError(f"`{name}` must be a positive number, got {value:g}")
 
 
 @dataclass(frozen=True)
@@ -97,6 +106,7 @@ class MotorBench:
 
     Attributes:
         tests: experiments in steady state.
+        drives: logs of drives.
         gear: turns of the motor for one of the output shaft.
         parameters: constants by the chosen method.
         names, covariance: of those with a standard error, in this order.
@@ -108,6 +118,7 @@ class MotorBench:
     """
 
     tests: tuple[SteadyTest, ...]
+    drives: tuple[DriveLog, ...]
     gear: float
     parameters: tuple[Estimate, ...]
     names: tuple[str, ...]
@@ -146,7 +157,7 @@ def characterise_motor(files: Sequence[Path], options: MotorOptions | None = Non
     """The constants of a motor from its experiments on the bench.
 
     Args:
-        files: tables of experiments and of values, see docs/bench.md.
+        files: tables of experiments and of values, event times, logs of drives; see docs/bench.md.
         options: what is known, and how to evaluate.
 
     Raises:
@@ -154,54 +165,38 @@ def characterise_motor(files: Sequence[Path], options: MotorOptions | None = Non
         UsageError: an option cannot be.
     """
     given = options or MotorOptions()
-    tests, known, notes = _read(files, given)
-    gear, said = _gear(known, given)
-    notes += said
-    constants = {k: v for k, v in known.items() if k != "gear"}
-    missing = _missing(tests, constants)
+    read = read_bench_files(files, given.units, given.pulses_per_turn, given.known)
+    gear, notes = _gear(read.known, given)
+    known = {k: v for k, v in read.known.items() if k != "gear"}
+    missing = missing_experiments(read.tests, read.drives, known)
     if missing:
         raise DataError(missing)
-    found = routes(tests, constants, gear)
-    _plausible(values_of(found), tests)
+    tests, said = _sided(read.tests, known, gear)
+    found = routes(tests, known, gear)
+    require_plausible(values_of(found))
+    if "R" in values_of(found):
+        require_currents(tests, values_of(found)["R"])
     tied = "Kc" not in values_of(found)
     if tied:
-        notes.append(
+        said.append(
             "No torque was measured: Kc is taken for equal to Kem, as it is in a motor without "
-            "losses in its field; a stall or external-load experiment tells it."
+            "losses. Voltage, current and speed tell f, C0 and J only in parts of Kc; a stall or "
+            "external-load experiment tells Kc itself."
         )
-    joint = _joint(tests, constants, found, gear, tied)
-    errors, covariance, names = propagated(tests, constants, gear, joint.sigma, tied)
-    notes += _contradictions(found, errors)
-    return _evaluated(given, tests, gear, (found, errors), (names, covariance), joint, tied, notes)
-
-
-def _read(
-    files: Sequence[Path], options: MotorOptions
-) -> tuple[list[SteadyTest], dict[str, KnownValue], list[str]]:
-    tests: list[SteadyTest] = []
-    known: dict[str, KnownValue] = {}
-    notes: list[str] = []
-    for path in files:
-        table = read_bench_table(path)
-        columns = columns_of(table, options.units)
-        if columns and all(c.role in (*CONSTANTS, "gear") for c in columns):
-            known |= {v.name: v for v in known_values(table, columns)}
-            continue
-        test, said = steady_test(table, columns)
-        if test is not None:
-            tests.append(test)
-        if said:
-            notes.append(said)
-    for name, given in options.known.items():
-        value, error = given if isinstance(given, tuple) else (given, None)
-        known[name] = known_value(name, value, "`known`", error)
-    return tests, known, notes
+    joint, remarks = fit_all(tests, read.drives, known, values_of(found), gear, tied)
+    require_plausible(vars(joint.constants))
+    errors, covariance, names = propagated(tests, known, gear, joint.sigma, tied)
+    notes = [*read.notes, *notes, *said, *remarks, *contradictions(found, errors)]
+    notes += [*misfits(joint, tests), *hardly_told(joint)]
+    work = _Evaluation(
+        BenchFiles(tests, read.drives, known, tuple(notes)), gear, found, errors,
+        (names, covariance), joint, tied, given.method,
+    )  # fmt: skip
+    return work.bench()
 
 
 def _gear(known: Mapping[str, KnownValue], options: MotorOptions) -> tuple[float, list[str]]:
     if options.gear is not None:
-        if not options.gear > 0.0:
-            raise UsageError(f"`gear` must be a positive number, got {options.gear:g}")
         return options.gear, []
     if "gear" in known:
         return known["gear"].value, []
@@ -211,179 +206,130 @@ def _gear(known: Mapping[str, KnownValue], options: MotorOptions) -> tuple[float
     ]
 
 
-def _missing(tests: Sequence[SteadyTest], known: Mapping[str, KnownValue]) -> str:
-    """Which experiment is missing, as one sentence; empty where none is."""
-    lacks = []
-    stalled = any(t.has("current") for t in tests if t.kind in (Kind.BLOCKED, Kind.STALL))
-    turning = any(t.has("current", "speed") for t in tests)
-    if not stalled and "R" not in known:
-        lacks.append(
-            "R (a blocked rotor: columns voltage_V, current_A; or the value, `known={'R': 3.1}`)"
-        )
-    if not turning and "Kem" not in known:
-        lacks.append("Kem (no load: columns voltage_V, current_A, speed_rpm)")
-    if not turning and not {"f", "C0"} <= set(known):
-        lacks.append("f and C0 (no load at two voltages or more, with current and speed)")
-    return f"experiments are missing for {'; '.join(lacks)}" if lacks else ""
+def _sided(
+    tests: Sequence[SteadyTest], known: Mapping[str, KnownValue], gear: float
+) -> tuple[tuple[SteadyTest, ...], list[str]]:
+    """Stall torques that can only be those of the motor's shaft, taken as such, with a sentence.
 
-
-LEAST_RATIO, MOST_RATIO = 0.1, 2.0
-"""Kc over Kem of a real motor. Above 1 it would give more power than it takes, and errors of
-instruments reach 2; friction that grows with the load takes some of the torque, not nine tenths.
-rpm for rad/s is a factor of 9.5, mA for A one of 1000, motor for output shaft one of the gear."""
-
-
-def _plausible(values: Mapping[str, float], tests: Sequence[SteadyTest]) -> None:
-    """Refuse constants that no motor has, and name the likely slip.
-
-    Raises:
-        DataError: a constant is not positive, or Kc is not of the size of Kem.
+    Read as torques of the output shaft they would make Kc the gear times too small for Kem.
     """
-    for name, words in (
-        ("R", "resistance"),
-        ("Kem", "back-EMF constant"),
-        ("Kc", "torque constant"),
-    ):
-        if name in values and not values[name] > 0.0:
-            raise DataError(
-                f"{name} comes out as {values[name]:.3g}, but a {words} is positive; check the "
-                "units of the current (mA or A) and R"
+    unsaid = [t for t in tests if t.kind is Kind.STALL and not t.motor_side]
+    if not unsaid or gear <= MOST_RATIO / LEAST_RATIO:
+        return tuple(tests), []
+    values = values_of(routes(tests, known, gear))
+    ratio = values.get("Kc", np.nan) / values.get("Kem", np.nan)
+    if not (ratio < LEAST_RATIO and LEAST_RATIO <= ratio * gear <= MOST_RATIO):
+        return tuple(tests), []
+    names = ", ".join(t.name for t in unsaid)
+    sided = tuple(replace(t, motor_side=True) if t in unsaid else t for t in tests)
+    return sided, [
+        f"{names}: the torque is taken as that of the motor's shaft; as that of the output shaft "
+        f"it would be {gear:g} times too small for Kem. Call the column motor_torque_Nm."
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Evaluation:
+    """Everything that was found, on its way into one result."""
+
+    files: BenchFiles
+    gear: float
+    found: tuple[Route, ...]
+    errors: tuple[float, ...]
+    spread: tuple[tuple[str, ...], Array]
+    joint: JointFit
+    tied: bool
+    asked: str
+
+    @property
+    def method(self) -> str:
+        """``separate`` or ``joint``."""
+        if self.asked != "auto":
+            return self.asked
+        return "joint" if self.files.drives else "separate"
+
+    def bench(self) -> MotorBench:
+        """The result."""
+        tests, notes = self.files.tests, list(self.files.notes)
+        if is_the_thesis(tests):
+            worst = 100.0 * max(abs(e) for e in printed_against(tests))
+            notes.append(
+                f"The constants that the thesis prints predict its speeds without load within "
+                f"{worst:.1f} %."
             )
-    ratio = values.get("Kc", values["Kem"]) / values["Kem"]
-    if not LEAST_RATIO <= ratio <= MOST_RATIO:
-        why = "give more power than it takes" if ratio > 1.0 else "lose nine tenths of its torque"
-        raise DataError(
-            f"Kc ({values['Kc']:.3g} Nm/A) is {ratio:.3g} times Kem ({values['Kem']:.3g} "
-            f"V/(rad/s)), so the motor would {why}; check the units of speed (rpm or rad/s), "
-            "current (mA or A) and torque (Nm or mNm, motor_torque or the output shaft's) and the "
-            "gear"
+        values, names, covariance = self._chosen()
+        table = tuple(self._row(name, values, names, covariance) for name in CONSTANTS)
+        every = vars(self.joint.constants) | {k: v for k, v in values.items() if k in CONSTANTS}
+        return MotorBench(
+            tests,
+            self.files.drives,
+            self.gear,
+            table,
+            names,
+            covariance,
+            tuple(zip(self.found, self.errors, strict=True)),
+            self.joint,
+            MotorConstants(**every),
+            tuple(notes),
+            self.method,
         )
 
+    def _chosen(self) -> tuple[dict[str, float], tuple[str, ...], Array]:
+        """Values, names and covariance by the method; what one way does not tell, by the other."""
+        of_joint = dict(zip(self.joint.names, self.joint.theta.tolist(), strict=True))
+        if self.method == "joint":
+            values, names, covariance = of_joint, self.joint.names, self.joint.covariance
+        else:
+            names, covariance = self.spread
+            values = of_joint | values_of(self.found)
+        if self.tied:
+            values["Kc"] = values["Kem"]
+        kept = [k for k, n in enumerate(names) if n not in self.joint.undetermined]
+        told = {n: v for n, v in values.items() if n not in self.joint.undetermined}
+        return told, tuple(names[k] for k in kept), covariance[np.ix_(kept, kept)]
 
-def _joint(
-    tests: Sequence[SteadyTest],
-    known: Mapping[str, KnownValue],
-    found: Sequence[Route],
-    gear: float,
-    tied: bool,
-) -> JointFit:
-    values = values_of(found)
-    start = MotorConstants(
-        R=values["R"],
-        Kem=values["Kem"],
-        Kc=values.get("Kc", values["Kem"]),
-        f=max(values.get("f", 0.0), 1e-12),
-        C0=max(values.get("C0", 0.0), 1e-12),
-        J=values.get("J", 0.0),
-        L=values.get("L", 0.0),
-        gear=gear,
-    )
-    parts: list[Part] = [steady_part(t, gear) for t in tests]
-    parts += [known_part(v) for v in known.values()]
-    return fit_jointly(parts, estimated_names(tests, known), start, tied)
-
-
-APART = 3.0
-"""Standard errors of their difference beyond which two experiments contradict each other."""
-
-
-def _contradictions(found: Sequence[Route], errors: Sequence[float]) -> list[str]:
-    """Sentences on pairs of experiments whose values of a constant exclude each other."""
-    said = []
-    for name in CONSTANTS:
-        own = [(r, e) for r, e in zip(found, errors, strict=True) if r.name == name]
-        for k, (a, ea) in enumerate(own):
-            for b, eb in own[k + 1 :]:
-                apart = abs(a.value - b.value) / max(np.hypot(ea, eb), 1e-300)
-                if apart > APART:
-                    said.append(
-                        f"{name} contradicts itself: {a.value:.4g} ± {ea:.2g} ({a.how}), but "
-                        f"{b.value:.4g} ± {eb:.2g} ({b.how}), {apart:.1f} standard errors apart."
-                    )
-    first = {r.name: (r.value, e) for r, e in reversed(list(zip(found, errors, strict=True)))}
-    if "Kc" in first and "Kem" in first:
-        (c, ec), (m, em) = first["Kc"], first["Kem"]
-        if abs(c - m) > APART * np.hypot(ec, em):
-            share = 100.0 * (1.0 - c / m)
-            lost = (
-                f"{share:.0f} % of the power that the back-EMF takes is lost before the torque was "
-                "measured (gear, bearings, a reading of the torque that is low)"
-                if c < m
-                else "the torque or the speed was read too high"
-            )
-            said.append(
-                f"Kc is {c:.4g} Nm/A but Kem {m:.4g} V/(rad/s), which are equal in a motor without "
-                f"losses: {lost}."
-            )
-    return said
-
-
-def _evaluated(
-    given: MotorOptions,
-    tests: Sequence[SteadyTest],
-    gear: float,
-    single: tuple[tuple[Route, ...], tuple[float, ...]],
-    spread: tuple[tuple[str, ...], Array],
-    joint: JointFit,
-    tied: bool,
-    notes: list[str],
-) -> MotorBench:
-    found, errors = single
-    thesis = is_the_thesis(tests)
-    if thesis:
-        worst = 100.0 * max(abs(e) for e in printed_against(tests))
-        notes.append(
-            f"The constants that the thesis prints predict its speeds without load within "
-            f"{worst:.1f} %."
+    def _row(
+        self, name: str, values: Mapping[str, float], names: Sequence[str], covariance: Array
+    ) -> Estimate:
+        told = "Kem" if name == "Kc" and self.tied else name
+        value, error = values.get(name), None
+        of_joint = dict(zip(self.joint.names, self.joint.theta.tolist(), strict=True))
+        single = values_of(self.found)
+        if told in names:
+            k = list(names).index(told)
+            error = float(np.sqrt(covariance[k, k]))
+            if self.method == "separate" and told in of_joint:
+                # what the way of evaluation changes is an error as well
+                error = float(np.hypot(error, single[told] - of_joint[told]))
+        elif value is not None and told in of_joint:
+            k = self.joint.names.index(told)
+            error = float(np.sqrt(self.joint.covariance[k, k]))
+        printed = PRINTED.get(name) if is_the_thesis(self.files.tests) else None
+        reason = self._reason(name, value)
+        return Estimate(
+            name,
+            CONSTANTS[name][0],
+            value,
+            error if error is None or np.isfinite(error) else None,
+            printed.value if printed else None,
+            printed.recomputable if printed else value is not None,
+            f"{reason}; {printed.reason}" if printed else reason,
         )
-    of_joint = dict(zip(joint.names, joint.theta.tolist(), strict=True))
-    if given.method == "joint":
-        names, covariance = joint.names, joint.covariance
-        values = of_joint
-    else:
-        names, covariance = spread
-        values = {r.name: r.value for r in reversed(found)}
-    if tied:
-        values["Kc"] = values["Kem"]
-    how = {r.name: r.how for r in reversed(found)}
-    std = dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True))
-    if tied and "Kem" in std:
-        std["Kc"] = std["Kem"]
-    table = []
-    for name, (unit, _) in CONSTANTS.items():
-        value, error = values.get(name), std.get(name)
-        if error is not None and given.method == "separate" and name in of_joint:
-            error = float(np.hypot(error, values[name] - of_joint[name]))
-        reason = _reason(name, how, given.method, tied)
-        printed = PRINTED.get(name) if thesis else None
-        table.append(
-            Estimate(
-                name,
-                unit,
-                value,
-                error,
-                printed.value if printed else None,
-                printed.recomputable if printed else value is not None,
-                f"{reason}; {printed.reason}" if printed else reason,
-            )
-        )
-    constants = MotorConstants(
-        **{k: float(v) for k, v in values.items() if k in CONSTANTS}, gear=gear
-    )
-    pairs = tuple(zip(found, errors, strict=True))
-    return MotorBench(
-        tuple(tests), gear, tuple(table), tuple(names), covariance, pairs, joint, constants,
-        tuple(notes), given.method,
-    )  # fmt: skip
+
+    def _reason(self, name: str, value: float | None) -> str:
+        if name == "Kc" and self.tied:
+            return "taken for equal to Kem: no torque was measured"
+        if value is None:
+            return NOT_TOLD.get(name, "not told by these files")
+        how = {r.name: r.how for r in reversed(self.found)}
+        if self.method == "separate" and name in how:
+            return how[name]
+        return "all experiments at once" if how or len(self.files.drives) > 1 else "the drive"
 
 
-def _reason(name: str, how: Mapping[str, str], method: str, tied: bool) -> str:
-    if name == "Kc" and tied:
-        return "taken for equal to Kem: no torque was measured"
-    if name not in how:
-        return {
-            "L": "not told: steady states do not see it; a log of voltage steps with its current, "
-            "sampled faster than L/R, does",
-            "J": "not told: give a value from geometry (`known={'J': 1e-7}`) or a log of a run-up",
-        }.get(name, "not told by these files")
-    return "all experiments at once" if method == "joint" else how[name]
+NOT_TOLD = {
+    "L": "not told: steady states do not see it; a log of voltage steps with its current, sampled "
+    "faster than L/R, does",
+    "J": "not told: give a value from geometry (`known={'J': 1e-7}`) or a log of a run-up",
+}
+"""Why a constant has no value."""

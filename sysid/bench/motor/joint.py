@@ -32,6 +32,9 @@ ACCURACY = 0.01
 """Noise of a reading that nothing tells, as a share of the largest one: bench instruments are
 specified to about 1 %."""
 
+TOLERANCE = 1e-7
+"""Relative change of cost and step at which a search has converged: noise levels change by more."""
+
 _STEP = 1e-6
 """Relative step of a central difference: its error is 1e-12 of the slope, rounding 1e-10."""
 
@@ -194,7 +197,7 @@ def known_part(value: KnownValue) -> Part:
 
 
 def fit_jointly(
-    parts: Sequence[Part], names: Sequence[str], start: MotorConstants, tied: bool
+    parts: Sequence[Part], names: Sequence[str], starts: Sequence[MotorConstants], tied: bool
 ) -> JointFit:
     """Estimate constants from all parts.
 
@@ -204,7 +207,8 @@ def fit_jointly(
     Args:
         parts: experiments.
         names: constants to estimate.
-        start: where the search begins, and what the others are held at.
+        starts: where the search may begin, the one that errs least is taken; others than these
+            constants are held there.
         tied: whether Kc is Kem.
 
     Raises:
@@ -216,8 +220,9 @@ def fit_jointly(
             f"{readings} readings cannot tell {len(names)} constants ({', '.join(names)}); measure "
             "at more voltages"
         )
-    problem = _Bench(parts, names, start, tied)
-    p = problem.first()
+    problem = min((_Bench(parts, names, s, tied) for s in starts), key=_Bench.first_cost)
+    # with equal weights first: levels from residuals of a poor start hold the search there
+    p = levenberg_marquardt(problem, problem.first(), problem.descent()).p
     groups = _groups(problem, p)
     for _ in range(ROUNDS):
         problem = problem.weighted(np.array([g.noise for g in groups]))
@@ -270,6 +275,11 @@ class _Bench(Problem):
         values = np.array([float(getattr(self.held, n)) for n in self.names])
         return np.concatenate([values, *starts])
 
+    def first_cost(self) -> float:
+        """Sum of squares where the search begins, infinite where that is no number."""
+        r = self.residual(self.first())
+        return float(r @ r) if np.all(np.isfinite(r)) else np.inf
+
     def weighted(self, levels: Array) -> "_Bench":
         """The same problem with other noise levels."""
         made = _Bench(self.parts, self.names, self.held, self.tied)
@@ -286,7 +296,7 @@ class _Bench(Problem):
         lower = np.full(len(free), -np.inf)
         for k, name in enumerate(self.names):
             lower[k] = 0.0 if name in ("f", "C0", "L") else 1e-6 * self.scale[k]
-        return Descent(free, lower, np.full(len(free), np.inf))
+        return Descent(free, lower, np.full(len(free), np.inf), tolerance=TOLERANCE)
 
     def constants(self, p: Array) -> MotorConstants:
         """The motor that p describes."""
@@ -312,11 +322,15 @@ class _Bench(Problem):
         )
 
     def jacobian(self, p: Array) -> Array:
-        """Central differences."""
-        columns = []
+        """Central differences; one-sided ones of initial states, of which there may be many."""
+        columns, here = [], self.residual(p)
         for k in range(len(p)):
-            size = self.scale[k] if k < len(self.names) else 1.0
-            h = _STEP * max(abs(p[k]), 1e-3 * size)
+            if k >= len(self.names):
+                moved = p.copy()
+                moved[k] += _STEP
+                columns.append((self.residual(moved) - here) / _STEP)
+                continue
+            h = _STEP * max(abs(p[k]), 1e-3 * self.scale[k])
             high, low = p.copy(), p.copy()
             high[k] += h
             low[k] -= h
@@ -355,12 +369,3 @@ def _leverage(J: Array) -> Array:
     U, s, _ = np.linalg.svd(J / size, full_matrices=False)
     kept = U[:, s > 1e-10 * s.max(initial=0.0)]
     return np.asarray(np.sum(kept**2, axis=1))
-
-
-def estimated_names(
-    tests: Sequence[SteadyTest], known: Mapping[str, KnownValue]
-) -> tuple[str, ...]:
-    """Constants that the steady tests and known values tell, in the order of ``CONSTANTS``."""
-    torque = any(t.has("torque") for t in tests if t.kind in (Kind.STALL, Kind.EXTERNAL))
-    told = {"R", "Kem", "f", "C0", *known} | ({"Kc"} if torque else set())
-    return tuple(n for n in CONSTANTS if n in told)
