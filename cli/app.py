@@ -13,7 +13,7 @@ import typer
 from sysid.errors import SysidError
 
 from . import compare, diagnose, excite, export, fit, inspect, models, structures
-from .bench import motor, pendulum
+from .bench import motor, pendulum, power
 from .bench.group import bench
 from .field_options import Command, every_command
 from .missions import estimate, plan, simulate, tune
@@ -46,7 +46,7 @@ for _command in (
 ):
     app.command(context_settings=_HELP, cls=Command)(_command)
 app.command(context_settings=_HELP, cls=plan.PlotMayStandAlone)(plan.plan)
-for _command in (motor.motor, pendulum.pendulum):
+for _command in (motor.motor, pendulum.pendulum, power.power):
     bench.command(context_settings=_HELP, cls=Command)(_command)
 app.add_typer(bench, name="bench", context_settings=_HELP)
 

@@ -42,6 +42,14 @@ def diagnose(
             "--val", "LOG", "Log to prove it on; the logs are split unless given. Again for more."
         ),
     ] = None,
+    bench: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="What `sysid bench power -o FILE` measured: effects of battery and bridge are "
+            "looked for near it.",
+        ),
+    ] = None,
     *,
     drive: Driven,
     output: Annotated[
@@ -68,7 +76,7 @@ def diagnose(
     read, steps = as_fitted(given, read, steps)
     data = _estimation_data(logs, read, steps, place, given, drive)
     held, held_as = _records(validation, data.read, steps) if validation else (None, ())
-    found = _run(data, held, drive, (*data.findings, *held_as))
+    found = _run(data, held, drive, (*data.findings, *held_as), bench)
     files = [str(p.resolve()) for p in logs]
     origin = {"files": files, "read": data.read.to_json(), "prepare": steps.to_json()}
     judged = judged_on(held or (), validation or ())
@@ -146,11 +154,14 @@ def _run(
     held: "list[Record] | None",
     drive: Driven,
     read_as: "tuple[Finding, ...]",
+    bench: Path | None,
 ) -> "Diagnosis":
     """The diagnosis, with what there is to say about the reading of its logs."""
     from sysid.data.finding import notes, warned
     from sysid.discrepancy.diagnose import diagnose
+    from sysid.effects.measured import read_measured
 
+    measured = None if bench is None else read_measured(bench)
     for note in drive.package.notes if drive.package else ():
         render.warn(f"! {note}")
     for record in (*data.records, *(held or ())):
@@ -163,8 +174,11 @@ def _run(
             model=data.doubted,
             mission=drive.mission,
             geometry=drive.geometry,
+            measured=measured,
             progress=progress,
         )
     said = (*warned(read_as), *found.warnings)
     read = tuple(map(with_options, notes(read_as)))
+    if measured:
+        read = (*read, f"Looked for near what {bench} measured: {', '.join(measured)}.")
     return replace(found, reading=read, warnings=tuple(map(with_options, said)))

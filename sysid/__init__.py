@@ -31,6 +31,7 @@ _PLACES = {
     "UsageError": "sysid.errors",
     "Vehicle": "sysid.vehicle.wheels.vehicle",
     "Wheel": "sysid.vehicle.wheels.wheel",
+    "bench_power": "sysid.bench.power.study",
     "characterise_motor": "sysid.bench.motor.characterise",
     "compare": "sysid.interface",
     "diagnose": "sysid.interface",
@@ -62,6 +63,7 @@ if TYPE_CHECKING:
     from sysid.bench.pendulum.inertia import Hanging as Hanging
     from sysid.bench.pendulum.study import inertia_of_logs as inertia_of_logs
     from sysid.bench.pendulum.study import inertia_of_period as inertia_of_period
+    from sysid.bench.power.study import bench_power as bench_power
     from sysid.data.io import read_log as read_log
     from sysid.data.io import read_logs as read_logs
     from sysid.data.reading.read_options import ReadOptions as ReadOptions

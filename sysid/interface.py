@@ -321,6 +321,7 @@ def diagnose(
     model: Model | None = None,
     mission: str | Path | None = None,
     geometry: "Geometry | None" = None,
+    bench: str | Path | None = None,
     seed: int = 0,
 ) -> "Diagnosis":
     """Where a model and logs disagree, which effects are missing, and how far they close the gap.
@@ -331,6 +332,8 @@ def diagnose(
         model: the model that disagrees; None fits the plainest base first.
         mission: the mission that the logs drove.
         geometry: the vehicle's lengths, where the log has a pose.
+        bench: file of ``sysid bench power``: effects of battery and bridge are looked for near what
+            it measured.
         seed: of every bootstrap.
 
     Raises:
@@ -339,6 +342,7 @@ def diagnose(
         UsageError: there is no such mission file, or a log that judges is one of ``records``.
     """
     from sysid.discrepancy.diagnose import diagnose as search
+    from sysid.effects.measured import read_measured
 
     if mission is not None and not Path(mission).is_file():
         raise UsageError(f"there is no mission file {mission}; give the path of one")
@@ -348,6 +352,7 @@ def diagnose(
         model=model,
         mission=None if mission is None else Path(mission),
         geometry=geometry,
+        measured=None if bench is None else read_measured(bench),
         seed=seed,
     )
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from sysid.bench.pendulum.study import PendulumStudy
+    from sysid.bench.power.study import PowerBench
 
 
 def draw_swing(path: Path, found: "PendulumStudy") -> None:
@@ -55,3 +56,32 @@ def draw_swing(path: Path, found: "PendulumStudy") -> None:
             tuple(panels),
         ),
     )
+
+
+def draw_power(path: Path, found: "PowerBench") -> None:
+    """Draw each battery's voltage with its fit, and each staircase with its lines."""
+    import numpy as np
+
+    from sysid.report.plots import Line, Panel, ResponsePicture, plot_responses
+
+    panels = [
+        Panel(
+            f"battery, {b.name}",
+            "time [s]" if b.charge is not None else "row",
+            "voltage [V]",
+            (Line("measured", b.t, b.voltage), Line("fitted", b.t, b.fitted, reference=True)),
+        )
+        for b in found.batteries[:3]
+    ]
+    for bridge in found.bridges[:3]:
+        lines = []
+        for name, d in bridge.directions().items():
+            sign = 1.0 if name == "forward" else -1.0
+            lines.append(Line(name, d.drive, d.answer, dots=True))
+            shown = np.linspace(0.0, 1.0, 400)
+            lines.append(Line("_", sign * shown, sign * d.line(shown), reference=True))
+        title = f"bridge, {bridge.name} {bridge.side}".rstrip()
+        panels.append(Panel(title, "drive", f"{bridge.quantity} [{bridge.unit}]", tuple(lines)))
+    columns = min(len(panels), 2)
+    measured = ", ".join(f"{k} {m.value:.3g}" for k, m in found.supply().items())
+    plot_responses(path, ResponsePicture("Power supply", measured, tuple(panels), columns))

@@ -1,7 +1,7 @@
 """The whole diagnosis: where, what, added, proven."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from sysid.discrepancy.search.evidence import noise_floor
 from sysid.discrepancy.search.naming import Progress
 from sysid.discrepancy.study import Study
 from sysid.effects.catalogue import chain_effects
+from sysid.effects.measured import Measured, within
 from sysid.errors import DataError, UsageError
 from sysid.estimation.identify import shares_samples
 from sysid.mission.spec import load_mission
@@ -41,6 +42,7 @@ def diagnose(
     model: Model | None = None,
     mission: Path | None = None,
     geometry: Geometry | None = None,
+    measured: Mapping[str, Measured] | None = None,
     progress: Progress | None = None,
     seed: int = 0,
 ) -> Diagnosis:
@@ -54,6 +56,8 @@ def diagnose(
             where it gives one, is the vehicle's.
         geometry: the vehicle's lengths; None takes the mission's, and where that gives none those
             of the bundled robot, unless the pose contradicts them: then they are estimated.
+        measured: what a bench measured of battery and bridge, by key of ``vehicle.supply``: effects
+            that these are numbers of are looked for near them.
         progress: called with what is being done and how far it is.
         seed: of every bootstrap.
 
@@ -67,7 +71,7 @@ def diagnose(
     require_apart(estimation, held or ())
     say = progress or (lambda text, share: None)
     say("the model before", 0.02)
-    effects = chain_effects()
+    effects = within(chain_effects(), measured or {})
     if model is None:
         base = plain_base(estimation, held, effects)
     else:

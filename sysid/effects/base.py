@@ -100,6 +100,7 @@ class EffectParameter:
         edge: +1 or −1 for an edge on the axis of the command, upward or downward: between two
             neighbouring commands of a log nothing tells where it lies.
         as_command: whether it is also shown as the command that just overcomes it.
+        measured_as: key of a mission's ``vehicle.supply`` under which a bench measures it.
     """
 
     name: str
@@ -117,6 +118,7 @@ class EffectParameter:
     at_limit: bool = False
     edge: int = 0
     as_command: bool = False
+    measured_as: str = ""
 
 
 Step = Callable[[Any, Signal, State, Mapping[str, Signal], Context], tuple[Signal, State]]

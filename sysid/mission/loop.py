@@ -34,6 +34,7 @@ from sysid.mission.contracts import (
     TurnsTracks,
     readout_of,
 )
+from sysid.mission.supply import Feed
 from sysid.vehicle.kinematics import Real
 
 COLUMNS = (
@@ -179,6 +180,7 @@ class Loop:
         timeout: it is given up after this time [s].
         xp: array namespace of all laws.
         drive: makes PWM of both tracks [µs] of a command, and says what of the command it gives.
+        feed: what battery and bridge make of that PWM; None for nothing.
     """
 
     guidance: Guidance
@@ -190,6 +192,7 @@ class Loop:
     timeout: float
     xp: Any
     drive: Drive = plain_drive
+    feed: Feed | None = None
 
     def __post_init__(self) -> None:
         """Put the plant's sample time into the scene, where sensors and filters look for it."""
@@ -261,8 +264,8 @@ class Loop:
         scene, xp = self.scene, self.xp
         drive = state.pwm[0] / PWM_FULL_SCALE, state.pwm[1] / PWM_FULL_SCALE
         # what is decided before this sample reaches it now: the reading is of what was held
-        moved = self._driven(state, drive, tick)
-        omega = self._turning(state) if moved is None else moved[0]
+        moved = self._driven(state, tick)
+        omega = self._turning(state, tick.t) if moved is None else moved[0]
         for t in tick.before:
             state = self._decided(state, t)
         state, readings = self._read(state, omega, moved, tick, draws)
@@ -273,7 +276,7 @@ class Loop:
             state = self._decided(state, t)
         plant = state.plant
         if moved is None:
-            plant, omega = self._wheels(state)
+            plant, omega = self._wheels(state, tick.t)
             moved = omega, self._moved(state, omega, tick)
         remembered, body = moved[1]
         progress, verdict = self._judged(state, body, tick)
@@ -289,18 +292,20 @@ class Loop:
             row = (*row, *law.report(getattr(state, part), xp))
         return state, row
 
-    def _driven(self, state: LoopState, drive: tuple[Real, Real], tick: Tick) -> Moved | None:
+    def _driven(self, state: LoopState, tick: Tick) -> Moved | None:
         """Wheel speeds and motion at this sample where the motion turns the tracks itself."""
         if not isinstance(self.motion, TurnsTracks):
             return None
         before = self.motion.wheel_speeds(state.motion)
+        left, right = self._acting(state.pwm, tick.t)
+        drive = left / PWM_FULL_SCALE, right / PWM_FULL_SCALE
         inputs = MotionInputs(tick.t, *before, self.scene, drive)
         remembered, body = self.motion.step(state.motion, inputs, tick.dt, self.xp)
         return self.motion.wheel_speeds(remembered), (remembered, body)
 
-    def _turning(self, state: LoopState) -> tuple[Real, Real]:
+    def _turning(self, state: LoopState, t: Real) -> tuple[Real, Real]:
         """Wheel speeds at this sample under the command held so far."""
-        y = self._readout(state.plant, self.xp.array(state.pwm))
+        y = self._readout(state.plant, self.xp.array(self._acting(state.pwm, t)))
         return self.xp.float64(y[0]), self.xp.float64(y[1])
 
     def _moved(self, state: LoopState, omega: tuple[Real, Real], tick: Tick) -> tuple[State, Body]:
@@ -336,8 +341,12 @@ class Loop:
     def _readout(self) -> Readout:
         return readout_of(self.plant)
 
-    def _wheels(self, state: LoopState) -> tuple[State, tuple[Real, Real]]:
-        after, y = self.plant.step(state.plant, self.xp.array(state.pwm))
+    def _acting(self, pwm: tuple[Real, Real], t: Real) -> tuple[Real, Real]:
+        """PWM [µs] behind battery and bridge."""
+        return pwm if self.feed is None else self.feed(pwm, t, self.xp)
+
+    def _wheels(self, state: LoopState, t: Real) -> tuple[State, tuple[Real, Real]]:
+        after, y = self.plant.step(state.plant, self.xp.array(self._acting(state.pwm, t)))
         return after, (self.xp.float64(y[0]), self.xp.float64(y[1]))
 
     def _decided(self, state: LoopState, t: float) -> LoopState:

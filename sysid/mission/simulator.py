@@ -29,8 +29,10 @@ from sysid.mission.result import MissionResult, Outcome
 from sysid.mission.robot.compensation import compensation_of
 from sysid.mission.robot.nominal import limits_of, nominal_of
 from sysid.mission.robot.on_ground import on_ground
+from sysid.mission.robot.robot_plant import held_by
 from sysid.mission.robot.torque import motors_of
 from sysid.mission.spec import Mission
+from sysid.mission.supply import feed_of
 
 
 @dataclass(frozen=True)
@@ -168,6 +170,7 @@ def closed_loop(
         timeout=mission.timeout,
         xp=xp,
         drive=drive,
+        feed=feed_of(mission.vehicle.supply, held_by(plant)),
     )
 
 

@@ -8,6 +8,7 @@ from pydantic import Field, PlainValidator, ValidationInfo, field_validator, mod
 from sysid.data.yaml_files.source import shown
 from sysid.errors import ModelError
 from sysid.mission.settings import Coordinate, Positive, Settings
+from sysid.mission.supply import Supply
 from sysid.vehicle.floor import Circle, Floor, HalfPlane, Patch, Polygon
 from sysid.vehicle.ground.presets import soil_of
 from sysid.vehicle.kinematics import Geometry
@@ -172,6 +173,7 @@ class VehicleSpec(Physics):
         command_scale: plant input at full drive, in the plant's units; None lets
             :func:`sysid.mission.robot.mapping.as_robot` choose.
         speed_scale: wheel speed [rad/s] per unit of plant output; None likewise.
+        supply: battery and H-bridge between command and plant; None for none.
     """
 
     r: Positive = Geometry().r
@@ -180,6 +182,7 @@ class VehicleSpec(Physics):
     lifted: bool | None = None
     command_scale: Annotated[float, Field(ge=-1e9, le=1e9)] | None = None
     speed_scale: Annotated[float, Field(ge=-1e9, le=1e9)] | None = None
+    supply: Supply | None = None
 
     @field_validator("command_scale", "speed_scale")
     @classmethod

@@ -7,7 +7,7 @@ from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.effects.compensation import Identified, can_be_compensated
 from sysid.errors import ModelError
 from sysid.mission.contracts import Body, Command, SteppablePlant
-from sysid.mission.robot.robot_plant import RobotPlant
+from sysid.mission.robot.robot_plant import RobotPlant, held_by
 from sysid.mission.settings import IDENTIFIED, Compensate
 from sysid.vehicle.kinematics import Geometry, Real, wheel_speeds
 
@@ -99,7 +99,7 @@ def compensation_of(
 
 def nothing_to_undo(plant: SteppablePlant, compensate: Compensate) -> tuple[str, ...]:
     """A sentence where all that was identified is to be made up for, and nothing was."""
-    held = plant.identified.effects if isinstance(plant, RobotPlant) else ()
+    held = held_by(plant)
     if compensate != IDENTIFIED or set(held) & set(can_be_compensated()):
         return ()
     return (

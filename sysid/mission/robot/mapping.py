@@ -14,11 +14,12 @@ from sysid.errors import ModelError
 from sysid.mission.contracts import SteppablePlant, TurnsTracks
 from sysid.mission.navigation.equipment import assumed
 from sysid.mission.registry import default_sensor
-from sysid.mission.robot.robot_plant import RobotPlant
+from sysid.mission.robot.robot_plant import RobotPlant, held_by
 from sysid.mission.robot.settling import Ending, Settling, settle
 from sysid.mission.robot.torque import check_lifted
 from sysid.mission.robot.wiring import Wiring, wirings
 from sysid.mission.spec import Mission
+from sysid.mission.supply import supply_notes
 from sysid.mission.vehicle_spec import VehicleSpec
 from sysid.mission.vehicle_spec import assumed as assumed_physics
 
@@ -86,8 +87,9 @@ def as_robot(
     input seen in the data (``input_range``, or ±1), counted from 0 where the data contain it and
     from the operating point where they do not, and the output is scaled so that full drive ends
     at ``top_speed``. The mission's ``vehicle.command_scale`` and ``speed_scale`` replace either:
-    u = command_scale·drive, ω = speed_scale·y. An output that falls where the drive rises is
-    turned over.
+    u = command_scale·drive, ω = speed_scale·y; so does the voltage of ``vehicle.supply`` for inputs
+    in V, whose wheel speeds in rad/s are then taken as they are. An output that falls where the
+    drive rises is turned over.
 
     Args:
         plant: any plant.
@@ -101,6 +103,8 @@ def as_robot(
         ModelError: no output answers a constant input with a usable constant value.
     """
     robot, notes = _driving(plant, mission, top_speed)
+    volts = all(_is_voltage(plant.inputs[i]) for i in robot.driven)
+    notes = (*notes, *supply_notes(mission.vehicle.supply, held_by(robot), volts))
     said = assumed(mission.navigation, mission.sensors, robot.dt, default_sensor)
     return robot, (*notes, *said, *_about_motion(robot, mission))
 
@@ -174,7 +178,8 @@ def _wired(
     """Scale one wiring; the sentences name what was assumed."""
     u, y = plant.inputs, plant.outputs
     at = list(wiring.read)
-    direct = all(_is_pwm(u[i]) for i in wiring.driven) and all(_is_speed(y[j]) for j in at)
+    powered = [_is_pwm(u[i]) or _supplied(u[i], vehicle) is not None for i in wiring.driven]
+    direct = all(powered) and all(_is_speed(y[j]) for j in at)
     drive = _drive(plant, wiring, vehicle, direct)
     rest, answer = _static_answer(plant, drive, wiring)
     if answer.ending is Ending.KEEPS_MOVING and direct:
@@ -232,9 +237,10 @@ def _drive(plant: SteppablePlant, wiring: Wiring, vehicle: VehicleSpec, direct: 
     span = np.empty(2)
     notes = []
     for track, i in enumerate(wiring.driven):
-        if vehicle.command_scale is not None or direct:
+        volts = _supplied(plant.inputs[i], vehicle)
+        if vehicle.command_scale is not None or direct or volts is not None:
             centre[i] = 0.0
-            span[track] = vehicle.command_scale or PWM_FULL_SCALE
+            span[track] = vehicle.command_scale or volts or PWM_FULL_SCALE
             continue
         low, high = _input_range(plant, i)
         if low <= 0.0 <= high:
@@ -295,6 +301,16 @@ def _input_range(plant: SteppablePlant, i: int) -> tuple[float, float]:
 
 def _is_pwm(channel: Channel) -> bool:
     return channel.unit == "µs" or (not channel.unit and channel.name.startswith("pwm"))
+
+
+def _is_voltage(channel: Channel) -> bool:
+    return channel.unit == "V"
+
+
+def _supplied(channel: Channel, vehicle: VehicleSpec) -> float | None:
+    """Full drive [V] of an input that is a voltage, where the vehicle's supply says it."""
+    known = vehicle.supply is not None and _is_voltage(channel)
+    return vehicle.supply.voltage if known and vehicle.supply is not None else None
 
 
 def _is_speed(channel: Channel) -> bool:

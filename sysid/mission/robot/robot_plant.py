@@ -139,3 +139,8 @@ def _pair(left: Any, right: Any) -> Any:
     if isinstance(left, np.ndarray | np.generic):
         return np.array((left, right))
     return left.__array_namespace__().stack((left, right))
+
+
+def held_by(plant: SteppablePlant) -> tuple[str, ...]:
+    """Effects that a robot plant was identified with."""
+    return plant.identified.effects if isinstance(plant, RobotPlant) else ()

@@ -1,0 +1,1 @@
+"""The power supply: a battery from rests and loads, an H-bridge from a staircase of PWM."""
