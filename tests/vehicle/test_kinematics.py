@@ -8,19 +8,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sysid.errors import ModelError
-from sysid.vehicle.kinematics import (
-    Geometry,
+from sysid.vehicle.frames import (
     angular_velocity,
-    body_velocity,
     point_acceleration,
     point_velocity,
     rotation,
     rotation_x,
     rotation_y,
     rotation_z,
-    step_pose,
     to_body,
     to_inertial,
+    to_inertial_twist,
+)
+from sysid.vehicle.kinematics import (
+    Geometry,
+    body_velocity,
+    step_pose,
     wheel_speeds,
     wrap_angle,
 )
@@ -184,3 +187,13 @@ def test_point_velocity_and_acceleration_are_derivatives_of_its_path() -> None:
 def test_impossible_geometry_is_refused(lengths: tuple[float, float]) -> None:
     with pytest.raises(ModelError, match="above 0"):
         Geometry(*lengths)
+
+
+@law
+@given(angle, speed, speed)
+def test_the_inertial_twist_is_the_rate_of_the_pose(psi: float, left: float, right: float) -> None:
+    """(2.10), (2.11) of (2.13) give (2.14)."""
+    forward, yaw_rate = body_velocity(left, right, ROBOT)
+    twist = to_inertial_twist(np.array([forward, 0.0, yaw_rate]), psi)
+    expected = [forward * math.cos(psi), forward * math.sin(psi), yaw_rate]
+    np.testing.assert_allclose(twist, expected, atol=ROUNDING)

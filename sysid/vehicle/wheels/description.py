@@ -17,13 +17,12 @@ from sysid.vehicle.wheels.vehicle import Tracks, Vehicle
 from sysid.vehicle.wheels.wheel import Wheel
 
 ONLY_MISSIONS = (
-    *("command_scale", "speed_scale", "lifted"),
-    *("motion", "soil", "patches", "slope", "height"),
+    *("command_scale", "speed_scale", "supply", "lifted"),  # how a plant is wired
+    *("motion", "soil", "patches", "slope"),  # how it moves and on what
 )
-"""Keys of a mission's section ``vehicle`` that say how a plant is wired, what moves the vehicle and
-what it stands on, not how it is made."""
+"""Keys of a mission's section ``vehicle`` that say nothing of the vehicle itself."""
 
-_OF_TRACKS = ("B", "L", "track_width", "effective_width", "centre")
+_OF_TRACKS = ("B", "L", "track_width", "effective_width", "centre", "height")
 
 
 class VehicleFile(Settings):
@@ -39,6 +38,7 @@ class VehicleFile(Settings):
         effective_width: distance at which two wheels would turn the robot as its tracks do [m];
             B unless given, in truth more (fit it to a drive).
         centre: how far the centre of mass lies ahead of the middle of the tracks [m].
+        height: of the centre of mass above the ground [m].
         max_speed: of every wheel or sprocket that gives none [rad/s].
         mass: of the whole vehicle [kg].
         yaw_inertia: of the whole about its centre of mass [kg m²].
@@ -54,6 +54,7 @@ class VehicleFile(Settings):
     track_width: Positive = TrackedVehicle().track_width
     effective_width: Positive | None = None
     centre: Coordinate = 0.0
+    height: Positive | None = None
     max_speed: Positive | None = None
     mass: Positive | None = None
     yaw_inertia: Positive | None = None
@@ -119,8 +120,9 @@ class VehicleFile(Settings):
                 ("right", -0.5 * tracks.effective_width),
             )
         )
-        if self.centre and self.body.mass_centre is None:
+        if self.body.mass_centre is None:
             x, y, z = self.body.at
+            z = z if self.height is None else self.height - radius  # axles are at z = 0
             moved = {"mass_centre": (x + self.centre, y, z)}
             known["body"] = self.body.model_copy(update=moved)
         return Vehicle(wheels, tracks=tracks, **known)

@@ -52,13 +52,13 @@ def summary(vehicle: Vehicle, angles: Angles | None = None) -> dict[str, Any]:
 
 
 def _wheel(wheel: Wheel, axes: dict[str, InverseKinematics], angle: float | None) -> dict[str, Any]:
-    x, y, z = wheel.at
+    x, y = wheel.position
     facts: dict[str, Any] = {
         "name": wheel.name,
         "kind": wheel.kind,
         "x": x,
         "y": y,
-        "z": z,
+        "z": wheel.height,
         "r": wheel.r,
         "heading": wheel.heading,
     }

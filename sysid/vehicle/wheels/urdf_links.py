@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.errors import DataError
-from sysid.vehicle.kinematics import rotation
+from sysid.vehicle.frames import rotation
 from sysid.vehicle.wheels.body import Inertia, MassProperties
 from sysid.vehicle.wheels.xml_source import XmlElement
 
@@ -223,7 +223,7 @@ class Robot:
         text = element.attributes.get(name)
         if text is None and default is not None:
             return default
-        values = [self._finite(element, word, name) for word in (text or "").split()]
+        values = [self.number(element, word, name) for word in (text or "").split()]
         if len(values) != 3:
             raise self.wrong(element.line, f'{name}="{text or ""}" is not three numbers')
         return tuple(values)
@@ -232,9 +232,10 @@ class Robot:
         text = element.attributes.get(name)
         if text is None and default is not None:
             return default
-        return self._finite(element, text or "", name)
+        return self.number(element, text or "", name)
 
-    def _finite(self, element: XmlElement, word: str, name: str) -> float:
+    def number(self, element: XmlElement, word: str, name: str) -> float:
+        """A word of an element as a finite number."""
         try:
             value = float(word)
         except ValueError:

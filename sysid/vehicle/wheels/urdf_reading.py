@@ -2,7 +2,8 @@
 
 A level ``continuous`` joint whose link holds a cylinder round it, or a sphere, is a wheel, called
 as its joint. One that hangs on a joint with an upright axis is steerable, or a caster where its
-contact trails behind that axis. Everything else counts as the body at its zero position.
+contact trails behind that axis. What stands above the ground, or carries other moving parts, is a
+gear. Everything else counts as the body at its zero position.
 """
 
 import math
@@ -14,13 +15,13 @@ import numpy as np
 from pydantic import ValidationError
 
 from sysid.data.record import Array
-from sysid.errors import DataError, ModelError
+from sysid.errors import ModelError
 from sysid.vehicle.kinematics import wrap_angle
 from sysid.vehicle.wheels.body import Body, Inertia, MassProperties, combined
 from sysid.vehicle.wheels.urdf_links import BASE, Joint, Pose, Robot, Shape
 from sysid.vehicle.wheels.vehicle import Vehicle
 from sysid.vehicle.wheels.wheel import Wheel
-from sysid.vehicle.wheels.xml_source import read_xml
+from sysid.vehicle.wheels.xml_source import XmlElement, read_xml
 
 TILT = 0.17
 """Sine of 10°: up to there an axis counts as level or upright, as cambered wheels are."""
@@ -28,8 +29,13 @@ TILT = 0.17
 DECIMALS = 12
 """Decimals of lengths and angles [m, rad] behind which products of rotations only round."""
 
-LEAST_TRAIL = 1e-6
-"""Distance [m] between axis and contact below which a steered wheel does not trail."""
+LEAST_TRAIL = 0.01
+"""Share of the radius below which a steered wheel does not trail: casters trail by a fifth of it or
+more, angles written as 1.57 shift a contact by a thousandth."""
+
+LIFTED = 0.5
+"""Share of its radius by which what turns may stand above the ground and still be a wheel, as those
+of a suspension at rest do; gears and pulleys stand higher."""
 
 
 def read_urdf(path: Path) -> Vehicle:
@@ -69,16 +75,19 @@ class _Walk:
         self.body: list[MassProperties] = []
         self.boxes: list[tuple[Pose, Shape]] = []
         self.notes: list[str] = []
-        self._more = {
-            e.attributes.get("reference", ""): e.attributes for e in robot.top.all("sysid")
-        }
+        self._more = {e.attributes.get("reference", ""): e for e in robot.top.all("sysid")}
+        self._masses: list[list[MassProperties]] = []
+        self._forks: dict[str, list[MassProperties]] = {}  # by the joint that turns them
         self._visit(robot.root, BASE, None)
+        self._leave_lifted()
+        self.body += [part for fork in self._forks.values() for part in fork]
 
     def _visit(self, link: str, pose: Pose, steering: tuple[Joint, Pose] | None) -> None:
         """Count a link to the body, and go on to what hangs on it."""
         properties = self.robot.properties(link)
         if properties is not None:
-            self.body.append(placed(properties, pose))
+            carried = self._forks.setdefault(steering[0].name, []) if steering else self.body
+            carried.append(placed(properties, pose))
         self.boxes += [(pose, s) for s in self.robot.shapes(link) if s.kind == "box"]
         for joint in self.robot.below(link):
             there = pose.then(joint.origin)
@@ -98,13 +107,16 @@ class _Walk:
         """Add the wheel of a joint, if its links hold a shape that rolls about its axis."""
         axle = pose.axes @ joint.axis
         links = list(self._rigid(joint.child, pose))
-        rolling = (
+        if any(j.kind != "fixed" for link, _ in links for j in self.robot.below(link)):
+            return False
+        rolling = [
             (there.then(shape.pose), shape)
             for link, there in links
             for shape in self.robot.shapes(link)
             if shape.kind in ("cylinder", "sphere")
-        )
-        shape = next((s for s in rolling if rolls(s, axle)), None)
+        ]
+        rims = [s for s in rolling if rolls(s, axle)]
+        shape = max(rims, key=lambda s: s[1].lengths[0], default=None)  # what is inside rolls on it
         if shape is None:
             self.notes.append(
                 f"joint {joint.name} turns like a wheel, but its link {joint.child} has no "
@@ -113,14 +125,33 @@ class _Walk:
             return False
         given = [(self.robot.properties(link), there) for link, there in links]
         masses = [placed(p, there) for p, there in given if p is not None]
+        if steering is not None:
+            masses += self._forks.pop(steering[0].name, [])
         self.wheels.append(self._wheel(joint, pose, shape, steering, masses))
+        self._masses.append(masses)
         return True
+
+    def _leave_lifted(self) -> None:
+        """Count to the body what turns but stands above the ground of the others."""
+        ground = min((w.height - w.r for w in self.wheels), default=0.0)
+        kept = []
+        for wheel, masses in zip(self.wheels, self._masses, strict=True):
+            gap = wheel.height - wheel.r - ground
+            if gap <= LIFTED * wheel.r:
+                kept.append(wheel)
+                continue
+            self.body += masses
+            self.notes.append(
+                f"joint {wheel.name} turns {gap:.3g} m above the ground and is no wheel"
+            )
+        self.wheels = kept
 
     def _rigid(self, link: str, pose: Pose) -> Iterator[tuple[str, Pose]]:
         """A link and what is fixed to it."""
         yield link, pose
         for joint in self.robot.below(link):
-            yield from self._rigid(joint.child, pose.then(joint.origin))
+            if joint.kind == "fixed":
+                yield from self._rigid(joint.child, pose.then(joint.origin))
 
     def _wheel(
         self,
@@ -134,19 +165,20 @@ class _Walk:
         offset = shape[0].place - pose.place
         middle = pose.place + axle * float(offset @ axle)
         heading = math.atan2(-axle[0], axle[1])  # e = axle × z
-        lengths, extra = shape[1].lengths, self._more.get(joint.child, {})
+        lengths, extra = shape[1].lengths, self._more.get(joint.child)
         keys: dict[str, Any] = {
             "name": joint.name,
             "at": middle,
             "r": lengths[0],
             "heading": rounded_angle(heading),
             "width": lengths[1] if len(lengths) > 1 else None,
-            "mass": sum(p.mass for p in masses) or None,
+            "mass": round(sum(p.mass for p in masses), DECIMALS) or None,
             "max_speed": joint.velocity,
         }
         if steering is not None:
-            keys |= self._steered(joint, middle, heading, *steering)
-        keys |= self._of_our_own(extra)
+            keys |= self._steered(joint, middle, heading, LEAST_TRAIL * lengths[0], steering)
+        if extra is not None:
+            keys |= self._of_our_own(extra)
         keys["at"] = _rounded(keys["at"])
         try:
             return Wheel(**keys)
@@ -155,18 +187,24 @@ class _Walk:
             raise self.robot.wrong(joint.line, f"the wheel of joint {joint.name}: {said}") from None
 
     def _steered(
-        self, joint: Joint, middle: Array, heading: float, steering: Joint, there: Pose
+        self,
+        joint: Joint,
+        middle: Array,
+        heading: float,
+        least: float,
+        hinge: tuple[Joint, Pose],
     ) -> dict[str, Any]:
-        """Keys of a wheel that hangs on an upright joint."""
+        """Keys of a wheel that hangs on an upright joint; it trails beyond a least distance [m]."""
+        steering, there = hinge
         along = np.array([math.cos(heading), math.sin(heading)])
         rest = middle[:2] - there.place[:2]
         trail = round(-float(rest @ along), DECIMALS)
         side = round(float(along[0] * rest[1] - along[1] * rest[0]), DECIMALS)
         keys: dict[str, Any] = {"at": np.array([*there.place[:2], middle[2]])}
-        keys |= {"side": side} if abs(side) > LEAST_TRAIL else {}
-        if steering.kind == "continuous" and abs(trail) > LEAST_TRAIL:
+        keys |= {"side": side} if side else {}
+        if steering.kind == "continuous" and abs(trail) > least:
             return keys | {"kind": "caster", "offset": trail}
-        if abs(trail) > LEAST_TRAIL:
+        if abs(trail) > least:
             self.notes.append(
                 f"wheel {joint.name} is steered and trails {trail:.3g} m behind its steering "
                 "axis, which is left out"
@@ -178,17 +216,12 @@ class _Walk:
             keys["angle_limits"] = (low, high) if turned[2] > 0 else (-high, -low)
         return keys
 
-    def _of_our_own(self, extra: dict[str, str]) -> dict[str, Any]:
+    def _of_our_own(self, extra: XmlElement) -> dict[str, Any]:
         """What a URDF has no place for, and an element ``sysid`` keeps."""
         found: dict[str, Any] = {}
         for key in ("angle", "roller"):
-            if key in extra:
-                try:
-                    found[key] = float(extra[key])
-                except ValueError:
-                    raise DataError(
-                        f"{self.robot.file}: {key} of <sysid> is {extra[key]!r}: give a number"
-                    ) from None
+            if key in extra.attributes:
+                found[key] = self.robot.number(extra, extra.attributes[key], key)
         return found | ({"kind": "swedish"} if "roller" in found else {})
 
 
@@ -235,8 +268,5 @@ def _friction(robot: Robot) -> float | None:
     for element in robot.top.all("gazebo"):
         mu = element.first("mu1")
         if mu is not None:
-            try:
-                return float(mu.attributes.get("value", mu.text))
-            except ValueError:
-                raise robot.wrong(mu.line, f"mu1 is {mu.text.strip()!r}: give a number") from None
+            return robot.number(mu, mu.attributes.get("value", mu.text.strip()), "the value")
     return None

@@ -10,11 +10,15 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from sysid.data.record import Array
 from sysid.vehicle.wheels.body import MassProperties
 from sysid.vehicle.wheels.vehicle import Vehicle, wheel_properties, wheel_width
 from sysid.vehicle.wheels.wheel import Wheel
 
 BASE = "base_link"
+
+_FORK = 0.01
+"""Share of a steered wheel's mass that its fork takes: simulators refuse parts without a mass."""
 
 _NO_LIMIT = 'effort="1000000.0"'
 """URDF asks for a limit of effort wherever there is another limit; 0 would block the joint."""
@@ -58,16 +62,17 @@ def _base(vehicle: Vehicle) -> list[str]:
 def _wheel(wheel: Wheel) -> list[str]:
     """A link and its joint, on a steered wheel behind one more of each."""
     name, link = wheel.name, _link(wheel)
-    lines, parent, place, heading = [], BASE, wheel.at, wheel.heading
+    lines, parent, heading = [], BASE, wheel.heading
+    place: Sequence[float] = (*wheel.position, wheel.height)
     if wheel.kind in ("steerable", "caster"):
         parent, lines = f"{name}_steering_link", _steering(wheel)
         place, heading = (-wheel.offset, wheel.side, 0.0), 0.0
     cylinder = f'<cylinder radius="{wheel.r!r}" length="{wheel_width(wheel)!r}"/>'
     shape = _shape(cylinder, (0.0, 0.0, 0.0), f"{math.pi / 2!r} 0 0")  # its axis along y
     straight = wheel.model_copy(update={"heading": 0.0, "angle": 0.0})
-    own = wheel_properties(straight)
+    own, fork = wheel_properties(straight), _FORK if parent != BASE else 0.0
     if own is not None:
-        shape += _inertial(MassProperties(own.mass, np.zeros(3), own.tensor))
+        shape += _inertial(_share(own, 1.0 - fork, np.zeros(3)))
     speed = "" if wheel.max_speed is None else f' velocity="{wheel.max_speed!r}"'
     joint = _joint(parent, link, place, heading, "0 1 0")
     joint += [f"    <limit {_NO_LIMIT}{speed}/>"] if speed else []
@@ -87,16 +92,24 @@ def _wheel(wheel: Wheel) -> list[str]:
 
 def _steering(wheel: Wheel) -> list[str]:
     link, limits = f"{wheel.name}_steering_link", wheel.angle_limits
-    joint = _joint(BASE, link, wheel.at, wheel.heading, "0 0 1")
+    joint = _joint(BASE, link, (*wheel.position, wheel.height), wheel.heading, "0 0 1")
     kind = "continuous" if limits is None else "revolute"
     if limits is not None:
         low, high = limits
         free = f'{_NO_LIMIT} velocity="1000000.0"'
         joint.append(f'    <limit lower="{low!r}" upper="{high!r}" {free}/>')
+    own = wheel_properties(wheel.model_copy(update={"heading": 0.0, "angle": 0.0}))
+    middle = np.array([-wheel.offset, wheel.side, 0.0])
+    mass = _inertial(_share(own, _FORK, middle)) if own is not None else []
     return [
-        f"  <link name={quoteattr(link)}/>",
+        *_element("link", link, mass),
         *_element("joint", f"{wheel.name}_steering", joint, f' type="{kind}"'),
     ]
+
+
+def _share(own: MassProperties, share: float, centre: Array) -> MassProperties:
+    """A share of a wheel's mass and inertia, so that all shares together are the wheel's."""
+    return MassProperties(share * own.mass, centre, share * own.tensor)
 
 
 def _joint(parent: str, child: str, place: Sequence[float], heading: float, axis: str) -> list[str]:

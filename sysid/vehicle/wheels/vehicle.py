@@ -80,7 +80,7 @@ class Vehicle:
         taken = {w.name for w in self.wheels}
         named = tuple(
             w if w.name else w.model_copy(update={"name": _free_name(k, taken)})
-            for k, w in enumerate(self.wheels, 1)
+            for k, w in enumerate(_on_one_ground(self.wheels), 1)
         )
         object.__setattr__(self, "wheels", named)
         names = [w.name for w in named]
@@ -214,7 +214,7 @@ def wheel_properties(wheel: Wheel) -> MassProperties | None:
         return None
     phi = wheel.direction()
     axle = np.array([-np.sin(phi), np.cos(phi), 0.0])
-    place = np.array([*wheel.contact(), wheel.at[2]])
+    place = np.array([*wheel.contact(), wheel.height])
     tensor = cylinder_inertia(wheel.mass, wheel.r, wheel_width(wheel), axle)
     return MassProperties(wheel.mass, place, tensor)
 
@@ -222,6 +222,16 @@ def wheel_properties(wheel: Wheel) -> MassProperties | None:
 def wheel_width(wheel: Wheel) -> float:
     """Its width [m]; half its radius where it is not known, to draw it and to give it a volume."""
     return 0.5 * wheel.r if wheel.width is None else wheel.width
+
+
+def _on_one_ground(wheels: Sequence[Wheel]) -> list[Wheel]:
+    """Wheels of unknown height, on the ground of the others, else of the largest at z = 0."""
+    given = [w.at[2] - w.r for w in wheels if w.at[2] is not None]
+    ground = min(given) if given else -max(w.r for w in wheels)
+    return [
+        w if w.at[2] is not None else w.model_copy(update={"at": (*w.position, ground + w.r)})
+        for w in wheels
+    ]
 
 
 def _free_name(k: int, taken: set[str]) -> str:

@@ -50,7 +50,8 @@ class Wheel(Settings):
         name: how results call it.
         kind: fixed; steerable (turned by a motor about its vertical axis); caster (turns by itself
             about an axis off its contact); swedish (rollers round its rim).
-        at: x, y of its axis, and z of its middle, in the body frame [m]; z may be left out.
+        at: x, y of its axis, and z of its middle, in the body frame [m]; z may be left out, and
+            then puts it on one ground with the others.
         r: radius [m].
         heading: direction in which it rolls at steering angle 0 [rad], 0 along x.
         angle: present steering angle [rad], added to the heading.
@@ -66,7 +67,7 @@ class Wheel(Settings):
 
     name: str = ""
     kind: Kind = "fixed"
-    at: Annotated[tuple[Coordinate, Coordinate, Coordinate], Field(strict=False)]
+    at: Annotated[tuple[Coordinate, Coordinate, Coordinate | None], Field(strict=False)]
     r: Positive
     heading: Angle = 0.0
     angle: Angle = 0.0
@@ -94,7 +95,7 @@ class Wheel(Settings):
             return value
         if not isinstance(at, list | tuple) or len(at) not in (2, 3):
             raise sentence_at(("at",), f"at is {shown(at)}: write at: [x, y] in metres")
-        return value | {"at": (*at, 0.0)[:3]}
+        return value | {"at": (*at, None)[:3]}
 
     @model_validator(mode="after")
     def _fits_kind(self) -> "Wheel":
@@ -141,6 +142,11 @@ class Wheel(Settings):
     def position(self) -> tuple[float, float]:
         """X, y of its axis in the body frame [m]."""
         return self.at[0], self.at[1]
+
+    @property
+    def height(self) -> float:
+        """Z of its middle in the body frame [m]; 0 where nothing is known of it."""
+        return self.at[2] or 0.0
 
     @property
     def constrains(self) -> bool:

@@ -115,7 +115,7 @@ def some_vehicle(draw: st.DrawFn) -> Vehicle:
             Wheel(
                 name=f"w{k}",
                 kind=kind,
-                at=(draw(PLATES), draw(PLATES), draw(PLATES)),
+                at=(draw(PLATES), draw(PLATES), 0.02),
                 r=0.05,
                 width=0.02,
                 heading=draw(st.floats(-3.14, 3.14).map(lambda v: round(v, 9))),
@@ -220,6 +220,84 @@ def test_a_urdf_of_others_is_understood(tmp_path: Path) -> None:
     assert driven["right_wheel_joint"].speed == pytest.approx(-10.0)  # as its joint counts
     assert "lift (prismatic)" in " ".join(vehicle.notes)
     assert "scan turns like a wheel" in " ".join(vehicle.notes)
+
+
+def joined(kind: str, parent: str, child: str, place: str, axis: str = "0 1 0") -> str:
+    """A joint of a URDF that is called as its child; place holds the attributes of its origin."""
+    return (
+        f'<joint name="{child}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin {place}/><axis xyz="{axis}"/><limit lower="-1" upper="0.5" velocity="9"/></joint>'
+    )
+
+
+def round_link(name: str, radius: float) -> str:
+    shape = f'<cylinder radius="{radius}" length="0.04"/>'
+    return (
+        f'<link name="{name}"><collision><origin rpy="1.57 0 0"/><geometry>{shape}</geometry>'
+        "</collision></link>"
+    )
+
+
+def test_gears_are_no_wheels_and_wheels_behind_them_are(tmp_path: Path) -> None:
+    """A car with a differential: a ring that carries sides, these the wheels; a pinion inside."""
+    links = [round_link("ring", 0.025), round_link("pinion", 0.015), '<link name="chassis"/>']
+    links += [round_link(f"side_{s}", 0.015) for s in "lr"]
+    links += [round_link(f"wheel_{s}", 0.05) for s in "lr"]
+    joints = [joined("continuous", "chassis", "ring", 'xyz="0 0 0.05"')]
+    joints += [joined("continuous", "ring", "pinion", 'xyz="0 0 0" rpy="0 0 1.57"')]
+    for s, y in (("l", 0.1), ("r", -0.1)):
+        joints += [joined("continuous", "ring", f"side_{s}", 'xyz="0 0 0"')]
+        joints += [joined("fixed", f"side_{s}", f"wheel_{s}", f'xyz="0 {y} 0"')]
+        # a hinge whose frame lies on its side, as some programs write it
+        hinge = f'xyz="0.3 {y} 0.05" rpy="0 1.57 0"'
+        links += [f'<link name="hinge_{s}"/>', round_link(f"front_{s}", 0.05)]
+        joints += [joined("revolute", "chassis", f"hinge_{s}", hinge, "1 0 0")]
+        joints += [joined("continuous", f"hinge_{s}", f"front_{s}", 'xyz="0 0 0"')]
+    text = f'<robot name="car">{"".join(links + joints)}</robot>'
+    car = sysid.load_vehicle(written(tmp_path, text, "car.urdf"))
+    kinds = {w.name: (w.kind, w.r) for w in car.wheels}
+    assert kinds == {
+        "side_l": ("fixed", 0.05),
+        "side_r": ("fixed", 0.05),
+        "front_l": ("steerable", 0.05),
+        "front_r": ("steerable", 0.05),
+    }
+    assert car.degrees == sysid.load_vehicle(EXAMPLES / "ackermann.yaml").degrees
+    assert car.wheels[0].at == pytest.approx((0.0, 0.1, 0.05), abs=1e-3)  # 1.57 is no quarter turn
+    front = next(w for w in car.wheels if w.name == "front_l")
+    assert front.angle_limits == (-0.5, 1.0)  # the hinge points down
+    assert any("pinion turns 0.035 m above the ground" in note for note in car.notes)
+
+
+def test_wheels_without_a_height_stand_on_one_ground() -> None:
+    large, small = Wheel(at=(0, 0.1), r=0.1), Wheel(at=(0, -0.1), r=0.04)
+    assert [w.at[2] for w in Vehicle((large, small)).wheels] == pytest.approx([0.0, -0.06])
+    lifted = large.model_copy(update={"at": (0.0, 0.1, 0.15)})
+    assert [w.at[2] for w in Vehicle((lifted, small)).wheels] == pytest.approx([0.15, 0.09])
+
+
+def test_another_program_finds_the_same_in_the_urdf() -> None:
+    """MuJoCo reads what was written: places, axes and limits of joints, masses and inertias."""
+    import mujoco
+
+    vehicle = sysid.load_vehicle(EXAMPLES / "tricycle.yaml")
+    masses = {w.name: w.model_copy(update={"mass": 0.7, "heading": 0.2}) for w in vehicle.wheels}
+    vehicle = Vehicle(tuple(masses.values()), body=vehicle.body)
+    model = mujoco.MjModel.from_xml_string(urdf_text(vehicle))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    for wheel in vehicle.wheels:
+        joint, body = model.joint(wheel.name), model.body(f"{wheel.name}_link")
+        np.testing.assert_allclose(data.xanchor[joint.id], wheel.at, atol=1e-12)
+        axle = [-math.sin(wheel.heading), math.cos(wheel.heading), 0.0]
+        np.testing.assert_allclose(data.xaxis[joint.id], axle, atol=1e-12)
+        mass = 0.7 if wheel.kind == "fixed" else 0.99 * 0.7  # the fork has the rest
+        assert body.mass[0] == pytest.approx(mass)
+        thin = mass * wheel.r**2 / 2  # about its axle, by far the largest of a wheel this thin
+        assert max(body.inertia) == pytest.approx(thin)
+    hinge = model.joint("front_steering")
+    np.testing.assert_allclose(data.xaxis[hinge.id], [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(hinge.range, [-1.0, 1.0])
 
 
 @pytest.mark.parametrize(
