@@ -1,5 +1,6 @@
 """What a log tells of a vehicle: its numbers, with errors that hold, and what it cannot tell."""
 
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
@@ -9,8 +10,10 @@ from command_line import run
 from skid_steer_logs import Skid, columns, wheels, written
 
 from sysid.data.io import read_log
+from sysid.data.preparation import Preparation
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.record import Record
+from sysid.data.record import Array, Record
+from sysid.estimation.vehicle.logs import read_drives
 from sysid.estimation.vehicle.vehicle_fit import VehicleFit, fit_vehicle
 from sysid.vehicle.kinematics import Geometry
 
@@ -140,12 +143,36 @@ def test_wheels_and_pose_may_stand_in_two_files(
 ) -> None:
     named = columns(Skid(width=0.9), wheels(40.0))
     log = written(tmp_path / "wheels.csv", {k: named[k] for k in ("t", *WHEELS)})
-    late = {"t": named["t"] + 5.0} | {k: named[k] for k in ("x", "y", "psi")}
+    late = {"t": named["t"] + 5.0} | _pose(named)
     pose = written(tmp_path / "pose.csv", late)
     found = run(capsys, "fit-vehicle", log, "--join", pose, "--json").document
     width = next(p for p in found["parameters"] if p["name"] == "effective_width")
     assert abs(width["value"] - 0.9) < FAR * width["std_error"]
     assert "compare with plain" in found["before"]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("v_left [m/s]", "v_right [m/s]"),
+        ("omega_fl", "omega_rl", "omega_fr", "omega_rr"),
+        ("cmd_left_rad_s", "cmd_right_rad_s"),
+    ],
+)
+def test_speeds_go_by_many_names(tmp_path: Path, names: tuple[str, ...]) -> None:
+    named = columns(Skid(width=0.9), wheels(30.0))
+    scale = 0.15 if "m/s" in names[0] else 1.0
+    speeds = {n: scale * named[WHEELS[k * 2 // len(names)]] for k, n in enumerate(names)}
+    log = written(tmp_path / "log.csv", {"t": named["t"], **speeds, **_pose(named)})
+    records, _ = read_drives([log], ReadOptions(), Preparation())
+    found = fit_vehicle(records, geometry=NOMINAL)
+    width = found.number("effective_width")
+    assert abs(width.value - 0.9) < FAR * width.std_error
+    assert any("commanded" in n for n in found.notes) == ("cmd" in names[0])
+
+
+def _pose(named: Mapping[str, Array]) -> dict[str, Array]:
+    return {k: named[k] for k in ("x", "y", "psi")}
 
 
 @pytest.mark.parametrize(
@@ -157,6 +184,7 @@ def test_wheels_and_pose_may_stand_in_two_files(
         (("{log}", "--to", "new.yaml"), "--mission M.yaml"),
         (("{log}", "--geometry", "r=0.3"), "gives no B"),
         (("{bare}",), "lacks a pose"),
+        (("{pwm}",), "lacks the wheel speeds of the left"),
         (("{still}",), "never turn"),
         (("{short}",), "fewer than"),
     ],
@@ -165,10 +193,12 @@ def test_what_cannot_be_is_refused_in_one_sentence(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: tuple[str, ...], words: str
 ) -> None:
     named = columns(SKID, wheels(6.0))
+    pwm = {f"pwm_{side}": 1000.0 * named[f"omega_{side}"] for side in "lr"}
     logs = {
         "log": written(tmp_path / "log.csv", columns(SKID, wheels(30.0))),
         "bare": written(tmp_path / "bare.csv", {k: named[k] for k in ("t", *WHEELS)}),
         "still": written(tmp_path / "still.csv", named | dict.fromkeys(WHEELS, 0 * named["t"])),
+        "pwm": written(tmp_path / "pwm.csv", {"t": named["t"], **pwm, **_pose(named)}),
         "short": written(tmp_path / "short.csv", named),
     }
     found = run(capsys, "fit-vehicle", *(a.format(**logs) for a in arguments))

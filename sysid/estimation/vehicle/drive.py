@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.column_words import meaning
+from sysid.data.column_words import meaning, words
 from sysid.data.reading.held import without_repeats
 from sysid.data.record import Array, Index, Record
 from sysid.errors import DataError
@@ -181,12 +181,25 @@ def what_is_missing(records: Sequence[Record]) -> str:
     )
 
 
+_WHEELS = {
+    **dict.fromkeys(("fl", "rl", "bl", "lf", "lr", "lb"), "left"),
+    **dict.fromkeys(("fr", "rr", "br", "rf", "rb"), "right"),
+}
+"""Words for one wheel of several: front left, rear right …"""
+
+
+def side_of(name: str) -> str:
+    """The side that a column's name tells, ``left`` or ``right``; empty where it tells none."""
+    by_wheel = next((_WHEELS[w] for w in words(name) if w in _WHEELS), "")
+    return by_wheel or meaning(name).side
+
+
 def _sides_of(record: Record) -> tuple[str, list[int], list[int]] | None:
     """Where the speeds of both sides stand: among outputs or inputs, and their columns."""
     for place in ("outputs", "inputs"):
         channels = getattr(record, place)
         speeds = [
-            (k, meaning(c.name).side)
+            (k, side_of(c.name))
             for k, c in enumerate(channels)
             if c.unit in ("rad/s", "m/s", "") and not _is_a_drive(place, c.unit)
         ]
