@@ -12,9 +12,10 @@ import typer
 
 from sysid.errors import SysidError
 
-from . import compare, diagnose, excite, export, fit, inspect, models, structures
+from . import compare, diagnose, excite, fit, inspect, models, structures
 from .bench import motor, pendulum, power
 from .bench.group import bench
+from .exporting import export, verify
 from .field_options import Command, every_command
 from .missions import estimate, plan, simulate, tune
 from .vehicles import fit_vehicle, soil, vehicle
@@ -36,6 +37,7 @@ for _command in (
     compare.compare,
     models.models,
     export.export,
+    verify.verify,
     simulate.simulate,
     tune.tune,
     estimate.estimate,

@@ -12,13 +12,23 @@ from sysid.errors import ModelError
 from sysid.plant import description, selftest
 from sysid.plant.content_hash import KEY, content_hash
 from sysid.plant.model_card import model_card
-from sysid.plant.storage import MARK, Files, read_member, read_members, write_files
+from sysid.plant.storage import (
+    MARK,
+    Files,
+    names_in,
+    read_member,
+    read_members,
+    write_files,
+)
 from sysid.structures.model import Model
 from sysid.structures.plant import Plant
 
 CARD = "README.md"
 FILES = "files"
 """Where plant.json lists the files that its hash covers beside itself: all that a runtime takes."""
+
+MOST_FILES, MOST_BYTES = 500, 128 * 1024**2
+"""More files, or bytes in all, than any package has: the largest of ours are some hundred kB."""
 
 UNLISTED = (selftest.NAME, "c/plant.h", "c/plant.c", "c/selftest.c")
 """These files in packages of 0.1.0, which list none."""
@@ -135,6 +145,30 @@ def read_package(path: str | Path, accept_changes: bool = False) -> Package:
             f"{changed}; export it again, or take it as it is with `accept_changes=True`"
         )
     return Package(str(path), described, (f"{changed}; taken as it is.",))
+
+
+def files_of(path: str | Path) -> Files:
+    """The files of a package that its hash covers, and plant.json.
+
+    Raises:
+        ModelError: there is no package, it is damaged, holds what it does not list, or too much.
+    """
+    path = Path(path)
+    described = read_description(path)
+    covered = _covered(described, str(path))
+    if len(covered) > MOST_FILES:
+        raise ModelError(f"{path} lists {len(covered)} files, more than a plant package holds")
+    # in a folder people build and take notes; a zip holds what was exported
+    strange = [] if path.is_dir() else sorted(names_in(path) - {MARK, CARD, *covered})
+    if strange and FILES in described:
+        raise ModelError(
+            f"{path} holds {strange[0]!r}, which its plant.json does not list; take it out, or "
+            "export the plant again"
+        )
+    found = read_members(path, (MARK, *covered))
+    if sum(map(len, found.values())) > MOST_BYTES:
+        raise ModelError(f"{path} is too large for a plant package; export it again")
+    return found
 
 
 def read_description(path: str | Path) -> dict[str, Any]:

@@ -119,6 +119,19 @@ def read_members(path: Path, names: Iterable[str]) -> Files:
     return {name: read_member(path, name) for name in names if _has_member(Path(path), name)}
 
 
+def names_in(path: Path) -> frozenset[str]:
+    """Names of all files that lie in a zip, whatever its description says.
+
+    Raises:
+        ModelError: it cannot be read.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return frozenset(n for n in archive.namelist() if not n.endswith("/"))
+    except (OSError, zipfile.BadZipFile) as error:
+        raise ModelError(f"{path} cannot be read ({error})") from None
+
+
 def _has_member(path: Path, name: str) -> bool:
     if path.is_dir():
         return path.joinpath(name).is_file()

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from sysid.export.c.loop.block import Block, Field
 from sysid.export.c.loop.drive import Drive
 from sysid.export.c.precision import Precision
+from sysid.export.c.source import fill
 from sysid.mission.loop import Loop
 
 _HEAD = re.compile(r"for \(int \w+ = 0; \w+ < (\d+);")
@@ -37,73 +38,39 @@ def numbers(fields: Sequence[Field]) -> int:
 
 def report(loop: Loop, blocks: Sequence[Block], drive: Drive, precision: Precision) -> str:
     """``report.md``."""
-    return "\n".join(_lines(loop, blocks, drive, precision)) + "\n"
-
-
-def _lines(
-    loop: Loop, blocks: Sequence[Block], drive: Drive, precision: Precision
-) -> Iterator[str]:
     size = 8 if precision.double else 4
-    yield "# The loop in C"
-    yield ""
-    yield (
-        f"The controller is called every {loop.control.period:g} s, navigation and plant every "
-        f"{loop.plant.dt:g} s. Everything is C99 without heap and globals: a function works on the "
-        "structs it is given."
-    )
-    yield ""
-    yield "```"
-    yield "make && ./selftest && ./loop_selftest     # or: cmake -B build && cmake --build build"
-    yield "```"
-    yield ""
-    yield "## Entry points"
-    yield ""
-    yield "| function | does | state | parameters | operations a step | calls of math.h |"
-    yield "|---|---|---|---|---|---|"
-    for b in blocks:
-        plain, calls = operations(b.step)
-        yield (
-            f"| `{b.name}_step` | {b.title} | {size * numbers(b.states)} B | "
-            f"{size * numbers(b.parameters)} B | {plain} | {calls} |"
-        )
-    yield (
-        "| `controller_step` | guidance, control and command module in one: X, Y, ψ, Vx in, PWM "
-        "out | | | | |"
-    )
-    yield ""
-    yield (
-        "Each has `_defaults` (parameters of the mission), `_init`, `_step` and `_terminate`. "
-        "Operations are the most that a step can take; both sides of a choice are computed always, "
-        "so it takes the same time at every step. Sizes are of numbers of "
-        f"{size} bytes; `make size` "
-        "tells that of the code for your compiler."
-    )
-    for b in blocks:
-        yield ""
-        yield f"## {b.name}"
-        yield ""
-        for part, fields in (
-            ("inputs", b.inputs),
-            ("outputs", b.outputs),
-            ("parameters", b.parameters),
-            ("state", b.states),
-        ):
-            yield from _table(part, fields)
-        if b.held:
-            yield (
-                f"Numbers that the law decides by while it is written, and which are constants: "
-                f"{', '.join(f'`{n}`' for n in b.held)}."
-            )
-            yield ""
-    if precision.reason:
-        yield ""
-        yield precision.reason
+    notes = [precision.reason] if precision.reason else []
     if drive.sensors:
-        yield ""
-        yield (
-            "The mission has sensors with noise, so `loop_selftest` steps each function through "
-            "the readings of one drive and does not drive the mission itself."
+        notes.append(
+            "The mission has sensors with noise, so the self-test of the loop steps each function "
+            "through the readings of one drive and does not drive the mission itself."
         )
+    return fill(
+        "report.md",
+        period=f"{loop.control.period:g}",
+        dt=f"{loop.plant.dt:g}",
+        functions="\n".join(_row(b, size) for b in blocks),
+        size=str(size),
+        interfaces="\n".join(line for b in blocks for line in _interface(b)),
+        notes="".join(f"\n{note}\n" for note in notes),
+    )
+
+
+def _row(b: Block, size: int) -> str:
+    plain, calls = operations(b.step)
+    state, parameters = (size * numbers(f) for f in (b.states, b.parameters))
+    return f"| `{b.name}_step` | {b.title} | {state} B | {parameters} B | {plain} | {calls} |"
+
+
+def _interface(b: Block) -> Iterator[str]:
+    yield from ("", f"## {b.name}", "")
+    parts = {"inputs": b.inputs, "outputs": b.outputs, "parameters": b.parameters}
+    for part, fields in (parts | {"state": b.states}).items():
+        yield from _table(part, fields)
+    if b.held:
+        names = ", ".join(f"`{n}`" for n in b.held)
+        yield f"Numbers by which the law decides while it is written are constants: {names}."
+        yield ""
 
 
 def _table(part: str, fields: Sequence[Field]) -> Iterator[str]:

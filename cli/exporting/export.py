@@ -7,7 +7,7 @@ import typer
 
 from sysid.workspace.store import Workspace
 
-from . import reading, render, targets
+from .. import reading, render, targets
 
 
 def export(

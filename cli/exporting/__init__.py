@@ -1,0 +1,1 @@
+"""Commands about plants that leave the workbench."""

@@ -1,0 +1,1 @@
+"""Whether every runtime of a plant package gives what Python gave."""

@@ -1,0 +1,76 @@
+"""``verify``: the self-test of a package on every runtime that is here."""
+
+import tempfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid.errors import ModelError
+from sysid.export.verification.runtimes import COMPILED, Absent, Python, Result, Runtime
+from sysid.plant.package import files_of, read_package
+from sysid.plant.selftest import NAME, TOLERANCE, read_csv, run
+from sysid.plant.storage import Files
+from sysid.structures.plant import Plant
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What every runtime gave.
+
+    Attributes:
+        package: folder or zip.
+        results: one of each runtime.
+    """
+
+    package: str
+    results: tuple[Result, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether no runtime that is here fails."""
+        return all(r.passed for r in self.results if not r.skipped)
+
+    def summary(self) -> dict[str, Any]:
+        """{package, passed, runtimes: [{name, version, max_error, passed, skipped, failed}]}."""
+        runtimes = [asdict(r) for r in self.results]
+        return {"package": self.package, "passed": self.passed, "runtimes": runtimes}
+
+
+def verify(path: str | Path) -> Verification:
+    """Replay the self-test of a package on Python, gcc, clang and ARM, as far as they are here.
+
+    The C code is compiled and run in a folder of its own, with a limit of time. A package whose
+    content was changed after its export is refused before anything of it runs.
+
+    Raises:
+        ModelError: there is no package, or it is damaged, tampered with or hostile.
+    """
+    package = read_package(path)
+    files = files_of(path)
+    plant = package.plant()
+    runtimes: tuple[Runtime, ...] = (
+        Python(_replayed(plant, files, str(path)), TOLERANCE),
+        *COMPILED,
+        Absent("FMPy", "the package has no FMU"),
+        Absent("libcosimpy", "the package has no FMU"),
+    )
+    with tempfile.TemporaryDirectory(prefix="sysid-verify-") as made:
+        folder = Path(made)
+        for name, content in files.items():
+            place = folder / name
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_bytes(content)
+        return Verification(str(path), tuple(r.replay(folder, files) for r in runtimes))
+
+
+def _replayed(plant: Plant, files: Files, where: str) -> float:
+    """Largest error of the plant on its self-test, in parts of the range of its output."""
+    if NAME not in files:
+        raise ModelError(f"{where} has no {NAME}: export the plant again")
+    test = read_csv(files[NAME], plant, where)
+    with np.errstate(over="ignore", invalid="ignore"):
+        error = np.max(np.abs(run(plant, test.u) - test.y), axis=0) / test.scale()
+    worst = float(np.max(error))
+    return worst if np.isfinite(worst) else float("inf")

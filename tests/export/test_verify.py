@@ -1,0 +1,167 @@
+"""``sysid verify``: the self-test on every runtime, and packages that must be refused."""
+
+import json
+import shutil
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from c_programs import needs_compiler
+from command_line import run
+from plant_models import robot_model
+
+from sysid.errors import ModelError
+from sysid.export.package import write_package
+from sysid.export.verification import runtimes
+from sysid.export.verification import verify as module
+from sysid.export.verification.verify import verify
+from sysid.plant.content_hash import KEY, content_hash
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    return write_package(robot_model(), tmp_path / "plant")
+
+
+def changed(package: Path, change: Callable[[dict[str, Any]], None]) -> None:
+    """Change a package as somebody would who knows how its hash is made."""
+    described = json.loads((package / "plant.json").read_text(encoding="utf-8"))
+    change(described)
+    there = [n for n in described["files"] if (package / n).is_file()]
+    described[KEY] = content_hash(described, {n: (package / n).read_bytes() for n in there})
+    (package / "plant.json").write_text(json.dumps(described), encoding="utf-8")
+
+
+@needs_compiler
+def test_every_runtime_that_is_here_gives_what_python_gave(package: Path) -> None:
+    found = verify(package)
+    ran = [r for r in found.results if not r.skipped]
+    assert found.passed
+    assert {"python"} < {r.name for r in ran} <= {"python", "gcc", "clang", "qemu-arm"}
+    for r in ran:
+        assert r.max_error is not None
+        assert r.max_error < 1e-12, r.name
+        assert r.version
+    assert {r.name for r in found.results} >= {"FMPy", "libcosimpy"}
+
+
+def test_the_command_prints_a_table_or_one_document(
+    package: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    document = json.loads(run(capsys, "verify", package, "--json").out)
+    assert document["passed"] is True
+    assert document["runtimes"][0]["name"] == "python"
+    assert set(document["runtimes"][0]) >= {"name", "version", "max_error", "passed", "skipped"}
+    assert "skipped: the package has no FMU" in " ".join(run(capsys, "verify", package).out.split())
+
+
+@needs_compiler
+def test_a_runtime_that_gives_something_else_fails_the_command(
+    package: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "COMPILED", (runtimes.Compiled("gcc", "cc"),))
+    source = package / "c" / "plant.c"
+    text = source.read_text(encoding="utf-8")
+    wrong = text.replace("y[0] = out[0]", "y[0] = 1.001 * out[0]")
+    assert wrong != text
+    source.write_text(wrong, encoding="utf-8")
+    changed(package, lambda described: None)
+    gone = run(capsys, "verify", package, "--json")
+    by_name = {r["name"]: r for r in json.loads(gone.out)["runtimes"]}
+    assert gone.code == 1
+    assert by_name["python"]["passed"] is True
+    assert by_name["gcc"]["passed"] is False
+    assert "selftest fails" in by_name["gcc"]["failed"]
+
+
+@needs_compiler
+def test_a_program_that_never_ends_is_stopped(
+    package: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(runtimes, "SECONDS", 1.0)
+    (package / "c" / "selftest.c").write_text("int main(void) { for (;;); }\n", encoding="utf-8")
+    changed(package, lambda described: None)
+    runtime = runtimes.Compiled("cc", "cc")
+    files = {"c/selftest.c": b""}
+    assert "longer than 1 s; it was stopped" in runtime.replay(package, files).failed
+
+
+def orders_beyond_reason(described: dict[str, Any]) -> None:
+    core = next(b for b in described["blocks"] if b["kind"] == "core")
+    core["orders"]["nf"] = [[10**9, 10**9], [10**9, 10**9]]
+
+
+def a_name_that_leads_out(described: dict[str, Any]) -> None:
+    described["files"].append("../../etc/passwd")
+
+
+def too_many_files(described: dict[str, Any]) -> None:
+    described["files"] += [f"f{k}" for k in range(1000)]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (orders_beyond_reason, "orders are whole numbers"),
+        (a_name_that_leads_out, "its list of files"),
+        (too_many_files, "lists 100"),
+    ],
+)
+def test_a_hostile_description_is_refused_though_its_hash_is_right(
+    package: Path, change: Callable[[dict[str, Any]], None], words: str
+) -> None:
+    changed(package, change)
+    with pytest.raises(ModelError, match=words) as caught:
+        verify(package)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_number_that_is_none_is_refused(package: Path) -> None:
+    rows = (package / "selftest.csv").read_text(encoding="utf-8").splitlines()
+    rows[5] = ",".join([*rows[5].split(",")[:-1], "nan"])
+    (package / "selftest.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    changed(package, lambda described: None)
+    with pytest.raises(ModelError, match=r"selftest.csv is damaged"):
+        verify(package)
+
+
+def test_a_package_that_was_changed_or_cut_short_is_refused(package: Path) -> None:
+    source = package / "c" / "plant.c"
+    whole = source.read_bytes()
+    source.write_bytes(whole + b"/* mine */")
+    with pytest.raises(ModelError, match="its content and its hash differ"):
+        verify(package)
+    source.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ModelError, match="its content and its hash differ"):
+        verify(package)
+
+
+def test_a_zip_that_holds_more_than_it_lists_is_refused(package: Path, tmp_path: Path) -> None:
+    archive = Path(shutil.make_archive(str(tmp_path / "whole"), "zip", package))
+    assert verify(archive).passed
+    with zipfile.ZipFile(archive, "a") as opened:
+        opened.writestr("../outside.txt", "no")
+    with pytest.raises(ModelError, match=r"'../outside.txt', which its plant.json does not list"):
+        verify(archive)
+
+
+def test_a_zip_bomb_is_refused_before_it_is_unpacked(package: Path, tmp_path: Path) -> None:
+    described = json.loads((package / "plant.json").read_text(encoding="utf-8"))
+    bomb = tmp_path / "bomb.zip"
+    with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as opened:
+        for name in ("plant.json", "README.md", *described["files"]):
+            if name != "c/plant.c":
+                opened.write(package / name, name)
+        with opened.open("c/plant.c", "w", force_zip64=True) as member:
+            for _ in range(65):
+                member.write(bytes(1024**2))
+    assert bomb.stat().st_size < 1024**2
+    with pytest.raises(ModelError, match="too large"):
+        verify(bomb)
+
+
+def test_what_people_build_beside_a_package_does_no_harm(package: Path) -> None:
+    (package / "c" / "plant.o").write_bytes(b"\x7fELF")
+    assert verify(package).passed
