@@ -49,6 +49,7 @@ MADE_BY: dict[str, tuple[str, str]] = {
     "navigation.md": ("study_navigation.py", "make study"),
     "prediction_intervals.md": ("study_missions.py", "make study"),
     "tours.md": ("study_tour.py", "make study"),
+    "vehicle_on_data.md": ("study_vehicle.py", "make study"),
     "odd_logs.md": ("study_odd_logs.py", "make study"),
     "benchmark_linear.md": ("bench_linear.py", "make bench"),
     "benchmark_nonlinear.md": ("bench_nonlinear.py", "make bench"),

@@ -42,7 +42,12 @@ class Files:
 def files(
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--out", metavar="FILE", help="Write the section `vehicle:` (.yaml)."),
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="FILE",
+            help="Write the vehicle as sections of a mission (.yaml).",
+        ),
     ] = None,
     mission: Annotated[
         Path | None,
@@ -183,13 +188,13 @@ def _refuse_without(logs: list[Path]) -> None:
 
 def _written(files: Files, found: "VehicleFit", name: str) -> dict[str, Any]:
     """What was written, by kind."""
-    from sysid.mission.tuning.written import vehicle_section, write_vehicle
+    from sysid.mission.tuning.written import write_sections, write_vehicle
 
     document: dict[str, Any] = {}
     if files.section is not None:
-        document["output"] = vehicle_section(files.section, found.acting)
+        document["output"] = write_sections(files.section, found.mission)
     if files.mission is not None and files.to is not None:
-        document["to"] = write_vehicle(files.mission, files.to, found.acting)
+        document["to"] = write_vehicle(files.mission, files.to, found.mission)
     if files.plot is not None:
         drawn(files.plot, name, found)
         document["plot"] = files.plot

@@ -15,6 +15,8 @@ from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Array, Record
 from sysid.estimation.vehicle.logs import read_drives
 from sysid.estimation.vehicle.vehicle_fit import VehicleFit, fit_vehicle
+from sysid.mission.motion.slip import Slip
+from sysid.mission.spec import load_mission
 from sysid.vehicle.kinematics import Geometry
 
 NOMINAL = Geometry(0.15, 0.6)
@@ -133,7 +135,10 @@ def test_the_command_writes_a_document_a_vehicle_and_a_mission(
     for key in ("path_error_m", "heading_error_rad"):
         assert document[key]["after"] < 0.4 * document[key]["before"]
     assert document["vehicle"]["B"] == pytest.approx(1.2, rel=0.3)
-    assert "1." in target.read_text(encoding="utf-8").partition("vehicle:")[2]
+    driven = load_mission(target)
+    assert pytest.approx(1.2, rel=0.1) == driven.vehicle.B
+    assert isinstance(driven.motion, Slip)
+    assert driven.motion.turning == pytest.approx(0.2, abs=0.05)
     again = run(capsys, "fit-vehicle", log, "--geometry", section, "--json").document
     assert again["heading_error_rad"]["before"] < 0.5 * document["heading_error_rad"]["before"]
 

@@ -14,7 +14,7 @@ import numpy as np
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError
 from sysid.estimation.vehicle.drive import Drive, Drives, drives_of
-from sysid.estimation.vehicle.geometry import GeometryEstimate, lengths_of
+from sysid.estimation.vehicle.geometry import SURE, GeometryEstimate, lengths_of
 from sysid.estimation.vehicle.judged import (
     Drift,
     PathErrors,
@@ -127,6 +127,23 @@ class Slipping:
         """Way [m] and angle turned [rad] in each step of a drive's grid."""
         return _steps(self.fit.q, drive, self.fit.geometry)
 
+    def shares(self) -> dict[str, dict[str, Any]] | None:
+        """The vehicle and its slip i = slip + turning |ω_R − ω_L|/(|ω_L| + |ω_R|) as sections of a
+        mission; None where both sides roll alike and lose nothing in turns."""
+        n = in_units(self.fit.q, self.fit.geometry)
+        left, right, turning = n["radius_left"], n["radius_right"], n["slip_turning"]
+        apart = abs(left - right) / self.fit.geometry.r
+        unlike = apart > SURE * float(np.hypot(*self.fit.std_errors[:2]))
+        if not (unlike or turning):
+            return None
+        mean = 0.5 * (left + right)
+        motion: dict[str, Any] = {"kind": "slip"}
+        if unlike:
+            motion["slip"] = [1.0 - left / mean, 1.0 - right / mean]
+        if turning > 0.0:
+            motion["turning"] = min(turning, 0.9)
+        return {"vehicle": {"r": mean, "B": n["effective_width"]}, "motion": motion}
+
 
 def _steps(q: Array, drive: Drive, geometry: Geometry) -> tuple[Array, Array]:
     forward, yaw_rate = body_speeds(q, drive.omega, drive.step, geometry)
@@ -208,6 +225,16 @@ class VehicleFit:
         return next(n for n in self.numbers if n.name == name)
 
     @property
+    def mission(self) -> dict[str, dict[str, Any]]:
+        """Sections of a mission file that drive this vehicle: ``vehicle``, and ``motion`` where its
+        sides slip by shares (the law of the mission's motion of kind slip)."""
+        if isinstance(self.model, Slipping):
+            shares = self.model.shares()
+            if shares is not None:
+                return shares
+        return {"vehicle": {"r": self.acting.r, "B": self.acting.B}}
+
+    @property
     def before_sentence(self) -> str:
         """What is meant by before."""
         what = f"r = {self.known.r:g} m and B = {self.known.B:g} m"
@@ -251,6 +278,7 @@ class VehicleFit:
                 "plain": self.lengths.to_json(),
             },
             "vehicle": {"r": self.acting.r, "B": self.acting.B},
+            "mission": self.mission,
         }
 
 

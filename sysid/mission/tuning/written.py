@@ -1,7 +1,8 @@
 """A mission file with another law: its text as it is, but for the section of that law."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import yaml
 
@@ -12,7 +13,9 @@ from sysid.mission.control.axes import AXES, AxisController
 from sysid.mission.registry import kind_of
 from sysid.mission.settings import TunedSettings
 from sysid.mission.spec import Mission, load_mission
-from sysid.vehicle.kinematics import Geometry
+
+Sections: TypeAlias = Mapping[str, Mapping[str, Any]]
+"""Sections of a mission file by name, and their keys."""
 
 
 def write_mission(source: Path, target: Path, mission: Mission, role: str = "control") -> Path:
@@ -43,24 +46,28 @@ def write_mission(source: Path, target: Path, mission: Mission, role: str = "con
     return target
 
 
-def vehicle_section(target: Path, geometry: Geometry) -> Path:
-    """Write a file that holds the section ``vehicle:`` of a mission and nothing else.
+def write_sections(target: Path, sections: Sections) -> Path:
+    """Write a file that holds some sections of a mission and nothing else.
 
     Args:
         target: the file to write.
-        geometry: lengths of the vehicle.
+        sections: such as ``vehicle`` and ``motion``.
     """
-    write_atomic(target, _block("vehicle", _lengths(geometry)).encode())
+    text = "".join(_block(role, _rounded(keys)) for role, keys in sections.items())
+    write_atomic(target, text.encode())
     return target
 
 
-def write_vehicle(source: Path, target: Path, geometry: Geometry) -> Path:
-    """Write a mission file again with other lengths of its vehicle; all else stays.
+def write_vehicle(source: Path, target: Path, sections: Sections) -> Path:
+    """Write a mission file again with other numbers of its vehicle; all else stays.
+
+    Keys of the sections that are not given stay, too. A motion that the mission names itself and
+    that is no rolling is left as it is.
 
     Args:
         source: the file of the mission.
         target: the file to write.
-        geometry: the lengths.
+        sections: ``vehicle``, and ``motion`` where it slips.
 
     Raises:
         UsageError: the target is the source.
@@ -68,19 +75,32 @@ def write_vehicle(source: Path, target: Path, geometry: Geometry) -> Path:
     """
     if target.exists() and target.samefile(source):
         raise UsageError(f"{target} is the mission itself; name another file")
-    load_mission(source)
-    values = read_yaml(source).values
-    old = values.get("vehicle")
-    vehicle = {**(old if isinstance(old, dict) else {}), **_lengths(geometry)}
+    rolls = kind_of("motion", load_mission(source).motion) == "kinematic"
+    values = dict(read_yaml(source).values)
     text = source.read_bytes().decode("utf-8-sig")
-    write_atomic(target, replaced(text, values, "vehicle", vehicle).encode())
+    for role, keys in sections.items():
+        if role == "motion" and not rolls:
+            continue
+        old = values.get(role)
+        kept = dict(old) if isinstance(old, dict) else {}
+        if role == "vehicle" and rolls:
+            kept.pop("motion", None)  # the section of that name says it
+        values[role] = {**kept, **_rounded(keys)}
+        text = replaced(text, values, role, values[role])
+    write_atomic(target, text.encode())
     load_mission(target)
     return target
 
 
-def _lengths(geometry: Geometry) -> dict[str, float]:
-    """To six digits: more than any log tells."""
-    return {"r": float(f"{geometry.r:.6g}"), "B": float(f"{geometry.B:.6g}")}
+def _rounded(keys: Mapping[str, Any]) -> dict[str, Any]:
+    """Numbers to six digits: more than any log tells."""
+
+    def short(value: Any) -> Any:
+        if isinstance(value, float):
+            return float(f"{value:.6g}")
+        return [short(v) for v in value] if isinstance(value, list) else value
+
+    return {name: short(value) for name, value in keys.items()}
 
 
 def section(role: str, control: Any) -> dict[str, Any]:
