@@ -61,6 +61,8 @@ def constants() -> Sheet:
     predicted = steady_state(PUBLISHED, volts)[0] / speed - 1.0
     stalled = (PUBLISHED.Kc * volts / PUBLISHED.R - PUBLISHED.C0) / torque - 1.0
     loaded = steady_state(PUBLISHED, volts, LOADS[-1])[0] * RPM
+    back_emf = (volts - PUBLISHED.R * current) / (PUBLISHED.gear * speed)
+    each_kc = torque / (volts / PUBLISHED.R - current)
     rows = (
         Row("§5.3.1", "R [Ω]", "3.1", "–", "not recomputable",
             "voltage and current of the blocked rotor are not printed"),
@@ -77,6 +79,14 @@ def constants() -> Sheet:
                  ".3e", UNDER_LOAD),
         compared("5.12", "C₀ [Nm], from the readings without load", PUBLISHED.C0, value("C0"),
                  ".3e", UNDER_LOAD),
+        Row("Table in 5.3.2", "current without load", "five readings, 170 to 210 mA",
+            f"read from `motor_no_load`, {len(current)} readings", "none", "bundled as printed"),
+        Row("Table in 5.3.3, speeds", "V − Ri at 3 to 5 V over ω_m [mV/(rad/s)]", "2.3",
+            ", ".join(number(1e3 * v, ".2f") for v in back_emf), "none",
+            "each reading's K_em; printed as their mean"),
+        Row("Table in 5.3.3, torques", "stall torque over V/R − i₀ at 3 to 5 V [10⁻⁴ Nm/A]",
+            "8.6626", ", ".join(number(1e4 * v, ".2f") for v in each_kc), "–",
+            "each reading's K_c: they spread by far more than the digits printed"),
         Row("Table 5.1", f"speed at 3 to 5 V under {LOADS[-1]} Nm [rpm]", DRAWN,
             ", ".join(number(v, ".0f") for v in loaded), "–", "from the printed constants"),
         Row("§5.3", "J [kg m²]", "1e−7", "–", "not recomputable",
@@ -136,6 +146,28 @@ def _panels(volts: Array, current: Array, speed: Array, torque: Array) -> tuple[
 def _characteristic(c: MotorConstants, volts: float) -> Line:
     speed, torque, _ = torque_speed(c, volts)
     return line(f"{volts:g} V", RPM * speed, torque)
+
+
+def loads() -> Sheet:
+    """5.13 and 5.14: the tests with loads as the printed constants have them."""
+    volts, *_ = table(Kind.NO_LOAD, "speed")
+    panels, rows = [], []
+    for k, load in enumerate(LOADS):
+        figure = "5.13" if k < len(LOADS) // 2 else "5.14"
+        speed = steady_state(PUBLISHED, volts, load)[0] * RPM
+        lines = []
+        for v in volts[::2]:
+            t, w, _ = step_response(PUBLISHED, v, load, 1.0, 51)
+            lines.append(line(f"{v:g} V", t, RPM * w))
+        panels.append(Panel(f"{load} Nm", "time [s]", "speed [rpm]", tuple(lines)))
+        rows.append(
+            Row(figure, f"steady speed at 3 to 5 V under {load} Nm [rpm]", DRAWN,
+                ", ".join(number(s, ".0f") for s in speed), "–",
+                "from the printed constants; which load is in which part is not printed")
+        )  # fmt: skip
+    words = "steps of voltage under the loads of Table 5.1, the printed constants"
+    picture = ResponsePicture("5.13 and 5.14: tests with loads", words, tuple(panels))
+    return Sheet(tuple(rows), "chapter5/loads.svg", picture)
 
 
 def simulation() -> Sheet:

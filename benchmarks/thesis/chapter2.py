@@ -1,17 +1,19 @@
 """Chapter 2: shear laws, kinematic constraints, and what is misprinted in the equations."""
 
 import numpy as np
+import sysid_datasets
 
 from sysid.data.record import Array
 from sysid.report.plots import Line, Panel, ResponsePicture
 from sysid.vehicle.ground.presets import soil_preset
 from sysid.vehicle.ground.resistance import turning_moment
-from sysid.vehicle.kinematics import Geometry
+from sysid.vehicle.kinematics import Geometry, body_velocity
 from sysid.vehicle.shear import mobilised_share, shear_stress
 from sysid.vehicle.soil import Shear, Soil
 from sysid.vehicle.thrust import thrust, uniform_thrust
 from sysid.vehicle.tracked import TrackedVehicle
-from thesis.entries import Row, Sheet, compared, line, number
+from sysid.vehicle.wheels.description import load_vehicle
+from thesis.entries import MISPRINT, Row, Sheet, compared, line, number, verdict
 
 RESIDUAL = 0.5
 """K_r of the curves of (2.30): the thesis prints none."""
@@ -46,22 +48,24 @@ def shear() -> Sheet:
     peaks = [mobilised_share(_soil(law), t) for _, law in LAWS]
     rows = (
         Row("2.7", "loose sand, clay, dry snow (2.28)", "rises to a constant value",
-            f"{number(100 * peaks[0][-1], '.1f')} % of τ_max at 5 K", "none", "scales not printed"),
+            f"{number(100 * peaks[0][-1], '.1f')} % of τ_max at 5 K",
+            verdict((np.diff(peaks[0]) > 0).all()), "scales not printed"),
         Row("2.7", "muskeg (2.29)", "rises to a hump, then falls",
             f"hump of {number(peaks[1].max(), '.2f')} τ_max at j = "
-            f"{number(float(t[np.argmax(peaks[1])]), '.1f')} K_max", "none", "scales not printed"),
+            f"{number(float(t[np.argmax(peaks[1])]), '.1f')} K_max",
+            verdict(peaks[1][-1] < 0.5 * peaks[1].max()), "scales not printed"),
         Row("2.7", "compact sand, loam (2.30)", "a hump, then a constant residual value",
-            f"{number(peaks[2][-1], '.2f')} τ_max at 5 K_max towards K_r = {RESIDUAL:g}", "none",
-            "scales not printed"),
-        compared("(2.30)", "τ/τ_max at j = K_max with K_r 0.5, brackets as printed",
-                 float(_as_printed(at_one, RESIDUAL)[0]),
-                 float(mobilised_share(_soil(Shear.RESIDUAL), at_one)[0]), ".2f",
-                 "misprint: unbalanced brackets; with K_max where τ is largest it must be 1"),
+            f"{number(peaks[2][-1], '.2f')} τ_max at 5 K_max towards K_r = {RESIDUAL:g}",
+            verdict(RESIDUAL < peaks[2][-1] < peaks[2].max()), "scales not printed"),
+        Row("(2.30)", "τ/τ_max at j = K_max with K_r 0.5, brackets as printed",
+            number(_as_printed(at_one, RESIDUAL)[0], ".2f"),
+            number(mobilised_share(_soil(Shear.RESIDUAL), at_one)[0], ".2f"), MISPRINT,
+            "unbalanced brackets; with K_max where τ is largest it must be 1"),
         _closed_form(vehicle, load),
-        compared("(2.36)", "moment against turning at x_ICR = 0 over μ_l W L/4 (Wong)", 2.0,
-                 _turning(vehicle), ".1f", "misprint: the lateral friction is integrated twice"),
+        Row("(2.36)", "moment against turning at x_ICR = 0 over μ_l W L/4 (Wong)", "2.0",
+            number(_turning(vehicle), ".1f"), MISPRINT, "twice the moment of the lateral friction"),
         Row("(2.34), (2.36)", "sign of the resistances in (2.37)", "minus a negative quantity",
-            "minus a magnitude", "misprint", "as printed resistance would propel"),
+            "minus a magnitude", MISPRINT, "as printed resistance would propel"),
     )  # fmt: skip
     j = np.linspace(0.0, 0.1, 121)
     laws = tuple(line(name, t, share) for (name, _), share in zip(LAWS, peaks, strict=True))
@@ -99,26 +103,30 @@ def _turning(vehicle: TrackedVehicle) -> float:
 
 
 def constraints() -> Sheet:
-    """2.4: what the printed constraint rows give."""
+    """2.4: what the printed constraint rows give, and ours of the robot as two wheels."""
+    robot = load_vehicle(sysid_datasets.folder() / "vehicles" / "devastator.yaml")
     geometry = Geometry()
-    arm = geometry.B / 2
     alpha = (np.pi / 2, -np.pi / 2)
-    rolling = np.array([_rolling(a, 0.0, arm) for a in alpha])
-    sliding = np.array([_sliding(a, 0.0, arm) for a in alpha])
-    rank = int(np.linalg.matrix_rank(np.round(sliding, 12)))
+    rolling = np.array([_rolling(a, 0.0, 0.5 * geometry.B) for a in alpha])
+    sliding = np.array([_sliding(a, 0.0, 0.5 * geometry.B) for a in alpha])
     speeds = np.array([10.0, 12.0])
-    body = np.linalg.lstsq(
-        np.vstack([rolling, sliding]), np.append(geometry.r * speeds, [0, 0]), None
-    )
+    rows_of_all = np.vstack([rolling, sliding])
+    body = np.linalg.lstsq(rows_of_all, np.append(geometry.r * speeds, [0.0, 0.0]), None)[0]
+    v, yaw_rate = body_velocity(10.0, 12.0, geometry)
+    ours = robot.constraints()
     rows = (
-        Row("(2.22)", "rank of C₁ and degree of mobility", "1 and 2", f"{rank} and {3 - rank}",
-            "none", f"steerability 0, manoeuvrability {3 - rank}"),
-        Row("(2.15)", "rows with β = 0 give (2.13)", "yes",
-            f"V_x, V_y, ψ̇ = {', '.join(number(v, '.3f') for v in body[0])} at 10 and 12 rad/s",
-            "none", "they give r/2(ω_L + ω_R), 0, r/B(ω_R − ω_L)"),
+        compared("(2.22)", "rank of C₁", 1, ours.rank, ".0f"),
+        compared("(2.21)", "degree of mobility", 2, robot.mobility, ".0f"),
+        Row("(2.23)", "degrees of steerability and of manoeuvrability", "–",
+            f"{robot.steerability} and {robot.manoeuvrability}", "–", "printed as a definition"),
+        Row("(2.15), (2.16)", "rows with β = 0, α = ±π/2 give (2.13)", "yes",
+            f"V_x, ψ̇ = {number(body[0], '.4f')}, {number(body[2], '.4f')} at 10 and 12 rad/s",
+            verdict(np.allclose(body, [v, 0.0, yaw_rate])), "r/2(ω_L + ω_R), r/B(ω_R − ω_L)"),
         Row("(2.15), (2.16)", "factor of ψ̇ of a wheel turned by β",
-            "−l sin(α + β), l cos(α + β)", "−l sin(α − β), −l cos(α − β)", "misprint",
-            "of a rigid body with β from the x axis; the same for the tracks, β = 0 and α = ±π/2"),
+            "−l sin(α + β), l cos(α + β)", "−l sin(α − β), −l cos(α − β)", MISPRINT,
+            "of a rigid body with β from the x axis; the same for the tracks"),
+        Row("(2.10)", "last component of the local velocity", "ψ", "ψ̇", MISPRINT,
+            "the dot is missing"),
     )  # fmt: skip
     return Sheet(rows)
 

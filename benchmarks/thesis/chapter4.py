@@ -5,7 +5,7 @@ import sysid_datasets
 from sysid.mission.plan import plan
 from sysid.mission.spec import load_mission
 from sysid.report.plots import PlanPicture
-from thesis.entries import DRAWN, Row, Sheet, number
+from thesis.entries import DRAWN, MISPRINT, Row, Sheet, number, verdict
 
 COARSE = 4
 """Every how many rows and columns of the map the surface has: as fine as 3 in show."""
@@ -18,14 +18,16 @@ def field() -> Sheet:
     assert found.potential is not None
     rows = (
         Row("4.3", "where the surface leads from the start", "to its lowest point, the goal",
-            f"to the goal, {number(found.length_m, '.2f')} m", "none",
+            f"after {number(found.length_m, '.2f')} m", verdict(found.arrives),
             "the scene is not printed, ours is mission 2"),
         Row("§4.5", "places from which it leads elsewhere", "local minima “can arise”",
             f"{number(100 * (1 - found.arriving_share), '.0f')} % of those around, "
             "none in this scene" if not found.ends else f"{len(found.ends)} minima",
-            "none here", "the obstacles stand apart; a scene with a trap: [traps.md](traps.md)"),
-        Row("(4.22)", "second case of the repulsion", "ρ ≤ ρ₀", "ρ > ρ₀", "misprint",
+            "–", "the obstacles stand apart; scenes with traps: [traps.md](traps.md)"),
+        Row("(4.22), (4.25)", "second case of the repulsion", "ρ ≤ ρ₀", "ρ > ρ₀", MISPRINT,
             "both cases are printed with the same condition"),
+        Row("(4.3)", "heading from a magnetometer", "atan(−B_y/B_x)", "atan2(−B_y, B_x)", MISPRINT,
+            "the quotient leaves out half of the circle"),
     )  # fmt: skip
     cut = (slice(None, None, COARSE), slice(None, None, COARSE))
     picture = PlanPicture(

@@ -8,7 +8,7 @@ from sysid.criteria.information import information_criteria
 from sysid.data.record import Array, Record
 from sysid.estimation.assessment.figures import Start, figures, outputs
 from sysid.report.plots import Panel, ResponsePicture
-from thesis.entries import DRAWN, Row, Sheet, compared, line, number
+from thesis.entries import DRAWN, MISPRINT, Row, Sheet, compared, line, number, verdict
 from thesis.plants import bundled, published_model
 
 LOG = "the thesis's logs are not printed, ours are those of the bundled twin"
@@ -39,7 +39,7 @@ def logs() -> Sheet:
         rows += [
             Row(commands, "pulses [µs]", "a pulse, a pause, the opposite pulse; up to 20000",
                 f"{number(levels.min(), '.0f')} to {number(levels.max(), '.0f')}, "
-                f"{len(levels)} heights", "none", LOG),
+                f"{len(levels)} heights", "–", LOG),
             Row(speeds, "largest speed, left and right [rad/s]", DRAWN,
                 " and ".join(number(v, ".1f") for v in np.abs(record.y).max(axis=0)), "–", LOG),
         ]  # fmt: skip
@@ -94,11 +94,12 @@ def _weak_ranges(record: Record, y_hat: Array) -> list[Row]:
         Row("§5.5", "mean error over mean speed below 5000, to 18000, above [%]",
             "least in the middle: friction below, saturation above",
             ", ".join(number(p, ".1f") for p in parts),
-            "as described" if parts[1] == min(parts) else "only below",
-            "the twin saturates sharply, which wavelets follow; friction they do not"),
+            verdict(parts[1] == min(parts)),
+            "below as described; above, the twin's sharp saturation is what wavelets can follow"),
         Row("§5.5", "mean error forward and in reverse [rad/s]",
             "in reverse the robot answers with a slight delay",
-            f"{number(forward, '.2f')} and {number(reverse, '.2f')}", "none in ours",
+            f"{number(forward, '.2f')} and {number(reverse, '.2f')}",
+            verdict(reverse > 1.1 * forward),
             "the twin is as quick in reverse as forward"),
     ]  # fmt: skip
 
@@ -118,29 +119,38 @@ def criteria() -> Sheet:
     spread = sigma / (1.0 - np.mean(PUBLISHED_FIT) / 100.0)
     most = samples * 0.5e-10 / PUBLISHED_FPE / 2.0
     rows = (
-        Row("§5.5", "LossFcn, det of the errors' covariance", "1.2013e−6",
+        Row("Table in 5.5", "LossFcn, det of the errors' covariance", "1.2013e−6",
             number(ours["loss"], ".3g"), "× " + number(ours["loss"] / PUBLISHED_LOSS, ".1g"),
             f"a σ of {sigma:.3f} and a fit of 91.7 % together mean speeds with a spread of "
             f"{spread:.2f}: not rad/s of a drive wheel; the unit is not printed"),
-        Row("§5.5", "FPE", "1.2013e−6", number(ours["fpe"], ".3g"),
+        Row("Table in 5.5", "FPE", "1.2013e−6", number(ours["fpe"], ".3g"),
             "× " + number(ours["fpe"] / PUBLISHED_FPE, ".1g"),
             "printed equal to the loss, which with its own (3.40) needs fewer than "
             f"{number(most, '.1f')} parameters"),
-        Row("§5.5", "AIC", "−4.2330e4", number(ours["aic"], ".4g"), "–",
-            "counts samples and parameters, neither of which is printed; ours is of "
-            f"{len(bundled('multilevel'))} samples in rad/s"),
+        Row("Table in 5.5", "AIC", "−4.2330e4", number(ours["aic"], ".4g"), "–",
+            "printed without its e; counts samples and parameters, neither of which is printed; "
+            f"ours is of {len(bundled('multilevel'))} samples in rad/s"),
         Row("§5.5", "samples behind AIC and loss", "not printed", number(samples, ".0f"), "–",
             "(3.39) solved for N, with few parameters: about "
-            f"{number(samples * 0.1 / 60, '.0f')} min at 0.1 s"),
-        Row("(3.39)", "constant of AIC", "N(n_y log 2π + 1))", "N n_y(log 2π + 1)", "misprint",
+            f"{number(samples * 0.1 / 60, '.0f')} min at 0.1 s; with the likelihood's constant "
+            f"{number(implied_samples(2), '.0f')}"),
+        Row("Table in 5.5", "fit one step ahead on the record of the estimation [%]",
+            "91.474 and 91.8968", _one_step(), "–",
+            "whether the printed fit is of one step or of a free run is not said"),
+        Row("(3.39)", "constant of AIC", "N(n_y log 2π + 1))", "N n_y(log 2π + 1)", MISPRINT,
             "unbalanced bracket; the Gaussian likelihood has n_y before it, as (3.41) should"),
     )  # fmt: skip
     return Sheet(rows)
 
 
-def implied_samples() -> float:
-    """N for which (3.39) as printed, N(log det J + n_y log 2π + 1), gives the printed AIC."""
-    return PUBLISHED_AIC / (np.log(PUBLISHED_LOSS) + 2 * np.log(2 * np.pi) + 1)
+def implied_samples(ones: int = 1) -> float:
+    """N of the printed AIC, N(log det J + n_y log 2π + 1), or with n_y instead of that 1."""
+    return float(PUBLISHED_AIC / (np.log(PUBLISHED_LOSS) + 2 * np.log(2 * np.pi) + ones))
+
+
+def _one_step() -> str:
+    found = figures(published_model(), [bundled("multilevel")], "estimation", 1, Start.ESTIMATED)
+    return " and ".join(number(v, ".2f") for v in found.fit_percent.values())
 
 
 SHEETS = (logs, validation, criteria)

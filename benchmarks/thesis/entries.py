@@ -1,7 +1,9 @@
 """What the report on the thesis is made of: items of the inventory, sheets and their rows."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +12,11 @@ from sysid.report.plots import Line, PlanPicture, ResponsePicture
 
 DRAWN = "drawn"
 """Stands for a published value where the thesis has a curve and prints no number of it."""
+
+AGREES, DISAGREES = "as described", "not so"
+"""What a behaviour that is described in words comes to here."""
+
+MISPRINT = "misprint"
 
 MOST_POINTS = 160
 """Points of a line in a picture: more than a panel of 3 in shows."""
@@ -99,6 +106,17 @@ def compared(
         percent = 100 * (ours / published - 1)
         difference = number(percent, "+.0f" if abs(percent) >= 10 else "+.2g") + " %"
     return Row(figure, what, left, right, difference, why)
+
+
+def verdict(holds: bool | np.bool_) -> str:
+    """Whether a behaviour is as described."""
+    return AGREES if holds else DISAGREES
+
+
+def falls(values: Sequence[str]) -> bool:
+    """Whether numbers at the beginning of each text get smaller from one to the next."""
+    numbers = [float(v.split()[0]) for v in values]
+    return all(a > b for a, b in pairwise(numbers))
 
 
 def number(value: float, form: str = ".3g") -> str:

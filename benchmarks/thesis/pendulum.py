@@ -4,7 +4,7 @@ import numpy as np
 
 from sysid.bench.pendulum.study import inertia_of_period
 from sysid.report.plots import Panel, ResponsePicture
-from thesis.entries import DRAWN, Row, Sheet, compared, line, number
+from thesis.entries import DRAWN, MISPRINT, Row, Sheet, compared, line, number
 
 PERIOD = 1.735
 AMPLITUDE = np.radians(10.0)
@@ -42,7 +42,7 @@ def swing() -> Sheet:
             number(study.box, ".4f"), f"a {number(study.inertia / study.box, '.0f')}th",
             "a body of 0.19 × 0.134 m cannot have the printed J; "
             f"{worst} alone means ± {number(share, '.3f')} kg m²"),
-        Row("(2.48)", "sign of the restoring moment", "−", "+", "misprint",
+        Row("(2.48)", "sign of the restoring moment", "−", "+", MISPRINT,
             "with the printed sign the pendulum falls away"),
     )  # fmt: skip
     t = np.linspace(0.0, SECONDS, 141 * 5)

@@ -7,6 +7,7 @@ import sysid_datasets
 from sysid_datasets.twin import AT_REST, DEVASTATOR, SAMPLE_TIME, Twin, advance
 
 import sysid
+from sysid.bench.motor.model import bench_model
 from sysid.data.record import Array, Channel, Record
 from sysid.effects.ground import Ground
 from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS, SteppablePlant
@@ -15,12 +16,20 @@ from sysid.mission.robot.mapping import as_robot
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission
 from sysid.structures.model import Model
+from thesis.bench_motor import bench
 
 ORDERS = "na=1 nb=1 nk=1"
 """Each track by its own last speed and both last commands: na = I, nb = nk = ones (5.5)."""
 
 SYMMETRIC = Twin(voltage_gain=(1.0, 1.0))
 """The twin with two equal tracks, in place of the model in Gazebo: 1.5 kg and no imperfection."""
+
+
+MASS, FRICTION = 1.5, 0.1
+"""Mass of the robot [kg] and friction of its tracks in Gazebo (8.2)."""
+
+EXACT = 1e-4
+"""Noise of readings that stand for the true pose: no filter takes none [m/√Hz, rad/√Hz]."""
 
 
 def bundled(log: str) -> Record:
@@ -65,6 +74,38 @@ def simulink(mission: Mission) -> MissionResult:
 def gazebo(mission: Mission) -> MissionResult:
     """A mission with the symmetric twin."""
     return driven(mission, TwinRobot(SYMMETRIC))
+
+
+def gazebo_by_forces(mission: Mission) -> MissionResult:
+    """A mission with the mass and the friction that the thesis gives Gazebo (8.2), by forces.
+
+    The motors are those of the bench, the floor is rigid, and the pose is known as in Gazebo.
+    """
+    own = mission.model_dump(include={"goal", "start"})
+    own["obstacles"] = [(o.x, o.y, o.radius) for o in mission.obstacles]
+    floor = {
+        "preset": "concrete",
+        "friction_angle": float(np.arctan(FRICTION)),
+        "lateral": FRICTION,
+    }
+    own["vehicle"] = {
+        "motion": "dynamic",
+        "soil": floor,
+        "mass": MASS,
+        "command_scale": DEVASTATOR.supply,
+        "lifted": True,
+    }
+    own["navigation"] = {"kind": "ekf"}
+    own["sensors"] = {
+        "encoders": {},
+        "gyroscope": {"bias_std": 0.0},
+        "position_fixes": {"noise": EXACT},
+        "visual_odometry": {"noise": EXACT},
+    }
+    model = bench_model(bench())
+    assert model is not None
+    complete = Mission.model_validate(own)
+    return simulate(complete, as_robot(model.plant(), complete)[0])
 
 
 def driven(mission: Mission, plant: SteppablePlant, seed: int = 0) -> MissionResult:
