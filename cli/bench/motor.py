@@ -8,7 +8,7 @@ import typer
 from sysid.errors import UsageError
 from sysid.workspace.store import Workspace
 
-from .. import reading, render
+from .. import reading, render, targets
 
 if TYPE_CHECKING:
     from sysid.bench.motor.characterise import MotorBench
@@ -47,6 +47,22 @@ def motor(
         ),
     ] = 1.0,
     units: reading.Units = None,
+    ts: Annotated[
+        float | None,
+        typer.Option("--ts", metavar="SECONDS", help="Sample time of the model [drive's, or 0.1]."),
+    ] = None,
+    inputs: Annotated[
+        str | None,
+        typer.Option("--input", metavar="NAME", help="The model's input [drive's, or voltage]."),
+    ] = None,
+    outputs: Annotated[
+        str | None,
+        typer.Option("--output", metavar="NAME", help="The model's output [drive's, or omega]."),
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", metavar="FILE", help="Draw the characteristics: .svg or .png."),
+    ] = None,
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
     json: reading.Json = False,
 ) -> None:
@@ -54,6 +70,7 @@ def motor(
     from sysid.bench.motor.characterise import MotorOptions, characterise_motor
     from sysid.bench.motor.model import bench_model, motor_report
 
+    targets.check_picture(plot)
     options = MotorOptions(
         known=known_of(known or []),
         gear=gear,
@@ -63,11 +80,17 @@ def motor(
     )
     found = characterise_motor(files, options)
     facts = found.to_json()
-    model = bench_model(found, files)
+    model = bench_model(found, files, ts, (inputs, outputs))
     stored = None if model is None else Workspace(workspace).save(model, motor_report(found))
     if stored is not None:
         Workspace(workspace).remember("latest", [stored.id])
     facts |= {"model": None if stored is None else stored.id}
+    if plot is not None:
+        from sysid.report.bench import motor_picture
+        from sysid.report.plots import plot_responses
+
+        plot_responses(plot, motor_picture(found))
+        facts["plot"] = plot
     render.document(facts) if json else _show(found, facts)
 
 
@@ -111,4 +134,6 @@ def _show(found: "MotorBench", facts: dict[str, Any]) -> None:
     if facts["model"] is None:
         render.warn("! No model: J is not known.")
     else:
+        if plot := facts.get("plot"):
+            render.say(f"Picture: {plot}")
         render.say(f"Kept as {facts['model']}. Next: sysid compare, sysid export.", "bold")

@@ -129,6 +129,12 @@ class MotorBench:
     notes: tuple[str, ...]
     method: str
 
+    @property
+    def largest_voltage(self) -> float:
+        """The largest voltage that was applied, of either sign [V]."""
+        applied = [t.voltage for t in self.tests] + [d.voltage for d in self.drives]
+        return max(float(np.max(np.abs(v))) for v in applied)
+
     def to_json(self) -> dict[str, Any]:
         """Everything as JSON-able values."""
         return {

@@ -28,14 +28,17 @@ NAMES: Mapping[str, str] = {
 """Constant of the bench → constant of the structure."""
 
 SAMPLE_TIME = 0.1
-"""Sample time [s] of the robot, for which a model is made unless something else is asked for."""
+"""Sample time [s] of the robot, for which a model is made where there is no drive."""
+
+CHANNELS = ("voltage", "omega")
+"""Names of input and output where there is no drive."""
 
 
 def bench_model(
     found: MotorBench,
     files: Sequence[Path] = (),
-    dt: float = SAMPLE_TIME,
-    channels: tuple[str, str] = ("voltage", "omega"),
+    dt: float | None = None,
+    channels: tuple[str | None, str | None] = (None, None),
 ) -> Model | None:
     """The dc-motor of these constants, voltage [V] in, speed of the output shaft [rad/s] out.
 
@@ -45,13 +48,17 @@ def bench_model(
     Args:
         found: the constants.
         files: what they came from, for the provenance.
-        dt: sample time [s].
-        channels: names of input and output.
+        dt: sample time [s]; that of the drive, or of the robot, unless given.
+        channels: names of input and output, None for those of the drive's log.
     """
     c = found.constants
     if not c.J > 0.0:
         return None
-    inputs, outputs = (Channel(channels[0], "V"),), (Channel(channels[1], "rad/s"),)
+    log = next((d for d in found.drives if d.speed is not None), None)
+    dt = dt or (log.dt if log else SAMPLE_TIME)
+    usual = log.channels if log else CHANNELS
+    inputs = (Channel(channels[0] or usual[0], "V"),)
+    outputs = (Channel(channels[1] or usual[1], "rad/s"),)
     bare = DCMotor(1, 1, input="voltage", friction="coulomb", parametrisation="bench", dt=dt)
     structure = replace(bare, substeps=max(1, int(np.ceil(10.0 * dt / time_constant(c)))))
     values = {own: getattr(c, name) for name, own in NAMES.items()}
@@ -64,7 +71,7 @@ def bench_model(
     for a, i in estimated.items():
         for b, j in estimated.items():
             covariance[places[a], places[b]] = found.covariance[i, j]
-    top = max((float(np.max(np.abs(t.voltage))) for t in found.tests), default=1.0)
+    top = found.largest_voltage
     speed = float(steady_state(c, np.array([top]))[0][0])
     noise = [g.noise for g in found.joint.groups if g.quantity == "speed"]
     return Model(

@@ -1,0 +1,142 @@
+"""Pictures of the bench: a motor's characteristics, its steps, and steady states measured."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.bench.motor.characterise import MotorBench
+from sysid.bench.motor.drive import DriveLog, motion
+from sysid.bench.motor.equations import (
+    MotorConstants,
+    steady_state,
+    step_response,
+    time_constant,
+    torque_speed,
+)
+from sysid.bench.motor.experiments import Kind, SteadyTest
+from sysid.data.record import Array
+from sysid.report.plots import Line, Panel, ResponsePicture
+
+THESIS_STEP = 3.0
+"""Voltage of the thesis's steps [V] (figures 6.3, 6.4)."""
+
+THESIS_LOAD = 0.017
+"""Load of the second of them, at the output shaft [Nm]."""
+
+MOST_LINES = 5
+"""Voltages with a characteristic of their own: as many as the thesis draws."""
+
+
+def motor_picture(found: MotorBench, load: float = THESIS_LOAD) -> ResponsePicture:
+    """Characteristics, steps and steady states of a motor of the bench.
+
+    Args:
+        found: what its experiments tell.
+        load: torque at the output shaft of the loaded step [Nm].
+    """
+    c, voltages = found.constants, voltages_of(found)
+    panels = [torque_speed_panel(c, voltages), current_torque_panel(c, voltages)]
+    steady = [t for t in found.tests if t.has("speed")]
+    if steady:
+        panels += [steady_panel(c, steady, "speed"), steady_panel(c, steady, "current")]
+    stalled = [t for t in found.tests if t.kind is Kind.STALL and t.has("torque")]
+    panels += [stall_panel(c, stalled)] if stalled else []
+    for log in found.drives[:1]:
+        panels += drive_panels(c, log)
+    if c.J > 0.0:
+        volts = min(THESIS_STEP, max(voltages))
+        panels += [step_panel(c, volts, (0.0, load))]
+    values = ", ".join(
+        f"{n} {getattr(c, n):.4g}" for n in ("R", "Kem", "Kc", "f", "C0", "J") if getattr(c, n)
+    )
+    return ResponsePicture("Motor on the bench", f"{values}, gear {c.gear:g} (SI)", tuple(panels))
+
+
+def voltages_of(found: MotorBench) -> tuple[float, ...]:
+    """The voltages of the tests without load, at most five; else fifths of the largest one."""
+    seen = [v for t in found.tests if t.kind is Kind.NO_LOAD for v in np.abs(t.voltage).tolist()]
+    if not seen:
+        top = found.largest_voltage
+        return tuple(top * k / MOST_LINES for k in range(1, MOST_LINES + 1))
+    every = sorted(set(seen))
+    places = np.linspace(0, len(every) - 1, min(len(every), MOST_LINES)).round().astype(int)
+    return tuple(every[k] for k in places)
+
+
+def torque_speed_panel(c: MotorConstants, voltages: Sequence[float]) -> Panel:
+    """Torque of the output shaft against its speed (figures 2.12 and 5.15)."""
+    curves = [(v, torque_speed(c, v)) for v in voltages]
+    lines = tuple(Line(f"{v:g} V", speed, torque) for v, (speed, torque, _) in curves)
+    return Panel("torque and speed", "speed [rad/s]", "torque [Nm]", lines)
+
+
+def current_torque_panel(c: MotorConstants, voltages: Sequence[float]) -> Panel:
+    """Current against the torque of the output shaft (figure 6.6)."""
+    curves = [(v, torque_speed(c, v)) for v in voltages]
+    lines = tuple(Line(f"{v:g} V", torque, current) for v, (_, torque, current) in curves)
+    return Panel("current and torque", "torque [Nm]", "current [A]", lines)
+
+
+def step_panel(c: MotorConstants, voltage: float, loads: Sequence[float]) -> Panel:
+    """Speed after a step from standstill, free and loaded (figures 6.3 and 6.4)."""
+    seconds = 6.0 * time_constant(c)
+    lines = []
+    for load in loads:
+        t, speed, _ = step_response(c, voltage, load, seconds)
+        lines.append(Line(f"{load:g} Nm" if load else "free", t, speed))
+    return Panel(f"step to {voltage:g} V", "time [s]", "speed [rad/s]", tuple(lines))
+
+
+def steady_panel(c: MotorConstants, tests: Sequence[SteadyTest], quantity: str) -> Panel:
+    """Steady states, measured and by the constants, against the voltage (figure 6.5)."""
+    lines: list[Line] = []
+    for test in tests:
+        applied = np.abs(test.motor_torque(c.gear)) * c.gear
+        for load in np.unique(np.round(applied, 9)).tolist()[: MOST_LINES - len(lines) // 2]:
+            rows = np.isclose(applied, load) & np.isfinite(test.of(quantity))
+            if rows.any():
+                words = f"{load:.3g} Nm" if load else "free"
+                lines.append(Line(words, test.voltage[rows], test.of(quantity)[rows], dots=True))
+                lines.append(_modelled(c, test.voltage[rows], load, quantity, not lines[1:]))
+    unit = "rad/s" if quantity == "speed" else "A"
+    return Panel(f"steady {quantity}", "voltage [V]", f"{quantity} [{unit}]", tuple(lines))
+
+
+def stall_panel(c: MotorConstants, tests: Sequence[SteadyTest]) -> Panel:
+    """Torque of the output shaft at standstill, measured and by the constants."""
+    lines: list[Line] = []
+    for test in tests[:MOST_LINES]:
+        v = np.abs(test.voltage)
+        measured = c.gear * np.abs(test.motor_torque(c.gear))
+        dense = np.linspace(float(v.min()), float(v.max()), 50)
+        lines.append(Line("measured" if not lines else "", v, measured, dots=True))
+        torque = c.gear * (c.Kc * dense / c.R - c.C0)
+        lines.append(Line("constants" if len(lines) == 1 else "", dense, torque, True))
+    return Panel("stall torque", "voltage [V]", "torque [Nm]", tuple(lines))
+
+
+def drive_panels(c: MotorConstants, log: DriveLog) -> list[Panel]:
+    """Speed and current of a drive, measured and by the constants from its first row."""
+    speed = log.speed_at_rows()
+    first = 0.0 if log.current is None else float(log.current[0])
+    current, motor, _ = motion(c, log.voltage, log.dt, (first, c.gear * float(speed[0])), log.load)
+    shown = [("speed", "rad/s", speed, motor / c.gear)]
+    shown += [] if log.current is None else [("current", "A", log.current, current)]
+    return [
+        Panel(
+            f"{name}, {log.name}",
+            "time [s]",
+            f"{name} [{unit}]",
+            (Line("measured", log.t, seen), Line("constants", log.t, computed, True)),
+        )
+        for name, unit, seen, computed in shown
+    ]
+
+
+def _modelled(c: MotorConstants, voltage: Array, load: float, quantity: str, first: bool) -> Line:
+    """Steady states by the constants over a range of voltages; the first line names them all."""
+    dense = np.linspace(float(voltage.min()), float(voltage.max()), 50)
+    speed, current = steady_state(c, dense, load)
+    return Line(
+        "constants" if first else "", dense, speed if quantity == "speed" else current, True
+    )
