@@ -6,7 +6,7 @@ exceeds it.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -297,7 +297,7 @@ def guessed(
     if known is not None and not np.all(np.isfinite(i)):
         torque = known.Kc * (V - known.Kem * w) / known.R - known.f * w - known.C0 * np.sign(w)
         J = float(dw[moving] @ torque[moving] / max(float(dw[moving] @ dw[moving]), 1e-300))
-        return MotorConstants(**{**vars(known), "J": max(J, 1e-12)})
+        return replace(known, J=max(J, 1e-12), L=known.R * logs[0].dt)
     R, Kem, L = _solve(np.column_stack([i, w, di]), V)
     Kc = known.Kc if known is not None else Kem
     terms = np.column_stack([dw, w, np.sign(w)])[moving]

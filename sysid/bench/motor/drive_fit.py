@@ -65,14 +65,15 @@ def fit_all(
     else:
         behind = "before it, as measured with the rest" if best else "behind it, as commanded"
         said = [f"The voltage of a row is taken as that of the interval {behind}."]
-    dt = max(d.dt for d in drives)
-    if "L" in names and "L" not in known and not _told(found, dt if smeared else 0.0):
+    if "L" in names and "L" not in known:
+        dt = max(d.dt for d in drives)
+        logged = any(d.current is not None for d in drives)
+        if logged and _told(found, dt if smeared else 0.0):
+            return found, said
         # it stays among the estimates, whose errors take in that it is not known
         found = replace(found, undetermined=(*found.undetermined, "L"))
-        said.append(
-            f"L is not told: the current follows the voltage within a sample of {dt:g} s; sample "
-            "faster than L/R to see it."
-        )
+        why = f"the current follows the voltage within a sample of {dt:g} s; sample faster than L/R"
+        said.append(f"L is not told: {why if logged else 'log the current'} to see it.")
     return found, said
 
 
@@ -83,8 +84,7 @@ def _names(
     torque = any(t.has("torque") for t in tests if t.kind in (Kind.STALL, Kind.EXTERNAL))
     told = {"R", "Kem", "f", "C0", *known}
     told |= {"Kc"} if torque else set()
-    told |= {"J"} if drives else set()
-    told |= {"L"} if any(d.current is not None for d in drives) else set()
+    told |= {"J", "L"} if drives else set()  # a lag of the current shows in the speed, too
     return tuple(n for n in CONSTANTS if n in told)
 
 

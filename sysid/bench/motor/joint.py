@@ -25,8 +25,9 @@ ROUNDS = 30
 SETTLED = 1e-4
 """Relative change of every noise level below which it is settled."""
 
-FEWEST = 0.5
-"""Degrees of freedom of a group below which its residuals tell no noise level."""
+FEWEST = 2.5
+"""Degrees of freedom of a group below which its residuals tell no noise level: at two the variance
+of Student's distribution is infinite."""
 
 ACCURACY = 0.01
 """Noise of a reading that nothing tells, as a share of the largest one: bench instruments are
@@ -348,8 +349,9 @@ def _groups(problem: _Bench, p: Array) -> tuple[Group, ...]:
             n, d = len(m), differences[k]
             freedom = n - float(np.sum(leverage[at : at + n]))
             size = float(np.sqrt(np.mean(m**2))) or 1.0
-            told = freedom >= FEWEST and not part.known
-            level = float(np.sqrt(d @ d / freedom)) if told else 0.0
+            told = freedom > FEWEST and not part.known
+            # a level from few residuals may be small by chance: Student's variance is that of ν − 2
+            level = float(np.sqrt(d @ d / (freedom - 2.0))) if told else 0.0
             least = floor if told or part.known else max(floor, ACCURACY * size)
             noise = max(level, least, 1e-12 * size)
             found.append(

@@ -102,6 +102,8 @@ def contradictions(found: Sequence[Route], errors: Sequence[float]) -> list[str]
         own = [(r, e) for r, e in zip(found, errors, strict=True) if r.name == name]
         for k, (a, ea) in enumerate(own):
             for b, eb in own[k + 1 :]:
+                if a.how.partition(":")[0] == b.how.partition(":")[0]:
+                    continue  # two ways to evaluate one experiment
                 apart = abs(a.value - b.value) / max(np.hypot(ea, eb), 1e-300)
                 if apart > APART:
                     said.append(
@@ -168,5 +170,5 @@ def hardly_told(joint: JointFit) -> list[str]:
     return [
         f"{n} is hardly told, {v:.2g} ± {e:.2g} {CONSTANTS[n][0]}: {advice[n]}."
         for n, v, e in zip(joint.names, joint.theta.tolist(), errors.tolist(), strict=True)
-        if not e < HARDLY * abs(v)
+        if not e < HARDLY * abs(v) and n not in joint.undetermined
     ]
