@@ -3,7 +3,7 @@
     python benchmarks/make_reports.py [NAME ...]
 
 All of them unless some are named: tour, missions, tuning, thesis, traps, measured, published,
-methods. Nothing in these files depends on the time, the place or the
+methods, lumped. Nothing in these files depends on the time, the place or the
 load of the machine, so a second run writes the same bytes. Tables of measured records are left as
 they are where the records are not there (see ``measured_records.py``). The studies of the
 statistics, ``coverage.md`` and ``residual_tests.md``, take minutes: ``make study`` writes them.
@@ -21,11 +21,22 @@ REPORTS = Path(__file__).resolve().parent.parent / "reports"
 Writer = Callable[[Path], Mapping[str, str]]
 """Draws pictures into a folder and returns the texts that belong there by file name."""
 
-NAMES = ("tour", "missions", "tuning", "thesis", "traps", "measured", "published", "methods")
+NAMES = (
+    "tour",
+    "missions",
+    "tuning",
+    "thesis",
+    "traps",
+    "measured",
+    "published",
+    "methods",
+    "lumped",
+)
 
 
 def writers() -> dict[str, Writer]:
     """The writer of each report; imports NumPy, which must find the number of threads set."""
+    import lumped_report
     import measured_report
     import methods_report
     import mission_report
@@ -44,6 +55,7 @@ def writers() -> dict[str, Writer]:
         measured_report,
         published_report,
         methods_report,
+        lumped_report,
     )
     return dict(zip(NAMES, (m.write for m in modules), strict=True))
 

@@ -32,6 +32,7 @@ MADE_BY: dict[str, tuple[str, str]] = {
     "structures_on_data.md": ("measured_report.py", "make reports"),
     "published_figures.md": ("published_report.py", "make reports"),
     "methods.md": ("methods_report.py", "make reports"),
+    "lumped_or_black_box.md": ("lumped_report.py", "make reports"),
     "control.md": ("study_control.py", "make study"),
     "coverage.md": ("study_coverage.py", "make study"),
     "residual_tests.md": ("study_residual_tests.py", "make study"),

@@ -137,14 +137,20 @@ def _show(ranking: "Ranking", folds: "Mapping[str, CrossValidation]", plot: Path
     shown = "" if about.of_free_run else ranking.criterion
     heads = ["free run %", *(f"{k} step %" for k in ks), "one step %"]
     heads += [f"{next(iter(folds.values())).folds} folds %"] if folds else []
+    told = _told(ranking)
+    cost = ["µs a step"] if told else []
+    value = shown.upper() if shown else "RMSE"
     render.table(
-        ["model", "orders", "n", *heads, *([shown.upper()] if shown else ["RMSE"]), "residuals"],
-        [_row(line, names, folds, shown) for line in ranking.lines],
+        ["model", "orders", "n", *cost, *heads, value, "residuals"],
+        [_row(line, names, folds, shown, bool(told)) for line in ranking.lines],
         title=f"Ranked by {ranking.criterion}, judged on {ranking.data}",
         caption=f"fits of {', '.join(names)}; n: estimated parameters, with initial states; "
         f"initial state: {first.figures['initial_state']}",
     )
     render.say(about.sentence)
+    if told:
+        parts = (f"{', '.join(structures)}: {tells}" for tells, structures in told.items())
+        render.say(f"What can be read off: {'; '.join(parts)}.")
     for sentence in (*ranking.notes, *ranking.excluded.values()):
         render.warn(f"! {sentence}")
     if plot is not None:
@@ -152,8 +158,23 @@ def _show(ranking: "Ranking", folds: "Mapping[str, CrossValidation]", plot: Path
     render.say(f"Best: {first.contender.id}. Next: sysid export.", "bold")
 
 
+def _told(ranking: "Ranking") -> dict[str, list[str]]:
+    """What can be read off models → the structures it holds for; empty where all tell the same."""
+    found: dict[str, list[str]] = {}
+    for line in ranking.lines:
+        structure = line.contender.model.structure
+        names = found.setdefault(structure.tells, [])
+        if structure.name not in names:
+            names.append(structure.name)
+    return found if len(found) > 1 else {}
+
+
 def _row(
-    line: "Ranked", names: list[str], folds: "Mapping[str, CrossValidation]", shown: str
+    line: "Ranked",
+    names: list[str],
+    folds: "Mapping[str, CrossValidation]",
+    shown: str,
+    cost: bool,
 ) -> list[object]:
     from sysid.structures.orders import orders_text
 
@@ -166,6 +187,7 @@ def _row(
         id,
         orders_text(line.contender.model.structure.order_values()),
         line.contender.model.n_estimated,
+        *([None if line.step_time is None else float(f"{1e6 * line.step_time:.2g}")] * cost),
         *(", ".join(render.number(p.get(n), 4) for n in names) for p in parts),
         ", ".join(render.number(v, 6 if shown else 4) for v in value),
         residual_words(line.residuals or {}),

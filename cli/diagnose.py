@@ -159,7 +159,8 @@ def _run(
     """The diagnosis, with what there is to say about the reading of its logs."""
     from sysid.data.finding import notes, warned
     from sysid.discrepancy.diagnose import diagnose
-    from sysid.effects.measured import read_measured
+    from sysid.effects.catalogue import chain_effects
+    from sysid.effects.measured import measured_keys, read_measured
 
     measured = None if bench is None else read_measured(bench)
     for note in drive.package.notes if drive.package else ():
@@ -180,5 +181,6 @@ def _run(
     said = (*warned(read_as), *found.warnings)
     read = tuple(map(with_options, notes(read_as)))
     if measured:
-        read = (*read, f"Looked for near what {bench} measured: {', '.join(measured)}.")
+        keys = [key for key in measured_keys(chain_effects()) if key in measured]
+        read = (*read, f"Looked for near what {bench} measured: {', '.join(keys) or 'nothing'}.")
     return replace(found, reading=read, warnings=tuple(map(with_options, said)))

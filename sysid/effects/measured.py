@@ -78,3 +78,8 @@ def _narrowed(p: EffectParameter, measured: Mapping[str, Measured]) -> EffectPar
     upper = max(min(found.value + room, p.upper), lower)
     start = min(max(found.value, lower), upper)
     return replace(p, lower=lower, upper=upper, starts=(start,) * len(p.starts))
+
+
+def measured_keys(effects: Sequence[Effect]) -> tuple[str, ...]:
+    """Keys of ``vehicle.supply`` that parameters of these effects are measured as."""
+    return tuple(p.measured_as for e in effects for p in e.parameters if p.measured_as)

@@ -29,6 +29,8 @@ class Structure(Dynamics):
 
     order_names: ClassVar[tuple[str, ...]]
     has_noise_model: ClassVar[bool]
+    tells: ClassVar[str] = "what it answers, nothing of why"
+    """What a person can read off its parameters, in a few words."""
     physical: ClassVar[bool] = False
     """Whether θ counts from the channels' own zeros, so that nothing may be removed from data."""
     linear: ClassVar[bool] = False

@@ -13,6 +13,7 @@ from sysid.errors import ModelError
 from sysid.estimation.assessment.figures import residual_tests
 from sysid.estimation.assessment.findings import DataFigures, Policy, figures_on
 from sysid.estimation.assessment.robust_judging import judged_errors
+from sysid.estimation.selection.step_time import step_time
 from sysid.estimation.soundness import doubts_about, leader, relative_gap
 from sysid.fitting.holdout import CLOSE
 from sysid.structures.model import Model
@@ -39,13 +40,21 @@ class Contender:
 
 @dataclass(frozen=True, eq=False)
 class Ranked:
-    """One line of a ranking."""
+    """One line of a ranking.
+
+    Attributes:
+        contender: the model.
+        value: of the criterion that ranks.
+        criteria, figures, residuals: what is known of it.
+        step_time: processor time of one step [s]; None where it cannot be stepped.
+    """
 
     contender: Contender
     value: float
     criteria: Mapping[str, float]
     figures: Mapping[str, Any]
     residuals: Mapping[str, Any] | None = None
+    step_time: float | None = None
 
     def to_json(self) -> dict[str, Any]:
         """{model, structure, orders, fit_percent, aic, …, residuals}; no criterion hides a key."""
@@ -61,6 +70,8 @@ class Ranked:
             "figures": self.figures,
             "residuals": self.residuals,
             "doubts": list(doubts_about(m).clauses),
+            "step_time_s": self.step_time,
+            "tells": m.structure.tells,
         }
 
 
@@ -132,7 +143,9 @@ def compare(
             )
             continue
         value = _value(criterion, criteria[c.id], figures[c.id])
-        lines.append(Ranked(c, value, criteria[c.id], figures[c.id], _residuals(c)))
+        lines.append(
+            Ranked(c, value, criteria[c.id], figures[c.id], _residuals(c), step_time(c.model))
+        )
     if not lines:
         raise ModelError("no model can be compared: " + "; ".join(excluded.values()))
     lines.sort(

@@ -60,6 +60,7 @@ class Augmented(Structure):
     """
 
     name: ClassVar[str] = "augmented"
+    tells: ClassVar[str] = "gain and time constants, and each effect by its numbers"
     title: ClassVar[str] = "Augmented: a linear core with named physical effects"
     equation: ClassVar[str] = "τ ω̇ = T − ω, T = K d, with the effects in their places"
     order_names: ClassVar[tuple[str, ...]] = ("n", "nk")

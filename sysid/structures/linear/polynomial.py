@@ -49,6 +49,7 @@ class PolynomialStructure(NamedStructure):
     orders: Orders
     letters: ClassVar[str]
     linear: ClassVar[bool] = True
+    tells: ClassVar[str] = "gain, delay, time constants or poles"
 
     @property
     def nu(self) -> int:
