@@ -10,6 +10,7 @@ from bench_rig import STEP, TRUE, drive_log, run, staircase
 from sysid.bench.motor.characterise import MotorBench, MotorOptions, characterise_motor
 from sysid.bench.motor.drive import motion
 from sysid.bench.motor.equations import MotorConstants
+from sysid.bench.motor.tables import columns_of, read_bench_table
 from sysid.errors import DataError
 
 COVERED = 4.0
@@ -55,6 +56,15 @@ def test_inductance_is_not_told_by_slow_sampling(tmp_path: Path) -> None:
     assert row.value is None
     assert any("sample faster than L/R" in note for note in found.notes)
     assert worst(found, small) < COVERED
+
+
+def test_columns_beside_those_of_the_motor_are_passed_over(tmp_path: Path) -> None:
+    """A supply, a set point, PWM counts and a switch beside voltage, current and speed."""
+    path = tmp_path / "log.csv"
+    head = "t,voltage_V,current_A,speed_rad_s,supply_V,speed_ref_rad_s,pwm_counts,torque_on"
+    path.write_text(f"{head}\n{','.join('1' for _ in head.split(','))}\n")
+    table = read_bench_table(path)
+    assert [c.role for c in columns_of(table, {})] == ["time", "voltage", "current", "speed"]
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from sysid.bench.motor.experiments import (
     rounding_error,
     smallest_step,
 )
-from sysid.data.column_words import words
+from sysid.data.column_words import REFERENCES, SUPPLIES, words
 from sysid.data.reading.table import Table, read_table
 from sysid.data.record import Array
 from sysid.data.unit_words import ending
@@ -34,6 +34,9 @@ _ROLE_OF_WORD = {
 }
 
 _WANTED = {"voltage": "voltage_V", "current": "current_A", "torque": "torque_Nm"}
+
+_OTHER = SUPPLIES | REFERENCES | {"pwm", "on", "enabled"}
+"""Words of columns that a log may hold beside those of the motor: its supply, what it was to do."""
 
 PROPORTIONAL = 0.2
 """Spread of V/i over its mean up to which a table of voltage and current is one of a blocked rotor.
@@ -100,6 +103,8 @@ def _column(name: str, unit: str, where: str) -> Column | None:
     constant = next((c for c in (*CONSTANTS, "gear") if name == c or name.startswith(f"{c}_")), "")
     if constant:
         return Column(name, constant)
+    if _OTHER & set(parts):
+        return None
     word = next((_ROLE_OF_WORD[w] for w in parts if w in _ROLE_OF_WORD), "")
     if "event" in parts or (word == "time" and "event" in name.lower()):
         return Column(name, "event", _seconds(unit or told or _tail(name)))
