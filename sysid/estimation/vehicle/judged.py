@@ -148,6 +148,11 @@ def drift(
     )
 
 
+def mean_way(driven: Callable[[Drive], tuple[Array, Array]], parts: Sequence[Part]) -> float:
+    """Mean way that a vehicle drives in a window [m]."""
+    return float(np.mean(np.concatenate([_over(p, driven(p.drive)[0]) for p in parts])))
+
+
 def _over(part: Part, steps: Array) -> Array:
     """What a quantity sums up to in each window, (W,)."""
     d = part.drive

@@ -175,17 +175,27 @@ def fit_slip(parts: Sequence[Part], start: Geometry, terms: Sequence[str] | None
     if terms is not None:
         asked = tuple(sorted({*always, *(AT[t] for t in terms)}))
         return _settled(replace(problem, free=asked), fit.q)
+    dropped: set[int] = set()
     while True:
-        more = _one_more(problem, fit)
+        more = _one_more(problem, fit, dropped)
         if more is None:
             return fit
-        fit = more
+        needless = _needless(more)
+        dropped |= needless
+        kept = tuple(k for k in more.free if k not in needless)
+        fit = _settled(replace(problem, free=kept), more.q) if needless else more
 
 
-def _one_more(problem: _SlipProblem, fit: SlipFit) -> SlipFit | None:
+def _needless(fit: SlipFit) -> set[int]:
+    """Optional terms that a later one has made as good as nothing."""
+    away = np.abs(fit.q - NULLS) / np.maximum(fit.std_errors, 1e-300)
+    return {k for k in fit.free if TERMS[k].optional and away[k] < MAYBE}
+
+
+def _one_more(problem: _SlipProblem, fit: SlipFit, dropped: set[int]) -> SlipFit | None:
     """The fit with the optional term that the log shows most, None where it shows none."""
     ratio = np.abs(fit.added - NULLS) / np.maximum(fit.std_errors, 1e-300)
-    ratio[list(fit.free)] = 0.0
+    ratio[[*fit.free, *dropped]] = 0.0
     ratio[(fit.added - NULLS < 0.0) & (LOWER == NULLS)] = 0.0  # it would be less than nothing
     for best in np.argsort(-ratio)[: int(np.sum(ratio >= MAYBE))].tolist():
         more = tuple(sorted((*fit.free, best)))
@@ -264,7 +274,10 @@ def _solved(problem: _SlipProblem, q: Array, evaluations: int) -> Array:
 
 
 def _settled(problem: _SlipProblem, q: Array) -> SlipFit:
-    """The numbers with weights that have settled, and their covariance."""
+    """The numbers with weights that have settled, and their covariance; others do nothing."""
+    q = q.copy()
+    outside = [k for k in range(len(TERMS)) if k not in problem.free]
+    q[outside] = NULLS[outside]
     for _ in range(ROUNDS):
         problem = _weighed(problem, q)
         q = _solved(problem, q, 20)
