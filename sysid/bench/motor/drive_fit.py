@@ -60,7 +60,8 @@ def fit_all(
         found = fit_jointly(parts, names, starts, tied)
         said = [
             "Steps of the voltage fall between rows: the current right behind a step is left out, "
-            "and errors are larger; log faster, or step the voltage at the rows."
+            "and errors may be some per cent, more than their standard errors; log faster, or step "
+            "the voltage at the rows."
         ]
     else:
         behind = "before it, as measured with the rest" if best else "behind it, as commanded"
