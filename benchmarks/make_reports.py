@@ -2,8 +2,8 @@
 
     python benchmarks/make_reports.py [NAME ...]
 
-All of them unless some are named: tour, missions, tuning, thesis, traps, measured, published,
-methods, lumped. Nothing in these files depends on the time, the place or the
+All of them unless some are named: tour, missions, motions, tuning, thesis, traps, measured,
+published, methods, lumped. Nothing in these files depends on the time, the place or the
 load of the machine, so a second run writes the same bytes. Tables of measured records are left as
 they are where the records are not there (see ``measured_records.py``). The studies of the
 statistics, ``coverage.md`` and ``residual_tests.md``, take minutes: ``make study`` writes them.
@@ -24,6 +24,7 @@ Writer = Callable[[Path], Mapping[str, str]]
 NAMES = (
     "tour",
     "missions",
+    "motions",
     "tuning",
     "thesis",
     "traps",
@@ -40,6 +41,7 @@ def writers() -> dict[str, Writer]:
     import measured_report
     import methods_report
     import mission_report
+    import motion_report
     import published_report
     import thesis_report
     import tour_report
@@ -49,6 +51,7 @@ def writers() -> dict[str, Writer]:
     modules = (
         tour_report,
         mission_report,
+        motion_report,
         tuning_report,
         thesis_report,
         trap_report,

@@ -26,6 +26,7 @@ PAGE = REPORTS / "README.md"
 MADE_BY: dict[str, tuple[str, str]] = {
     "tour.md": ("tour_report.py", "make reports"),
     "missions.md": ("mission_report.py", "make reports"),
+    "motions.md": ("motion_report.py", "make reports"),
     "tuning.md": ("tuning_report.py", "make reports"),
     "thesis.md": ("thesis_report.py", "make reports"),
     "traps.md": ("trap_report.py", "make reports"),

@@ -89,8 +89,8 @@ def repeats(
         str | None,
         typer.Option(
             metavar="LIST",
-            help="What differs from run to run, of parameters, noise, start, obstacles, friction "
-            "and models [what the mission says].",
+            help="What differs from run to run, of parameters, noise, start, obstacles, "
+            "friction, soil, mass and models [what the mission says].",
         ),
     ] = None,
     scheduler: Annotated[

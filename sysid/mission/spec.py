@@ -339,6 +339,16 @@ class Mission(Settings):
             floor=floor_of(self.physics),
         )
 
+    def with_physics(self, told: Mapping[str, Any]) -> "Mission":
+        """The mission with other numbers of vehicle and floor, which are taken as they are."""
+        if not told:
+            return self
+        changed: dict[str, Any] = {"vehicle": self.vehicle.model_copy(update=dict(told))}
+        if isinstance(self.motion, Physics):
+            own = {k: told[k] for k in self.motion.told if k in told}
+            changed["motion"] = self.motion.model_copy(update=own)
+        return self.model_copy(update=changed)
+
     def with_geometry(self, geometry: Geometry) -> "Mission":
         """The mission driven by a vehicle of other lengths."""
         vehicle = self.vehicle.model_copy(update={"r": geometry.r, "B": geometry.B})

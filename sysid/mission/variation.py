@@ -13,7 +13,10 @@ from sysid.data.yaml_files.source import shown
 from sysid.errors import UsageError
 from sysid.mission.settings import Settings
 
-QUANTITIES = ("parameters", "noise", "start", "obstacles", "friction", "models")
+QUANTITIES = (
+    *("parameters", "noise", "start", "obstacles"),
+    *("friction", "soil", "mass", "models"),
+)
 """What can vary, in the order in which it is told."""
 
 Deviation = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -126,6 +129,10 @@ class Variation(Settings):
         start: the start pose.
         obstacles: X and Y of every obstacle [m]; a tape measure and a hand are that good.
         friction: dry friction of the plant, and slip on the ground.
+        soil: factor of the standard deviations that the numbers of soils come with, where the
+            motion asks for a soil: soils of one name differ so much from place to place.
+        mass: deviation of mass and yaw inertia together, as a share of them, where the motion asks
+            for them: a battery more or less is some per cent.
         models: whether each run takes one of several models of a comparison.
     """
 
@@ -134,6 +141,8 @@ class Variation(Settings):
     start: StartSpread = StartSpread()
     obstacles: Spread = _normal(0.02)
     friction: FrictionSpread = FrictionSpread()
+    soil: Annotated[float, Field(ge=0, le=100)] = 1.0
+    mass: Spread = _normal(0.02)
     models: bool = False
 
     @model_validator(mode="before")
@@ -148,7 +157,8 @@ class Variation(Settings):
                 given = dict.fromkeys(_PARTS[key], False)
             if given is True and key != "noise" and key != "models":
                 continue  # its default
-            found[key] = float(given) if key == "parameters" and given is False else given
+            factor = key in ("parameters", "soil") and given is False
+            found[key] = 0.0 if factor else given
         return found
 
     def of(self, names: Sequence[str]) -> "Variation":
@@ -181,6 +191,8 @@ _OFF: dict[str, Any] = {
     "start": StartSpread(x=Spread(), y=Spread(), psi=Spread()),
     "obstacles": Spread(),
     "friction": FrictionSpread(dry=Spread(), slip=Spread()),
+    "soil": 0.0,
+    "mass": Spread(),
     "models": False,
 }
 """Every quantity without variation."""

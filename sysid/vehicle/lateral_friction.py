@@ -9,7 +9,8 @@ centre at x_ICR = −v_y/ψ̇ between the ends,
 taken from the motion, which is (2.35) and (2.36) with q = μl mg/L (there 4μl(mg/2L) and
 2μl(mg/2L)), and M_r = μl W L/4 at x_ICR = 0 (Wong). Beyond the ends the whole length slides one
 way: |F_y| = qL, M_r = 0. The pairs (F_y, M_r) that friction can take fill the lens between the
-two parabolas |M_r| ≤ q (L²/4 − (F_y/2q)²); on its edge it slides, inside it sticks.
+two parabolas |M_r| ≤ q (L²/4 − (F_y/2q)²); on its edge it slides (as
+:mod:`sysid.vehicle.ground.resistance` has it), inside it sticks.
 """
 
 from typing import Any, NamedTuple
@@ -32,24 +33,6 @@ class Taken(NamedTuple):
     side: Real
     turning: Real
     sticks: Real
-
-
-def sliding(side_speed: Real, yaw_rate: Real, q: Real, length: Real, xp: Any) -> Taken:
-    """Force and moment while it slides (thesis 2.35, 2.36); none at rest.
-
-    Args:
-        side_speed: v_y in the middle [m/s].
-        yaw_rate: ψ̇ [rad/s].
-        q: friction per metre of length, both tracks together [N/m].
-        length: L [m].
-        xp: array namespace.
-    """
-    half = 0.5 * length
-    turns = yaw_rate != 0
-    ahead = side_speed / xp.where(turns, yaw_rate, 1.0)  # −x_ICR
-    a = xp.where(turns, xp.minimum(xp.maximum(ahead, -half), half), xp.sign(side_speed) * half)
-    sense = xp.where(turns, xp.sign(yaw_rate), 1.0)
-    return Taken(2.0 * q * a * sense, q * (half * half - a * a) * xp.sign(yaw_rate), turns & False)
 
 
 def nearest(

@@ -240,10 +240,12 @@ def test_controllers_know_the_motors_on_their_ground() -> None:
 
 
 def test_runs_side_by_side_are_the_runs_one_after_the_other() -> None:
+    """Mass and soils of each run included; the slip of the motion stands for friction.slip."""
+    patches = [{"soil": "carpet", "circle": [0.2, 0.0, 0.1]}]
     mission = goal(
         0.35,
         0.1,
-        vehicle={"motion": "dynamic", "soil": "dry-sand", "speed_scale": 1.0},
+        vehicle={"motion": "dynamic", "soil": "dry-sand", "patches": patches, "lifted": True},
         timeout=4.0,
     )
     setup = Setup.of(mission, [motor()])
@@ -254,3 +256,40 @@ def test_runs_side_by_side_are_the_runs_one_after_the_other() -> None:
     assert found.apart == ()
     assert found.largest <= TOLERANCE
     assert len(set(figures.x.tolist())) == 3
+    names = {name for name, _ in setup.drivers[0].drawing.varying}
+    assert {"mass", "soil.rolling", "soil.friction_angle", "soil[2].lateral"} <= names
+    assert "friction.slip" not in names
+
+
+@pytest.mark.parametrize(
+    ("vary", "there"),
+    [
+        ({"soil": False}, {"mass"}),
+        ({"mass": False, "soil": 2.0}, {"soil"}),
+        ({"mass": 0.1}, {"mass", "soil"}),
+    ],
+)
+def test_mass_and_soil_vary_as_the_mission_says(vary, there: set[str]) -> None:
+    mission = goal(1, 0, vehicle={"motion": "slip", "mass": 2.0}, vary=vary)
+    setup = Setup.of(mission, [motor()])
+    assert {"mass", "soil"} & set(setup.varied) == there
+    seeds = run_seeds(1, 400)
+    drawing = setup.drivers[0].drawing
+    draws = drawing.draw(seeds)
+    scenes = [drawing.physics.scene(mission.scene(), row.tolist()) for row in draws.physics]
+    spread = float(np.std([s.car.mass for s in scenes]))  # 400 draws tell it to ± 4 %
+    assert spread == pytest.approx(2.0 * (vary.get("mass", 0.02) or 0.0), rel=0.15)
+    soil = mission.scene().floor.soil
+    expected = dict(soil.std)["lateral"] * (vary.get("soil", 1.0) or 0.0)
+    found = float(np.std([s.floor.soil.lateral for s in scenes]))
+    assert found == pytest.approx(expected, rel=0.15)
+    varied = setup.alone(seeds[0])[0].scene()
+    assert (varied.car, varied.floor) == (scenes[0].car, scenes[0].floor)
+
+
+def test_speeds_of_the_motors_are_not_scaled() -> None:
+    twice = goal(1, 0, vehicle={"motion": "dynamic", "speed_scale": 2.0})
+    with pytest.raises(ModelError, match=r"vehicle\.speed_scale is 2"):
+        as_robot(motor(), twice)
+    notes = as_robot(motor(), goal(1, 0, vehicle={"motion": "dynamic"}))[1]
+    assert not any("which is taken as" in n and "m/s" in n for n in notes)

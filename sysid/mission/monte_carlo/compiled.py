@@ -33,6 +33,7 @@ class Numbers(NamedTuple):
     start: Any
     obstacles: Any
     slip: Any
+    physics: Any
 
 
 class NotCompiledError(ModelError):
@@ -119,6 +120,9 @@ class CompiledRuns:
                 for k, o in enumerate(scene.obstacles)
             )
             scene = scene._replace(obstacles=tuple(moved))
+        physics = self.driver.drawing.physics
+        if physics.size:
+            scene = physics.scene(scene, [numbers.physics[k] for k in range(physics.size)])
         return scene
 
     def _start(self, numbers: Numbers) -> Any:
@@ -216,7 +220,8 @@ class CompiledRuns:
     def _example(self) -> Numbers:
         mission, plant = self.setup.mission, self.driver.drawing.plant
         obstacles = np.array([(o.x, o.y) for o in mission.obstacles]).reshape(-1, 2)
-        return Numbers(plant.theta, np.array(mission.start), obstacles, np.float64(0.0))
+        physics = self.driver.drawing.physics.nominal
+        return Numbers(plant.theta, np.array(mission.start), obstacles, np.float64(0.0), physics)
 
     def _program(self, patterns: tuple[Pattern, ...]) -> Callable[..., Any]:
         if patterns not in self._programs:

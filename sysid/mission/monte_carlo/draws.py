@@ -10,6 +10,8 @@ import numpy as np
 from sysid.data.record import Array, Index
 from sysid.errors import ModelError
 from sysid.mission.clearance import inside
+from sysid.mission.contracts import TurnsTracks
+from sysid.mission.monte_carlo.physics import PhysicsDrawing
 from sysid.mission.monte_carlo.varied_plant import Flags, VariedPlant
 from sysid.mission.noise import generator
 from sysid.mission.spec import Mission
@@ -54,6 +56,7 @@ class Draws(NamedTuple):
             (K, m); see :attr:`Drawing.names`.
         redrawn: draws that were not feasible, (K,).
         pulled: whether the plant's parameters were drawn less far than their errors say, (K,).
+        physics: of vehicle and floor, (K, numbers); see :class:`PhysicsDrawing`.
     """
 
     seeds: tuple[int, ...]
@@ -64,6 +67,7 @@ class Draws(NamedTuple):
     inputs: Array
     redrawn: Index
     pulled: Flags
+    physics: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,11 +110,24 @@ class Drawing:
                 (f"obstacles[{k + 1}]", (3 + 2 * k, 4 + 2 * k))
                 for k in range(len(self.mission.obstacles))
             )
-        if v.friction.slip:
+        if self.slips:
             found.append(("friction.slip", (floor,)))
         if v.friction.dry and self.plant.has_friction:
             found.append(("friction.dry", (floor + 1,)))
+        first = floor + 2 + self.plant.size
+        found.extend((name, (first + k,)) for k, name in enumerate(self.physics.names))
         return tuple(found)
+
+    @cached_property
+    def physics(self) -> PhysicsDrawing:
+        """How mass and soils are drawn."""
+        return PhysicsDrawing(self.mission, self.variation)
+
+    @property
+    def slips(self) -> bool:
+        """Whether a slip varies: a motion that turns the tracks has its own."""
+        turns = isinstance(self.mission.motion, TurnsTracks)
+        return bool(self.variation.friction.slip) and not turns
 
     @cached_property
     def moves_obstacles(self) -> bool:
@@ -132,8 +149,11 @@ class Drawing:
         start, obstacles, slip, dry = self._placed(z)
         theta, p, redrawn, pulled = self._plants(seeds, dry)
         used = [k for _, places in self.varying for k in places]
-        inputs = np.concatenate([z, p], axis=1)[:, used]
-        return Draws(tuple(seeds), theta, start, obstacles, slip, inputs, again + redrawn, pulled)
+        q = np.array([generator(s, "vehicle").standard_normal(self.physics.size) for s in seeds])
+        inputs = np.concatenate([z, p, q], axis=1)[:, used]
+        again = again + redrawn
+        physics = self.physics.drawn(q)
+        return Draws(tuple(seeds), theta, start, obstacles, slip, inputs, again, pulled, physics)
 
     def _plants(self, seeds: Sequence[int], dry: Array) -> tuple[Array, Array, Index, Flags]:
         """θ, the numbers behind it, draws made again, and which were pulled."""

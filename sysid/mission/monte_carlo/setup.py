@@ -69,7 +69,7 @@ class Driver:
     @property
     def slips(self) -> bool:
         """Whether slip varies."""
-        return bool(self.drawing.variation.friction.slip)
+        return self.drawing.slips
 
     def robot_of(self, theta: Any, slip: Any) -> RobotPlant:
         """The robot with a run's numbers, of NumPy or traced; it stands where nothing moved yet."""
@@ -227,7 +227,8 @@ def varied_mission(drawing: Drawing, draws: Draws) -> Mission:
     if drawing.moves_obstacles:
         pairs = zip(mission.obstacles, draws.obstacles[0].tolist(), strict=True)
         changed["obstacles"] = tuple(o.model_copy(update={"x": x, "y": y}) for o, (x, y) in pairs)
-    return mission.model_copy(update=changed)
+    varied = mission.model_copy(update=changed)
+    return varied.with_physics(drawing.physics.told(draws.physics[0].tolist()))
 
 
 def _unknown(plant: VariedPlant) -> str:

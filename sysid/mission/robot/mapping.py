@@ -109,6 +109,19 @@ def as_robot(
     return robot, (*notes, *said, *_about_motion(robot, mission))
 
 
+def _scaled(mission: Mission) -> VehicleSpec:
+    """The vehicle; where the motion turns the tracks, with their speeds as motors have them."""
+    vehicle = mission.vehicle
+    if not isinstance(mission.motion, TurnsTracks):
+        return vehicle
+    if vehicle.speed_scale not in (None, 1.0):
+        raise ModelError(
+            f"vehicle.speed_scale is {vehicle.speed_scale:g}, but the motion turns the tracks by "
+            "the torque of the motors, whose speeds are what they are: leave it out"
+        )
+    return vehicle.model_copy(update={"speed_scale": 1.0})
+
+
 def _about_motion(robot: RobotPlant, mission: Mission) -> tuple[str, ...]:
     """What the motion takes for granted: motors off the ground, numbers of vehicle and floor."""
     said: tuple[str, ...] = ()
@@ -122,9 +135,9 @@ def _driving(
     plant: SteppablePlant, mission: Mission, top_speed: float
 ) -> tuple[RobotPlant, tuple[str, ...]]:
     """The robot of the first wiring that drives, and a sentence for each assumption of it."""
-    complaint = ""
+    complaint, vehicle = "", _scaled(mission)
     for wiring in wirings(plant):
-        wired = _wired(plant, wiring, mission.vehicle, top_speed)
+        wired = _wired(plant, wiring, vehicle, top_speed)
         if isinstance(wired, _Refused):
             complaint = complaint or wired.reason
             continue
@@ -138,7 +151,7 @@ def _driving(
         if RULE.turns[0] <= abs(turning) <= RULE.turns[1] and abs(drift) <= RULE.drifts:
             if turning < 0:  # the first output answers more to the second input
                 wiring = Wiring(False, wiring.driven, wiring.read[::-1])
-                wired = _wired(plant, wiring, mission.vehicle, top_speed)
+                wired = _wired(plant, wiring, vehicle, top_speed)
             if not isinstance(wired, _Refused):
                 taken = (_order_note(plant, wiring), *_held_note(plant, wiring))
                 return wired[0], (*taken, *wired[1])
