@@ -18,6 +18,7 @@ SYNONYMS: dict[str, str] = {
     **dict.fromkeys(("meter", "metre", "meters", "metres"), "m"),
     **dict.fromkeys(("volt", "volts"), "V"),
     **dict.fromkeys(("amp", "amps", "ampere"), "A"),
+    **dict.fromkeys(("milliamp", "milliamps", "milliampere"), "mA"),
     **dict.fromkeys(("degc", "celsius", "deg c", "°c"), "degC"),
     **dict.fromkeys(("hertz",), "Hz"),
     **dict.fromkeys(("newton",), "N"),
@@ -80,10 +81,11 @@ def synonym(unit: str) -> str:
 
 def ending(name: str) -> tuple[str, str]:
     """A name without the unit it ends in, and that unit: ``u_V`` → (u, V); (name, "") if none."""
+    written = name.replace("/", "_")  # speed_rad/s, Drehzahl_1/min
     for end in sorted(ENDINGS, key=len, reverse=True):
-        if name.endswith("_" + end):
+        if written.endswith("_" + end):
             return name[: -len(end) - 1], ENDINGS[end]
-    low = name.lower()
+    low = written.lower()
     for end in sorted(_ANY_CASE, key=len, reverse=True):
         if low.endswith("_" + end):
             return name[: -len(end) - 1], _ANY_CASE[end]

@@ -10,6 +10,7 @@ from command_line import run
 from sysid.bench.motor.characterise import MotorBench, MotorOptions, characterise_motor
 from sysid.bench.motor.equations import MotorConstants, steady_state
 from sysid.bench.motor.events import from_counter, from_times
+from sysid.bench.motor.tables import columns_of, read_bench_table
 from sysid.errors import DataError
 
 TRUE = MotorConstants(R=2.4, Kem=0.004, Kc=0.0036, f=2e-7, C0=8e-5, J=1.5e-7, gear=60.0)
@@ -168,3 +169,71 @@ def test_edges_of_a_counter_stand_where_the_shaft_was(speed: float) -> None:
     off = (events.angle - (speed * events.t + 0.3)) / (abs(speed) * events.error)
     assert np.max(np.abs(off)) < np.sqrt(3.0) + 1e-6  # the ends of a uniform distribution
     assert abs(float(np.mean(off))) < 0.5
+
+
+@pytest.mark.parametrize(
+    ("name", "role", "scale"),
+    [
+        ("Drehzahl_1/min", "speed", 1.0 / RPM),
+        ("speed_rad/s", "speed", 1.0),
+        ("amps", "current", 1.0),
+        ("currentMilliamps", "current", 1e-3),
+        ("pulse_time_us", "event", 1e-6),
+        ("Ereigniszeit_ms", "event", 1e-3),
+        ("hallTime_ms", "event", 1e-3),
+        ("Zeit [s]", "time", 1.0),
+    ],
+)
+def test_columns_as_strangers_write_them(
+    tmp_path: Path, name: str, role: str, scale: float
+) -> None:
+    path = table(tmp_path / "a.csv", f"{name},remark", [1.0, 2.0], [0.0, 0.0])
+    column = columns_of(read_bench_table(path), {})[0]
+    assert (column.role, column.scale) == (role, pytest.approx(scale, rel=1e-12))
+
+
+def test_one_speed_tells_no_friction_and_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    blocked = table(tmp_path / "blocked.csv", "voltage_V,current_A", [1.0, 2.0], [0.5, 1.0])
+    free = table(tmp_path / "free.csv", "voltage_V,current_A,speed_rpm", [6.0], [0.1], [90.0])
+    done = run(capsys, "bench", "motor", free, blocked, "--gear", "30")
+    assert done.code == 1
+    assert done.err.startswith("experiments are missing for f and C0 (no load at two voltages")
+    assert done.err.count("\n") == 1
+
+
+def test_a_motor_that_was_driven_backward_is_the_same_motor(tmp_path: Path) -> None:
+    forward = experiments(tmp_path, 1)
+    (tmp_path / "back").mkdir()
+    back = []
+    for path in forward:
+        head, *rows = path.read_text().splitlines()
+        numbers = [[f"{-float(v):.6g}" for v in row.split(",")] for row in rows]
+        back.append(tmp_path / "back" / path.name)
+        back[-1].write_text("\n".join([head, *(",".join(r) for r in numbers)]) + "\n")
+    options = MotorOptions(gear=TRUE.gear)
+    a, b = (characterise_motor(f, options).parameters for f in (forward, back))
+    for one, other in zip(a, b, strict=True):
+        assert other.value == (None if one.value is None else pytest.approx(one.value, rel=1e-4))
+
+
+def test_a_good_bench_does_not_contradict_itself(tmp_path: Path) -> None:
+    """Stall torque over the whole current, and less that without load, bracket Kc."""
+    assert not [n for n in bench_of(tmp_path).notes if "contradicts" in n]
+
+
+def bench_of(folder: Path) -> MotorBench:
+    return characterise_motor(experiments(folder, 2), MotorOptions(gear=TRUE.gear))
+
+
+def test_readings_that_err_by_a_share_widen_the_joint_errors(tmp_path: Path) -> None:
+    """Errors in proportion to a reading turn a line by more than one level for all of them says."""
+    away = []
+    for seed in range(8):
+        (tmp_path / str(seed)).mkdir()
+        found = characterise_motor(
+            experiments(tmp_path / str(seed), seed), MotorOptions(gear=TRUE.gear, method="joint")
+        )
+        away += errors(found)
+    assert max(away) < 4.0  # of 40 from Student's t with 4 degrees of freedom or more

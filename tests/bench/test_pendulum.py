@@ -186,6 +186,9 @@ T = np.arange(0.0, 30.0, 0.05)
 SINE = np.sin(2 * np.pi * T / 1.735)
 REFUSED = {
     "no oscillation": ({"angle": np.random.default_rng(0).standard_normal(len(T))}, "oscillation"),
+    "at rest": ({"pitch_deg": np.random.default_rng(2).standard_normal(len(T))}, "is noise"),
+    "a ramp": ({"angle_deg": 2.0 * T}, "drifts evenly"),
+    "no reading": ({"angle_deg": np.nan * T}, "holds 0 readings"),
     "a random walk": (
         {"angle": np.cumsum(np.random.default_rng(0).standard_normal(len(T)))},
         "no oscillation",

@@ -104,6 +104,18 @@ def test_both_dead_bands_of_a_bridge(tmp_path: Path, answer: str) -> None:
     assert ("not-the-bridge-alone" in friction) == (answer == "omega")
 
 
+def test_a_small_answer_on_the_line_is_no_dead_band(tmp_path: Path) -> None:
+    """Just beyond the band the first answer is below any share of the largest one."""
+
+    def close(drive: np.ndarray) -> np.ndarray:
+        return 7.2 * np.sign(drive) * np.maximum(np.abs(drive) - 0.09, 0.0)
+
+    supply = bench_power([staircase(tmp_path / "a.csv", "motor_voltage_V", close)]).supply()
+    for key in ("dead_band_forward", "dead_band_backward"):
+        assert abs(supply[key].value - 0.09) < 4.0 * supply[key].std_error < 4e-3
+    assert "dead_band_jump" not in supply
+
+
 def test_gain_and_drop_of_a_bridge(tmp_path: Path) -> None:
     study = bench_power([staircase(tmp_path / "a.csv", "motor_voltage_V", supply_V=7.4)])
     (bridge,) = study.bridges

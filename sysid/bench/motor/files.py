@@ -71,10 +71,20 @@ def read_bench_files(
         table = read_bench_table(path)
         columns = columns_of(table, {n: u for n, u in units.items() if n in table.names})
         roles = {c.role for c in columns}
+        notes += [
+            f"{table.where}: {c.name} is taken as the speed of the output shaft; if it was "
+            "measured at the motor's own shaft, divide it by the gear."
+            for c in columns
+            if c.role == "speed" and c.motor_side
+        ]
         if columns and roles <= {*CONSTANTS, "gear"}:
             known |= {v.name: v for v in known_values(table, columns)}
         elif "event" in roles:
             tests.append(_event_test(table, columns, pulses_per_turn))
+            notes.append(
+                f"{table.where}: one turn of the output shaft is taken as {pulses_per_turn:g} of "
+                "its events (`pulses_per_turn`)."
+            )
         elif "time" in roles:
             found, said = _drives(path, columns, units)
             drives += found

@@ -238,7 +238,10 @@ def fit_jointly(
     worth = uncertainty(J, r, problem.stretches(), np.ones(len(r)))
     n = len(names)
     # noise levels are estimated per group, or known: no common factor is left to estimate
-    covariance = worth.covariance if worth.coloured else worth.covariance / worth.variance
+    if worth.coloured:
+        covariance = worth.covariance
+    else:
+        covariance = _with_uneven_noise(worth.covariance / worth.variance, J, r)
     stuck = tuple(names[k] for k in solution.at_bound if k < n)
     undetermined = tuple(names[k] for k in range(n) if not np.isfinite(covariance[k, k]))
     return JointFit(
@@ -362,6 +365,35 @@ def _groups(problem: _Bench, p: Array) -> tuple[Group, ...]:
             )  # fmt: skip
             at, k = at + n, k + 1
     return tuple(found)
+
+
+def _with_uneven_noise(covariance: Array, J: Array, r: Array) -> Array:
+    """The covariance with errors not below what residuals of uneven size say.
+
+        C' = C Jᵀ diag(r²/(1 − h)²) J C
+
+    (MacKinnon and White 1985, HC3.) Instruments err by a share of the reading: large readings,
+    which turn a line the most, err by more than the one level of their group. Errors are widened,
+    never made smaller, and correlations are kept.
+
+    Args:
+        covariance: (JᵀJ)⁻¹, (n, n).
+        J, r: of residuals over their noise levels, (M, n) and (M,).
+    """
+    free = 1.0 - _leverage(J)
+    told = free > LEAST_FREE
+    size = np.where(told, np.square(r / np.where(told, free, 1.0)), 1.0)
+    known = np.isfinite(np.diag(covariance))
+    C = np.where(np.outer(known, known), covariance, 0.0)
+    uneven = np.diag(C @ (J.T * size) @ J @ C)
+    even = np.where(known & (np.diag(C) > 0.0), np.diag(C), np.inf)
+    wider = np.sqrt(np.maximum(uneven / even, 1.0))
+    return np.asarray(covariance * np.outer(wider, wider))
+
+
+LEAST_FREE = 0.05
+"""Share of a reading that the estimates leave free below which its residual tells no noise: a value
+that is known is taken up whole."""
 
 
 def _leverage(J: Array) -> Array:

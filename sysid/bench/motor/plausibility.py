@@ -1,6 +1,7 @@
 """Constants that no motor has, and experiments that contradict each other."""
 
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -31,13 +32,16 @@ def missing_experiments(
     lacks = []
     stalled = any(t.has("current") for t in tests if t.kind in (Kind.BLOCKED, Kind.STALL))
     turning = any(t.has("current", "speed") for t in tests)
+    speeds = [t.of("speed") for t in tests if t.has("current", "speed")]
+    speeds = [np.unique(s[np.isfinite(s)]) for s in speeds]
+    at_two = any(len(s) > 1 for s in speeds)
     if not stalled and "R" not in known:
         lacks.append(
             "R (a blocked rotor: columns voltage_V, current_A; or the value, `known={'R': 3.1}`)"
         )
     if not turning and "Kem" not in known:
         lacks.append("Kem (no load: columns voltage_V, current_A, speed_rpm)")
-    if not turning and not {"f", "C0"} <= set(known):
+    if not at_two and not {"f", "C0"} <= set(known):
         lacks.append("f and C0 (no load at two voltages or more, with current and speed)")
     if not lacks:
         return ""
@@ -96,20 +100,32 @@ def require_plausible(values: Mapping[str, float]) -> None:
 
 
 def contradictions(found: Sequence[Route], errors: Sequence[float]) -> list[str]:
-    """Sentences on experiments whose values of a constant exclude each other."""
-    said = []
+    """Sentences on experiments whose values of a constant exclude each other.
+
+    Several evaluations of one experiment bracket the constant: the stall torque over the whole
+    current leaves friction out, over the current less that without load counts viscous friction
+    that a motor at rest does not have.
+    """
+    said, bracketed = [], False
     for name in CONSTANTS:
-        own = [(r, e) for r, e in zip(found, errors, strict=True) if r.name == name]
-        for k, (a, ea) in enumerate(own):
-            for b, eb in own[k + 1 :]:
-                if a.how.partition(":")[0] == b.how.partition(":")[0]:
-                    continue  # two ways to evaluate one experiment
-                apart = abs(a.value - b.value) / max(np.hypot(ea, eb), 1e-300)
-                if apart > APART:
-                    said.append(
-                        f"{name} contradicts itself: {a.value:.4g} ± {ea:.2g} ({a.how}), but "
-                        f"{b.value:.4g} ± {eb:.2g} ({b.how}), {apart:.1f} standard errors apart."
-                    )
+        by_experiment: dict[str, list[tuple[Route, float]]] = {}
+        for r, e in zip(found, errors, strict=True):
+            if r.name == name:
+                by_experiment.setdefault(r.how.partition(":")[0], []).append((r, e))
+        if name == "Kc" and max(map(len, by_experiment.values()), default=0) > 1:
+            bracketed = True
+        if name in ("f", "C0") and bracketed:
+            continue  # lines under load and without it part by what Kc is wrong by
+        for one, other in combinations(by_experiment.values(), 2):
+            low, high = sorted((one, other), key=lambda some: min(r.value for r, _ in some))
+            a, ea = max(low, key=lambda of: of[0].value)
+            b, eb = min(high, key=lambda of: of[0].value)
+            apart = (b.value - a.value) / max(np.hypot(ea, eb), 1e-300)
+            if apart > APART:
+                said.append(
+                    f"{name} contradicts itself: {a.value:.4g} ± {ea:.2g} ({a.how}), but "
+                    f"{b.value:.4g} ± {eb:.2g} ({b.how}), {apart:.1f} standard errors apart."
+                )
     first = {r.name: (r.value, e) for r, e in reversed(list(zip(found, errors, strict=True)))}
     if "Kc" in first and "Kem" in first:
         said += _power(*first["Kc"], *first["Kem"])

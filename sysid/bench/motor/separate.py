@@ -152,7 +152,9 @@ def _loaded_rows(tests: Sequence[SteadyTest], values: Values, gear: float) -> Ar
             computed = (t.voltage - values["Kem"] * speed) / values["R"]
             current = np.where(np.isfinite(current), current, computed)
         if np.all(np.isfinite(current)):
-            parts.append(np.column_stack([current, t.motor_torque(gear), speed]))
+            # both directions as one: readings have the signs of their voltages
+            signed = np.column_stack([current, t.motor_torque(gear), speed])
+            parts.append(np.sign(t.voltage)[:, None] * signed)
     return np.concatenate(parts) if parts else None
 
 
@@ -177,8 +179,9 @@ def _friction(tests: Sequence[SteadyTest], values: Values, gear: float) -> list[
             found += [Route("f", f, how), Route("C0", C0, how)]
     free = _of(tests, Kind.NO_LOAD, "current", "speed")
     if free:
-        speed = np.concatenate([gear * t.of("speed") for t in free])
-        current = np.concatenate([t.of("current") for t in free])
+        # both directions as one: readings have the signs of their voltages
+        speed = np.concatenate([gear * np.abs(t.of("speed")) for t in free])
+        current = np.concatenate([np.abs(t.of("current")) for t in free])
         ok = np.isfinite(speed) & np.isfinite(current)
         if np.ptp(speed[ok]) > 0.0:
             f, C0 = _line(speed[ok], Kc * current[ok]).tolist()

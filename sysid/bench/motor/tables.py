@@ -18,7 +18,7 @@ from sysid.bench.motor.experiments import (
 from sysid.data.column_words import REFERENCES, SUPPLIES, words
 from sysid.data.reading.table import Table, read_table
 from sysid.data.record import Array
-from sysid.data.unit_words import ending
+from sysid.data.unit_words import ending, synonym
 from sysid.data.units import UNITS, Conversion, conversion, from_name
 from sysid.errors import DataError, UsageError, argument
 
@@ -30,8 +30,15 @@ _ROLE_OF_WORD = {
     **dict.fromkeys(("torque", "load", "moment", "drehmoment", "cr", "cm"), "torque"),
     **dict.fromkeys(("speed", "drehzahl", "w", "omega"), "speed"),
     **dict.fromkeys(("ticks", "counts", "count", "encoder", "enc"), "angle"),
-    **dict.fromkeys(("t", "time", "zeit"), "time"),
+    **dict.fromkeys(("t", "time", "zeit", "timestamp"), "time"),
+    **dict.fromkeys(("amp", "ampere", "milliamps", "milliamp", "milliampere"), "current"),
 }
+
+_EVENT = ("event", "events", "ereignis")
+"""Words of the instants at which a sensor saw the shaft …"""
+
+_SENSOR = ("pulse", "pulses", "impuls", "hall", "marker", "edge", "flanke", "tick")
+"""… and words that mean it where a word of time stands beside them: ``pulse_time_us``."""
 
 _WANTED = {"voltage": "voltage_V", "current": "current_A", "torque": "torque_Nm"}
 
@@ -106,11 +113,13 @@ def _column(name: str, unit: str, where: str) -> Column | None:
     if _OTHER & set(parts):
         return None
     word = next((_ROLE_OF_WORD[w] for w in parts if w in _ROLE_OF_WORD), "")
-    if "event" in parts or (word == "time" and "event" in name.lower()):
+    if _is_event(parts, word == "time"):
         return Column(name, "event", _seconds(unit or told or _tail(name)))
     if word == "time":
         return Column(name, "time", _seconds(unit or told or _tail(name)))
-    known = _conversion(name, unit or told)
+    # a column may be called by its unit: amps, volts
+    named = next((synonym(w) for w in parts if synonym(w) in ("V", "A", "mA")), "")
+    known = _conversion(name, unit or told or named)
     role = _ROLE_OF_UNIT.get(known.unit, word)
     if not role or role == "time":
         return None
@@ -127,6 +136,15 @@ def _column(name: str, unit: str, where: str) -> Column | None:
             f"{argument(units={name: example})}"
         )
     return Column(name, role, known.scale, side)
+
+
+def _is_event(parts: Sequence[str], timed: bool) -> bool:
+    """Whether the words of a name mean instants of events, German compounds included."""
+    for part in parts:
+        stem = part.removesuffix("zeit").removesuffix("time")
+        if stem in _EVENT or (stem in _SENSOR and (timed or stem != part)):
+            return True
+    return False
 
 
 def _tail(name: str) -> str:

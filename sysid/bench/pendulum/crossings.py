@@ -17,6 +17,9 @@ FEWEST_PERIODS = 3.0
 """Periods below which none is measured: the damping and the middle then decide the period too."""
 FEWEST_SAMPLES = 4.0
 """Samples a period; below, an oscillation twice as fast looks alike."""
+TONE = 0.5
+"""Share of the variation that the strongest wave has where there is one: of noise over ten windows
+or more it has a few per cent, of a swing sampled too slowly nearly all."""
 REACH = 0.1
 """Share of the largest swing that the angle must reach on either side between two passages: less
 is noise, or a swing so small that its passages tell little."""
@@ -124,12 +127,20 @@ def _strongest_period(t: Array, angle: Array, where: str) -> float:
     signal = np.interp(even, t, _clipped(angle))
     signal = signal - np.polyval(np.polyfit(even, signal, 1), even)
     if not float(np.ptp(signal)) > 1e-9 * float(np.max(np.abs(angle))):
-        raise DataError(f"{where} holds no oscillation: the angle stays at {angle[0]:.4g}")
+        drifts = float(np.ptp(angle)) > 1e-9 * float(np.max(np.abs(angle)))
+        does = "drifts evenly" if drifts else f"stays at {angle[0]:.4g}"
+        raise DataError(f"{where} holds no oscillation: the angle {does}")
     power = np.abs(np.fft.rfft(signal * np.hanning(n), 4 * n)) ** 2
     frequency = np.fft.rfftfreq(4 * n, span / (n - 1))
     low = frequency >= FEWEST_PERIODS / span / 2.0
     best = float(frequency[low][np.argmax(power[low])])
     if best * step * FEWEST_SAMPLES > 1.0:
+        lobe = np.abs(frequency - best) <= 2.0 / span  # of the Hann window
+        if float(np.sum(power[lobe])) < TONE * float(np.sum(power)):
+            raise DataError(
+                f"{where} holds no oscillation: what the angle does is noise, without a period; "
+                "let it swing freely ten times or more, from some 10°"
+            )
         raise DataError(
             f"{where}: one sample every {step:.3g} s is too slow for a period of {1 / best:.3g} s, "
             "which could as well be a faster one: record at 20 Hz or faster"

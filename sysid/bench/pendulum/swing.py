@@ -98,10 +98,11 @@ def read_swing(
     if np.any(np.diff(t) < 0):
         row = int(np.flatnonzero(np.diff(t) < 0)[0]) + 1
         raise DataError(f"{table.where}: the time falls after {t[row - 1]:g} s: sort the rows")
-    fresh = np.append(True, np.diff(t) > 0)
-    head, tail = trim
-    fresh &= (t >= t[0] + head) & (t <= t[-1] - tail) if len(t) else fresh
-    t, angle = t[fresh], angle[fresh]
+    if len(t):
+        head, tail = trim
+        fresh = np.append(True, np.diff(t) > 0)
+        fresh &= (t >= t[0] + head) & (t <= t[-1] - tail)
+        t, angle = t[fresh], angle[fresh]
     if len(t) < FEWEST:
         raise DataError(
             f"{table.where} holds {len(t)} readings of {how}: record some ten swings, at 20 Hz or "

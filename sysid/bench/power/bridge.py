@@ -238,7 +238,9 @@ def _direction(steps: _Steps, sign: float) -> Direction | None:
     if moves.sum() < FEWEST_LEVELS or len(np.unique(d[moves])) < FEWEST_LEVELS:
         return None
     slope, cut, cov, bends = _line(d[moves], y[moves])
-    still = d[~moves & (d < float(np.max(d[moves])))]
+    # a small answer that stands on the line is the line's, below the share or not
+    on_line = (y > NOISY * noise) & (np.abs(slope * d + cut - y) < 0.5 * y)
+    still = d[~moves & ~on_line & (d < float(np.max(d[moves])))]
     low, high = float(np.max(still)) if len(still) else 0.0, float(np.min(d[moves]))
     starts_line = -cut / slope
     gradient = np.array([cut / slope**2, -1.0 / slope])
