@@ -91,6 +91,10 @@ class PoseRule:
 
     Attributes:
         most_effects: as many at most; a pair of radii counts as two.
+        rolled: a share of the way lost below this is no slip although the radius is given: what a
+            wheel rolls on is less than what a ruler says by so much, as tyres sit lower.
+        between: a lag below this share of a sample is how the log was sampled: a speed taken from
+            counts of a sample comes half of one late.
         touched: a window counts as touched where an effect moves it by this share of the most.
         tied: rivals whose squared errors differ by fewer standard errors are a tie, …
         same_gain: … or that gain this share of the likelihood: noise of the speeds, which enters
@@ -106,6 +110,8 @@ class PoseRule:
     """
 
     most_effects: int = 3
+    rolled: float = 0.03
+    between: float = 0.5
     touched: float = 1.0 / 3.0
     tied: float = 2.0
     same_gain: float = 0.98

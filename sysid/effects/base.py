@@ -134,11 +134,31 @@ Of the context it may look at ``t``, ``w``, ``torque`` and ``torque_other``.
 Constants = Callable[[Any, Mapping[str, Signal], float, Signal], dict[str, Signal]]
 """(xp, parameters, dt, share of its speed that a track keeps in a sample) → numbers."""
 
+OnRecord = Callable[[Signal, Mapping[str, Signal], float], Signal]
+"""(wheel speeds of a record (N, 2), parameters, dt) → the same behind the effect."""
+
 Past = Callable[[Signal, Signal], Signal]
 """(signal over a record, whole samples a track) → the signal so much earlier."""
 
 InNumbers = Callable[[float, float, int], str]
 """(value, standard error, side: 0 left, 1 right, −1 both) → sentence."""
+
+
+@dataclass(frozen=True)
+class Law:
+    """One of several ways in which an effect between tracks and ground shows.
+
+    Attributes:
+        parameters: its numbers; those of the other laws do nothing.
+        in_numbers: the sentence with its first number.
+        as_radius: whether a smaller radius of both tracks does just the same.
+        as_lag: whether readings that come late do nearly the same.
+    """
+
+    parameters: tuple[str, ...]
+    in_numbers: InNumbers
+    as_radius: bool = False
+    as_lag: bool = False
 
 
 def nothing(
@@ -167,6 +187,9 @@ class Effect:
         states: how many states it carries.
         on_past: (xp, signal, past, parameters, context) → the effect on a whole record at once,
             for one whose states are simply its own last inputs, newest first.
+        on_record: the same between tracks and ground, for one with a memory: the effect on the
+            wheel speeds of a record that begins in steady motion, as fits need it often; None
+            takes one sample after the other.
         at_rest: (speed, drive) → its states in steady motion; None where every state then equals
             the signal the effect acts on.
         holds: (parameters) → torque with which it holds a track that stands.
@@ -197,6 +220,7 @@ class Effect:
             of an ``edge``, as the end of a sentence.
         length: between tracks and ground, the length that its parameter scales; None for none.
         in_numbers: between tracks and ground, the sentence with its number.
+        laws: between tracks and ground, its laws where it has several, each told by itself.
     """
 
     id: str
@@ -211,6 +235,7 @@ class Effect:
     constants: Constants | None = None
     states: int = 0
     on_past: Callable[[Any, Signal, Past, Mapping[str, Signal], Context], Signal] | None = None
+    on_record: OnRecord | None = None
     at_rest: Callable[[Signal, Signal], State] | None = None
     holds: Callable[[Mapping[str, Signal]], Signal] | None = None
     shared: bool = False
@@ -230,3 +255,4 @@ class Effect:
     between_edges: str = ""
     length: Length | None = None
     in_numbers: InNumbers | None = None
+    laws: tuple[Law, ...] = ()

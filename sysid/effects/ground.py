@@ -1,17 +1,19 @@
 """Ground: what effects between tracks and ground make of wheel speeds."""
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.effects.base import Context, Place
+from sysid.effects.base import Context, Effect, Place, State
 from sysid.errors import UsageError
 
 _CONTEXT = Context(*((0.0,) * len(fields(Context))))
-"""Vehicle effects look at the speeds alone."""
+"""Vehicle effects look at the speeds and at the time between samples alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,20 +48,78 @@ class Ground:
     def __bool__(self) -> bool:
         return bool(self.effects)
 
-    def rolled(self, omega: Array) -> Array:
+    @property
+    def remembers(self) -> bool:
+        """Whether some effect has a memory, so that samples come one after the other."""
+        return any(self._states)
+
+    @cached_property
+    def _states(self) -> tuple[int, ...]:
+        """How many states each effect carries."""
+        if not self.effects:
+            return ()
+        from sysid.effects.catalogue import effect
+
+        return tuple(effect(id).states for id in self.effects)
+
+    def rolled(self, omega: Array, dt: float = 0.0) -> Array:
         """Speeds at which tracks without slip and with nominal radii would move the vehicle alike.
 
         Args:
-            omega: wheel speeds, left and right in the last axis, (…, 2) [rad/s].
+            omega: wheel speeds, left and right in the last axis, (…, 2) [rad/s]; where the ground
+                ``remembers``, a record (N, 2), which begins in steady motion.
+            dt: sample time [s], for a ground that remembers.
+
+        Raises:
+            UsageError: the ground remembers, and no sample time is given.
         """
         if not self.effects:
             return omega
         from sysid.effects.catalogue import effect
 
+        if self.remembers and not dt > 0.0:
+            raise UsageError(
+                f"{' and '.join(self.effects)} need the time between samples: give `dt`"
+            )
         xp: Any = omega.__array_namespace__()
         for id in self.effects:
-            omega, _ = effect(id).step(xp, omega, (), self.parameters[id], _CONTEXT)
+            e, numbers = effect(id), self.parameters[id]
+            if e.on_record is not None:
+                omega = e.on_record(omega, numbers, dt)
+            elif e.states:
+                omega = _one_by_one(e, omega, numbers, dt)
+            else:
+                omega, _ = e.step(xp, omega, (), numbers, _CONTEXT)
         return omega
+
+    def start(self) -> State:
+        """What the effects remember of a vehicle that stands."""
+        return tuple((np.zeros(2),) * n for n in self._states)
+
+    def step(self, state: State, omega: tuple[Any, Any], dt: Any) -> tuple[tuple[Any, Any], State]:
+        """``rolled`` for one sample after the other.
+
+        Args:
+            state: after the sample before, or ``start``.
+            omega: wheel speeds of the left and the right track at this sample [rad/s]: plain
+                numbers, or those of another namespace.
+            dt: time since the sample before [s], 0 at the first.
+
+        Returns:
+            The speeds at which tracks without slip would move the vehicle alike, and the state.
+        """
+        if not self.effects:
+            return omega, state
+        from sysid.effects.catalogue import effect
+
+        plain = isinstance(omega[0], float | np.floating)
+        xp: Any = np if plain else omega[0].__array_namespace__()
+        now, after = xp.stack([xp.asarray(w) for w in omega]), []
+        context = replace(_CONTEXT, dt=dt)
+        for id, last in zip(self.effects, state, strict=True):
+            now, mine = _stepped(effect(id), xp, now, last, self.parameters[id], context)
+            after.append(mine)
+        return (float(now[0]), float(now[1])) if plain else (now[0], now[1]), tuple(after)
 
     def ordered(self, tracks: tuple[int, int]) -> "Ground":
         """For outputs in another order: ``tracks`` are the indices of left and right."""
@@ -70,12 +130,29 @@ class Ground:
         )
 
     def __call__(self, left: Any, right: Any) -> tuple[Any, Any]:
-        """``rolled`` for one pair of speeds: plain numbers, or those of another namespace."""
-        if isinstance(left, float | np.floating):
-            rolled = self.rolled(np.array([left, right]))
-            return float(rolled[0]), float(rolled[1])
-        pair = self.rolled(left.__array_namespace__().stack([left, right]))
-        return pair[0], pair[1]
+        """One pair of speeds in steady motion: plain numbers, or those of another namespace."""
+        steady = (
+            np.array([left, right])
+            if isinstance(left, float | np.floating)
+            else left.__array_namespace__().stack([left, right])
+        )
+        return self.step(tuple((steady,) * n for n in self._states), (left, right), math.inf)[0]
+
+
+def _stepped(
+    e: Effect, xp: Any, omega: Any, state: State, numbers: Mapping[str, Any], context: Context
+) -> tuple[Any, State]:
+    more = e.constants(xp, numbers, context.dt, 0.0) if e.constants else {}
+    return e.step(xp, omega, state, {**numbers, **more}, context)
+
+
+def _one_by_one(e: Effect, omega: Array, numbers: Mapping[str, Array], dt: float) -> Array:
+    """An effect on a record, sample after sample."""
+    state: State = (omega[0],) * e.states
+    out, context = np.empty_like(omega), replace(_CONTEXT, dt=dt)
+    for k, now in enumerate(omega):
+        out[k], state = _stepped(e, np, now, state, numbers, context)
+    return out
 
 
 def slipping(ground: Ground, share: Any) -> Ground:

@@ -4,17 +4,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, StartsFrom, State
+from sysid.effects.lag import lagging
 from sysid.effects.programmes import COASTING, LEVELS, RESTS, REVERSALS, TOP
 
 P = Mapping[str, Signal]
-
-
-def _lagging(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
-    # exact for a speed that runs straight between samples
-    x = dt / xp.maximum(p["lag"], 1e-12)
-    decay = xp.exp(-x)
-    ramp = (1.0 - decay) / x
-    return {"decay": decay, "earlier": ramp - decay, "now": 1.0 - ramp}
 
 
 def _lag(xp: Any, y: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
@@ -46,7 +39,7 @@ EFFECTS = (
         "Fast reversals sampled fast.",
         (EffectParameter("lag", "s", 0.0, 0.0, 40.0, (1.0, 6.0), "dt"),),
         _lag,
-        _lagging,
+        lagging,
         states=2,
         ties=("actuator-lag",),
         programmes=(REVERSALS, TOP),

@@ -6,8 +6,21 @@ Forward speed v = r(ω_L + ω_R)/2 and yaw rate ψ̇ = r(ω_R − ω_L)/B before
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.effects.base import Context, Effect, EffectParameter, Length, Place, Signal, State
-from sysid.effects.programmes import TURNS
+import numpy as np
+
+from sysid.data.filtering import lfilter
+from sysid.effects.base import (
+    Context,
+    Effect,
+    EffectParameter,
+    Law,
+    Length,
+    Place,
+    Signal,
+    State,
+)
+from sysid.effects.lag import lagging
+from sysid.effects.programmes import LEVELS, REVERSALS, TURNS
 
 P = Mapping[str, Signal]
 
@@ -26,6 +39,81 @@ def _radius(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, Sta
 def _width(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
     mean = 0.5 * (w[..., :1] + w[..., 1:])
     return mean + p["ratio"] * (w - mean), s
+
+
+MOST_LOST = 0.95
+"""Share of the way that a track loses at most."""
+
+
+def _lost(xp: Any, w: Signal, p: P) -> Signal:
+    """Speeds of which both tracks lose a share, more where the wheels turn faster."""
+    fast = 0.5 * (xp.abs(w[..., :1]) + xp.abs(w[..., 1:]))
+    return w * (1.0 - xp.minimum(p["share"] + p["growth"] * fast, MOST_LOST))
+
+
+def _both(w: Signal) -> Signal:
+    return 0.5 * (w[..., :1] + w[..., 1:])
+
+
+def _longitudinal(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    # s: speeds that follow, speeds they follow
+    way = _lost(xp, w, p)
+    follows = p["decay"] * s[0] + p["earlier"] * s[1] + p["now"] * way
+    return way + _both(follows - way), (follows, way)
+
+
+def _longitudinal_record(w: Signal, p: P, dt: float) -> Signal:
+    way = _lost(np, w, p)
+    return way + _both(_followed(way, p, dt) - way)
+
+
+def _scrub(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    follows = p["decay"] * s[0] + p["earlier"] * s[1] + p["now"] * w
+    late = follows - w
+    return w + late - _both(late), (follows, w)
+
+
+def _scrub_record(w: Signal, p: P, dt: float) -> Signal:
+    late = _followed(w, p, dt) - w
+    return w + late - _both(late)
+
+
+def _followed(w: Signal, p: P, dt: float) -> Signal:
+    """What follows the speeds of a record with the lag of both tracks, (N, 2)."""
+    lag = float(np.ravel(p["lag"])[0])
+    if lag <= 0.0:
+        return w
+    k = lagging(np, {"lag": lag}, dt, 0.0)
+    before = (k["decay"] + k["earlier"]) * w[:1]
+    return lfilter([k["now"], k["earlier"]], [1.0, -k["decay"]], w, axis=0, zi=before)[0]
+
+
+def _share_in_numbers(value: float, error: float, side: int) -> str:
+    return (
+        f"Wheels or tracks slip in straight drive, too: they lose {100 * value:.3g} ± "
+        f"{100 * error:.2g} % of their way at any speed, if the radius given is right."
+    )
+
+
+def _growth_in_numbers(value: float, error: float, side: int) -> str:
+    return (
+        "Wheels or tracks slip more the faster they turn: at 10 rad/s they lose "
+        f"{1000 * value:.3g} ± {1000 * error:.2g} % of their way; no radius does that."
+    )
+
+
+def _load_in_numbers(value: float, error: float, side: int) -> str:
+    return (
+        "Wheels or tracks slip while they speed up and slow down: the vehicle's speed follows "
+        f"theirs with a lag of {value:.3g} ± {error:.2g} s; no radius does that."
+    )
+
+
+def _scrub_in_numbers(value: float, error: float, side: int) -> str:
+    return (
+        "Turning follows the wheels with a lag, as tyres or tracks scrub and the body's inertia "
+        f"holds it: {value:.3g} ± {error:.2g} s."
+    )
 
 
 def _slip_in_numbers(value: float, error: float, side: int) -> str:
@@ -97,5 +185,48 @@ EFFECTS = (
         programmes=(TURNS,),
         length=Length.TRACK_DISTANCE,
         in_numbers=_width_in_numbers,
+    ),
+    Effect(
+        "longitudinal-slip",
+        "vehicle",
+        Place.POSE,
+        "v → v(1 − i − j|ω|), λ v̇′ = v − v′",
+        "Wheels or tracks slip in straight drive, too: on ice, in loose soil, under load.",
+        "The way falls short of what the wheels say, in turns and in straight runs alike.",
+        "Straight runs at several speeds with hard starts and stops, with a measured radius; the "
+        "same on another ground.",
+        (
+            EffectParameter("share", "", 0.0, 0.0, 0.9, (0.1,), "one"),
+            EffectParameter("growth", "s/rad", 0.0, 0.0, 0.2, (0.01,), "one", at_null=True),
+            EffectParameter("lag", "s", 0.0, 0.0, 2.0, (0.1,), "one", at_null=True),
+        ),
+        _longitudinal,
+        lagging,
+        states=2,
+        on_record=_longitudinal_record,
+        shared=True,
+        programmes=(LEVELS, REVERSALS),
+        laws=(
+            Law(("share",), _share_in_numbers, as_radius=True),
+            Law(("growth",), _growth_in_numbers),
+            Law(("lag",), _load_in_numbers, as_lag=True),
+        ),
+    ),
+    Effect(
+        "scrub-lag",
+        "vehicle",
+        Place.POSE,
+        "λ ψ̈ = ψ̇_wheels − ψ̇",
+        "Turning follows the wheels with a lag: tyres or tracks scrub before the body turns.",
+        "Turns begin late and end late; forward motion does not.",
+        "Turns that start, stop and change their side, on the spot and while driving.",
+        (EffectParameter("lag", "s", 0.0, 0.0, 2.0, (0.1,), "one"),),
+        _scrub,
+        lagging,
+        states=2,
+        on_record=_scrub_record,
+        shared=True,
+        programmes=(TURNS, REVERSALS),
+        laws=(Law(("lag",), _scrub_in_numbers, as_lag=True),),
     ),
 )

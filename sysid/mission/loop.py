@@ -128,6 +128,7 @@ class LoopState(NamedTuple):
     control: State
     sensors: tuple[State, ...]
     navigation: State
+    ground: State
     motion: State
     estimate: Body
     references: References
@@ -165,8 +166,8 @@ Drive = Callable[[Command, Body, Real, Any], tuple[tuple[Real, Real], Command]]
 """(command, how the robot moves, t, xp) → PWM of both tracks [µs], what of the command it gives."""
 
 
-Moved = tuple[tuple[Real, Real], tuple[State, Body]]
-"""Wheel speeds, and what a motion remembers and says."""
+Moved = tuple[tuple[Real, Real], tuple[State, State, Body]]
+"""Wheel speeds, what the ground and what a motion remembers, and what the motion says."""
 
 
 @dataclass(frozen=True)
@@ -208,6 +209,7 @@ class Loop:
             control=self.control.start(scene, xp),
             sensors=tuple(s.start(scene, xp) for s in scene.sensors.values()),
             navigation=self.navigation.start(scene, xp),
+            ground=self.plant.ground.start(),
             motion=self.motion.start(scene, xp),
             estimate=at_rest,
             references=References(0.0, scene.start.psi, False),
@@ -278,10 +280,15 @@ class Loop:
         if moved is None:
             plant, omega = self._wheels(state, tick.t)
             moved = omega, self._moved(state, omega, tick)
-        remembered, body = moved[1]
+        ground, remembered, body = moved[1]
         progress, verdict = self._judged(state, body, tick)
         state = state._replace(
-            plant=plant, motion=remembered, body=body, progress=progress, verdict=verdict
+            plant=plant,
+            ground=ground,
+            motion=remembered,
+            body=body,
+            progress=progress,
+            verdict=verdict,
         )
         r, c = state.references, state.command
         row: tuple[Real, ...] = (tick.t, *state.pwm, *omega, *body.pose, body.speed, body.yaw_rate)
@@ -301,19 +308,20 @@ class Loop:
         drive = left / PWM_FULL_SCALE, right / PWM_FULL_SCALE
         inputs = MotionInputs(tick.t, *before, self.scene, drive)
         remembered, body = self.motion.step(state.motion, inputs, tick.dt, self.xp)
-        return self.motion.wheel_speeds(remembered), (remembered, body)
+        return self.motion.wheel_speeds(remembered), (state.ground, remembered, body)
 
     def _turning(self, state: LoopState, t: Real) -> tuple[Real, Real]:
         """Wheel speeds at this sample under the command held so far."""
         y = self._readout(state.plant, self.xp.array(self._acting(state.pwm, t)))
         return self.xp.float64(y[0]), self.xp.float64(y[1])
 
-    def _moved(self, state: LoopState, omega: tuple[Real, Real], tick: Tick) -> tuple[State, Body]:
+    def _moved(
+        self, state: LoopState, omega: tuple[Real, Real], tick: Tick
+    ) -> tuple[State, State, Body]:
         """Where tracks that turn at ``omega`` bring the vehicle at this sample."""
-        ground = self.plant.ground
-        left, right = ground(*omega) if ground else omega
+        (left, right), ground = self.plant.ground.step(state.ground, omega, tick.dt)
         rolled = MotionInputs(tick.t, left, right, self.scene)
-        return self.motion.step(state.motion, rolled, tick.dt, self.xp)
+        return ground, *self.motion.step(state.motion, rolled, tick.dt, self.xp)
 
     def _read(
         self,
@@ -328,7 +336,7 @@ class Loop:
         sensors = self.scene.sensors
         if not sensors:
             return state, readings
-        body = (self._moved(state, omega, tick) if moved is None else moved[1])[1]
+        body = (self._moved(state, omega, tick) if moved is None else moved[1])[2]
         after = []
         for sensor, last, numbers in zip(sensors.values(), state.sensors, draws, strict=True):
             seen = SensorInputs(tick.t, body, omega[0], omega[1], numbers, self.scene)

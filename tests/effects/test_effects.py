@@ -48,6 +48,8 @@ IDS = (
     "track-slip",
     "radius-mismatch",
     "track-width",
+    "longitudinal-slip",
+    "scrub-lag",
     "sensor-lag",
     "sensor-saturation",
     "sensor-bias",

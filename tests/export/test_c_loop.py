@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 from c_programs import COMPILER, FLAGS, needs_compiler
 from plant_models import robot_model
+from pose_cases import two_tracks
 
 import sysid
+from sysid.discrepancy.pose.ground_model import with_ground
+from sysid.effects.ground import Ground
 from sysid.export.c.loop.report import operations
 from sysid.export.c.precision import in_single, single
 from sysid.export.package import Form, package_files, write_package
@@ -272,3 +275,15 @@ def test_a_slow_pole_loosens_what_single_precision_promises() -> None:
     assert quick.reason == ""
     assert slow.loop > 10.0 * quick.loop
     assert "slowest mode (1e+04 s)" in slow.reason
+
+
+@needs_compiler
+def test_a_ground_that_remembers_is_driven_in_c(tmp_path: Path) -> None:
+    ground = Ground(("scrub-lag",), {"scrub-lag": {"lag": np.full(2, 0.3)}})
+    form = Form(mission_of("goal: [1.5, 1]\ntimeout: 12\n", tmp_path), True)
+    write_package(
+        with_ground(two_tracks(), ground, {}), tmp_path / "plant", formats=["c"], form=form
+    )
+    c = tmp_path / "plant" / "c"
+    ran(c, str(COMPILER), *QUICK, "-o", "loop_selftest", *sources(c), "-lm")
+    assert errors(c)["closed-loop"] < 1e-12

@@ -6,9 +6,9 @@ of its pose over two seconds are compared, so that nothing accumulates.
     Δ(x, y, ψ) measured − Δ(x, y, ψ) by the wheel speeds, in the body frame at a window's start
 
 Effects come one at a time, the best first, while the rule of acceptance of ``evidence`` holds, and
-an earlier one goes again when a later one has made it needless. Two explanations compete with the
-effects without being any: another radius of both tracks, and speed sensors that do not read zero at
-rest.
+an earlier one goes again when a later one has made it needless. Some explanations compete with the
+effects without being any: another radius of both tracks, speed sensors that do not read zero at
+rest, and readings of the pose, or of its heading, that come late.
 """
 
 import math
@@ -29,6 +29,7 @@ from sysid.discrepancy.pose.evidence import (
     pose_gap,
     pose_residuals,
 )
+from sysid.discrepancy.pose.words import sentence_of, warnings_of
 from sysid.discrepancy.search.evidence import Evidence
 from sysid.effects.base import Length
 from sysid.effects.catalogue import effect
@@ -44,8 +45,8 @@ from sysid.estimation.vehicle.ground_fit import (
     distance_slot,
     every_candidate,
     every_slot,
-    geometry_of,
     ground_of,
+    lags,
     lengths,
     radius_slot,
 )
@@ -139,11 +140,12 @@ def diagnose_pose(
     every, changed = in_one_frame((*tracks, *others))
     tracks, others = every[: len(tracks)], every[len(tracks) :]
     estimate = contradicted(every, Geometry()) if geometry is None else None
+    known = geometry is not None
     geometry = estimate.geometry if estimate is not None else geometry or Geometry()
-    found = _diagnosed(tracks, others, geometry, estimate)
+    found = _diagnosed(tracks, others, geometry, estimate, known)
     if estimate is not None and found.geometry is not None and not found.geometry.contradicts:
         # what is missing explains it: beside the effects the lengths are those assumed
-        found = _diagnosed(tracks, others, estimate.assumed, None)
+        found = _diagnosed(tracks, others, estimate.assumed, None, known)
     return replace(found, warnings=(*changed, *found.warnings))
 
 
@@ -152,31 +154,30 @@ def _diagnosed(
     others: tuple[Track, ...],
     geometry: Geometry,
     estimate: GeometryEstimate | None,
+    known: bool,
 ) -> PoseDiagnosis:
     """What is missing with these lengths, which are fitted too where they are estimates."""
     always = lengths() if estimate is not None else ()
     noise = increments_noise((*tracks, *others), geometry)
-    first = _searched(tracks, others, noise, geometry, always)
+
+    def search(noise: Noise) -> PoseSearch:
+        first, second = (PoseProblem(part, geometry, noise) for part in (tracks, others))
+        return PoseSearch(first, second, always, known)
+
+    first = _searched(search(noise))
     second = replace(noise, factor=_factor(first[2]))
-    return _pose_diagnosis(*_searched(tracks, others, second, geometry, always), estimate)
+    return _pose_diagnosis(*_searched(search(second)), estimate)
 
 
 _Found = tuple[PoseSearch, Fitted, Fitted, list[_Step], tuple[tuple[str, float], ...]]
 
 
-def _searched(
-    tracks: tuple[Track, ...],
-    others: tuple[Track, ...],
-    noise: Noise,
-    geometry: Geometry,
-    always: tuple[Candidate, ...],
-) -> _Found:
+def _searched(search: PoseSearch) -> _Found:
     """(search, before, after, steps, ranking); no steps where they leave most of the gap."""
-    first, second = (PoseProblem(part, geometry, noise) for part in (tracks, others))
-    search = PoseSearch(first, second, always)
     base = search.fit(())
     steps, final, ranking = _grown(search, base)
-    gap = pose_gap(held_pairs(search, [s.candidate for s in steps]), noise.floor)
+    floor = search.estimation.noise.floor
+    gap = pose_gap(held_pairs(search, [s.candidate for s in steps]), floor)
     if gap.closed_percent < VERDICT.most_of_gap:
         steps, final = [], base
     return search, base, final, steps, ranking
@@ -204,8 +205,8 @@ def _grown(
     steps: list[_Step] = []
     ranking: tuple[tuple[str, float], ...] = ()
     current = base
-    while len(chosen) < POSE.most_effects:
-        rivals = [c for c in every_candidate() if _allowed(c, (*search.always, *chosen))]
+    while sum(bool(c.id) for c in chosen) < POSE.most_effects:
+        rivals = [c for c in every_candidate() if _allowed(c, search, chosen)]
         fits = [(c, search.fit([*chosen, c])) for c in rivals]
         fits.sort(key=lambda item: _score(item[1]))
         if not steps:
@@ -213,9 +214,13 @@ def _grown(
         judged = [
             (c, f, evidence_of(current, f, len(rivals)))
             for c, f in fits
-            if not f.at_bound and _away(c, f)
+            if not f.at_bound and _away(c, f) and _large_enough(c, f, search)
         ]
-        passed = [(c, f, e) for c, f, e in judged if e.accepted and not (steps and _late(e))]
+        passed = [
+            (c, f, e)
+            for c, f, e in judged
+            if e.accepted and not (steps and _late(e)) and _beyond_others(c, search, chosen)
+        ]
         if not passed:
             break
         first = passed[0]
@@ -250,10 +255,46 @@ def _late(evidence: Evidence) -> bool:
     return evidence.t < POSE.late_t or evidence.ratio >= POSE.late_ratio
 
 
-def _allowed(c: Candidate, chosen: Sequence[Candidate]) -> bool:
-    """Both radii and their common scale are two numbers together, not three."""
-    radii = sum(x.length is Length.RADIUS for x in chosen)
-    return c not in chosen and not (c.length is Length.RADIUS and radii == 2)
+def _allowed(c: Candidate, search: PoseSearch, chosen: Sequence[Candidate]) -> bool:
+    """Both radii and their common scale are two numbers together, not three; and slip at any speed
+    is one of them, which only a radius that is known tells."""
+    taken = (*search.always, *chosen)
+    if c in taken:
+        return False
+    radii = [x for x in taken if x.length is Length.RADIUS or _as_radius(x)]
+    if _as_radius(c):
+        return search.radius_known and not radii
+    return not (c.length is Length.RADIUS and len(radii) == 2)
+
+
+def _as_radius(c: Candidate) -> bool:
+    return c.law is not None and c.law.as_radius
+
+
+def _large_enough(c: Candidate, fitted: Fitted, search: PoseSearch) -> bool:
+    """Whether a number is beyond what a ruler, or the sampling, leaves open."""
+    value = abs(float(fitted.q[c.slots[0]]))
+    if _as_radius(c):
+        return value > POSE.rolled
+    if c in lags() or (c.law is not None and c.law.as_lag):
+        return value > POSE.between * search.estimation.tracks[0].dt
+    return True
+
+
+def _beyond_others(c: Candidate, search: PoseSearch, chosen: Sequence[Candidate]) -> bool:
+    """Whether a law is there whatever does nearly the same is worth: readings of the pose that
+    come late for one with a memory; for slip in straight drive what only shortens turns."""
+    if c.law is None:
+        return True
+    alike = lags() if c.law.as_lag else [x for x in lengths() if x.id]
+    beside = [*chosen, *(x for x in alike if x not in (*search.always, *chosen))]
+    before, after = search.fit(beside), search.fit([*beside, c])
+    return (
+        not after.at_bound
+        and _away(c, after)
+        and _large_enough(c, after, search)
+        and evidence_of(before, after, len(every_candidate())).accepted
+    )
 
 
 def _score(fitted: Fitted) -> float:
@@ -298,7 +339,7 @@ def _pose_diagnosis(
             sum(len(e) for e in base.errors.held),
         ),
         residuals=pose_residuals(search, final),
-        warnings=_warnings(search, final, steps),
+        warnings=warnings_of(search, final, [(s.candidate, s.ties) for s in steps]),
         geometry=_beside(estimate, final) if estimate is not None and steps else estimate,
     )
 
@@ -335,18 +376,8 @@ def _named(step: _Step, final: Fitted) -> NamedEffect:
         p_value=e.p_value,
         heldout_gain=1.0 - e.ratio,
         indistinguishable=tuple(dict.fromkeys(t.id for t in step.ties if t.id)),
-        sentence=_sentence(c.id, values[0].value, values[0].std_error or 0.0, side),
+        sentence=sentence_of(c, values[0].value, values[0].std_error or 0.0, side),
     )
-
-
-def _sentence(id: str, value: float, error: float, side: int) -> str:
-    e = effect(id)
-    if e.in_numbers is not None:
-        return e.in_numbers(value, error, side)
-    p = e.parameters[0]
-    where = "" if side < 0 else f" on the {('left', 'right')[side]}"
-    unit = f" {p.unit.replace('speed', 'rad/s')}" if p.unit else ""
-    return f"{e.sentence} Here {p.name} {value:.4g} ± {error:.2g}{unit}{where}."
 
 
 def _std_errors(final: Fitted, always: Sequence[Candidate]) -> dict[str, dict[str, Array]]:
@@ -373,11 +404,13 @@ def _detectable(search: PoseSearch, final: Fitted) -> dict[str, float | None]:
     variance = float(np.mean(r**2))
     found: dict[str, float | None] = {}
     for c in every_candidate():
-        if not c.id:
+        first = every_slot()[c.slots[0]].name
+        if not c.id or first != effect(c.id).parameters[0].name:
             continue
         power = float(np.sum(J[:, c.slots[0]] ** 2))
         size: float | None = None
-        if power > 0 and c not in search.always:  # a length that is estimated hides it
+        # a length that is estimated hides it
+        if power > 0 and c not in search.always and _allowed(c, search, ()):
             seen = POSE.shown * math.sqrt(variance / power)
             needed = math.sqrt((RULE.held_out**-2 - 1.0) * variance * len(r) / power)
             slot = every_slot()[c.slots[0]]
@@ -386,37 +419,3 @@ def _detectable(search: PoseSearch, final: Fitted) -> dict[str, float | None]:
         if c.id not in found or (size or math.inf) > (found[c.id] or math.inf):
             found[c.id] = size
     return found
-
-
-def _warnings(search: PoseSearch, final: Fitted, steps: Sequence[_Step]) -> tuple[str, ...]:
-    keys = {s.candidate.key for s in steps}
-    said = []
-    if BOTH_RADII in keys:
-        r = geometry_of(final.q, search.estimation.geometry).r
-        said.append(
-            f"Both sides roll as if their radius were {r:.5g} m, not "
-            f"{search.estimation.geometry.r:g} m: set vehicle.r in the mission."
-        )
-    if SPEED_OFFSET in keys:
-        left, right = (
-            v for s, v in zip(every_slot(), final.q, strict=True) if s.owner == SPEED_OFFSET
-        )
-        said.append(
-            "The pose says that the speed sensors read "
-            f"{left:.3g} and {right:.3g} rad/s (left, right) at rest: take that off "
-            "the readings."
-        )
-    if sum(bool(s.candidate.id) and s.candidate.length is Length.RADIUS for s in steps) == 2:
-        said.append("Neither side has the radius given: check vehicle.r.")
-    for s in steps:
-        unnamed = [t.key for t in s.ties if not t.id]
-        if s.candidate.id and unnamed:
-            said.append(
-                f"{s.candidate.id} cannot be told from "
-                + " or ".join(
-                    "another radius on both sides" if k == BOTH_RADII else "an offset of the speeds"
-                    for k in unnamed
-                )
-                + " on these logs."
-            )
-    return tuple(said)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,7 +100,7 @@ def held_pairs(search: PoseSearch, keys: Sequence[Candidate]) -> list[tuple[Arra
     pairs = list(zip(before.errors.held, after.errors.held, strict=True))
     if sum(int(t.sum()) for t in _touched(pairs)) >= FEW_TOUCHED:
         return pairs
-    turned = PoseSearch(search.held, search.estimation, search.always)
+    turned = replace(search, estimation=search.held, held=search.estimation)
     before, after = turned.fit(()), turned.fit(keys)
     return pairs + list(zip(before.errors.held, after.errors.held, strict=True))
 

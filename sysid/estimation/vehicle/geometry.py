@@ -91,7 +91,7 @@ class GeometryEstimate:
         sentence = (
             f"The pose contradicts the geometry that is assumed unless one is given "
             f"(r = {self.assumed.r:g} m, B = {self.assumed.B:g} m); from the log {found}, "
-            "B as the robot turns, skidding included."
+            "r as it drives and B as it turns, slip and skidding included."
         )
         if not SMALLEST < self.geometry.r < LARGEST:
             sentence += (

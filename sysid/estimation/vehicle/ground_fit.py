@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid.criteria.coloured import coloured_gram
 from sysid.data.record import Array, Index
-from sysid.effects.base import Effect, EffectParameter, Length
+from sysid.effects.base import Effect, EffectParameter, Law, Length
 from sysid.effects.catalogue import ground_effects
 from sysid.effects.ground import Ground
 from sysid.estimation.vehicle.windows import CHANNELS, Noise, Track
@@ -44,12 +44,17 @@ class Slot:
 
 BOTH_RADII = "both-radii"
 SPEED_OFFSET = "speed-offset"
+POSE_LAG, HEADING_LAG = "pose-lag", "heading-lag"
 COMPETITORS = (
     Slot(BOTH_RADII, "scale", -1, 1.0, 0.5, 2.0, (0.95,)),
     *(Slot(SPEED_OFFSET, "offset", s, 0.0, -5.0, 5.0, (0.0,)) for s in (LEFT, RIGHT)),
+    *(Slot(k, "delay", -1, 0.0, -1.0, 1.0, (0.0,)) for k in (POSE_LAG, HEADING_LAG)),
 )
-"""Numbers that compete with the effects, so that a radius that the geometry has wrong, or a sensor
-that does not read zero at rest, lends its name to none."""
+"""Numbers that compete with the effects, so that a radius that the geometry has wrong, a sensor
+that does not read zero at rest, or a pose whose readings, or whose headings, come later than the
+speeds lends its name to none."""
+
+LAGS = (POSE_LAG, HEADING_LAG)
 
 
 @cache
@@ -90,29 +95,51 @@ class Candidate:
         id: effect, empty for what competes without being one.
         slots: its entries of ``every_slot``.
         length: the length of the vehicle that it changes, None for none.
+        law: which of the effect's, where it has several.
     """
 
     key: str
     id: str
     slots: tuple[int, ...]
     length: Length | None = None
+    law: Law | None = None
 
 
 @cache
 def every_candidate() -> tuple[Candidate, ...]:
-    """Every effect, side by side where the sides have numbers of their own, and what competes."""
-    of_effects = (
-        Candidate(
-            e.id if side < 0 else f"{e.id} {('left', 'right')[side]}",
-            e.id,
-            _at(e.id, side),
-            e.length,
-        )
-        for e in ground_effects()
-        for side in _sides(e)
-    )
+    """Every effect, side by side where the sides have numbers of their own, law by law where it has
+    several; and what competes."""
     both = Candidate(BOTH_RADII, "", _at(BOTH_RADII), Length.RADIUS)
-    return (*of_effects, both, Candidate(SPEED_OFFSET, "", _at(SPEED_OFFSET)))
+    others = (Candidate(key, "", _at(key)) for key in (SPEED_OFFSET, *LAGS))
+    return (*(c for e in ground_effects() for c in _of_effect(e)), both, *others)
+
+
+def _of_effect(e: Effect) -> list[Candidate]:
+    if not e.laws:
+        return [
+            Candidate(
+                e.id if side < 0 else f"{e.id} {('left', 'right')[side]}",
+                e.id,
+                _at(e.id, side),
+                e.length,
+            )
+            for side in _sides(e)
+        ]
+    return [
+        Candidate(
+            f"{e.id} {' and '.join(law.parameters)}",
+            e.id,
+            tuple(k for k in _at(e.id) if every_slot()[k].name in law.parameters),
+            law=law,
+        )
+        for law in e.laws
+    ]
+
+
+@cache
+def lags() -> tuple[Candidate, ...]:
+    """Readings of the pose that come late, which is nearly what an effect with a memory does."""
+    return tuple(c for c in every_candidate() if c.key in LAGS)
 
 
 def lengths() -> tuple[Candidate, ...]:
@@ -241,8 +268,9 @@ class PoseProblem(Problem):
             geometry_of(q, self.geometry),
             q[list(_at(SPEED_OFFSET))],
         )
+        late = float(q[_at(POSE_LAG)[0]]), float(q[_at(HEADING_LAG)[0]])
         return tuple(
-            m - t.predicted(ground, geometry, offset)
+            m - t.predicted(ground, geometry, offset, late)
             for m, t in zip(self._measured, self.tracks, strict=True)
         )
 
@@ -255,14 +283,14 @@ class PoseProblem(Problem):
         return np.concatenate([e.ravel() for e in self.whitened(self.errors(p))])
 
     def jacobian(self, p: Array) -> Array:
-        """Central differences in the free numbers; other columns are zero."""
+        """Differences in the free numbers, within their bounds; other columns are zero."""
         J = np.zeros((sum(self.lengths), len(every_slot())))
         for k in self.free:
             h = 1e-5 * max(every_slot()[k].upper - every_slot()[k].lower, 1.0)
             up, down = p.copy(), p.copy()
-            up[k] += h
-            down[k] -= h
-            J[:, k] = (self.residual(up) - self.residual(down)) / (2.0 * h)
+            up[k] = min(p[k] + h, every_slot()[k].upper)
+            down[k] = max(p[k] - h, every_slot()[k].lower)
+            J[:, k] = (self.residual(up) - self.residual(down)) / (up[k] - down[k])
         return J
 
 
@@ -288,11 +316,14 @@ class PoseSearch:
     Attributes:
         estimation, held: the problem of each part.
         always: what every fit frees: the lengths of a vehicle whose geometry nobody has given.
+        radius_known: whether somebody has given the radius, so that a way that falls short of it
+            on both sides is slip.
     """
 
     estimation: PoseProblem
     held: PoseProblem
     always: tuple[Candidate, ...] = ()
+    radius_known: bool = False
 
     def fit(self, candidates: Sequence[Candidate]) -> Fitted:
         """The numbers of all candidates together, estimated anew.

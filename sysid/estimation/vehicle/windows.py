@@ -79,15 +79,26 @@ class Track:
         turn = rolled + wrap_angle(b[:, 2] - a[:, 2] - rolled)
         return np.column_stack([change, turn])
 
-    def predicted(self, ground: Ground, geometry: Geometry, offset: Array | None = None) -> Array:
+    def predicted(
+        self,
+        ground: Ground,
+        geometry: Geometry,
+        offset: Array | None = None,
+        late: tuple[float, float] = (0.0, 0.0),
+    ) -> Array:
         """Increments that the wheel speeds make, (W, 3).
 
         Args:
             ground: effects between tracks and ground.
             geometry: lengths of the vehicle.
             offset: of the speed sensors, taken off the readings, (2,) [rad/s].
+            late: by how much the pose comes later than the speeds, and its heading more [s].
         """
         x, y, psi = self.path(ground, geometry, offset).T
+        if any(late):
+            t = np.arange(len(psi)) * self.dt
+            x, y = (np.interp(t - late[0], t, v) for v in (x, y))
+            psi = np.interp(t - late[0] - late[1], t, psi)
         a, b = self.starts, self.starts + self.span
         change = np.column_stack([x[b] - x[a], y[b] - y[a]])
         return np.column_stack([_turned_back(change, psi[a]), psi[b] - psi[a]])
@@ -109,7 +120,7 @@ def path_of(
 
     Arcs of constant speed between samples, at the mean of the speeds at both ends.
     """
-    rolled = ground.rolled(omega)
+    rolled = ground.rolled(omega, dt)
     forward, yaw_rate = body_velocity(rolled[:, 0], rolled[:, 1], geometry)
     along = 0.5 * dt * (forward[1:] + forward[:-1])
     turn = 0.5 * dt * (yaw_rate[1:] + yaw_rate[:-1])

@@ -8,7 +8,10 @@ import pytest
 from command_line import run
 from mission_cases import Robot, goal
 from plant_models import robot_record
+from pose_cases import two_tracks
 
+from sysid.discrepancy.pose.ground_model import with_ground
+from sysid.effects.ground import Ground
 from sysid.errors import DataError, ModelError, UsageError
 from sysid.estimation.pem import fit
 from sysid.export.package import write_package
@@ -71,6 +74,14 @@ def test_a_plant_that_is_no_model_runs_at_once_too() -> None:
 
 
 # What is drawn ------------------------------------------------------------------------------------
+
+
+def test_a_ground_that_remembers_is_the_same_in_a_batch() -> None:
+    ground = Ground(("scrub-lag",), {"scrub-lag": {"lag": np.full(2, 0.3)}})
+    setup = Setup.of(SHORT, [with_ground(two_tracks(), ground, {})])
+    seeds = run_seeds(1, 3)
+    figures = CompiledRuns(setup, 0, 4).figures(setup.drivers[0].drawing.draw(seeds))
+    assert agreement(setup, seeds, figures).apart == ()
 
 
 def drawing(**vary: object) -> Drawing:

@@ -1,6 +1,7 @@
 """Guidance, control, command module, navigation and motion of a mission, to be recorded as C."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple, cast
 
 from sysid.export.c.loop.block import Law
@@ -204,13 +205,26 @@ def _navigation(loop: Loop) -> Law:
     return _law("navigation", title, loop, inputs, step)
 
 
+class OnGround(NamedTuple):
+    """What ground and motion remember."""
+
+    ground: Any
+    motion: Any
+
+
 def _motion(loop: Loop) -> Law:
+    ground = loop.plant.ground
+
     def step(law: Any, scene: Scene, state: Any, read: Mapping[str, Any]) -> tuple[Any, Any]:
-        omega, ground = (read["omega_l"], read["omega_r"]), loop.plant.ground
-        rolled = MotionInputs(read["t"], *(ground(*omega) if ground else omega), scene)
-        state, body = law.step(state, rolled, read["dt"], TRACE)
-        return state, flat(body)
+        under, last = state if ground.remembers else (ground.start(), state)
+        speeds, under = ground.step(under, (read["omega_l"], read["omega_r"]), read["dt"])
+        rolled = MotionInputs(read["t"], *speeds, scene)
+        last, body = law.step(last, rolled, read["dt"], TRACE)
+        return OnGround(under, last) if ground.remembers else last, flat(body)
 
     inputs = dict.fromkeys(("t", "dt", "omega_l", "omega_r"), 0.0)
     title = "From the track speeds on the ground to where the vehicle is, at every sample"
-    return _law("motion", title, loop, inputs, step)
+    law = _law("motion", title, loop, inputs, step)
+    if not ground.remembers:
+        return law
+    return replace(law, start=lambda given: OnGround(ground.start(), law.start(given)))
