@@ -58,7 +58,7 @@ def others(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_every_format_of_the_package_loads_and_is_called_what_it_calls_itself() -> None:
-    assert registry.names() == ("json", "c", "table", "broken")
+    assert registry.names() == ("json", "c", "fmu", "table", "broken")
     for name in (*registry.BUILT_IN, "table"):
         made = registry.exporter(name)
         assert made.name == name
@@ -69,8 +69,8 @@ def test_every_format_of_the_package_loads_and_is_called_what_it_calls_itself() 
 @pytest.mark.parametrize(
     ("formats", "error", "words"),
     [
-        (["fmi"], UsageError, "there is no format 'fmi'; choose from json, c, table, broken"),
-        ([" "], UsageError, "no format is named; choose from json, c, table, broken"),
+        (["fmi"], UsageError, "there is no format 'fmi'; choose from json, c, fmu, table, broken"),
+        ([" "], UsageError, "no format is named; choose from json, c, fmu, table, broken"),
         (
             ["json", "broken"],
             UsageError,
@@ -164,4 +164,4 @@ def test_formats_are_chosen_on_the_command_line(
     refused = run(capsys, "export", "--format", "fmi")
     assert refused.code == 2
     assert refused.err.count("\n") == 1
-    assert "choose from json, c, table, broken" in refused.err
+    assert "choose from json, c, fmu, table, broken" in refused.err

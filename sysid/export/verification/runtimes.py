@@ -2,15 +2,23 @@
 
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from platform import python_version
 from typing import Protocol
 
+import numpy as np
+
+from sysid.data.record import Array
 from sysid.errors import ModelError
+from sysid.plant.selftest import TOLERANCE, SelfTest
 from sysid.plant.storage import Files
+from sysid.structures.plant import Plant
 
 SECONDS = 120.0
 """What a compiler or a self-test may take: they take a second, and a program that was tampered with
@@ -98,15 +106,15 @@ class Compiled:
         missing = [c for c in self.commands if shutil.which(c) is None]
         if missing:
             return Result(self.name, skipped=f"{missing[0]} is not installed")
-        version = _first_line([self.commands[-1], self.asks_version], folder)
+        told = _first_line([self.commands[-1], self.asks_version], folder)
         if "c/selftest.c" not in files:
-            return Result(self.name, version, skipped="the package has no C code")
+            return Result(self.name, told, skipped="the package has no C code")
         c = folder / "c"
         try:
             errors = [e for program in PROGRAMS for e in self._errors(c, program, files)]
         except ModelError as error:
-            return Result(self.name, version, failed=str(error))
-        return Result(self.name, version, max(errors), True)
+            return Result(self.name, told, failed=str(error))
+        return Result(self.name, told, max(errors), True)
 
     def _errors(self, c: Path, program: str, files: Files) -> Iterator[float]:
         """What a self-test prints.
@@ -135,22 +143,66 @@ class Compiled:
         yield from errors
 
 
-@dataclass(frozen=True)
-class Absent:
-    """A runtime for a form that the package does not have.
+@dataclass(frozen=True, eq=False)
+class CoSimulated:
+    """The plant as a unit of FMI, by a tool that runs such units.
 
     Attributes:
-        name: of the runtime.
-        reason: in a sentence.
+        name: of the tool, and of the package of Python that has it.
+        plant: what the unit must equal.
+        test: the self-test.
+        late: whether it tells outputs one sample after the inputs, which are still held.
     """
 
     name: str
-    reason: str
+    plant: Plant
+    test: SelfTest
+    late: bool = False
+
+    @property
+    def expected(self) -> Array:
+        """Outputs that the tool must tell, (N, ny)."""
+        if not self.late:
+            return self.test.y
+        state, rows = self.plant.initial_state(), []
+        for u in self.test.u:
+            state, _ = self.plant.step(state, u)
+            rows.append(self.plant.readout(state, u))
+        return np.array(rows)
 
     def replay(self, folder: Path, files: Files) -> Result:
-        """Nothing runs."""
-        return Result(self.name, skipped=self.reason)
+        """Run the unit in a process of its own."""
+        for module in ("fmpy", self.name.lower()):
+            if find_spec(module) is None:
+                extra = "pip install 'sysid-workbench[fmu]'"
+                return Result(self.name, skipped=f"{module} is not installed: {extra}")
+        installed = version(self.name)
+        if UNIT not in files:
+            return Result(self.name, installed, skipped="the package has no FMU")
+        inputs, outputs = (folder / f"{n}-{self.name}.csv" for n in ("inputs", "outputs"))
+        inputs.write_text("\n".join(",".join(map(repr, row)) for row in self.test.u.tolist()))
+        command = [sys.executable, "-m", _UNITS, self.name, str(folder / UNIT)]
+        try:
+            done = _run([*command, str(inputs), str(outputs)], folder)
+        except ModelError as refused:
+            return Result(self.name, installed, failed=str(refused))
+        y = _table(outputs)
+        if done.returncode or y.shape != self.test.y.shape:
+            why = done.stderr.strip().splitlines()[-1:] or ["no answer"]
+            return Result(self.name, installed, failed=f"the unit does not run: {why[0]}")
+        error = float(np.max(np.abs(y - self.expected) / self.test.scale()))
+        return Result(self.name, installed, error, error <= TOLERANCE)
 
+
+def _table(path: Path) -> Array:
+    """Numbers of a CSV file; none where there is no file."""
+    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+    return np.array([[float(v) for v in line.split(",")] for line in lines])
+
+
+_UNITS = "sysid.export.verification.units"
+UNIT = "fmu/plant.fmu"
+"""Where a package has its plant as a unit."""
 
 COMPILED = (
     Compiled("gcc", "gcc"),

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from sysid.errors import ModelError
-from sysid.export.verification.runtimes import COMPILED, Absent, Python, Result, Runtime
+from sysid.export.verification.runtimes import COMPILED, CoSimulated, Python, Result, Runtime
 from sysid.plant.package import files_of, read_package
-from sysid.plant.selftest import NAME, TOLERANCE, read_csv, run
+from sysid.plant.selftest import NAME, TOLERANCE, SelfTest, read_csv, run
 from sysid.plant.storage import Files
 from sysid.structures.plant import Plant
 
@@ -39,7 +39,8 @@ class Verification:
 
 
 def verify(path: str | Path) -> Verification:
-    """Replay the self-test of a package on Python, gcc, clang and ARM, as far as they are here.
+    """Replay the self-test of a package on Python, gcc, clang, ARM, FMPy and libcosim, as far as
+    they are here.
 
     The C code is compiled and run in a folder of its own, with a limit of time. A package whose
     content was changed after its export is refused before anything of it runs.
@@ -50,11 +51,12 @@ def verify(path: str | Path) -> Verification:
     package = read_package(path)
     files = files_of(path)
     plant = package.plant()
+    test = _selftest(plant, files, str(path))
     runtimes: tuple[Runtime, ...] = (
-        Python(_replayed(plant, files, str(path)), TOLERANCE),
+        Python(_replayed(plant, test), TOLERANCE),
         *COMPILED,
-        Absent("FMPy", "the package has no FMU"),
-        Absent("libcosimpy", "the package has no FMU"),
+        CoSimulated("FMPy", plant, test),
+        CoSimulated("libcosimpy", plant, test, late=True),
     )
     with tempfile.TemporaryDirectory(prefix="sysid-verify-") as made:
         folder = Path(made)
@@ -65,11 +67,19 @@ def verify(path: str | Path) -> Verification:
         return Verification(str(path), tuple(r.replay(folder, files) for r in runtimes))
 
 
-def _replayed(plant: Plant, files: Files, where: str) -> float:
-    """Largest error of the plant on its self-test, in parts of the range of its output."""
+def _selftest(plant: Plant, files: Files, where: str) -> SelfTest:
+    """The self-test of a package.
+
+    Raises:
+        ModelError: it is missing, or damaged.
+    """
     if NAME not in files:
         raise ModelError(f"{where} has no {NAME}: export the plant again")
-    test = read_csv(files[NAME], plant, where)
+    return read_csv(files[NAME], plant, where)
+
+
+def _replayed(plant: Plant, test: SelfTest) -> float:
+    """Largest error of the plant on its self-test, in parts of the range of its output."""
     with np.errstate(over="ignore", invalid="ignore"):
         error = np.max(np.abs(run(plant, test.u) - test.y), axis=0) / test.scale()
     worst = float(np.max(error))

@@ -1,0 +1,1 @@
+"""Functional mock-up units: a plant, and what drives it, for co-simulation."""
