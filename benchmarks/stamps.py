@@ -51,6 +51,7 @@ MADE_BY: dict[str, tuple[str, str]] = {
     "navigation.md": ("study_navigation.py", "make study"),
     "prediction_intervals.md": ("study_missions.py", "make study"),
     "tours.md": ("study_tour.py", "make study"),
+    "dynamic_fit.md": ("study_dynamic_fit.py", "python benchmarks/study_dynamic_fit.py"),
     "vehicle_on_data.md": ("study_vehicle.py", "make study"),
     "odd_logs.md": ("study_odd_logs.py", "make study"),
     "benchmark_linear.md": ("bench_linear.py", "make bench"),

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
     from sysid.discrepancy.diagnosis import Diagnosis
     from sysid.estimation.selection.comparison import Ranking
+    from sysid.estimation.vehicle.dynamic_motors import KnownMotors
     from sysid.estimation.vehicle.vehicle_fit import VehicleFit
     from sysid.mission.estimate import Estimation
     from sysid.mission.monte_carlo.mission_runs import MissionRuns
@@ -363,19 +364,29 @@ def fit_vehicle(
     *,
     geometry: "Geometry | None" = None,
     motion: str = "slip",
+    motors: "KnownMotors | Model | float | None" = None,
 ) -> "VehicleFit":
-    """Radii, width, slip, lags and lever arm of a vehicle, from logs that hold its pose.
+    """Radii, width, slip, lags and lever arm of a vehicle, or its masses and frictions.
 
     Args:
         records: logs, read with ``ReadOptions(held="keep")`` so that every row is there.
         validation: logs that judge; none holds out the last 30 % of ``records``.
         geometry: the lengths that ``before`` stands for; None for the bundled robot's.
-        motion: what moves it, such as ``slip``.
+        motion: what moves it: ``slip``, or ``dynamic`` for masses and frictions.
+        motors: of motion dynamic: a dc-motor of the bench, or the torque at the wheel per unit of
+            the command [Nm]; None where nothing of them is known.
 
     Raises:
-        DataError: pose or wheel speeds are missing, or there are too few of them.
+        DataError: pose, wheel speeds or commands are missing, or there are too few of them.
+        ModelError: the model tells no torque, or was driven on the ground.
         UsageError: there is no such motion.
     """
+    from sysid.estimation.vehicle.dynamic_motors import motors_of_model, torque_only
     from sysid.estimation.vehicle.vehicle_fit import fit_vehicle as fit_of
+    from sysid.structures.model import Model
 
-    return fit_of(_several(records), _several(validation), geometry, motion)
+    if isinstance(motors, Model):
+        motors = motors_of_model(motors)
+    elif isinstance(motors, int | float):
+        motors = torque_only(motors)
+    return fit_of(_several(records), _several(validation), geometry, motion, motors)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sysid.errors import UsageError
+from sysid.workspace.store import Workspace
 
 from .. import reading, render, targets
 from ..mission_options import given_lengths
@@ -16,6 +17,7 @@ from .fit_vehicle_report import show, show_squares
 if TYPE_CHECKING:
     from sysid.data.preparation import Preparation
     from sysid.data.reading.read_options import ReadOptions
+    from sysid.estimation.vehicle.dynamic_motors import KnownMotors
     from sysid.estimation.vehicle.vehicle_fit import VehicleFit
     from sysid.vehicle.kinematics import Geometry
 
@@ -98,7 +100,62 @@ def files(
     return Files(output, mission, to, plot, runs)
 
 
-@reading.composed(files=files, steps=reading.preparation, read=reading.read_options)
+@dataclass(frozen=True)
+class Torque:
+    """What is known of the motors, as the line says it."""
+
+    motors: str | None
+    torque_constant: float | None
+    workspace: Path
+
+    def known(self) -> "KnownMotors | None":
+        """The motors; None where nothing was said.
+
+        Raises:
+            UsageError: both options are given, or one cannot be read.
+        """
+        from sysid.estimation.vehicle.dynamic_motors import (
+            motors_of_model,
+            read_motors,
+            torque_only,
+        )
+
+        if self.motors is not None and self.torque_constant is not None:
+            raise UsageError("--motors and --torque-constant say the same thing: give one of them")
+        if self.torque_constant is not None:
+            return torque_only(self.torque_constant)
+        if self.motors is None:
+            return None
+        if Path(self.motors).suffix in (".yaml", ".yml"):
+            return read_motors(Path(self.motors))
+        return motors_of_model(Workspace(self.workspace).load(self.motors).model)
+
+
+def torque(
+    motors: Annotated[
+        str | None,
+        typer.Option(
+            "--motors",
+            metavar="MODEL",
+            help="Motors of --motion dynamic: id of a dc-motor (of `sysid bench motor`), or a "
+            ".yaml with resistance, back_emf, torque_constant, viscous, inertia, friction, gear.",
+        ),
+    ] = None,
+    torque_constant: Annotated[
+        float | None,
+        typer.Option(
+            "--torque-constant",
+            metavar="NM",
+            help="Torque at the wheel per unit of the command or current, where that is known.",
+        ),
+    ] = None,
+    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
+) -> Torque:
+    """What drives a vehicle that has mass."""
+    return Torque(motors, torque_constant, workspace)
+
+
+@reading.composed(files=files, drive=torque, steps=reading.preparation, read=reading.read_options)
 def fit_vehicle(
     logs: Annotated[
         list[Path] | None,
@@ -126,20 +183,23 @@ def fit_vehicle(
     ] = None,
     *,
     files: Files,
+    drive: Torque,
     steps: "Preparation",
     read: "ReadOptions",
     json: reading.Json = False,
 ) -> None:
     """Find radii, width, slip, lags and lever arm of a vehicle from logs that hold its pose.
 
-    Each with its standard error, and a sentence where a log does not tell it. Judged on windows of
-    two seconds that were not used.
+    With --motion dynamic its mass, yaw inertia, frictions and thrust stiffness. Each with its
+    standard error, and a sentence where a log does not tell it. Judged on windows of two seconds
+    that were not used.
     """
     given = None if geometry is None else given_lengths(geometry)
     if files.squares is not None:
         _returned(files.squares, given, logs or [], json)
         return
     _refuse_without(logs or [])
+    motors = drive.known()
     from sysid.estimation.vehicle.logs import read_drives
     from sysid.estimation.vehicle.vehicle_fit import fit_vehicle as fit
 
@@ -147,7 +207,7 @@ def fit_vehicle(
     held, more = read_drives(validation, read, steps) if validation else ((), ())
 
     with render.progress("Fitting the vehicle"):
-        found = fit(records, held, given, motion)
+        found = fit(records, held, given, motion, motors)
     document: dict[str, Any] = {"logs": [str(p) for p in logs or []], **found.to_json()}
     document["notes"] = [*found.notes, *(f.text for f in (*findings, *more))]
     document |= _written(files, found, (logs or [])[0].stem)

@@ -218,11 +218,21 @@ def body_speeds(q: Array, omega: Array, step: float, geometry: Geometry) -> tupl
     )
 
 
-def path(q: Array, drive: Drive, geometry: Geometry) -> Array:
-    """x, y [m], ψ [rad] of the vehicle at the nodes of the grid, from the origin, (N + 1, 3)."""
+def path(q: Array, drive: Drive, geometry: Geometry, more: Array | float = 0.0) -> Array:
+    """x, y [m], ψ [rad] of the vehicle at the nodes of the grid, from the origin, (N + 1, 3).
+
+    Args:
+        q: every number, radii and 1/width relative to the geometry's.
+        drive: what the wheels rolled.
+        geometry: lengths that q multiplies.
+        more: what something else adds to the way forward and to the left [m] and to the turn [rad]
+            of every step of the grid, (N, 3).
+    """
     forward, yaw_rate = body_speeds(q, drive.omega, drive.step, geometry)
     along, turn = forward * drive.step, yaw_rate * drive.step
     aside = -q[AT["side_slip"]] * forward * turn
+    added = np.broadcast_to(more, (len(along), 3))
+    along, aside, turn = along + added[:, 0], aside + added[:, 1], turn + added[:, 2]
     psi = np.concatenate([[0.0], np.cumsum(turn)])
     middle = psi[:-1] + 0.5 * turn
     chord = np.sinc(turn / (2.0 * np.pi))
@@ -234,9 +244,9 @@ def path(q: Array, drive: Drive, geometry: Geometry) -> Array:
     return out
 
 
-def pose_read(q: Array, drive: Drive, geometry: Geometry) -> Array:
+def pose_read(q: Array, drive: Drive, geometry: Geometry, more: Array | float = 0.0) -> Array:
     """The pose that the drive's source reads of the vehicle, at its readings, (M, 3)."""
-    x, y, psi = path(q, drive, geometry).T
+    x, y, psi = path(q, drive, geometry, more).T
     late = drive.at - q[AT["pose_lag"]]
     heading = np.interp(late, drive.nodes, psi)
     c, s = np.cos(heading), np.sin(heading)
@@ -270,11 +280,13 @@ def increments(pose: Array, windows: Index, offset: float) -> Array:
     )
 
 
-def window_errors(q: Array, drive: Drive, geometry: Geometry, windows: Index) -> Array:
+def window_errors(
+    q: Array, drive: Drive, geometry: Geometry, windows: Index, more: Array | float = 0.0
+) -> Array:
     """Measured less predicted increments over windows, (W, 3) [m, m, rad]."""
     offset = float(q[AT["heading_offset"]])
     measured = increments(drive.pose, windows, offset)
-    error = measured - increments(pose_read(q, drive, geometry), windows, offset)
+    error = measured - increments(pose_read(q, drive, geometry, more), windows, offset)
     error[:, 2] -= 2.0 * np.pi * np.rint(error[:, 2] / (2.0 * np.pi))
     return error
 

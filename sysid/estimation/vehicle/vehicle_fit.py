@@ -5,7 +5,7 @@ everything that is judged here (held-out errors, halves that judge each other, d
 whatever that foretells.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -14,6 +14,8 @@ import numpy as np
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError
 from sysid.estimation.vehicle.drive import Drive, Drives, drives_of
+from sysid.estimation.vehicle.dynamic_motion import fit_weighed
+from sysid.estimation.vehicle.dynamic_motors import KnownMotors
 from sysid.estimation.vehicle.geometry import SURE, GeometryEstimate, lengths_of
 from sysid.estimation.vehicle.judged import (
     Drift,
@@ -151,16 +153,18 @@ def _steps(q: Array, drive: Drive, geometry: Geometry) -> tuple[Array, Array]:
     return forward * drive.step, yaw_rate * drive.step
 
 
-Fitter = Callable[[Sequence[Part], Geometry, Geometry | None], MotionFit]
-"""Windows, lengths to start from, and those a person gave → a fitted model."""
+MOTIONS = ("slip", "dynamic")
+"""Models of motion that can be fitted, by the names that a mission knows them under."""
 
 
-def _slip(parts: Sequence[Part], start: Geometry, given: Geometry | None) -> MotionFit:
-    return Slipping(fit_slip(parts, start), given)
+WORSE = 1.1
+"""Errors larger than those of wheels that roll by more than chance does to thirty windows."""
 
-
-MOTIONS: Mapping[str, Fitter] = {"slip": _slip}
-"""Models of motion that can be fitted, by the name that a mission knows them under."""
+_FORETOLD_WORSE = (
+    "The forces foretell held-out paths worse than wheels that roll (plain): something beside the "
+    "motors' torque and this friction moves the vehicle, such as a controller of the wheel speeds, "
+    "so do not build on its stiffness and turning resistance."
+)
 
 
 @dataclass(frozen=True)
@@ -288,6 +292,7 @@ def fit_vehicle(
     held: Sequence[Record] = (),
     geometry: Geometry | None = None,
     motion: str = "slip",
+    motors: KnownMotors | None = None,
 ) -> VehicleFit:
     """What logs tell of a vehicle, judged on windows of two seconds that were held out.
 
@@ -297,13 +302,16 @@ def fit_vehicle(
         held: records that judge; without them the last 30 % of each record's windows do.
         geometry: radius and distance of the wheels or tracks; None for the thesis's robot's.
         motion: a name of ``MOTIONS``.
+        motors: what drives a vehicle of motion ``dynamic``; None where nothing of it is known.
 
     Raises:
-        DataError: pose or speeds are missing, or there are too few windows.
-        UsageError: there is no such motion.
+        DataError: pose or speeds are missing, or there are too few windows; commands are missing.
+        UsageError: there is no such motion, or it takes no motors.
     """
     if motion not in MOTIONS:
         raise UsageError(f"`motion` is one of {', '.join(MOTIONS)}, got {motion!r}")
+    if motors is not None and motion != "dynamic":
+        raise UsageError(f"motion {motion} knows no torques; motors go with `motion='dynamic'`")
     known = geometry or Geometry()
     drives = drives_of((*records, *held), known)
     own, other = drives.each[: len(records)], drives.each[len(records) :]
@@ -312,8 +320,17 @@ def fit_vehicle(
     check_enough(second, (held or records)[0].name)
     lengths = lengths_of([t for t in drives.tracks if len(t.starts)], known)
     start = _start(lengths)
-    model = MOTIONS[motion](first, start, geometry)
-    return _judged(_Study(drives, first, second, known, geometry, lengths, motion), model)
+    model: MotionFit
+    if motion == "dynamic":
+        model = weighed = fit_weighed(first, start, (*records, *held), drives, known, motors)
+        drives = replace(drives, notes=(*drives.notes, *weighed.notes))
+    else:
+        model = Slipping(fit_slip(first, start), geometry)
+    found = _judged(_Study(drives, first, second, known, geometry, lengths, motion), model)
+    worse = found.after.path > WORSE * found.plain.path
+    if motion == "dynamic" and (worse or found.after.heading > WORSE * found.plain.heading):
+        found = replace(found, notes=(*found.notes, _FORETOLD_WORSE))
+    return found
 
 
 @dataclass(frozen=True, eq=False)
