@@ -137,6 +137,10 @@ def criteria() -> Sheet:
         Row("Table in 5.5", "fit one step ahead on the record of the estimation [%]",
             "91.474 and 91.8968", _one_step(), "–",
             "whether the printed fit is of one step or of a free run is not said"),
+        Row("§5.6", "lumped parameters against a black box",
+            "understood and computed more easily; the same quality",
+            "measured on one motor: [lumped_or_black_box.md](lumped_or_black_box.md)", "–",
+            "the thesis compares in words"),
         Row("(3.39)", "constant of AIC", "N(n_y log 2π + 1))", "N n_y(log 2π + 1)", MISPRINT,
             "unbalanced bracket; the Gaussian likelihood has n_y before it, as (3.41) should"),
     )  # fmt: skip
