@@ -111,7 +111,7 @@ def _load_in_numbers(value: float, error: float, side: int) -> str:
 
 def _scrub_in_numbers(value: float, error: float, side: int) -> str:
     return (
-        "Turning follows the wheels with a lag, as tyres or tracks scrub and the body's inertia "
+        "Turning follows the wheels with a lag, as wheels or tracks scrub and the body's inertia "
         f"holds it: {value:.3g} ± {error:.2g} s."
     )
 
@@ -217,7 +217,7 @@ EFFECTS = (
         "vehicle",
         Place.POSE,
         "λ ψ̈ = ψ̇_wheels − ψ̇",
-        "Turning follows the wheels with a lag: tyres or tracks scrub before the body turns.",
+        "Turning follows the wheels with a lag: wheels or tracks scrub before the body turns.",
         "Turns begin late and end late; forward motion does not.",
         "Turns that start, stop and change their side, on the spot and while driving.",
         (EffectParameter("lag", "s", 0.0, 0.0, 2.0, (0.1,), "one"),),
