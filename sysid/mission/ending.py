@@ -52,7 +52,7 @@ def sentence(
     """
     guidance = mission.guidance.advice
     if outcome is Outcome.ARRIVED:
-        return "The robot reached the goal within the tolerance."
+        return _arrived(mission, float(_to_goal(mission, log)[-1]))
     if outcome is Outcome.TIMEOUT:
         faster = _either("raise timeout", guidance.faster)
         led = f" while it was led out of {_HELD[Hold(int(last.held))]}" if last.detour else ""
@@ -61,6 +61,16 @@ def sentence(
         advice = _either(guidance.wider, guidance.slower) or "lead it farther away from obstacles"
         return f"The robot touched an obstacle: {advice}."
     return _stuck(mission, log, last)[1]
+
+
+def _arrived(mission: Mission, away: float) -> str:
+    """What it holds for the goal, and where it is: with slip or sensors these are two places."""
+    if away <= mission.tolerance:
+        return "The robot reached the goal within the tolerance."
+    return (
+        f"The robot holds that it reached the goal, but stands {away:.2g} m from it: its wheels "
+        "slip or its sensors err; let navigation use a sensor of position, too."
+    )
 
 
 def stuck(mission: Mission, log: Mapping[str, Array], last: References) -> Stuck:

@@ -72,6 +72,17 @@ def test_every_motion_drives_a_mission(motion: str, soil: str) -> None:
         assert lost > 0.005
 
 
+def test_a_robot_that_slips_past_its_goal_is_not_said_to_stand_there() -> None:
+    """Odometry does not see slip: it holds for reached what the robot is a third short of."""
+    mission = goal(0.9, 0.0, motion={"kind": "slip", "slip": 0.3}, vehicle={"speed_scale": 1.0})
+    found = simulate(mission, as_robot(motor(), mission)[0])
+    assert found.outcome == "arrived"
+    away = 0.9 - found.final.x
+    assert away > 0.2
+    assert f"holds that it reached the goal, but stands {away:.2g} m from it" in found.sentence
+    assert driven("kinematic").sentence == "The robot reached the goal within the tolerance."
+
+
 def test_the_dynamic_motion_turns_the_tracks_itself() -> None:
     """The log's wheel speeds are those of motors that the ground resists, not of free ones."""
     log = driven("dynamic").log
