@@ -79,7 +79,7 @@ class Ground:
 
         if self.remembers and not dt > 0.0:
             raise UsageError(
-                f"{' and '.join(self.effects)} need the time between samples: give `dt`"
+                f"{' and '.join(self.effects)} need the time between two samples, which is missing"
             )
         xp: Any = omega.__array_namespace__()
         for id in self.effects:

@@ -10,9 +10,16 @@ from bench_rig import drive_log, staircase
 from command_line import run
 
 from sysid.bench.motor.characterise import MotorOptions, characterise_motor
-from sysid.bench.motor.equations import PUBLISHED, steady_state, step_response, torque_speed
-from sysid.bench.motor.model import bench_model, constants_of
+from sysid.bench.motor.equations import (
+    PUBLISHED,
+    MotorConstants,
+    steady_state,
+    step_response,
+    torque_speed,
+)
+from sysid.bench.motor.model import NAMES, bench_model
 from sysid.report.bench import motor_picture
+from sysid.structures.grey_box.dc_motor.structure import DCMotor
 from sysid.structures.model import Model
 
 Capture = pytest.CaptureFixture[str]
@@ -24,6 +31,14 @@ def bench_of(files: list[Path]) -> Model:
     found = bench_model(characterise_motor(files))
     assert found is not None
     return found
+
+
+def constants_of(model: Model) -> MotorConstants:
+    """The motor that a model of the bench describes."""
+    assert isinstance(model.structure, DCMotor)
+    p = model.structure.unpack(np, model.theta)
+    values = {name: float(np.ravel(p[own])[0]) for name, own in NAMES.items()}
+    return MotorConstants(**values, gear=float(p["gear"]))
 
 
 @pytest.fixture(scope="module")

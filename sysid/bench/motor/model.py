@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sysid.bench.motor.characterise import MotorBench
-from sysid.bench.motor.equations import MotorConstants, steady_state, time_constant
+from sysid.bench.motor.equations import steady_state, time_constant
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Channel
 from sysid.errors import Termination
@@ -105,11 +105,3 @@ def _held(parameter: Parameter, value: float, estimated: bool) -> Parameter:
 def motor_report(found: MotorBench) -> dict[str, Any]:
     """What the workspace keeps with the model."""
     return {"bench": found.to_json()}
-
-
-def constants_of(model: Model) -> MotorConstants:
-    """The motor that a model with constants of the bench describes, as ``bench_model`` made it."""
-    assert isinstance(model.structure, DCMotor)
-    p = model.structure.unpack(np, model.theta)
-    values = {name: float(np.ravel(p[own])[0]) for name, own in NAMES.items()}
-    return MotorConstants(**values, gear=float(p["gear"]))

@@ -59,7 +59,7 @@ class KnownMotors:
         if factor is None:
             raise UsageError(
                 f"the motors are driven in {self.unit} and the log's commands are in "
-                f"{unit or 'no unit'}: say their unit (`units`), or give `torque_constant`, the "
+                f"{unit or 'no unit'}: say their unit (`units`), or give the torque constant, the "
                 "torque at the wheel per unit of the command"
             )
         left, right = (
@@ -77,7 +77,7 @@ def torque_only(per_unit: float) -> KnownMotors:
     """
     if not (np.isfinite(per_unit) and per_unit > 0.0):
         raise UsageError(
-            f"`torque_constant` is {per_unit}: give the torque at the wheel [Nm] for one unit of "
+            f"the torque constant is {per_unit}: give the torque at the wheel [Nm] for one unit of "
             "the command or current, above 0"
         )
     motor = Motor(per_unit, 1.0, 1.0, 0.0)

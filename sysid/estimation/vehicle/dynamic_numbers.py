@@ -223,7 +223,7 @@ def _untold(name: str) -> VehicleNumber:
     sentence = (
         f"The log does not tell {meaning}: no torque is known, so that all forces come in units of "
         "it; give the motors' numbers (`motors`), or the torque per unit of command "
-        f"(`torque_constant`), and drive {SHOWN_BY[name]}."
+        f"(the torque constant), and drive {SHOWN_BY[name]}."
     )
     return VehicleNumber(name, math.nan, math.inf, unit, False, sentence, in_model=False)
 
