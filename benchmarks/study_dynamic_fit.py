@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from stamps import stamped
 from sysid_datasets.multibody import random_schedule
 from tracks_on_ground import G, Truth, drawn, simulate
 
@@ -81,6 +82,7 @@ def main(runs: int) -> None:
             rows[name].append((true, n.value, n.std_error, n.identifiable))
         print(k, {n: f"{v[-1][1]:.4g} of {v[-1][0]:.4g}" for n, v in rows.items()}, flush=True)
     REPORT.write_text(report(runs, {n: np.array(v, float) for n, v in rows.items()}), "utf-8")
+    stamped(REPORT)
 
 
 def report(runs: int, rows: dict[str, NDArray[np.float64]]) -> str:

@@ -40,6 +40,12 @@ class Slippery:
     def __call__(self, left: float, right: float) -> tuple[float, float]:
         return (1.0 - self.slip) * left, (1.0 - self.slip) * right
 
+    def start(self) -> tuple[()]:
+        return ()
+
+    def step(self, state: Any, omega: tuple[float, float], dt: float) -> tuple[Any, Any]:
+        return self(*omega), state
+
 
 @dataclass(frozen=True)
 class OnFloor:

@@ -43,6 +43,7 @@ def diagnose(
     mission: Path | None = None,
     geometry: Any = None,
     plant: Any = None,
+    measured: Any = None,
     progress: Callable[[str, float], None] | None = None,
     seed: int = 0,
 ) -> Diagnosis:

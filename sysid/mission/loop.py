@@ -301,14 +301,20 @@ class Loop:
 
     def _driven(self, state: LoopState, tick: Tick) -> Moved | None:
         """Wheel speeds and motion at this sample where the motion turns the tracks itself."""
-        if not isinstance(self.motion, TurnsTracks):
+        turning = self._turner
+        if turning is None:
             return None
-        before = self.motion.wheel_speeds(state.motion)
+        before = turning.wheel_speeds(state.motion)
         left, right = self._acting(state.pwm, tick.t)
         drive = left / PWM_FULL_SCALE, right / PWM_FULL_SCALE
         inputs = MotionInputs(tick.t, *before, self.scene, drive)
         remembered, body = self.motion.step(state.motion, inputs, tick.dt, self.xp)
-        return self.motion.wheel_speeds(remembered), (state.ground, remembered, body)
+        return turning.wheel_speeds(remembered), (state.ground, remembered, body)
+
+    @cached_property
+    def _turner(self) -> TurnsTracks | None:
+        """The motion, where it turns the tracks itself; asked once, for the answer takes long."""
+        return self.motion if isinstance(self.motion, TurnsTracks) else None
 
     def _turning(self, state: LoopState, t: Real) -> tuple[Real, Real]:
         """Wheel speeds at this sample under the command held so far."""

@@ -339,7 +339,7 @@ def test_names_and_paths() -> None:
     [
         (sysid_datasets.path, "prsb", "prbs"),
         (sysid_datasets.path, "../README.md", "goal_1m"),
-        (sysid_datasets.folder, "bench", "missions"),
+        (sysid_datasets.folder, "benches", "missions"),
         (sysid_datasets.names, "", "devastator"),
     ],
 )

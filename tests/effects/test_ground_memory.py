@@ -62,7 +62,7 @@ def test_a_ground_that_remembers_asks_for_the_time_between_samples() -> None:
     ground = Ground(("scrub-lag",), {"scrub-lag": GROUNDS["scrub-lag"]})
     assert ground.remembers
     assert not Ground().remembers
-    with pytest.raises(UsageError, match="give `dt`"):
+    with pytest.raises(UsageError, match="the time between two samples"):
         ground.rolled(np.ones((5, 2)))
 
 

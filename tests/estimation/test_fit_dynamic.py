@@ -161,7 +161,7 @@ def test_a_file_of_constants_is_refused_with_its_line(
 def test_units_that_nothing_connects_are_refused() -> None:
     known = motors_of_bench(Bench(), {})
     for unit, largest in (("rad/s", 5.0), ("", 1.0)):
-        with pytest.raises(UsageError, match="torque_constant"):
+        with pytest.raises(UsageError, match="torque constant"):
             known.counting_in(unit, largest)
 
 

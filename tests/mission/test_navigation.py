@@ -44,6 +44,12 @@ class Slippery:
     def __call__(self, left: float, right: float) -> tuple[float, float]:
         return (1.0 - self.slip) * left, (1.0 - self.slip) * right
 
+    def start(self) -> tuple[()]:
+        return ()
+
+    def step(self, state: Any, omega: tuple[float, float], dt: float) -> tuple[Any, Any]:
+        return self(*omega), state
+
 
 def driven(
     navigation: Any, slip: float = 0.0, seed: int = 1, robot: Any = None, **kinds: Any

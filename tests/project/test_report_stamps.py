@@ -20,9 +20,10 @@ def test_no_report_is_silently_older_than_the_code() -> None:
         pytest.skip(
             "the stamps were made by another version of Python, which hashes code differently"
         )
-    late = ", ".join(f"{n}: {stamps.MADE_BY[n][1]}" for n in stamps.older())
-    assert stamps.PAGE.read_text(encoding="utf-8") == stamps.page(), (
-        f"reports/README.md does not say which reports are older than the code ({late}); make them "
+    late = stamps.older()
+    said = ", ".join(f"{n}: {stamps.MADE_BY[n][1]}" for n in late)
+    assert stamps.PAGE.read_text(encoding="utf-8") == stamps.page(late), (
+        f"reports/README.md does not say which reports are older than the code ({said}); make them "
         "again, or say so with: python benchmarks/stamps.py"
     )
 
