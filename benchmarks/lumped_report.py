@@ -144,7 +144,9 @@ def models() -> dict[str, Model]:
         head = "t,voltage_V,current_A,omega_rad_s"
         np.savetxt(path, rows, delimiter=",", header=head, comments="", fmt="%.9g")
         drive = characterise_motor([path], MotorOptions(gear=GEAR))
-        made["bench, one drive"] = bench_model(drive, (), DT)
+        made["bench, one drive"] = bench_model(
+            drive, (), DT, (log.input_names[0], log.output_names[0])
+        )
     made["dc-motor, fitted"] = sysid.fit("dc-motor", log)
     for name, orders in BLACK_BOXES.items():
         made[name] = sysid.fit(name, log, orders)
