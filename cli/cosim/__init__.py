@@ -1,0 +1,1 @@
+"""Commands that let a plant run in another machine's loop."""

@@ -1,0 +1,1 @@
+"""A machine simulated from physics, without the formulas of the catalogue of effects."""

@@ -1,0 +1,1 @@
+"""Another machine in the loop: ROS nodes and a multibody simulation."""

@@ -1,0 +1,1 @@
+"""The vehicle as rigid bodies with contacts, in MuJoCo."""

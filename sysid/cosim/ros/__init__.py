@@ -1,0 +1,1 @@
+"""Guidance and plant as two ROS 1 nodes."""

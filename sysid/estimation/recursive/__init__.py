@@ -1,0 +1,1 @@
+"""Estimates that follow a log row by row."""

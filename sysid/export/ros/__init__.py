@@ -1,0 +1,1 @@
+"""A catkin package of the two nodes."""
