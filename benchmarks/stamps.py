@@ -14,7 +14,7 @@ import hashlib
 import json
 import re
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -94,11 +94,17 @@ def digest(script: str) -> str:
 
 
 def stamped(*reports: str | Path) -> None:
-    """Note that reports were made just now, and say so in ``reports/README.md``."""
+    """Note that reports were made just now, and say so in ``reports/README.md``.
+
+    A report written to another place than ``reports/`` is nobody's stamp.
+    """
+    made = [r.name for r in map(Path, reports) if r.resolve().parent == REPORTS]
+    if reports and not made:
+        return
     known = stamps()
-    for report in map(Path, reports):
-        if report.name in MADE_BY and report.resolve().parent == REPORTS:
-            known[report.name] = digest(MADE_BY[report.name][0])
+    for name in made:
+        if name in MADE_BY:
+            known[name] = digest(MADE_BY[name][0])
     known["python"] = PYTHON
     text = json.dumps(dict(sorted(known.items())), indent=1) + "\n"
     STAMPS.write_text(text, encoding="utf-8", newline="\n")
@@ -139,11 +145,16 @@ def _reached(start: Path) -> set[Path]:
         file = todo.pop()
         if file not in found:
             found.add(file)
-            todo += [f for name in _named(file) for f in _files(name)]
+            todo += _leads_to(file)
     return found
 
 
 @cache
+def _leads_to(file: Path) -> frozenset[Path]:
+    """The files of the project that a file imports or names, and the packages they stand in."""
+    return frozenset(f for name in _named(file) for f in _files(name))
+
+
 def _named(file: Path) -> frozenset[str]:
     """Modules that a file imports or names as ``module:object`` in a string."""
     names: set[str] = set()
@@ -170,18 +181,20 @@ def _package(file: Path) -> str:
     return ""
 
 
-def _files(name: str) -> Iterator[Path]:
+@cache
+def _files(name: str) -> tuple[Path, ...]:
     """The file of a module and of the packages it stands in; none for a foreign one."""
+    return tuple(file for file in _places(name) if file.is_file())
+
+
+def _places(name: str) -> Iterator[Path]:
+    """Where the file of a module and those of its packages would be."""
     first, *rest = name.split(".")
     folder = ROOT / PLACES[first] if first in PLACES else ROOT / "benchmarks" / first
     for depth in range(len(rest) + 1):
-        yield from _existing(folder.joinpath(*rest[:depth], "__init__.py"))
+        yield folder.joinpath(*rest[:depth], "__init__.py")
     if rest or first not in PLACES:
-        yield from _existing(folder.joinpath(*rest).with_suffix(".py"))
-
-
-def _existing(file: Path) -> Iterable[Path]:
-    return (file,) if file.is_file() else ()
+        yield folder.joinpath(*rest).with_suffix(".py")
 
 
 @cache

@@ -1,5 +1,6 @@
 """Reports that are older than the code say so, and the stamp sees what matters and no more."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -36,8 +37,14 @@ def test_every_script_that_writes_a_report_stamps_it() -> None:
         assert stamped_elsewhere or "stamped(" in text, script
 
 
+def forget() -> None:
+    """What the script remembers of files: one process makes many stamps of one state."""
+    for cached in (stamps._leads_to, stamps._files, stamps._meaning):
+        cached.cache_clear()
+
+
 @pytest.fixture
-def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A project of a script and two modules, one of them reached through a string only."""
     for folder in ("benchmarks", "sysid", "datasets"):
         (tmp_path / folder).mkdir()
@@ -47,9 +54,11 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     write(tmp_path / "sysid" / "table.py", "KINDS = {'a': 'hidden:Class'}\n")
     write(tmp_path / "sysid" / "hidden.py", "LIMIT = 3\n")
     write(tmp_path / "sysid" / "apart.py", "LIMIT = 5\n")
+    forget()
     monkeypatch.setattr(stamps, "ROOT", tmp_path)
     monkeypatch.setattr(stamps, "__file__", str(tmp_path / "benchmarks" / "stamps.py"))
-    return tmp_path
+    yield tmp_path
+    forget()
 
 
 def write(file: Path, text: str) -> None:
@@ -71,6 +80,5 @@ def test_a_stamp_changes_with_what_the_report_depends_on(
 ) -> None:
     before = stamps.digest("study.py")
     write(project / file, text)
-    for cached in (stamps._named, stamps._meaning):
-        cached.cache_clear()
+    forget()
     assert (stamps.digest("study.py") != before) is changes
