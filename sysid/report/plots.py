@@ -278,6 +278,7 @@ def _render(
 ) -> bytes:
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
     from matplotlib.text import Text
 
@@ -295,7 +296,9 @@ def _render(
             if isinstance(text, Text):
                 text.set_text(style.printable(text.get_text()))
         if kind == "svg":
-            figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+            # savefig draws twice where panels find their own places: once only to place them.
+            canvas: Any = FigureCanvasSVG(figure)
+            canvas.print_svg(buffer, metadata={"Date": None, "Creator": None})
             return _rounded(buffer.getvalue().decode()).encode()
         figure.savefig(buffer, format="png", dpi=_PNG_DPI, metadata={"Software": None})
         return buffer.getvalue()
