@@ -11,11 +11,13 @@ import pytest
 from c_programs import build, driven, needs_compiler, worst_error
 from hand_made import DT, hand_made
 
+from sysid.data.record import Array
 from sysid.effects.catalogue import chain_effects
 from sysid.errors import ModelError
+from sysid.export.c.parameters import theta_numbers
 from sysid.export.c.program import Program
 from sysid.export.c.source import c_sources
-from sysid.export.c.step import c_step
+from sysid.export.c.step import c_step, tunable_parameters
 from sysid.export.c.traced import TRACE, Traced
 from sysid.export.package import package_files
 from sysid.fitting.compiled import jax_module
@@ -250,6 +252,31 @@ def test_c_equals_python(tmp_path: Path, case: str) -> None:
     np.testing.assert_allclose(
         driven(programs["driver"], u), expected, rtol=0, atol=EXACT * float(np.max(moved))
     )
+
+    other = with_other_numbers(model)
+    assert [n.called for n in theta_numbers(model)] == [n.called for n in theta_numbers(other)]
+    changed = [t.value for t in tunable_parameters(other)]
+    assert len(changed) == len(tunable_parameters(model))
+    expected = other.simulate(u)
+    found = driven(programs["driver"], u, changed)
+    assert not np.allclose(found, model.simulate(u), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=EXACT * float(np.max(np.ptp(expected, axis=0)))
+    )
+
+
+def with_other_numbers(model: Model) -> Model:
+    """The model with every number of θ, and of a model inside, moved by up to a hundredth."""
+    rng = np.random.default_rng(11)
+
+    def moved(theta: Array) -> Array:
+        return np.asarray(theta * (1.0 + 0.01 * rng.random(len(theta))))
+
+    structure = model.structure
+    if isinstance(structure, Augmented) and structure.given is not None:
+        given = replace(structure.given, theta=moved(structure.given.theta))
+        structure = replace(structure, given=given)
+    return replace(model, structure=structure, theta=moved(model.theta))
 
 
 @pytest.mark.parametrize(

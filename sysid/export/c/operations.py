@@ -42,7 +42,11 @@ class Operation:
             else program.read(c.text, c.name, k in self.conditions)
             for k, c in enumerate(cells)
         )
-        return program.line(self.form.format(*texts), cells, self.truth)
+        text = self.form.format(*texts)
+        if all(c.number is not None or c.usual is not None for c in cells):
+            usual = [c.usual if c.number is None else c.number for c in cells]
+            return program.derived(text, cells, self.truth, float(self.numeric(*usual)))
+        return program.line(text, cells, self.truth)
 
 
 def cell(value: Any) -> Cell:

@@ -29,9 +29,11 @@ class Cell:
         program: where it was recorded, None for a number.
         name: the value or array that must be computed before.
         place: the array and the index at which it stands there, if it does.
+        usual: its value while all parameters are as exported, where it follows from these alone;
+            None for numbers and for what depends on signals.
     """
 
-    __slots__ = ("name", "number", "place", "program", "text")
+    __slots__ = ("name", "number", "place", "program", "text", "usual")
 
     def __init__(
         self,
@@ -43,6 +45,7 @@ class Cell:
     ) -> None:
         self.text, self.number, self.program = text, value, program
         self.name, self.place = name, place
+        self.usual: float | None = None
 
 
 def as_number(c: Cell) -> str:
@@ -66,8 +69,25 @@ class _Lines:
     reads: frozenset[str]
 
 
+@dataclass(frozen=True)
+class Derived:
+    """A value that follows from parameters alone: it need not be computed at every step.
+
+    Attributes:
+        name: of the value in the lines that compute it and in those that read it.
+        usual: its value while the parameters are as exported.
+        truth: whether it is a truth.
+    """
+
+    name: str
+    usual: float
+    truth: bool
+
+
 class Program:
     """Statements in the order in which they were recorded; equal ones become one.
+
+    What follows from parameters alone is kept apart from what a step computes.
 
     Args:
         numbers: that make names different from those of another program.
@@ -79,6 +99,8 @@ class Program:
         self._tables: dict[str, tuple[str, ...]] = {}
         self._truths: set[str] = set()
         self._numbers = count() if numbers is None else numbers
+        self._derived: dict[str, tuple[_Lines, Derived]] = {}
+        self._derived_texts: dict[str, str] = {}
 
     def read(self, text: str, name: str, condition: bool) -> str:
         """A value as C where a truth is wanted (``condition``), or a number."""
@@ -87,6 +109,27 @@ class Program:
         return f"({text} != 0.0)" if condition else f"(double){text}"
 
     # ----------------------------------------------------------------- single values
+
+    def parameter(self, text: str, usual: float, place: tuple[str, int] | None = None) -> Cell:
+        """A number that C reads where it is used, and that may be changed between steps."""
+        found = Cell(text, None, self, "", place)
+        found.usual = float(usual)
+        return found
+
+    def derived(self, text: str, used: Sequence[Cell], truth: bool, usual: float) -> Cell:
+        """The value of a C expression of parameters alone."""
+        if text not in self._derived_texts:
+            name = self._derived_texts[text] = self._name("t")
+            kind = "int" if truth else "double"
+            reads = frozenset(c.name for c in used if c.number is None)
+            lines = _Lines(name, (f"const {kind} {name} = {text};",), reads)
+            self._derived[name] = (lines, Derived(name, usual, truth))
+            if truth:
+                self._truths.add(name)
+        name = self._derived_texts[text]
+        found = Cell(name, None, self, name)
+        found.usual = usual
+        return found
 
     def line(self, text: str, used: Sequence[Cell], truth: bool = False) -> Cell:
         """The value of a C expression that uses these cells."""
@@ -173,6 +216,14 @@ class Program:
     def lines(self, results: Iterable[Cell]) -> Iterator[str]:
         """The lines that these results need."""
         yield from self._needed(self._scopes[-1], {c.name for c in results if c.number is None})[0]
+
+    def parted(self, results: Iterable[Cell]) -> tuple[list[str], list[Derived], list[str]]:
+        """(lines of a step, what they read of derived values, lines that compute these)."""
+        wanted = {c.name for c in results if c.number is None}
+        lines, needed = self._needed(self._scopes[-1], wanted)
+        read = [d for name, (_, d) in self._derived.items() if name in needed]
+        scope = [line for line, _ in self._derived.values()]
+        return lines, read, self._needed(scope, {d.name for d in read})[0]
 
     def support(self, text: str) -> Iterator[str]:
         """The tables that these lines read."""

@@ -1,17 +1,17 @@
 """The plant as C99: one step function with a state struct, and a program that checks it."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from importlib.resources import files
 from string import Template
 
 import numpy as np
 
 from sysid.data.record import Channel
-from sysid.export.c.step import c_step
-from sysid.export.c.writing import comment, listed, minus, number
+from sysid.export.c.fields import Field, members, places
+from sysid.export.c.step import PlantStep, c_step
+from sysid.export.c.writing import comment, listed, number, wrapped
 from sysid.plant.selftest import TOLERANCE, SelfTest
-from sysid.structures.c_step import CStep
 from sysid.structures.model import Model
 from sysid.version import __version__
 
@@ -40,9 +40,9 @@ def c_sources(
     title = comment(f"{name}: {model.structure.title}" if name else model.structure.title)
     common = {"title": title, "version": __version__}
     n = written.n_states
-    storage = str(max(n, 1))  # C has no empty arrays
-    code = "\n".join((*written.support, *written.body))
-    headers = ["#include <math.h>", ""] if _MATHEMATICAL.search(code) else []
+    code = "\n".join((*written.support, *written.body, *written.following))
+    values = [v for _, v in places(written.parameters)]
+    needs_math = _MATHEMATICAL.search(code) or not np.all(np.isfinite(values))
     return {
         "plant.h": fill(
             "plant.h",
@@ -51,17 +51,21 @@ def c_sources(
             nu=str(len(model.inputs)),
             ny=str(len(model.outputs)),
             n=str(n),
-            n_storage=storage,
+            parameters="\n".join(members(written.parameters)),
+            states="\n".join(_state_lines(written)),
             channels="\n".join(_channel_lines(model.inputs, model.outputs)),
         ),
         "plant.c": fill(
             "plant.c",
             **common,
             words="\n".join(f" * {line}".rstrip() for line in map(comment, written.words)),
-            includes="\n".join([*headers, '#include "plant.h"']),
-            support="".join(f"{line}\n" for line in written.support),
-            n_storage=storage,
-            body="\n".join(_step_lines(model, written)),
+            includes="\n".join(
+                [*(["#include <math.h>"] if needs_math else []), "#include <string.h>"]
+            ),
+            support="".join(f"{line}\n" for line in (*written.support, *_following(written))),
+            defaults=_body(_defaults(written.parameters), ("parameters",)),
+            start=_body(_start(written), ("parameters",)),
+            body=_body(_step_lines(written), ("parameters",)),
         ),
         "selftest.c": fill(
             "selftest.c",
@@ -74,20 +78,90 @@ def c_sources(
     }
 
 
-def _step_lines(model: Model, written: CStep) -> Iterator[str]:
+def _state_lines(written: PlantStep) -> Iterator[str]:
+    """Members of the state."""
+    yield f"    double x[{max(written.n_states, 1)}];"  # C has no empty arrays
+    if written.derived:
+        derived, sources = len(written.derived), len(written.sources)
+        yield f"    double derived[{derived}]; /* what follows from parameters alone */"
+        yield f"    double made_of[{sources}]; /* the parameters that it was computed from */"
+
+
+def _body(lines: Iterable[str], arguments: Sequence[str]) -> str:
+    """Lines of a function, with what it does not use said to be unused."""
+    text = "\n".join(f"    {line}".rstrip() for line in lines)
+    idle = [f"    (void){a};" for a in arguments if not re.search(rf"\b{a}\b", text)]
+    return "\n".join([*idle, *([text] if text else [])])
+
+
+def _defaults(parameters: Sequence[Field]) -> Iterator[str]:
+    """Lines that put the identified values into the struct."""
+    for f in parameters:
+        if f.size:
+            yield f"static const double {f.name}[{f.size}] = {{"
+            yield from wrapped([number(v) for v in f.values])
+            yield "};"
+    for f in parameters:
+        if f.size:
+            yield f"memcpy(parameters->{f.name}, {f.name}, sizeof {f.name});"
+        else:
+            yield f"parameters->{f.name} = {number(f.values[0])};"
+
+
+def _following(written: PlantStep) -> Iterator[str]:
+    """The function that computes again what follows from parameters alone."""
+    if not written.derived:
+        return
+    yield "/* What follows from parameters alone, computed again where one of them has changed. */"
+    yield "static void follow(plant_state *state, const plant_parameters *parameters)"
+    yield "{"
+    yield from (f"    {line}" for line in written.following)
+    for k, d in enumerate(written.derived):
+        yield f"    state->derived[{k}] = {d.name};"
+    for k, (place, _) in enumerate(written.sources):
+        yield f"    state->made_of[{k}] = parameters->{place};"
+    yield "}"
+    yield ""
+    yield "static int changed(const plant_state *state, const plant_parameters *parameters)"
+    yield "{"
+    yield "    const double *const of = state->made_of;"
+    yield ""
+    tests = [f"of[{k}] != parameters->{place}" for k, (place, _) in enumerate(written.sources)]
+    yield "    return " + "\n        || ".join(tests) + ";"
+    yield "}"
+    yield ""
+
+
+_FOLLOW = ("if (changed(state, parameters))", "    follow(state, parameters);")
+
+
+def _start(written: PlantStep) -> Iterator[str]:
+    """The body of ``plant_init``: rest, and what follows from the parameters as exported."""
+    yield "memset(state, 0, sizeof *state);"
+    for k, d in enumerate(written.derived):
+        yield f"state->derived[{k}] = {number(d.usual)};"
+    for k, (_, value) in enumerate(written.sources):
+        yield f"state->made_of[{k}] = {number(value)};"
+    if written.derived:
+        yield from _FOLLOW
+
+
+def _step_lines(written: PlantStep) -> Iterator[str]:
     """The body of ``plant_step``."""
+    yield "double *const x = state->x;"
+    yield "double v[PLANT_INPUTS];"
+    yield "double out[PLANT_OUTPUTS]; /* y may be the same array as u */"
     for name in ("x", "v"):
         if not any(re.search(rf"\b{name}\b", line) for line in written.body):
-            yield f"    (void){name};"
+            yield f"(void){name};"
     yield ""
-    for j, offset in enumerate(model.detrend.u_offset):
-        yield f"    v[{j}] = u[{j}]{minus(offset)};"
-    for i, offset in enumerate(model.detrend.y_offset):
-        yield f"    out[{i}] = {number(offset)};"
+    if written.derived:
+        yield from _FOLLOW
+    yield from written.entering
+    yield from written.starting
     yield from written.body
     yield ""
-    for i in range(len(model.outputs)):
-        yield f"    y[{i}] = out[{i}];"
+    yield from (f"y[{i}] = out[{i}];" for i in range(len(written.starting)))
 
 
 def _channel_lines(inputs: tuple[Channel, ...], outputs: tuple[Channel, ...]) -> Iterator[str]:

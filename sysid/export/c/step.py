@@ -1,64 +1,180 @@
 """The step of a model as C: recorded from the structure's ``step``, or the structure's own."""
 
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from sysid.errors import ModelError
-from sysid.export.c.program import Program, assigned
+from sysid.export.c.fields import Field, places
+from sysid.export.c.parameters import (
+    STRUCT,
+    Tunable,
+    listed,
+    plant_numbers,
+    theta_numbers,
+    traced_step,
+)
+from sysid.export.c.program import Derived, Program, assigned
 from sysid.export.c.traced import Traced, cells_of
 from sysid.structures.c_step import CStep
 from sysid.structures.model import Model
 
 WORDS = (
     "x holds the states, v the inputs as deviations from the operating point. The lines below are",
-    "the equations of the model as sysid computes them, recorded: its constants are numbers here.",
+    "the equations of the model as sysid computes them, recorded; its numbers are parameters.",
 )
+OWN_WORDS = ("The numbers of these equations are constants: only the operating point can change.",)
+
+MOST_TRIED = 64
+"""Numbers of θ that are tried one by one where not all of them can be parameters together; a
+network has more, and what it does with one it does with all."""
 
 UNWRITABLE = (ArithmeticError, AttributeError, LookupError, ModelError, TypeError, ValueError)
 """What a step raises that does with recording arrays what only numbers can do."""
 
 
-def c_step(model: Model) -> CStep:
+@dataclass(frozen=True)
+class PlantStep:
+    """One step of a plant as C99.
+
+    Attributes:
+        n_states: how many states.
+        words: lines of the comment at the head of the file.
+        parameters: what may be changed at run time, with its values.
+        entering: lines that put the inputs, less their operating point, into ``v``.
+        starting: lines that put the operating point of the outputs into ``out``.
+        body: lines that add to ``out`` and advance ``x``.
+        support: tables and functions that these need.
+        derived: what is computed from parameters alone, only where one has changed.
+        following: lines that compute it.
+        sources: parameters from which it follows, by their places in the struct, with their values.
+    """
+
+    n_states: int
+    words: tuple[str, ...]
+    parameters: tuple[Field, ...]
+    entering: tuple[str, ...]
+    starting: tuple[str, ...]
+    body: tuple[str, ...]
+    support: tuple[str, ...] = ()
+    derived: tuple[Derived, ...] = ()
+    following: tuple[str, ...] = ()
+    sources: tuple[tuple[str, float], ...] = ()
+
+
+def c_step(model: Model) -> PlantStep:
     """One step of a model as C.
 
     Raises:
         ModelError: the structure's equations use what cannot be written as C.
     """
-    structure = model.structure
     try:
-        own = structure.c_step(model.theta)
-        return _recorded(model) if own is None else own
-    except (
-        ArithmeticError,
-        AttributeError,
-        LookupError,
-        ModelError,
-        TypeError,
-        ValueError,
-    ) as error:
+        own = model.structure.c_step(model.theta)
+        return _recorded(model, ()) if own is None else _of_its_own(model, own)
+    except UNWRITABLE:
+        pass  # perhaps only because some numbers are to be parameters
+    every = range(len(theta_numbers(model)))
+    try:
+        plain = _recorded(model, None)
+    except UNWRITABLE as error:
         # NumPy says that a signal is no number, its cause says what to write instead
         raise _refused(model, str(error.__cause__ or error)) from None
+    if len(every) > MOST_TRIED:
+        return plain
+    held = [k for k in every if not _can_change(model, k, every)]
+    return _recorded(model, held) if len(held) < len(every) else plain
 
 
-def _recorded(model: Model) -> CStep:
+def tunable_parameters(model: Model) -> tuple[Tunable, ...]:
+    """What of a plant may be changed at run time in C: name, unit, identified value, words.
+
+    In the order of the members of ``plant_parameters`` in ``plant.h``, arrays entry by entry.
+
+    Raises:
+        ModelError: the plant cannot be written as C.
+    """
+    return listed(c_step(model).parameters)
+
+
+def _can_change(model: Model, one: int, every: Iterable[int]) -> bool:
+    """Whether an equation can be recorded with one number of θ as a parameter."""
+    try:
+        _recorded(model, [k for k in every if k != one])
+    except UNWRITABLE:
+        return False
+    return True
+
+
+def _recorded(model: Model, held: Iterable[int] | None) -> PlantStep:
+    """The step with these entries of θ as numbers, None for all, and the others as parameters."""
     structure = model.structure
     n, ny = structure.n_states(model.theta), len(model.outputs)
     program = Program()
+    numbers = plant_numbers(program, model, held)
     x: Any = Traced(program.inputs("x", n))
     v: Any = Traced(program.inputs("v", len(model.inputs)))
-    after, y = map(cells_of, structure.step(model.theta)(x, v))
+    with np.errstate(all="ignore"):
+        step = (
+            structure.step(model.theta)
+            if held is None
+            else traced_step(structure, numbers.theta, model.theta)
+        )
+        after, y = map(cells_of, step(x, v))
     if (after.shape, y.shape) != ((n,), (ny,)):
         raise ValueError(
             f"a step gives states {after.shape} and outputs {y.shape} where ({n},) and ({ny},) are "
             "expected"
         )
     moved, out = after.tolist(), y.tolist()
-    lines = [
-        *program.lines([*moved, *out]),
-        *assigned("out", out, operator="+="),
-        *assigned("x", moved),
+    lines, derived, following = program.parted([*moved, *out])
+    head = [
+        f"const {'int' if d.truth else 'double'} {d.name} = state->derived[{k}]"
+        f"{' != 0.0' if d.truth else ''};"
+        for k, d in enumerate(derived)
     ]
-    return CStep(
-        n, WORDS, tuple(f"    {line}" for line in lines), tuple(program.support("\n".join(lines)))
+    body = [*head, *lines, *assigned("out", out, operator="+="), *assigned("x", moved)]
+    entering, starting = _operating_point(numbers.u_offset, numbers.y_offset)
+    text = "\n".join([*entering, *starting, *body, *following])
+    parameters = numbers.read_in(text)
+    read = set(re.findall(rf"{STRUCT}(\w+(?:\[\d+\])?)", "\n".join(following)))
+    return PlantStep(
+        n,
+        WORDS,
+        parameters,
+        entering,
+        starting,
+        tuple(body),
+        tuple(program.support(text)),
+        tuple(derived),
+        tuple(following),
+        tuple((place, value) for place, value in places(parameters) if place in read),
+    )
+
+
+def _of_its_own(model: Model, own: CStep) -> PlantStep:
+    """What a structure says itself: C may change the operating point alone."""
+    numbers = plant_numbers(Program(), model, None)
+    entering, starting = _operating_point(numbers.u_offset, numbers.y_offset)
+    return PlantStep(
+        own.n_states,
+        (*own.words, *OWN_WORDS),
+        numbers.read_in("\n".join([*entering, *starting])),
+        entering,
+        starting,
+        tuple(line.removeprefix("    ") for line in own.body),
+        own.support,
+    )
+
+
+def _operating_point(u: Traced, y: Traced) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Lines that take it off the inputs, and begin the outputs with it."""
+    off = ["" if c.number == 0.0 else f" - {c.text}" for c in u.cells]
+    return (
+        tuple(f"v[{j}] = u[{j}]{text};" for j, text in enumerate(off)),
+        tuple(f"out[{i}] = {c.text};" for i, c in enumerate(y.cells)),
     )
 
 

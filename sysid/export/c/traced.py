@@ -146,18 +146,25 @@ class Traced:
         return (self[k] for k in range(len(self)))
 
     def __bool__(self) -> bool:
+        if self.size == 1 and self.cells.item().number is not None:
+            return bool(self.cells.item().number)
         raise ModelError(
             "its equations decide by values of signals in Python, which cannot be written as C; "
             "use xp.where instead of if"
         )
 
     def __float__(self) -> float:
+        if self.size == 1 and self.cells.item().number is not None:
+            return float(self.cells.item().number)
         raise ModelError(
             "its equations make a Python number of a signal, which cannot be written as C; keep "
             "arrays and put them together by xp.stack or xp.concatenate"
         )
 
-    __int__ = __index__ = __float__
+    def __index__(self) -> int:
+        return int(float(self))
+
+    __int__ = __index__
     __hash__ = None  # type: ignore[assignment]
 
     __add__, __radd__ = _operator("add"), _operator("add", swapped=True)
@@ -416,6 +423,8 @@ def _cholesky(matrix: Any) -> Traced:
 TRACE: Any = _Namespace(
     __name__="recorded as C",
     linalg=SimpleNamespace(cholesky=_cholesky),
+    ndim=lambda value: cells_of(value).ndim,
+    shape=lambda value: cells_of(value).shape,
     pi=np.pi,
     inf=np.inf,
     nan=np.nan,

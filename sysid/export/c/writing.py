@@ -59,8 +59,3 @@ def comment(text: str) -> str:
     """Text that cannot end a comment or continue a line."""
     plain = "".join(c if c.isprintable() and c not in "\\?" else "_" for c in text)
     return plain.replace("*/", "*_").replace("/*", "_*")
-
-
-def minus(offset: float) -> str:
-    """What takes an offset off; nothing for zero."""
-    return f" - ({number(offset)})" if offset else ""

@@ -71,7 +71,12 @@ class GivenBase:
 
     def step(self) -> Callable[[Array, Array], tuple[Array, Array]]:
         """(x, u) → (x⁺, drive)."""
-        step = self.structure.step(self.theta)
+        return self.around(self.structure.step(self.theta))
+
+    def around(
+        self, step: Callable[[Array, Array], tuple[Array, Array]]
+    ) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """(x, u) → (x⁺, drive) for (x, u) → (x⁺, y) of the model."""
         rest = np.zeros(len(self.u0))
 
         def advance(x: Array, u: Array) -> tuple[Array, Array]:

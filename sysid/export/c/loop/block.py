@@ -9,29 +9,11 @@ from typing import Any
 import numpy as np
 
 from sysid.errors import ModelError
+from sysid.export.c.fields import Field
 from sysid.export.c.loop.trees import Path, identifier, leaves, mapped, size
 from sysid.export.c.program import Cell, Program, as_number
 from sysid.export.c.step import UNWRITABLE
 from sysid.export.c.traced import TRACE, Traced, cells_of
-
-
-@dataclass(frozen=True)
-class Field:
-    """One member of a struct.
-
-    Attributes:
-        name: as C.
-        unit: SI, empty for none.
-        words: what it is.
-        size: entries of an array; 0 for a single number.
-        value: of a parameter, as the mission has it.
-    """
-
-    name: str
-    unit: str = ""
-    words: str = ""
-    size: int = 0
-    value: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -180,7 +162,7 @@ def _recorded(law: Law, free: Mapping[Path, float], held: tuple[str, ...]) -> Bl
         name=law.name,
         title=law.title,
         parameters=tuple(
-            Field(identifier(p), *law.units(p), value=v)
+            Field(identifier(p), *law.units(p), values=(v,))
             for p, v in free.items()
             if identifier(p) in read
         ),
@@ -259,4 +241,4 @@ def _fields(law: Law, tree: Any) -> Iterator[Field]:
         yield Field(identifier(path), *law.units(path), size=size(value))
 
 
-__all__ = ["TRACE", "Block", "Field", "Law", "recorded"]
+__all__ = ["TRACE", "Block", "Law", "recorded"]

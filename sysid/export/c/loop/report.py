@@ -3,7 +3,8 @@
 import re
 from collections.abc import Iterator, Sequence
 
-from sysid.export.c.loop.block import Block, Field
+from sysid.export.c.fields import Field, numbers
+from sysid.export.c.loop.block import Block
 from sysid.export.c.loop.drive import Drive
 from sysid.export.c.precision import Precision
 from sysid.export.c.source import fill
@@ -29,11 +30,6 @@ def operations(lines: Sequence[str]) -> tuple[int, int]:
             plain += times[-1] * len(_OPERATOR.findall(text.partition(" = ")[2]))
             calls += times[-1] * len(_CALL.findall(text))
     return plain, calls
-
-
-def numbers(fields: Sequence[Field]) -> int:
-    """How many numbers a struct holds."""
-    return sum(max(f.size, 1) for f in fields)
 
 
 def report(loop: Loop, blocks: Sequence[Block], drive: Drive, precision: Precision) -> str:
@@ -80,6 +76,6 @@ def _table(part: str, fields: Sequence[Field]) -> Iterator[str]:
     yield "|---|---|---|---|" if part == "parameters" else "|---|---|---|"
     for f in fields:
         size = f"[{f.size}]" if f.size else ""
-        value = f" {f.value:g} |" if part == "parameters" else ""
+        value = f" {f.values[0]:g} |" if part == "parameters" else ""
         yield f"| `{f.name}{size}` | {f.unit} | {f.words} |{value}"
     yield ""

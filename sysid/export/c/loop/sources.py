@@ -8,7 +8,8 @@ import numpy as np
 
 from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.errors import ModelError
-from sysid.export.c.loop.block import Block, Field, recorded
+from sysid.export.c.fields import members
+from sysid.export.c.loop.block import Block, recorded
 from sysid.export.c.loop.drive import CLOSED, Drive, driven
 from sysid.export.c.loop.laws_of_mission import laws
 from sysid.export.c.loop.report import report
@@ -72,7 +73,7 @@ def _law_files(block: Block) -> dict[str, str]:
         "law.h",
         **common,
         **{
-            part: "\n".join(_members(getattr(block, part)))
+            part: "\n".join(members(getattr(block, part)))
             for part in ("parameters", "states", "inputs", "outputs")
         },
     )
@@ -81,24 +82,13 @@ def _law_files(block: Block) -> dict[str, str]:
         **common,
         support="".join(f"{line}\n" for line in block.support),
         defaults=_body(
-            [f"parameters->{p.name} = {number(p.value)};" for p in block.parameters],
+            [f"parameters->{p.name} = {number(p.values[0])};" for p in block.parameters],
             ("parameters",),
         ),
         start=_body(block.start, ("state", "parameters")),
         step=_body(block.step, ("state", "parameters", "inputs", "outputs")),
     )
     return {f"{block.name}.h": header, f"{block.name}.c": source}
-
-
-def _members(fields: Sequence[Field]) -> Iterator[str]:
-    if not fields:
-        yield "    char none; /* nothing */"
-    for f in fields:
-        size = f"[{f.size}]" if f.size else ""
-        unit = f"[{f.unit}] " if f.unit else ""
-        words = f"{unit}{f.words}".strip()
-        said = f" /* {comment(words)} */" if words else ""
-        yield f"    double {f.name}{size};{said}"
 
 
 def _body(lines: Sequence[str], arguments: Sequence[str]) -> str:
@@ -270,7 +260,7 @@ def _closed(loop: Loop, blocks: dict[str, Block], precision: Precision) -> str:
 def _rest(robot: RobotPlant) -> Iterator[str]:
     rest = robot.rest if robot.twins else robot.rest[None]
     for k, state in enumerate(rest):
-        yield f"    plant_init(&robot->plant[{k}]);"
+        yield f"    plant_init(&robot->plant[{k}], &robot->parameters);"
         yield from (
             f"    robot->plant[{k}].x[{i}] = {number(v)};" for i, v in enumerate(state) if v != 0.0
         )
@@ -286,7 +276,7 @@ def _drive(robot: RobotPlant) -> Iterator[str]:
                     share = number(robot.span[track])
                     terms.append(f"{share} * pwm[{track}] / {number(PWM_FULL_SCALE)}")
             yield f"    u[{i}] = {' + '.join(terms)};"
-        yield f"    plant_step(&robot->plant[{copy}], u, y);"
+        yield f"    plant_step(&robot->plant[{copy}], &robot->parameters, u, y);"
         for track in (copy,) if robot.twins else (0, 1):
             zero, scale = number(robot.zero[track]), number(robot.scale[track])
             yield f"    omega[{track}] = {scale} * (y[{robot.read[track]}] - ({zero}));"

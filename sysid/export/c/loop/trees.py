@@ -1,9 +1,9 @@
 """Values in tuples, named tuples and dicts, in a row and back, each with a name."""
 
-import re
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+from sysid.export.c import names
 from sysid.export.c.traced import cells_of
 
 Path = tuple[str, ...]
@@ -37,9 +37,7 @@ def mapped(tree: Any, change: Callable[[Path, Any], Any], path: Path = ()) -> An
 
 def identifier(path: Path) -> str:
     """A place as a name of C: ``estimate_pose_x``."""
-    joined = "_".join(path) or "value"
-    plain = re.sub(r"[^A-Za-z0-9_]", "_", joined)
-    return plain if not plain[0].isdigit() else f"v_{plain}"
+    return names.identifier("_".join(path))
 
 
 def size(value: Any) -> int:

@@ -1,10 +1,12 @@
 /* One robot: the plant$twins_words, and what makes its inputs and outputs those of two tracks. */
 typedef struct {
+    plant_parameters parameters;
     plant_state plant[$copies];
 } robot_state;
 
 static void robot_init(robot_state *robot)
 {
+    plant_defaults(&robot->parameters);
 $rest
 }
 

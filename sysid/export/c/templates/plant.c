@@ -6,17 +6,25 @@ $words
  */
 $includes
 
-${support}void plant_init(plant_state *state)
+#include "plant.h"
+
+${support}void plant_defaults(plant_parameters *parameters)
 {
-    int k;
-    for (k = 0; k < $n_storage; k++)
-        state->x[k] = 0.0;
+$defaults
 }
 
-void plant_step(plant_state *state, const double u[PLANT_INPUTS], double y[PLANT_OUTPUTS])
+void plant_init(plant_state *state, const plant_parameters *parameters)
 {
-    double *const x = state->x;
-    double v[PLANT_INPUTS];
-    double out[PLANT_OUTPUTS]; /* y may be the same array as u */
+$start
+}
+
+void plant_step(plant_state *state, const plant_parameters *parameters,
+                const double u[PLANT_INPUTS], double y[PLANT_OUTPUTS])
+{
 $body
+}
+
+void plant_terminate(plant_state *state)
+{
+    memset(state, 0, sizeof *state);
 }

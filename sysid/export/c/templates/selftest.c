@@ -23,20 +23,23 @@ static const double scale[PLANT_OUTPUTS] = {$scale};
 
 int main(void)
 {
+    plant_parameters parameters;
     plant_state state;
     double y[PLANT_OUTPUTS];
     double worst = 0.0;
     int i, k;
 
-    plant_init(&state);
+    plant_defaults(&parameters);
+    plant_init(&state, &parameters);
     for (k = 0; k < $rows; k++) {
-        plant_step(&state, rows[k], y);
+        plant_step(&state, &parameters, rows[k], y);
         for (i = 0; i < PLANT_OUTPUTS; i++) {
             const double error = fabs(y[i] - rows[k][PLANT_INPUTS + i]) / scale[i];
             if (!(error <= worst)) /* a NaN counts */
                 worst = error;
         }
     }
+    plant_terminate(&state);
     printf("%.17g\n", worst);
     return worst <= $tolerance ? 0 : 1;
 }

@@ -9,7 +9,10 @@
 #define FMU_VARIABLES $variables
 #define FMU_TAKES_NAN 0
 
-typedef plant_state fmu_state;
+typedef struct {
+    plant_parameters parameters;
+    plant_state plant;
+} fmu_state;
 
 static const double fmu_start[FMU_VARIABLES] = {
 $start
@@ -18,15 +21,19 @@ $start
 static void fmu_begin(fmu_state *state, const double *r)
 {
     int k;
-    plant_init(state);
+    plant_defaults(&state->parameters);
+    plant_init(&state->plant, &state->parameters);
     for (k = 0; k < PLANT_STATES; k++)
-        state->x[k] += r[PLANT_INPUTS + PLANT_OUTPUTS + k];
+        state->plant.x[k] += r[PLANT_INPUTS + PLANT_OUTPUTS + k];
 }
 
 static void fmu_outputs(const fmu_state *state, double *r)
 {
     fmu_state copy = *state;
-    plant_step(&copy, r, r + PLANT_INPUTS);
+    plant_step(&copy.plant, &copy.parameters, r, r + PLANT_INPUTS);
 }
 
-static void fmu_advance(fmu_state *state, double *r) { plant_step(state, r, r + PLANT_INPUTS); }
+static void fmu_advance(fmu_state *state, double *r)
+{
+    plant_step(&state->plant, &state->parameters, r, r + PLANT_INPUTS);
+}

@@ -1,0 +1,213 @@
+"""The numbers of a plant as members of a struct of C: their names, units and words."""
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+
+from sysid.data.record import Array, Channel
+from sysid.export.c.fields import Field, places
+from sysid.export.c.names import distinct
+from sysid.export.c.program import Program, constant
+from sysid.export.c.traced import WRITTEN_OUT, Traced
+from sysid.fitting.problem import Parameter
+from sysid.structures.augmented.given_base import GivenBase
+from sysid.structures.augmented.structure import Augmented
+from sysid.structures.dynamics import Dynamics
+from sysid.structures.grey_box.structure import GreyBox
+from sysid.structures.model import Model
+from sysid.structures.plant import Step
+
+STRUCT = "parameters->"
+_COUNT = re.compile(r"\d+")
+
+
+@dataclass(frozen=True)
+class Number:
+    """One number of a plant.
+
+    Attributes:
+        called: as sysid shows it.
+        unit: of it.
+        words: what it is.
+        value: as it was identified.
+    """
+
+    called: str
+    unit: str
+    words: str
+    value: float
+
+
+@dataclass(frozen=True, eq=False)
+class PlantNumbers:
+    """θ and the operating point as values of a program, and as members of a struct.
+
+    Attributes:
+        theta: θ, behind it that of a model inside, (n,).
+        u_offset, y_offset: the operating point, (nu,) and (ny,).
+        fields: all of them.
+    """
+
+    theta: Traced
+    u_offset: Traced
+    y_offset: Traced
+    fields: tuple[Field, ...]
+
+    def read_in(self, text: str) -> tuple[Field, ...]:
+        """Members that lines of C read."""
+        read = set(re.findall(rf"{STRUCT}(\w+)", text))
+        return tuple(f for f in self.fields if f.name in read)
+
+
+def theta_numbers(model: Model) -> list[Number]:
+    """θ of a model, behind it that of the model that its effects are added to."""
+    return list(
+        _theta_numbers(model.structure, model.parameters, model.theta, model.inputs, model.outputs)
+    )
+
+
+def _theta_numbers(
+    structure: Dynamics,
+    parameters: Sequence[Parameter],
+    theta: Array,
+    inputs: Sequence[Channel],
+    outputs: Sequence[Channel],
+) -> Iterator[Number]:
+    known = {c.name: c.words for c in structure.constants} if isinstance(structure, GreyBox) else {}
+    for p, value in zip(parameters, theta, strict=True):
+        words = known.get(p.name.partition("[")[0], "")
+        yield Number(p.name, p.unit, f"{p.name}: {words}" if words else p.name, float(value))
+    base = structure.given if isinstance(structure, Augmented) else None
+    if base is not None:
+        own = base.structure.parameters(inputs, outputs)
+        for n in _theta_numbers(base.structure, own, base.theta, inputs, outputs):
+            yield replace(n, called=f"base.{n.called}", words=f"base, {n.words}")
+
+
+def plant_numbers(program: Program, model: Model, held: Iterable[int] | None) -> PlantNumbers:
+    """The numbers of a model, those that C may change as values of a program.
+
+    An operating point of zero is none. A long row of numbers that are called alike but for what
+    counts them (the weights of a network) is one array.
+
+    Args:
+        program: of the step.
+        model: whose numbers.
+        held: entries of θ that stay numbers; None for all.
+    """
+    theta = theta_numbers(model)
+    kept = set(range(len(theta)) if held is None else held)
+    point = [
+        Number(f"{letter}0[{c.name}]", c.unit, f"operating point of {c.name}", float(value))
+        for letter, channels, offsets in (
+            ("u", model.inputs, model.detrend.u_offset),
+            ("y", model.outputs, model.detrend.y_offset),
+        )
+        for c, value in zip(channels, offsets, strict=True)
+    ]
+    every = [*theta, *point]
+    free = [k for k in range(len(theta)) if k not in kept]
+    free += [k for k in range(len(theta), len(every)) if every[k].value != 0.0]
+    cells = np.empty(len(every), dtype=object)
+    cells[:] = [constant(n.value) for n in every]
+    groups = list(_groups(free, every))
+    names = distinct(_shared_name([every[k] for k in g]) for g in groups)
+    fields = []
+    for name, group in zip(names, groups, strict=True):
+        first, last = every[group[0]], every[group[-1]]
+        values = tuple(every[k].value for k in group)
+        if len(group) == 1:
+            fields.append(Field(name, first.unit, first.words, 0, values))
+            cells[group[0]] = program.parameter(f"{STRUCT}{name}", first.value)
+            continue
+        words = f"{first.called} ... {last.called}"
+        fields.append(Field(name, first.unit, words, len(group), values))
+        for at, k in enumerate(group):
+            array = f"{STRUCT}{name}"
+            cells[k] = program.parameter(f"{array}[{at}]", every[k].value, (array, at))
+    n, nu = len(theta), len(model.inputs)
+    return PlantNumbers(
+        Traced(cells[:n]), Traced(cells[n : n + nu]), Traced(cells[n + nu :]), tuple(fields)
+    )
+
+
+def _groups(free: Sequence[int], every: Sequence[Number]) -> Iterator[list[int]]:
+    """Neighbours that are called alike, where they are many; else each by itself."""
+
+    def alike(k: int) -> tuple[str, str]:
+        return _COUNT.sub("#", every[k].called), every[k].unit
+
+    for _, found in groupby(free, alike):
+        group = list(found)
+        if len(group) > WRITTEN_OUT:
+            yield group
+        else:
+            yield from ([k] for k in group)
+
+
+def _shared_name(group: Sequence[Number]) -> str:
+    """What numbers of a group are called without what counts them."""
+    return group[0].called if len(group) == 1 else _COUNT.sub("", group[0].called)
+
+
+# ------------------------------------------------------------------------------ a step of cells
+
+
+def traced_step(structure: Dynamics, theta: Any, like: Array) -> Step:
+    """The step of a structure whose θ is recorded, (x, u) → (x⁺, y).
+
+    Args:
+        structure: what runs.
+        theta: of it, and of the model inside.
+        like: θ as numbers.
+    """
+    n = len(like)
+    if isinstance(structure, Augmented) and structure.given is not None:
+        base = _TracedBase(**vars(structure.given), traced=theta[n:])
+        structure = replace(structure, given=base)
+    if _owner(structure, "step") in _owner(structure, "traced_step").__mro__:
+        return structure.traced_step(theta[:n], like)
+    return structure.step(theta[:n])  # whose author knows of no other way
+
+
+def _owner(structure: Dynamics, method: str) -> type:
+    """The class that says what a method does."""
+    return next(c for c in type(structure).__mro__ if method in vars(c))
+
+
+@dataclass(frozen=True, eq=False)
+class _TracedBase(GivenBase):
+    """A model inside, whose θ is recorded, too."""
+
+    traced: Any
+
+    def step(self) -> Step:
+        return self.around(traced_step(self.structure, self.traced, self.theta))
+
+
+@dataclass(frozen=True)
+class Tunable:
+    """A number of a plant that its C code lets change between two steps.
+
+    Attributes:
+        name: member of ``plant_parameters``, of an array with its index: ``weight[3]``.
+        unit: of it, empty for none.
+        value: as it was identified.
+        words: what it is, as sysid calls it.
+    """
+
+    name: str
+    unit: str
+    value: float
+    words: str
+
+
+def listed(fields: Sequence[Field]) -> tuple[Tunable, ...]:
+    """Every number of a struct of parameters."""
+    return tuple(
+        Tunable(place, f.unit, value, f.words) for f in fields for place, value in places((f,))
+    )
