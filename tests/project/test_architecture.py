@@ -208,3 +208,11 @@ def test_no_two_test_files_have_the_same_name() -> None:
     """pytest imports them by their bare names."""
     names = [p.name for p in (ROOT / "tests").rglob("test_*.py")]
     assert sorted(names) == sorted(set(names))
+
+
+def test_what_a_kind_must_say_is_abstract() -> None:
+    """A class that leaves it out cannot be made; it would fail only when it is run."""
+    late = [
+        m for m, path in modules().items() if "raise NotImplementedError" in path.read_text("utf-8")
+    ]
+    assert not late

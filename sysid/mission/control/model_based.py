@@ -4,6 +4,7 @@ Both work on the *motion* of an axis, τ v̇ = g d − v: the forward speed, or 
 a cascade: its error asks for a yaw rate, r = ψ̇_ref + K_ψ e, and the law makes the robot turn so.
 """
 
+from abc import abstractmethod
 from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field
@@ -67,9 +68,9 @@ class ModelBased(AxisSettings):
         """No integral yet."""
         return 0.0
 
+    @abstractmethod
     def command(self, asked: Target, integral: Real, inputs: AxisInputs, dt: Real, xp: Any) -> Real:
         """The command before its limits [drive]."""
-        raise NotImplementedError
 
     def step(self, state: Real, inputs: AxisInputs, dt: Real, xp: Any) -> tuple[Real, Real]:
         """The command within its limits."""

@@ -1,5 +1,6 @@
 """What all filters that fuse sensors have in common: keys, order of work, what they report."""
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, NamedTuple
 
@@ -115,13 +116,13 @@ class Filter(Settings):
 
     # What a filter of one kind says ---------------------------------------------------------------
 
+    @abstractmethod
     def predicted(self, of: Any, plan: Design, geometry: Geometry, slot: Slot, xp: Any) -> Any:
         """What is believed ``slot.dt`` later."""
-        raise NotImplementedError
 
+    @abstractmethod
     def corrected(self, of: Any, plan: Design, sight: Sight, xp: Any) -> tuple[Any, Innovation]:
         """What is believed after one group of readings, some of them present."""
-        raise NotImplementedError
 
     def first(self, one: Gaussian, xp: Any) -> Any:
         """What is believed at first, made of mean and covariance."""

@@ -1,6 +1,7 @@
 """What all sensors have in common: they are read at a rate, err, come late and fail at times."""
 
 import math
+from abc import abstractmethod
 from collections.abc import Mapping
 from functools import lru_cache
 from statistics import NormalDist
@@ -163,6 +164,7 @@ class ImperfectSensor(Settings):
         """What its kind remembers at first."""
         return ()
 
+    @abstractmethod
     def measure(
         self, own: State, inputs: SensorInputs, since: Real, dt: Real, xp: Any
     ) -> tuple[State, Reals]:
@@ -178,7 +180,6 @@ class ImperfectSensor(Settings):
         Returns:
             What its kind remembers now, and a value for each of ``measured``.
         """
-        raise NotImplementedError
 
     def read(
         self, own: State, measured: Reals, since: Real, now: Real, arrives: Real, xp: Any
