@@ -1,0 +1,235 @@
+"""From a case to logs as a user would have them, and the truth beside them.
+
+``est.csv`` and ``val.csv`` are two drives of one machine with other commands; ``truth.json`` says
+what is in it. Streams of a seed: 0 the machine and its causes, 1 and 2 commands, 11 and 12 noise,
+21 and 22 the pose, 31 and 32 the clocks, 41 and 42 lost lines, for the two logs.
+"""
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sysid_datasets.physics.commands import SCHEDULES
+from sysid_datasets.physics.hidden import Hidden
+from sysid_datasets.physics.noises import NOISES, walk
+from sysid_datasets.physics.parameters import Controller, Machine
+from sysid_datasets.physics.robots import Rig, figures
+from sysid_datasets.physics.simulate import POSE_STEP, simulate
+
+Array = NDArray[np.float64]
+
+FULL = 20000
+"""Full drive [µs]."""
+
+VALIDATION = 0.6
+"""Length of val.csv over that of est.csv."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """How a log of another machine is written: header and factor of each column."""
+
+    inputs: tuple[tuple[str, float], ...]
+    outputs: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True)
+class Case:
+    """What one pair of logs is made of."""
+
+    suite: str
+    seed: int
+    rig: Rig
+    hidden: tuple[Hidden, ...] = ()
+    style: str = "steps"
+    noise: str = "white"
+    sigma: float = 0.01
+    """Of a reading, over half the free speed."""
+    walk: float = 0.0
+    """Standard deviation of a drifting load at the end of a log, over the stall torque."""
+    duration: float = 100.0
+    """Of est.csv [s]."""
+    reference: float = 0.0
+    """In a closed loop: the reading at a reference of 1."""
+    columns: Columns | None = None
+    """Names and units; None is the tracked robot's."""
+
+    @property
+    def key(self) -> str:
+        """A name that no other case has."""
+        return f"{self.suite}-{self.seed}"
+
+    @property
+    def allowed(self) -> frozenset[str]:
+        """Names that are not false here."""
+        return frozenset(n for h in self.hidden for n in (h.id, *h.also))
+
+
+ROBOT = Columns((("pwm_l", FULL), ("pwm_r", FULL)), (("omega_l", 1.0), ("omega_r", 1.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """One drive: what is logged, and what would be without noise and drifting load."""
+
+    t: Array
+    command: Array
+    """As logged, in its unit."""
+    reading: Array
+    clean: Array
+    """The same without noise and drifting load, under the same commands."""
+    pose: Array | None
+
+
+@dataclass(frozen=True, eq=False)
+class Logs:
+    """Both drives of a case."""
+
+    case: Case
+    est: Log
+    val: Log
+
+
+def make(case: Case) -> Logs:
+    """Drive the machine of a case twice.
+
+    Raises:
+        NoCompilerError: the machine is C, and no compiler is here.
+    """
+    return Logs(case, _drive(case, 1, case.duration), _drive(case, 2, VALIDATION * case.duration))
+
+
+def write(logs: Logs, folder: Path) -> list[Path]:
+    """Write est.csv, val.csv and truth.json.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for name, log in (("est", logs.est), ("val", logs.val)):
+        file = folder / f"{name}.csv"
+        file.write_text(csv_of(log, logs.case.columns or ROBOT), encoding="ascii", newline="\n")
+        written.append(file)
+    truth = folder / "truth.json"
+    truth.write_text(json.dumps(truth_of(logs), indent=1) + "\n", encoding="utf-8")
+    return [*written, truth]
+
+
+def csv_of(log: Log, columns: Columns) -> str:
+    """The text of a log."""
+    count = log.command.shape[1]
+    header = ["t", *(c for c, _ in columns.inputs[:count]), *(c for c, _ in columns.outputs)]
+    table = [log.t[:, None], log.command, log.reading]
+    digits = ["%.4f"] + ["%.6g"] * count + ["%.5g"] * log.reading.shape[1]
+    if log.pose is not None:
+        header += ["x", "y", "psi"]
+        table.append(log.pose)
+        digits += ["%.4f", "%.4f", "%.4f"]
+    row = ",".join(digits)
+    lines = [",".join(header[: len(digits)])]
+    lines += [row % tuple(values) for values in (np.hstack(table) + 0.0).tolist()]
+    return "\n".join(lines) + "\n"
+
+
+def truth_of(logs: Logs) -> dict[str, Any]:
+    """What is in the machine, what noise leaves, and how large the effects show [its unit]."""
+    case = logs.case
+    return {
+        "suite": case.suite,
+        "seed": case.seed,
+        "hidden": [
+            {
+                "id": h.id,
+                "cause": h.cause,
+                "also": list(h.also),
+                "channels": list(h.channels),
+                "sizes": dict(h.sizes),
+                "same_meaning": dict(h.same_meaning or {}),
+            }
+            for h in case.hidden
+        ],
+        "style": case.style,
+        "noise": case.noise,
+        "floor": {"est": floor(logs.est), "val": floor(logs.val)},
+        "excess": excess(logs.val),
+    }
+
+
+def floor(log: Log) -> list[float]:
+    """RMS of what noise and drifting load do to each reading."""
+    return [float(v) for v in np.sqrt(np.mean((log.reading - log.clean) ** 2, axis=0))]
+
+
+def excess(log: Log) -> list[float]:
+    """RMS error of the best line of first order through each clean reading, from its command."""
+    return [_plain_error(u, y) for u, y in zip(log.command.T, log.clean.T, strict=False)]
+
+
+def _plain_error(u: Array, y: Array) -> float:
+    """min over a, b of RMS(y − b G(a) u), G = (1 − a) z⁻¹/(1 − a z⁻¹): by golden section in a."""
+    from scipy.optimize import minimize_scalar
+    from scipy.signal import lfilter
+
+    def error(pole: float) -> float:
+        x = lfilter([0.0, 1.0 - pole], [1.0, -pole], u)
+        power = float(x @ x)
+        gain = float(x @ y) / power if power > 0.0 else 0.0
+        return float(np.sqrt(np.mean((y - gain * x) ** 2)))
+
+    found = minimize_scalar(error, bounds=(0.0, 0.9999), method="bounded")
+    return float(found.fun)
+
+
+def generator(case: Case, stream: int) -> np.random.Generator:
+    """Randomness of a case; suites with the same seed share none."""
+    name = int.from_bytes(case.suite.encode()[:8].ljust(8), "big")
+    return np.random.Generator(np.random.PCG64([name, case.seed, stream]))
+
+
+def _drive(case: Case, which: int, duration: float) -> Log:
+    rig, columns = case.rig, case.columns or ROBOT
+    dt = 1.0 / rig.telemetry.rate
+    rows, drives = round(duration / dt), len(rig.machine.drives)
+    wanted = SCHEDULES[case.style](generator(case, which), rows, dt, drives)
+    closed = rig.machine.controller != Controller()
+    scale = np.array([f for _, f in columns.inputs[:drives]])
+    if not closed:  # what is logged is what was sent
+        wanted = np.round(wanted * scale) / scale if np.all(scale >= 100.0) else wanted
+    wanted = wanted * case.reference if closed else wanted
+    rng = generator(case, 10 + which)
+    f = figures(rig.machine)
+    drift = case.walk * f.stall_torque * walk(rng, rows, drives) if case.walk else None
+    sensor_dt = rig.telemetry.refresh or dt
+    sigma = case.sigma * 0.5 * f.speed
+
+    def noise(count: int) -> Array:
+        return sigma * NOISES[case.noise](rng, (count, drives), sensor_dt)
+
+    run = simulate(
+        rig.machine, wanted, rig.telemetry, noise=noise, disturbance=drift,
+        rng=generator(case, 30 + which),
+    )  # fmt: skip
+    inner = rig.telemetry.loop_rate > 0.0
+    still = rig.machine if inner else _open(rig.machine)
+    quiet = simulate(
+        still, wanted if inner else run.command, rig.telemetry, rng=generator(case, 30 + which)
+    )
+    command = run.reference / case.reference if inner else run.command
+    if np.all(scale >= 100.0):
+        command = np.round(command * scale) / scale
+    pose = None
+    if rig.pose is not None:
+        pose = rig.pose.measure(run.t, run.pose, POSE_STEP, generator(case, 20 + which))
+    factors = np.array([f for _, f in columns.outputs])
+    carried = [
+        rig.wire.carry(r.reading, generator(case, 40 + which)) * factors for r in (run, quiet)
+    ]
+    return Log(run.t, command * scale, carried[0], carried[1], pose)
+
+
+def _open(machine: Machine) -> Machine:
+    return replace(machine, controller=Controller())

@@ -1,0 +1,170 @@
+"""Suites of cases: what is hidden, how large, under which commands and noise, by seed.
+
+Seeds below ``FRESH`` are for development: rules may be set on them. Those from ``FRESH`` on judge,
+once, after which they are development seeds, too.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from sysid_datasets.physics.causes import CAUSES, WITH_BODY
+from sysid_datasets.physics.hidden import Hidden
+from sysid_datasets.physics.logs import Case
+from sysid_datasets.physics.noises import NOISES
+from sysid_datasets.physics.parameters import Controller
+from sysid_datasets.physics.robots import Rig, figures, log_uniform, plain_machine
+from sysid_datasets.physics.simulate import Telemetry
+
+FRESH = 10000
+"""First seed of those that judge."""
+
+SMALL = 0.4
+"""Factor on the sizes of the suite of small ones."""
+
+OPEN_STYLES = ("steps", "steps", "joystick", "multisine", "autoregressive", "binary")
+"""Commands of the suites with something hidden; steps twice as often."""
+
+EFFECTS = tuple(CAUSES)
+
+
+def case(suite: str, seed: int) -> Case:
+    """One case; the effects of a suite take turns with the seed.
+
+    Raises:
+        KeyError: there is no such suite.
+        ValueError: the seed is negative.
+    """
+    if seed < 0:
+        raise ValueError(f"a seed of {seed} is negative")
+    code = int.from_bytes(suite.encode()[:8].ljust(8), "big")
+    rng = np.random.Generator(np.random.PCG64([code, seed, 0]))
+    return SUITES[suite](suite, seed, rng)
+
+
+def singles(suite: str, seed: int, rng: np.random.Generator, factor: float = 1.0) -> Case:
+    """One cause, of a size between barely visible and strong, drawn log-uniformly."""
+    return _hidden_case(suite, seed, rng, (EFFECTS[seed % len(EFFECTS)],), factor)
+
+
+def small(suite: str, seed: int, rng: np.random.Generator) -> Case:
+    """The same, 0.4 times as large: many are below what the log can show."""
+    return singles(suite, seed, rng, SMALL)
+
+
+def pairs(suite: str, seed: int, rng: np.random.Generator) -> Case:
+    """Two causes."""
+    return _hidden_case(suite, seed, rng, _several(rng, 2))
+
+
+def triples(suite: str, seed: int, rng: np.random.Generator) -> Case:
+    """Three causes."""
+    return _hidden_case(suite, seed, rng, _several(rng, 3))
+
+
+def nothing(suite: str, seed: int, rng: np.random.Generator) -> Case:
+    """Nothing hidden, under nine kinds of noise, loop, length and rate, in turn."""
+    rig = Rig(plain_machine(rng))
+    sigma, style = log_uniform(rng, 0.005, 0.03), str(rng.choice(OPEN_STYLES))
+    base = Case(suite, seed, rig, style=style, sigma=sigma)
+    return NOTHINGS[list(NOTHINGS)[seed % len(NOTHINGS)]](base, rng)
+
+
+def _closed(base: Case, rng: np.random.Generator) -> Case:
+    """The readings' own loop: a PI controller as fast as the machine."""
+    f = figures(base.rig.machine)
+    gain = rng.uniform(0.5, 2.0) / f.speed
+    loop = Controller(proportional=gain, integral=gain / f.time_constant)
+    machine = replace(base.rig.machine, controller=loop)
+    return replace(
+        base, rig=replace(base.rig, machine=machine), reference=0.8 * f.speed, style="steps"
+    )
+
+
+def _changed(**fields: object) -> Callable[[Case, np.random.Generator], Case]:
+    return lambda base, rng: replace(base, **fields)  # type: ignore[arg-type]
+
+
+def _fine(base: Case, rng: np.random.Generator) -> Case:
+    """A converter finer than the noise."""
+    step = base.sigma * figures(base.rig.machine).speed * 0.25
+    return replace(base, rig=replace(base.rig, wire=replace(base.rig.wire, step=step)))
+
+
+def _fast(base: Case, rng: np.random.Generator) -> Case:
+    """A kilohertz for 20 s, with a winding that follows at once."""
+    drives = tuple(
+        replace(d, motor=replace(d.motor, inductance=0.0)) for d in base.rig.machine.drives
+    )
+    machine = replace(base.rig.machine, drives=drives)
+    rig = replace(base.rig, machine=machine, telemetry=Telemetry(rate=1000.0))
+    return replace(base, rig=rig, duration=20.0)
+
+
+NOTHINGS: dict[str, Callable[[Case, np.random.Generator], Case]] = {
+    "white": lambda base, rng: base,
+    "coloured": _changed(noise="coloured"),
+    "heavy": _changed(noise="heavy"),
+    "walk": _changed(walk=0.02),
+    "closed": _closed,
+    "fine-steps": _fine,
+    "short": _changed(duration=20.0),
+    "long": _changed(duration=240.0),
+    "kilohertz": _fast,
+    "white-command": _changed(style="white"),
+    "walking-command": _changed(style="random-walk"),
+}
+"""Logs in which nothing is hidden."""
+
+
+def _several(rng: np.random.Generator, count: int) -> tuple[str, ...]:
+    """Effects of different causes, one with a body at most."""
+    while True:
+        some = tuple(str(e) for e in rng.choice(EFFECTS, count, replace=False))
+        if sum(e in WITH_BODY for e in some) <= 1 and not _clash(some):
+            return some
+
+
+EXCLUSIVE = (
+    frozenset({"coulomb-friction", "stiction", "backlash"}),
+    frozenset({"quantisation", "held-telemetry", "dropouts"}),
+    frozenset({"unsigned-speed", "sensor-bias", "sensor-saturation"}),
+)
+"""Causes that write the same fields, or hide each other wholly."""
+
+
+def _clash(some: tuple[str, ...]) -> bool:
+    return any(len(group.intersection(some)) > 1 for group in EXCLUSIVE)
+
+
+def _hidden_case(
+    suite: str, seed: int, rng: np.random.Generator, effects: tuple[str, ...], factor: float = 1.0
+) -> Case:
+    rig = Rig(plain_machine(rng))
+    hidden: list[Hidden] = []
+    # a body first: it is made for the plain drives
+    for effect in sorted(effects, key=lambda e: e not in WITH_BODY):
+        causes = CAUSES[effect]
+        rig, found = causes[int(rng.integers(len(causes)))](rng, rig, factor)
+        hidden.append(found)
+    styles = next((h.styles for h in hidden if h.styles), OPEN_STYLES)
+    return Case(
+        suite,
+        seed,
+        rig,
+        tuple(hidden),
+        style=str(rng.choice(styles)),
+        noise=str(rng.choice([*NOISES, "white", "white"])),
+        sigma=log_uniform(rng, 0.004, 0.02),
+        duration=float(rng.choice([60.0, 100.0, 150.0])),
+    )
+
+
+SUITES: dict[str, Callable[[str, int, np.random.Generator], Case]] = {
+    "singles": singles,
+    "small": small,
+    "nothing": nothing,
+    "pairs": pairs,
+    "triples": triples,
+}
+"""Suites by name."""
