@@ -50,6 +50,7 @@ from sysid.mission.spec_problems import first_problem
 from sysid.mission.variation import Variation
 from sysid.mission.vehicle_spec import Physics, VehicleSpec, floor_of, tracked_vehicle
 from sysid.vehicle.kinematics import Geometry, wrap_angle
+from sysid.vehicle.tracked import TrackedVehicle
 
 Place = tuple[Coordinate, Coordinate]
 """X, Y [m]."""
@@ -256,6 +257,17 @@ class Mission(Settings):
         own = self.motion.told if isinstance(self.motion, Physics) else {}
         return {**self.vehicle.told, **own}
 
+    @property
+    def car(self) -> TrackedVehicle:
+        """The vehicle, with what its motion takes for granted where nothing is said.
+
+        Raises:
+            ModelError: the numbers make no vehicle.
+        """
+        motion, told = self.motion, self.physics
+        known = motion.completed(told) if isinstance(motion, Physics) else told
+        return tracked_vehicle(self.vehicle.geometry, known)
+
     @model_validator(mode="after")
     def _clear(self) -> "Mission":
         """Nothing drives out of an obstacle, or into one, without touching it."""
@@ -335,7 +347,7 @@ class Mission(Settings):
             path=self.path,
             limits=Limits(**self.limits.given),
             sensors=equipped(self.navigation, self.sensors, default_sensor),
-            car=tracked_vehicle(self.vehicle.geometry, self.physics),
+            car=self.car,
             floor=floor_of(self.physics),
         )
 

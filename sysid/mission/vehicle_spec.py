@@ -122,6 +122,10 @@ class Physics(Settings):
         """The keys that were given."""
         return {k: v for k in PHYSICS if (v := getattr(self, k)) is not None}
 
+    def completed(self, told: Mapping[str, Any]) -> Mapping[str, Any]:
+        """What is told of vehicle and floor, with what this motion takes for granted beside it."""
+        return told
+
 
 PHYSICS = tuple(Physics.model_fields)
 """Names of the keys of a vehicle and its floor."""
@@ -143,9 +147,14 @@ def floor_of(told: Mapping[str, Any]) -> Floor:
     return Floor(soil, told.get("patches", ()), told.get("slope", (0.0, 0.0)))
 
 
-def assumed(told: Mapping[str, Any], wanted: Sequence[str]) -> str:
-    """Which of the wanted numbers were taken and not given, in one sentence; empty for none."""
-    car = TrackedVehicle()
+def assumed(told: Mapping[str, Any], wanted: Sequence[str], car: TrackedVehicle) -> str:
+    """Which of the wanted numbers were taken and not given, in one sentence; empty for none.
+
+    Args:
+        told: keys that were given.
+        wanted: keys that the motion takes.
+        car: what was taken.
+    """
     words = {
         "soil": f"the floor is {DEFAULT_SOIL}",
         "mass": f"the mass {car.mass:g} kg",

@@ -50,7 +50,7 @@ def _forget() -> None:
 
 
 def test_a_broken_extension_is_one_sentence_with_its_package(group: str) -> None:
-    assert list(points(group)) == ["motion.foreign"]
+    assert "motion.foreign" in points(group)
     said = r"'motion.foreign' of the package foreign-parts cannot be imported \(no licence\); mend"
     with pytest.raises(UsageError, match=said) as caught:
         USES[group]()

@@ -127,7 +127,8 @@ def _about_motion(robot: RobotPlant, mission: Mission) -> tuple[str, ...]:
     said: tuple[str, ...] = ()
     if isinstance(mission.motion, TurnsTracks):
         said = check_lifted(robot, mission.vehicle.lifted)
-    missing = assumed_physics(mission.physics, getattr(mission.motion, "wanted", ()))
+    wanted = getattr(mission.motion, "wanted", ())
+    missing = assumed_physics(mission.physics, wanted, mission.car)
     return (*said, *([missing] if missing else []))
 
 

@@ -1,0 +1,220 @@
+"""MuJoCo at the end of a function: a machine in its surroundings, from one state to the next."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sysid.cosim.multibody.machine import Machine, cylinder, scene, wall
+from sysid.data.record import Array
+from sysid.errors import ModelError
+from sysid.vehicle.wheels.mjcf_parts import STEP
+
+SETTLING = 0.3
+"""Time for which it stands before the drive begins [s]: contacts sink in by micrometres."""
+
+MISSING = (
+    "a multibody simulation needs MuJoCo, which comes with the extra physics: pip install "
+    "'sysid-workbench[physics]'"
+)
+
+Disc = tuple[float, float, float, float, float]
+"""x, y [m] at t = 0, radius [m], velocity in x and y [m/s]."""
+
+
+OBSTACLE = 2
+"""Bit of the shapes that only a vehicle touches (class ``obstacle``)."""
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What stands around a machine.
+
+    Attributes:
+        discs: round obstacles.
+        walls: each by its points [m].
+    """
+
+    discs: tuple[Disc, ...] = ()
+    walls: tuple[tuple[tuple[float, float], ...], ...] = ()
+
+    @property
+    def moving(self) -> tuple[Disc, ...]:
+        """The obstacles that move."""
+        return tuple(d for d in self.discs if d[3:] != (0.0, 0.0))
+
+
+NOTHING = Surroundings()
+
+
+class Moving(NamedTuple):
+    """How a machine stands and moves.
+
+    Attributes:
+        x, y, psi: of the middle of its wheels [m], [rad] in (−π, π].
+        vx, vy: forward and to the left, of that point [m/s].
+        yaw_rate: [rad/s].
+        touching: contacts of the body or a wheel with what stands around.
+    """
+
+    x: float
+    y: float
+    psi: float
+    vx: float
+    vy: float
+    yaw_rate: float
+    touching: int
+
+
+@dataclass(frozen=True, eq=False)
+class Engine:
+    """A compiled model of one machine and what stands around it.
+
+    Its data are a scratch pad: what a run is, is in the vectors that go in and come out.
+
+    Attributes:
+        model, data: MuJoCo's.
+        moving: obstacles that are moved along.
+        turning: addresses of the speeds of both rows.
+        outside: which shapes belong to what stands around, (geoms,).
+    """
+
+    model: Any
+    data: Any
+    moving: tuple[Disc, ...]
+    turning: tuple[int, int]
+    outside: Any
+
+    @cached_property
+    def start(self) -> Array:
+        """The state of the machine that stands, settled."""
+        import mujoco
+
+        mujoco.mj_resetData(self.model, self.data)
+        self._step(np.zeros((round(SETTLING / self.model.opt.timestep), 2)), 0.0)
+        self.data.time = 0.0
+        return self._taken()
+
+    def advance(self, state: Array, controls: Array, t: float) -> tuple[Array, Moving]:
+        """Some steps on, one for each row of controls.
+
+        Args:
+            state: ``start``, or what a call of this gave.
+            controls: for each step, what both actuators are given, (steps, 2).
+            t: time at the end [s]; obstacles that move stand there.
+
+        Raises:
+            ModelError: the engine has lost the machine.
+        """
+        self._put(state)
+        self._step(controls, t)
+        return self._taken(), self.moved(t)
+
+    def moved(self, t: float) -> Moving:
+        """How the machine stands and moves after the last step; ``t`` [s] is for the sentence.
+
+        Raises:
+            ModelError: it is nowhere.
+        """
+        x, y, _, w, i, j, k = self.data.qpos[:7].tolist()
+        vx, vy, _, _, _, turn = self.data.qvel[:6].tolist()
+        psi = math.atan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k))
+        c, s = math.cos(psi), math.sin(psi)
+        touching = int(np.sum(self.outside[self.data.contact.geom]))
+        found = Moving(x, y, psi, c * vx + s * vy, c * vy - s * vx, turn, touching)
+        if not all(map(math.isfinite, found)) or max(map(abs, found[:6])) > LOST:
+            raise ModelError(
+                f"MuJoCo has lost the vehicle at t = {t:g} s: its mass, lengths or friction are "
+                f"too extreme for steps of {self.model.opt.timestep:g} s; change them, or make "
+                "motion.part smaller"
+            )
+        if 1.0 - 2.0 * (i * i + j * j) < UPRIGHT:
+            raise ModelError(
+                f"the vehicle has tipped over at t = {t:g} s: lower vehicle.height, bring "
+                "vehicle.centre to the middle of the tracks, or let it speed up more slowly"
+            )
+        return found
+
+    @property
+    def speeds(self) -> tuple[float, float]:
+        """How fast the rows turn after the last step [rad/s]."""
+        left, right = (float(self.data.qvel[k]) for k in self.turning)
+        return left, right
+
+    def _step(self, controls: Array, t: float) -> None:
+        """Step on; what MuJoCo would print of a vehicle that it loses, ``moved`` says."""
+        import mujoco
+
+        for k, (x, y, _, vx, vy) in enumerate(self.moving):
+            self.data.mocap_pos[k, :2] = x + vx * t, y + vy * t
+        printed = mujoco.get_mju_user_warning()
+        mujoco.set_mju_user_warning(_unsaid)
+        try:
+            for pair in controls:
+                self.data.ctrl[:] = pair
+                mujoco.mj_step(self.model, self.data)
+        finally:
+            mujoco.set_mju_user_warning(printed)
+
+    def _put(self, state: Array) -> None:
+        import mujoco
+
+        mujoco.mj_setState(self.model, self.data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+
+    def _taken(self) -> Array:
+        import mujoco
+
+        kind = mujoco.mjtState.mjSTATE_INTEGRATION
+        found = np.empty(mujoco.mj_stateSize(self.model, kind))
+        mujoco.mj_getState(self.model, self.data, found, kind)
+        return found
+
+
+def _unsaid(message: str) -> None:
+    """Say nothing."""
+
+
+UPRIGHT = 0.5
+"""Cosine of the angle to the vertical beyond which no vehicle comes back onto its wheels."""
+
+LOST = 1e6
+"""Nothing drives so far [m] or so fast [m/s]."""
+
+
+@lru_cache(maxsize=4)
+def engine(
+    machine: Machine,
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    around: Surroundings = NOTHING,
+    step: float = STEP,
+) -> Engine:
+    """A machine that stands; the same one where it is asked for again.
+
+    Args:
+        machine: what drives.
+        start: x, y [m] and ψ [rad] of the middle of its wheels.
+        around: what stands around it.
+        step: of the engine [s].
+
+    Raises:
+        ModelError: MuJoCo is not installed, or makes no model of the numbers.
+    """
+    try:
+        import mujoco
+    except ImportError:
+        raise ModelError(MISSING) from None
+    mu, moving = machine.friction, around.moving
+    stand = [line for d in around.discs if d not in moving for line in cylinder(*d[:3], mu)]
+    stand += [line for points in around.walls for line in wall(points, mu)]
+    for k, disc in enumerate(moving):
+        stand += cylinder(*disc[:3], mu, f"moving_{k}")
+    try:
+        model = mujoco.MjModel.from_xml_string(scene(machine, step, start, stand))
+    except ValueError as error:
+        first = str(error).partition("\n")[0]
+        raise ModelError(f"MuJoCo makes no model of the vehicle ({first})") from None
+    left, right = (int(model.joint(row.joints[0]).dofadr[0]) for row in machine.rows)
+    outside = np.asarray(model.geom_contype == OBSTACLE)
+    return Engine(model, mujoco.MjData(model), moving, (left, right), outside)

@@ -1,0 +1,250 @@
+"""A box on two rows of wheels, as MuJoCo's XML: the body of every drive in another physics.
+
+How its tracks stand on the floor is told in :mod:`sysid.vehicle.wheels.mjcf_parts`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.vehicle.tracked import G
+from sysid.vehicle.wheels.body import box_inertia
+from sysid.vehicle.wheels.mjcf_parts import (
+    ROAD_WHEELS,
+    STEP,
+    Axle,
+    Row,
+    block,
+    floor,
+    friction,
+    options,
+    under_a_track,
+    words,
+)
+
+WHEEL_SHARE = 1.0 / 75.0
+"""Of the machine's mass in one wheel: 20 g of 1.5 kg."""
+
+SERVO_INERTIA = 2.0
+"""What a servo turns with a row, over m r²: that of the thesis's rotors behind their gear under its
+robot. It follows the machine's mass, so that machines of all masses move alike."""
+
+OBSTACLE_HEIGHT = 0.25
+"""Of obstacles and walls [m] (thesis 8.2.2)."""
+
+WALL = 0.005
+"""Half the thickness of a wall [m]."""
+
+
+LEAST_MOMENT = 0.1
+"""Share of a solid box's moment that the box keeps beside its wheels: none has no moment."""
+
+
+SLACK = 1.0 + 1e-6
+"""Of two principal moments the sum is not below the third, rounding included."""
+
+
+@dataclass(frozen=True)
+class BenchMotor:
+    """One side's motor and gear as the sprocket feels them: τ = k u − d ω − J ω̇ − c sign ω.
+
+    The numbers are the thesis's (2.53–2.61, §5.2): R 3.1 Ω, Kem 0.0023, Kc 8.6626e-4, f 1.0651e-7,
+    J 1e-7, C0 2.9658e-5, gear 120.
+
+    Attributes:
+        torque_per_volt: k [Nm/V].
+        damping: d, friction and back-EMF [Nm/(rad/s)].
+        inertia: J [kg m²].
+        dry_friction: c [Nm].
+    """
+
+    torque_per_volt: float = 120.0 * 8.6626e-4 / 3.1
+    damping: float = 120.0**2 * (8.6626e-4 * 0.0023 / 3.1 + 1.0651e-7)
+    inertia: float = 120.0**2 * 1e-7
+    dry_friction: float = 120.0 * 2.9658e-5
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A box on two rows of wheels.
+
+    Attributes:
+        mass: of the whole [kg].
+        yaw_inertia: of the whole, about the vertical through the centre of mass [kg m²]; None for
+            that of a solid box on its wheels.
+        r, B, L: radius of the wheels, distance of the rows, contact length [m].
+        size: length, width, height of the box [m].
+        height: of the centre of mass over the floor [m].
+        centre: how far the centre of mass lies ahead of the middle of the wheels [m].
+        wheels: of one row; an even number.
+        friction: between wheels and floor [1].
+        rolling: rolling resistance over load [1]; a servo gives what it takes.
+        motor: of each side; None for a servo that holds the speed of its wheels.
+    """
+
+    mass: float = 1.5
+    yaw_inertia: float | None = 0.02
+    r: float = 0.0215
+    B: float = 0.186
+    L: float = 0.14
+    size: tuple[float, float, float] = (0.19, 0.134, 0.047)
+    height: float = 0.03
+    centre: float = 0.0
+    wheels: int = ROAD_WHEELS
+    friction: float = 0.6
+    rolling: float = 0.03
+    motor: BenchMotor | None = BenchMotor()
+
+    @property
+    def places(self) -> Array:
+        """How far each wheel of a row lies ahead of its middle [m], (wheels,)."""
+        return under_a_track(self.L, self.wheels)
+
+    @property
+    def load(self) -> float:
+        """On each wheel at rest [N]."""
+        return self.mass * G / (2 * self.wheels)
+
+    @property
+    def scrub(self) -> tuple[float, float]:
+        """Turning on the spot on points of isotropic friction: moment [Nm], effective width [m].
+
+        Every wheel slides with (c, ψ̇x) and is pushed back by μN along it. Both rows must give the
+        moment that the sideways parts need, which settles the creep c:
+
+            B Σ c/√(c² + x²) = 2 Σ x²/√(c² + x²)    (c in units of ψ̇; sums over one row)
+
+        The moment on the sprockets is B/2 of the forces forward, and rω = ψ̇(B/2 + c).
+        """
+        x2 = self.places**2
+        low, high = 0.0, self.L
+        for _ in range(60):
+            c = 0.5 * (low + high)
+            size = np.sqrt(c * c + x2)
+            more = self.B * float(np.sum(c / size)) < 2.0 * float(np.sum(x2 / size))
+            low, high = (c, high) if more else (low, c)
+        forward = self.friction * self.load * float(np.sum(c / np.sqrt(c * c + x2)))
+        return forward * self.B, self.B + 2.0 * c
+
+    @property
+    def rows(self) -> tuple[Row, Row]:
+        """The left and the right track."""
+        axle = Axle(SERVO_INERTIA * self.mass * self.r**2)
+        if self.motor is not None:
+            m = self.motor
+            rolling = self.rolling * self.load * self.wheels * self.r
+            axle = Axle(m.inertia, m.damping, m.dry_friction + rolling)
+        mass = WHEEL_SHARE * self.mass * ROAD_WHEELS / self.wheels
+        common = (self.r, tuple(self.places.tolist()), self.r, mass, self.load)
+        left, right = (
+            Row(side, y, *common, self.friction, axle)
+            for side, y in (("left", 0.5 * self.B), ("right", -0.5 * self.B))
+        )
+        return left, right
+
+    @property
+    def _box(self) -> tuple[float, Array]:
+        """Mass [kg] and principal moments [kg m²] of the solid box without its wheels, (3,)."""
+        own = self.mass - 2 * self.wheels * self.rows[0].mass
+        return own, np.diag(box_inertia(own, self.size))
+
+    @property
+    def _of_wheels(self) -> float:
+        """The wheels' part of the moment about the vertical [kg m²]."""
+        places = float(np.sum(self.places**2)) + self.wheels * (0.5 * self.B) ** 2
+        return 2.0 * self.rows[0].mass * places
+
+    @property
+    def moment(self) -> float:
+        """About the vertical [kg m²]: what is given, or that of a solid box on its wheels."""
+        solid = float(self._box[1][2]) + self._of_wheels
+        return solid if self.yaw_inertia is None else self.yaw_inertia
+
+    @property
+    def body(self) -> list[str]:
+        """The box without its wheels: mass and principal moments, and what obstacles touch.
+
+        A given moment about the vertical goes with such about the other axes as some body has.
+        """
+        own, (roll, pitch, least) = self._box
+        yaw = max(self.moment - self._of_wheels, LEAST_MOMENT * least)
+        roll = max(roll, (yaw - pitch) * SLACK)
+        tall = self.size[2]
+        # a box of which the middle is the centre of mass would cut the floor where that lies low
+        middle = max(self.height, 0.5 * tall)
+        return [
+            f'<inertial pos="{words((self.centre, 0.0, self.height))}" mass="{own!r}" '
+            f'diaginertia="{words((roll, pitch, yaw))}"/>',
+            f'<geom class="body" type="box" pos="{words((0.0, 0.0, middle))}" '
+            f'size="{words(0.5 * s for s in self.size)}"{friction(self.friction)} '
+            'rgba=".27 .42 .62 1"/>',
+        ]
+
+
+def scene(
+    machine: Machine,
+    step: float = STEP,
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    around: Sequence[str] = (),
+) -> str:
+    """The machine on its floor, in MuJoCo's XML.
+
+    Its wheels' joints carry motor, gear and rolling resistance, which acts on the sprocket as the
+    force on the vehicle does: r μr N. Without a motor two servos hold the speeds of the rows.
+
+    Args:
+        machine: what drives.
+        step: of the engine [s].
+        start: x, y [m] and ψ [rad] of the middle of the wheels.
+        around: elements of the world beside it.
+    """
+    rows, (x, y, psi) = machine.rows, start
+    turn = words((np.cos(0.5 * psi), 0.0, 0.0, np.sin(0.5 * psi)))
+    body = block(
+        "body",
+        ["<freejoint/>", *machine.body, *(line for row in rows for line in row.wheels)],
+        f' name="box" pos="{words((x, y, 0.0))}" quat="{turn}"',
+    )
+    motor = machine.motor
+    acting = [row.servo() if motor is None else row.motor(motor.torque_per_volt) for row in rows]
+    return "\n".join(
+        block(
+            "mujoco",
+            [
+                *options(step),
+                *block("worldbody", [*floor(machine.friction), *around, *body]),
+                *block("equality", [line for row in rows for line in row.together]),
+                *block("actuator", acting),
+            ],
+        )
+    )
+
+
+def cylinder(x: float, y: float, radius: float, mu: float, name: str = "") -> list[str]:
+    """A round obstacle that stands [m]; with a name, one that is moved from outside."""
+    pos = words((x, y, 0.5 * OBSTACLE_HEIGHT))
+    geom = (
+        f'<geom class="obstacle" type="cylinder" size="{words((radius, 0.5 * OBSTACLE_HEIGHT))}"'
+        f"{friction(mu)}"
+    )
+    if not name:
+        return [f'{geom} pos="{pos}"/>']
+    return block("body", [f"{geom}/>"], f' name="{name}" mocap="true" pos="{pos}"')
+
+
+def wall(points: Sequence[tuple[float, float]], mu: float) -> list[str]:
+    """Thin upright plates from point to point [m]."""
+    found = []
+    for (ax, ay), (bx, by) in pairwise(points):
+        half, angle = 0.5 * float(np.hypot(bx - ax, by - ay)), float(np.arctan2(by - ay, bx - ax))
+        pos = words((0.5 * (ax + bx), 0.5 * (ay + by), 0.5 * OBSTACLE_HEIGHT))
+        quat = words((np.cos(0.5 * angle), 0.0, 0.0, np.sin(0.5 * angle)))
+        size = words((half + WALL, WALL, 0.5 * OBSTACLE_HEIGHT))
+        found.append(
+            f'<geom class="obstacle" type="box" size="{size}" pos="{pos}" quat="{quat}"'
+            f"{friction(mu)}/>"
+        )
+    return found
