@@ -33,6 +33,12 @@ def verify(
         ]
         render.table(("runtime", "version", "largest error / range", ""), rows)
         for r in found.results:
+            if r.instructions:
+                counts = [
+                    (name, f"{c['mean']:.0f}", f"{c['most']:.0f}")
+                    for name, c in r.instructions.items()
+                ]
+                render.table((f"instructions on {r.name}", "mean", "most"), counts)
             if r.failed:
                 render.warn(f"{r.name}: {r.failed}.")
     if not found.passed:

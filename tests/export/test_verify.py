@@ -39,12 +39,16 @@ def test_every_runtime_that_is_here_gives_what_python_gave(package: Path) -> Non
     found = verify(package)
     ran = [r for r in found.results if not r.skipped]
     assert found.passed
-    assert {"python"} < {r.name for r in ran} <= {"python", "gcc", "clang", "qemu-arm"}
+    assert {"python"} < {r.name for r in ran} <= {"python", "gcc", "clang", "qemu-arm", "cortex-m4"}
     for r in ran:
         assert r.max_error is not None
         assert r.max_error < 1e-12, r.name
         assert r.version
     assert {r.name for r in found.results} >= {"FMPy", "libcosimpy"}
+    for r in ran:
+        # double precision is computed in software there: a multiplication alone takes some 30
+        steps = r.instructions.get("plant_step", {"mean": 0.0})
+        assert (steps["mean"] > 400) == (r.name == "cortex-m4")
 
 
 def test_the_command_prints_a_table_or_one_document(
@@ -53,8 +57,12 @@ def test_the_command_prints_a_table_or_one_document(
     document = json.loads(run(capsys, "verify", package, "--json").out)
     assert document["passed"] is True
     assert document["runtimes"][0]["name"] == "python"
-    assert set(document["runtimes"][0]) >= {"name", "version", "max_error", "passed", "skipped"}
-    assert "skipped: the package has no FMU" in " ".join(run(capsys, "verify", package).out.split())
+    for found in document["runtimes"]:
+        assert set(found) >= {"name", "version", "max_error", "passed", "skipped"}
+    shown = " ".join(run(capsys, "verify", package).out.split())
+    assert "skipped: the package has no FMU" in shown
+    there = any(r["instructions"] for r in document["runtimes"])
+    assert ("instructions on cortex-m4" in shown) == there
 
 
 @needs_compiler

@@ -3,8 +3,8 @@
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -26,6 +26,12 @@ must not keep us waiting."""
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
 
+MOST_SAID = 300
+"""Letters that are shown of what a program says that fails."""
+
+COUNTED = "instructions"
+"""Begins a line that tells how many instructions a function took: its name, mean and most."""
+
 PROGRAMS = {"selftest": "selftest.c", "loop_selftest": "loop_selftest.c"}
 """Self-tests of a package, and the source that makes each."""
 
@@ -41,6 +47,7 @@ class Result:
         passed: whether that is within what the self-test allows.
         skipped: why it did not run; empty where it did.
         failed: why it failed, where there is no number to tell; empty otherwise.
+        instructions: of the step functions, {mean, most} a call, where the runtime counts them.
     """
 
     name: str
@@ -49,6 +56,7 @@ class Result:
     passed: bool = False
     skipped: str = ""
     failed: str = ""
+    instructions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 class Runtime(Protocol):
@@ -101,46 +109,78 @@ class Compiled:
         """What must be installed."""
         return tuple(c for c in (self.compiler, self.emulator) if c)
 
+    def lacks(self) -> str:
+        """What is not installed, in a few words; empty where all is there."""
+        missing = [c for c in self.commands if shutil.which(c) is None]
+        return f"{missing[0]} is not installed" if missing else ""
+
+    def prepare(self, folder: Path, files: Files) -> None:
+        """Write what is compiled beside the sources of a package."""
+
+    def build(self, made: str, sources: Sequence[str]) -> list[str]:
+        """The command that compiles a program."""
+        static = ["-static"] if self.emulator else []
+        return [self.compiler, *FLAGS, *static, "-o", made, *sources, "-lm"]
+
+    def command(self, made: str) -> list[str]:
+        """The command that runs it."""
+        return [*([self.emulator] if self.emulator else []), f"./{made}"]
+
     def replay(self, folder: Path, files: Files) -> Result:
         """Compile and run both self-tests."""
-        missing = [c for c in self.commands if shutil.which(c) is None]
-        if missing:
-            return Result(self.name, skipped=f"{missing[0]} is not installed")
+        lacking = self.lacks()
+        if lacking:
+            return Result(self.name, skipped=lacking)
         told = _first_line([self.commands[-1], self.asks_version], folder)
         if "c/selftest.c" not in files:
             return Result(self.name, told, skipped="the package has no C code")
-        c = folder / "c"
+        self.prepare(folder, files)
         try:
-            errors = [e for program in PROGRAMS for e in self._errors(c, program, files)]
+            printed = [
+                line for program in PROGRAMS for line in self._printed(folder / "c", program, files)
+            ]
+            errors, instructions = _errors(printed), _instructions(printed)
         except ModelError as error:
             return Result(self.name, told, failed=str(error))
-        return Result(self.name, told, max(errors), True)
+        return Result(self.name, told, max(errors), True, instructions=instructions)
 
-    def _errors(self, c: Path, program: str, files: Files) -> Iterator[float]:
-        """What a self-test prints.
+    def _printed(self, c: Path, program: str, files: Files) -> list[str]:
+        """Lines that a self-test prints, none where the package has no such program.
 
         Raises:
             ModelError: it does not compile, or fails.
         """
         if f"c/{PROGRAMS[program]}" not in files:
-            return
+            return []
         mains = PROGRAMS.values()
         sources = sorted(p.name for p in c.glob("*.c") if p.name not in mains)
         if program == "selftest":
             sources = [s for s in sources if s == "plant.c"]
         made = f"{program}_{self.name}"
-        static = ["-static"] if self.emulator else []
-        build = [self.compiler, *FLAGS, *static, "-o", made, PROGRAMS[program], *sources, "-lm"]
-        done = _run(build, c)
+        done = _run(self.build(made, [PROGRAMS[program], *sources]), c)
         if done.returncode:
             raise ModelError(f"{program} does not compile: {_sentence(done.stderr)}")
-        done = _run([*([self.emulator] if self.emulator else []), f"./{made}"], c)
-        found = [word for line in done.stdout.splitlines() for word in line.split()[-1:]]
-        named = [line.split()[0] for line in done.stdout.splitlines() if " " in line]
-        errors = [_number(w) for w, n in zip(found, named or [""], strict=False) if n != "later"]
-        if done.returncode or not errors:
-            raise ModelError(f"{program} fails: {' '.join(done.stdout.split()) or 'no answer'}")
-        yield from errors
+        done = _run(self.command(made), c)
+        lines = done.stdout.splitlines()
+        if done.returncode or not lines:
+            why = " ".join(f"{done.stdout} {done.stderr}".split())[:MOST_SAID]
+            raise ModelError(f"{program} fails: {why or 'no answer'}")
+        return lines
+
+
+def _errors(printed: Sequence[str]) -> list[float]:
+    """The errors among lines of a self-test: a number, after the name of what it is of."""
+    told = [line.split() for line in printed if line.strip()]
+    return [_number(t[-1]) for t in told if t[0] not in ("later", COUNTED)]
+
+
+def _instructions(printed: Sequence[str]) -> dict[str, dict[str, float]]:
+    """The instructions of step functions among these lines, the first that are told of each."""
+    found: dict[str, dict[str, float]] = {}
+    for word, name, mean, most in (t for t in map(str.split, printed) if len(t) == 4):
+        if word == COUNTED:
+            found.setdefault(name, {"mean": _number(mean), "most": _number(most)})
+    return found
 
 
 @dataclass(frozen=True, eq=False)

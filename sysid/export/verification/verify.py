@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from sysid.errors import ModelError
+from sysid.export.verification.cortex_m import CORTEX_M4
 from sysid.export.verification.runtimes import COMPILED, CoSimulated, Python, Result, Runtime
 from sysid.plant.package import files_of, read_package
 from sysid.plant.selftest import NAME, TOLERANCE, SelfTest, read_csv, run
@@ -33,14 +34,16 @@ class Verification:
         return all(r.passed for r in self.results if not r.skipped)
 
     def summary(self) -> dict[str, Any]:
-        """{package, passed, runtimes: [{name, version, max_error, passed, skipped, failed}]}."""
+        """{package, passed, runtimes: [{name, version, max_error, passed, skipped, failed,
+        instructions}]}."""
         runtimes = [asdict(r) for r in self.results]
         return {"package": self.package, "passed": self.passed, "runtimes": runtimes}
 
 
 def verify(path: str | Path) -> Verification:
-    """Replay the self-test of a package on Python, gcc, clang, ARM, FMPy and libcosim, as far as
-    they are here.
+    """Replay the self-test of a package on every runtime that is here.
+
+    Python, gcc, clang, ARM, a Cortex-M4F, which counts instructions, FMPy and libcosim.
 
     The C code is compiled and run in a folder of its own, with a limit of time. A package whose
     content was changed after its export is refused before anything of it runs.
@@ -55,6 +58,7 @@ def verify(path: str | Path) -> Verification:
     runtimes: tuple[Runtime, ...] = (
         Python(_replayed(plant, test), TOLERANCE),
         *COMPILED,
+        CORTEX_M4,
         CoSimulated("FMPy", plant, test),
         CoSimulated("libcosimpy", plant, test, late=True),
     )

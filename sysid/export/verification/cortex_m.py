@@ -1,0 +1,83 @@
+"""The C code on a Cortex-M4F that qemu-system-arm emulates, with the instructions of a step."""
+
+import re
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.resources import files as resources
+from pathlib import Path
+from string import Template
+
+from sysid.export.verification.runtimes import FLAGS, SECONDS, Compiled
+from sysid.plant.storage import Files
+
+TARGET = ("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard")
+"""A Cortex-M4 with its unit for single precision; double precision is computed in software."""
+
+_LIBRARY = "rdimon.specs"
+"""newlib with semihosting."""
+
+MACHINE = (
+    "-M", "mps2-an386", "-cpu", "cortex-m4", "-icount", "shift=0", "-display", "none",
+    "-serial", "none", "-monitor", "none", "-semihosting-config", "enable=on,target=native",
+)  # fmt: skip
+"""An instruction takes a nanosecond, always; what the program prints comes out of qemu."""
+
+_OWN = "cortex_m"
+"""Folder of what is compiled beside a package."""
+
+_STEP = re.compile(r"^void (\w+_step)\(", re.MULTILINE)
+_HEADER = re.compile(r"c/\w+\.h")
+
+
+@dataclass(frozen=True)
+class CortexM(Compiled):
+    """Compiled with newlib, run by qemu-system-arm, which counts instructions."""
+
+    def lacks(self) -> str:
+        """Compiler, emulator or library."""
+        found = super().lacks()
+        if found:
+            return found
+        specs = subprocess.run(
+            [self.compiler, f"-print-file-name={_LIBRARY}"],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=SECONDS,
+        )
+        absent = specs.stdout.strip() == _LIBRARY
+        return "newlib for arm-none-eabi is not installed" if absent else ""
+
+    def prepare(self, folder: Path, files: Files) -> None:
+        """Start-up, linker script, what counts, and the options that put it around the steps."""
+        own = folder / _OWN
+        own.mkdir(exist_ok=True)
+        headers = [files[n].decode("utf-8") for n in files if _HEADER.fullmatch(n)]
+        steps = sorted({name for text in headers for name in _STEP.findall(text)})
+        timed = "".join(f"TIMED({n})\n" for n in steps)
+        told = "\n".join(f'    tell("{n}", &of_{n});' for n in steps)
+        for name in ("start.c", "mps2.ld", "timing.c"):
+            text = resources(__package__).joinpath("templates", name).read_text(encoding="utf-8")
+            if name == "timing.c":
+                text = Template(text).substitute(timed=timed, told=told)
+            (own / name).write_text(text, encoding="utf-8")
+        (own / "options").write_text(
+            "".join(f"-Wl,--wrap={n}\n" for n in ("nothing", *steps)), encoding="utf-8"
+        )
+
+    def build(self, made: str, sources: Sequence[str]) -> list[str]:
+        """With a start-up of our own: the program is alone on the machine."""
+        own = f"../{_OWN}"
+        return [
+            self.compiler, *FLAGS, *TARGET, f"--specs={_LIBRARY}", "-nostartfiles",
+            "-T", f"{own}/mps2.ld", f"@{own}/options", "-o", made,
+            *sources, f"{own}/start.c", f"{own}/timing.c", "-lm",
+        ]  # fmt: skip
+
+    def command(self, made: str) -> list[str]:
+        """The machine with the program in its memory."""
+        return [self.emulator, *MACHINE, "-kernel", made]
+
+
+CORTEX_M4 = CortexM("cortex-m4", "arm-none-eabi-gcc", "qemu-system-arm", "-version")
