@@ -31,7 +31,7 @@ _reading, _preparing = in_panel("Reading the log"), in_panel("Preparing the log"
 
 Logs = Annotated[
     list[Path],
-    typer.Argument(metavar="LOG...", help="CSV or Parquet; several are several experiments."),
+    typer.Argument(metavar="LOG...", help="CSV, Parquet or bag; several are several experiments."),
 ]
 Inputs = Annotated[
     list[str] | None,
@@ -126,6 +126,31 @@ JoinOffset = Annotated[
         "given.",
     ),
 ]
+Map = Annotated[
+    list[str] | None,
+    _reading(
+        "--map",
+        "NAME=/TOPIC.FIELD",
+        "Column of a bag: omega_l=/joint_states.velocity[left], pose=/odom; again for more, or a "
+        "YAML file of them. `sysid inspect BAG` proposes some.",
+    ),
+]
+Stamps = Annotated[
+    str,
+    _reading(
+        "--stamps",
+        "WHICH",
+        "Clock of a bag's topics: auto (the sender's where it serves), header or received.",
+    ),
+]
+Latency = Annotated[
+    list[str] | None,
+    _reading(
+        "--latency",
+        "HOW",
+        "Topics of a bag that come late: remove what is estimated, or /topic=SECONDS.",
+    ),
+]
 
 Trim = Annotated[
     str | None,
@@ -169,6 +194,9 @@ def read_options(
     held: Held = "auto",
     join: Join = None,
     join_offset: JoinOffset = None,
+    map: Map = None,
+    stamps: Stamps = "auto",
+    latency: Latency = None,
 ) -> "ReadOptions":
     """The options above as the library takes them; this signature is their one declaration.
 
@@ -193,7 +221,19 @@ def read_options(
         held=held,
         join=tuple(_resolved(j) for j in join or []),
         join_offset=join_offset,
+        map=mapped(map),
+        stamps=stamps,
+        latency=_names(latency),
     )
+
+
+def mapped(given: list[str] | None) -> dict[str, str]:
+    """Column → field of a bag, from texts and YAML files."""
+    if not given:
+        return {}
+    from sysid.data.bags.mapping import mapping_of
+
+    return mapping_of(given)
 
 
 def _resolved(join: str) -> str:

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 
 def estimate(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="A log of the sensors: CSV, Parquet.")],
+    log: Annotated[
+        Path, typer.Argument(metavar="LOG", help="A log of the sensors: CSV, Parquet or bag.")
+    ],
     mission: Annotated[
         Path,
         typer.Option(
@@ -37,6 +39,9 @@ def estimate(
     time: reading.Time = None,
     ts: reading.SampleTime = None,
     units: reading.Units = None,
+    map: reading.Map = None,
+    stamps: reading.Stamps = "auto",
+    latency: reading.Latency = None,
     to: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="CSV to write [WORKSPACE/missions/NAME_estimate.csv]."),
@@ -60,7 +65,9 @@ def estimate(
     if target.exists() and log.exists() and target.samefile(log):
         raise UsageError(f"--to {target} would overwrite the log; name another file")
     given = LawChoice(navigation=navigation).applied(load_mission(mission))
-    options = reading.read_options(time=time, ts=ts, units=units)
+    options = reading.read_options(
+        time=time, ts=ts, units=units, map=map, stamps=stamps, latency=latency
+    )
     with render.progress(f"Following {log.name}"):
         found = follow(log, given, columns_of(sensor or []), options)
     targets.make_folder(target, "--to")

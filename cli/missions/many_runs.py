@@ -257,6 +257,8 @@ def show_files(facts: dict[str, Any]) -> None:
     for warning in facts["warnings"]:
         render.warn(f"! {warning}")
     render.say(f"Log: {facts['log']}")
+    if "bag" in facts:
+        render.say(f"Bag: {facts['bag']}")
     if "plot" in facts:
         render.say(f"Picture: {facts['plot']}")
 

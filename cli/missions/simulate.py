@@ -38,6 +38,13 @@ def simulate(
         Path | None,
         typer.Option(metavar="FILE", help="CSV to write [WORKSPACE/missions/NAME.csv]."),
     ] = None,
+    bag: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Also write a recording of ROS: .bag (ROS 1), .mcap, or a folder (ROS 2).",
+        ),
+    ] = None,
     accept_changes: AcceptChanges = False,
     *,
     read: "ReadOptions",
@@ -63,6 +70,7 @@ def simulate(
     if not drives:
         refuse_for_log(laws, mission)
         how.refuse_for_log(mission)
+    _check_bag(bag, drives and how.runs is None)
     kind = "_replay" if not drives else "" if how.runs is None else "_runs"
     name = f"{mission.stem}{kind}.csv"
     if log is not None:
@@ -71,7 +79,7 @@ def simulate(
     if target.exists() and mission.exists() and target.samefile(mission):
         raise UsageError(f"--log {target} would overwrite what is simulated; name another file")
     if drives:
-        facts = _driven(mission, place, package, (target, plot), laws, how, read)
+        facts = _driven(mission, place, package, (target, plot, bag), laws, how, read)
     else:
         facts = _replay(mission, package.plant(), target, plot, read)
     facts["warnings"] = [*package.notes, *facts["warnings"]]
@@ -84,6 +92,13 @@ def simulate(
         show_many(mission, facts, how)
     else:
         _show(mission.name, facts)
+
+
+def _check_bag(bag: Path | None, one_drive: bool) -> None:
+    if bag is not None:
+        targets.check(bag, "--bag")
+        if not one_drive:
+            raise UsageError(f"--bag {bag} records one drive of a mission: leave it out here")
 
 
 def load_plant(place: Workspace, plant: Path | None, accept_changes: bool) -> "Package":
@@ -106,26 +121,27 @@ def _driven(
     path: Path,
     place: Workspace,
     package: "Package",
-    files: tuple[Path, Path | None],
+    files: tuple[Path, Path | None, Path | None],
     laws: LawChoice,
     how: Repeats,
     read: "ReadOptions",
 ) -> dict[str, Any]:
-    """Once, or many times, and beside a measured drive; log and picture to write are given."""
+    """Once, or many times, and beside a measured drive; log, picture and bag to write are given."""
     from sysid.mission.spec import load_mission
 
     mission = laws.applied(load_mission(path))
     models = candidates(place, package, mission, how)
     if how.measured is None:
         if how.runs is not None:
-            return drive_many(path, mission, models, *files, how)
+            return drive_many(path, mission, models, *files[:2], how)
         return _drive(path, package.plant(), *files, ride(mission, package, models, how))
     found, measured, warnings = lay_over(how.measured, mission, models, how, read)
-    log, plot = files
+    log, plot, bag = files
     if how.runs is not None:
         facts = drive_many(path, mission, models, log, None, how)
     else:
-        facts = _drive(path, package.plant(), log, None, ride(mission, package, models, Repeats()))
+        own = ride(mission, package, models, Repeats())
+        facts = _drive(path, package.plant(), log, None, bag, own)
     facts |= {"measured": measured, "warnings": [*facts["warnings"], *warnings]}
     if plot is not None:
         draw_measured(plot, path.stem, mission, found)
@@ -133,7 +149,9 @@ def _driven(
     return facts
 
 
-def _drive(path: Path, plant: "Plant", log: Path, plot: Path | None, given: Ride) -> dict[str, Any]:
+def _drive(
+    path: Path, plant: "Plant", log: Path, plot: Path | None, bag: Path | None, given: Ride
+) -> dict[str, Any]:
     import numpy as np
 
     from sysid.mission.result import write_log
@@ -151,6 +169,10 @@ def _drive(path: Path, plant: "Plant", log: Path, plot: Path | None, given: Ride
     targets.make_folder(log, "--log")
     facts = result.summary() | {"seed": given.seed, "log": write_log(result, log)}
     facts["warnings"] = list(warnings)
+    if bag is not None:
+        from sysid.data.bags.drive import write_drive
+
+        facts["bag"] = write_drive(result.log, bag)
     if plot is not None:
         draw_mission(plot, path.stem, mission, result)
         facts["plot"] = plot

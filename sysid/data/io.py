@@ -1,6 +1,5 @@
-"""Logs into records: CSV and Parquet files, their columns, units and time."""
+"""Logs into records: CSV and Parquet files and bags, their columns, units and time."""
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.column_words import is_set_point, meaning
-from sysid.data.files import read_bytes
 from sysid.data.finding import Finding, Severity
 from sysid.data.joining.files import companion, joined
+from sysid.data.logs.log_table import read_log_table
 from sysid.data.reading.clock import doubled_rows
 from sysid.data.reading.columns import Choice, choose_columns
 from sysid.data.reading.counters import as_speeds, continued
@@ -19,7 +18,7 @@ from sysid.data.reading.held import at_sensor_rate, slow_sensors
 from sysid.data.reading.pose_reading import pose_in_si, usable_pose
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import column_reader, numbered_clock, row_times
-from sysid.data.reading.table import Table, read_table
+from sysid.data.reading.table import Table
 from sysid.data.reading.time_column import Read
 from sysid.data.reading.timing import (
     Grid,
@@ -180,14 +179,14 @@ def _table(path: Path, options: ReadOptions) -> tuple[Table, tuple[Finding, ...]
     Returns:
         the table, what is said about the joining, and the checksum of all bytes read.
     """
-    data = read_bytes(path)
-    table = read_table(data, path.name, options.delimiter, options.decimal)
+    log = read_log_table(path, options)
+    table, said, digest = log.table, log.findings, log.digest
     other = companion(options.join, path)
-    said: tuple[Finding, ...] = ()
     if other is not None:
-        table, said, more = joined(table, other, options)
-        data += more
-    return table, said, hashlib.sha256(data).hexdigest()
+        table, of_other, more = joined(table, other, options)
+        said = (*said, *of_other)
+        digest.update(more)
+    return table, said, digest.hexdigest()
 
 
 def _usable_rows(

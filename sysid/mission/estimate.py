@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.logs.sensor_log import SensorLog, Wanted, read_sensor_log
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.sensor_log import SensorLog, Wanted, read_sensor_log
 from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.errors import DataError
 from sysid.mission.contracts import Body, NavigationInputs, Pose, Reporting, Scene

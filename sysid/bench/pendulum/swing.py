@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from sysid.data.column_words import words
-from sysid.data.files import read_bytes
 from sysid.data.finding import Finding, Severity
+from sysid.data.logs.log_table import read_log_table
 from sysid.data.reading.columns import NO_INPUT, choose_columns
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import column_reader, row_times
-from sysid.data.reading.table import Table, read_table
+from sysid.data.reading.table import Table
 from sysid.data.record import Array
 from sysid.data.unit_words import ending
 from sysid.data.units import conversion
@@ -84,7 +84,7 @@ def read_swing(
         UsageError: a column or unit named is not there.
     """
     path = Path(path)
-    table = read_table(read_bytes(path), path.name, options.delimiter, options.decimal)
+    table = read_log_table(path, options).table
     known = [n for n in options.units if n.lower() not in [c.lower() for c in table.names]]
     if known:
         raise UsageError(f"`units` names {known[0]!r}, which is no column: {_listed(table)}")

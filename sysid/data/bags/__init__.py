@@ -1,1 +1,1 @@
-"""Recordings of ROS: ROS 1 bags, ROS 2 sqlite and MCAP."""
+"""Recordings of ROS: their topics, which field is which column, one log of their streams."""

@@ -12,6 +12,9 @@ from sysid.data.reading.timing import ResamplePolicy, check_policy
 from sysid.data.units import conversion, pwm_conversion
 from sysid.errors import UsageError
 
+STAMPS = ("auto", "header", "received")
+"""auto: the sender's stamps in a bag where they serve; received: when they were recorded."""
+
 
 @dataclass(frozen=True)
 class ReadOptions:
@@ -32,6 +35,11 @@ class ReadOptions:
         join: files with more columns of the same experiment, ``LOG=FILE`` where there are several
             logs; they are brought onto the log's rows by time (see ``join``).
         join_offset: time of the log less time of the joined file [s]; None to estimate it.
+        map: column → field of a bag, ``/topic.field``; a column may carry its unit in brackets
+            (see ``bags.mapping``).
+        stamps: the clock of a bag's streams, one of ``STAMPS`` (see ``bags.clocks``).
+        latency: what to do about streams of a bag that come late: ``remove``, or ``/topic=SECONDS``
+            for each that is to be moved; they are said and kept unless given.
         speed_of: outputs that are positions and are read as the speed between their readings.
 
     Raises:
@@ -52,16 +60,22 @@ class ReadOptions:
     held: str = "auto"
     join: tuple[str, ...] = ()
     join_offset: float | None = None
+    map: Mapping[str, str] = field(default_factory=dict, hash=False)
+    stamps: str = "auto"
+    latency: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        for name in ("inputs", "outputs", "speed_of", "join"):
+        for name in ("inputs", "outputs", "speed_of", "join", "latency"):
             given = getattr(self, name)
             put(self, name, (given,) if isinstance(given, str) else tuple(given))
         put(self, "units", dict(self.units))
+        put(self, "map", dict(self.map))
         put(self, "unwrap", self.periods)
         check_policy(self.resample)
         check_held(self.held)
+        if self.stamps not in STAMPS:
+            raise UsageError(f"unknown `stamps` {self.stamps!r}; choose one of {', '.join(STAMPS)}")
         if self.ts is not None and not (np.isfinite(self.ts) and self.ts > 0):
             raise UsageError(f"`ts` must be a positive sample time in seconds, got {self.ts:g}")
         if self.decimal not in (None, ".", ","):

@@ -26,6 +26,19 @@ QUICK_ROWS = 100_000
 
 
 @dataclass(frozen=True)
+class Rows:
+    """Rows without a text: every column is in ``Table.extra``.
+
+    Attributes:
+        count: how many.
+        at: where row k is to be found, for a message: ``at 12.3 s``; (count,) instants [s].
+    """
+
+    count: int
+    at: Array = field(hash=False)
+
+
+@dataclass(frozen=True)
 class Table:
     """The columns of one file, not yet read into numbers.
 
@@ -34,7 +47,7 @@ class Table:
         names: column names, without a unit in brackets.
         units: unit in brackets behind the name in the file, by column; empty when there is none.
         notes: what a person should know about the reading.
-        source: the text's layout, or the pandas frame of a Parquet file.
+        source: the text's layout, the pandas frame of a Parquet file, or the rows of a bag.
         extra: columns that another file brought, by name.
     """
 
@@ -42,7 +55,7 @@ class Table:
     names: tuple[str, ...]
     units: tuple[str, ...]
     notes: tuple[str, ...]
-    source: "Layout | pd.DataFrame"
+    source: "Layout | Rows | pd.DataFrame"
     extra: Mapping[str, Array] = field(default_factory=dict, hash=False)
 
     def with_columns(
@@ -62,6 +75,8 @@ class Table:
                 rows=[self.source.rows[k] for k in kept],
                 lines=[self.source.lines[k] for k in kept],
             )
+        elif isinstance(self.source, Rows):
+            source = Rows(len(kept), self.source.at[kept])
         else:
             source = self.source.iloc[kept]
         return replace(
@@ -78,12 +93,16 @@ class Table:
         return self.source.interval if isinstance(self.source, Layout) else None
 
     def __len__(self) -> int:
+        if isinstance(self.source, Rows):
+            return self.source.count
         return len(self.source.rows) if isinstance(self.source, Layout) else len(self.source)
 
     def place(self, row: int) -> str:
         """Where row number ``row`` (from 0) stands in the file, for a message."""
         if isinstance(self.source, Layout):
             return f"{self.where}, line {self.source.lines[row]}"
+        if isinstance(self.source, Rows):
+            return f"{self.where}, {self.source.at[row]:.6g} s after its start"
         return f"{self.where}, row {row + 1}"
 
     def columns(self, names: Sequence[str]) -> Array:
@@ -129,6 +148,8 @@ class Table:
             if date_format(split_line(self.source.rows[0], sep)[column]) is None:
                 return None
             cells = [split_line(r, sep)[column] for r in self.source.rows]
+        elif isinstance(self.source, Rows):
+            return None
         else:
             import pandas as pd
 
@@ -215,6 +236,8 @@ class Table:
                     continue
                 rows = self.source.rows
                 texts = [split_line(r, self.source.delimiter)[column].strip('"') for r in rows]
+            elif isinstance(self.source, Rows):
+                continue
             elif _is_text(self.source.iloc[:, column]):
                 texts = [str(c) for c in self.source.iloc[:, column]]
             else:

@@ -146,12 +146,21 @@ def onto_grid(t: Array, dt: float, u: Array, y: Array) -> tuple[Array, Array]:
     y_new = np.column_stack([np.interp(k, at, column) for column in y.T])
     if at is nearest:
         return u[np.searchsorted(at, k, side="right") - 1], y_new
-    edges = np.append(k, float(count))
+    return held_means(at, u, np.append(k, float(count))), y_new
+
+
+def held_means(at: Array, u: Array, edges: Array) -> Array:
+    """Means of a held signal between edges that are a unit apart, (M, nu).
+
+    Args:
+        at: instants in the unit of the edges, rising, (N,); the last value holds to the last edge.
+        u: values from these instants on, (N, nu).
+        edges: (M + 1,).
+    """
     knots = np.append(at, max(edges[-1], at[-1] + 1.0))
     width = np.diff(knots)[:, None]
     integral = np.vstack([np.zeros(u.shape[1]), np.cumsum(u * width, axis=0)])
-    u_new = np.column_stack([np.diff(np.interp(edges, knots, column)) for column in integral.T])
-    return u_new, y_new
+    return np.column_stack([np.diff(np.interp(edges, knots, column)) for column in integral.T])
 
 
 def _increasing(t: Array, policy: ResamplePolicy, place: Place, where: str) -> tuple[int, ...]:

@@ -6,13 +6,13 @@ from pathlib import Path
 
 from sysid.data.column_words import SPEED_UNITS as SPEEDS
 from sysid.data.column_words import meaning
-from sysid.data.files import read_bytes
 from sysid.data.finding import Finding
+from sysid.data.logs.log_table import read_log_table
 from sysid.data.preparation import Preparation, read_prepared
 from sysid.data.reading.columns import NO_INPUT
 from sysid.data.reading.pose_columns import find_pose
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.table import Table, read_table
+from sysid.data.reading.table import Table
 from sysid.data.record import Record
 from sysid.data.unit_words import ending
 from sysid.errors import DataError
@@ -87,7 +87,7 @@ def _both_sides(names: Sequence[str]) -> list[str]:
 
 
 def _table(path: Path, options: ReadOptions) -> Table:
-    return read_table(read_bytes(path), path.name, options.delimiter, options.decimal)
+    return read_log_table(path, options).table
 
 
 def _refuse_without(path: Path, options: ReadOptions) -> None:

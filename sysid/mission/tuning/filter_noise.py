@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.logs.sensor_log import SensorLog
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.sensor_log import SensorLog
 from sysid.data.record import Array
 from sysid.errors import DataError
 from sysid.mission.estimate import Estimation, estimated, read_sensors, scene_of

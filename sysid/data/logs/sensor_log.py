@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from sysid.data.column_words import meaning
-from sysid.data.files import read_bytes
 from sysid.data.finding import Finding
+from sysid.data.logs.log_table import read_log_table
 from sysid.data.reading.columns import NO_INPUT, choose_columns
 from sysid.data.reading.pose_reading import pose_in_si, usable_pose
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import column_reader, row_times
-from sysid.data.reading.table import Table, read_table
+from sysid.data.reading.table import Table
 from sysid.data.record import Array
 from sysid.data.unit_words import ending
 from sysid.data.units import Conversion, conversion
@@ -79,7 +79,8 @@ def read_sensor_log(
         UsageError: a column or unit named is not there.
     """
     path, options = Path(path), options or ReadOptions()
-    table = read_table(read_bytes(path), path.name, options.delimiter, options.decimal)
+    log = read_log_table(path, options, even=False)
+    table = log.table
     signs = {n: -1.0 if c.startswith("-") else 1.0 for n, c in (columns or {}).items()}
     named = {n: c.removeprefix("-") for n, c in (columns or {}).items()}
     places = _places(table, wanted, named, options.units)
@@ -115,7 +116,7 @@ def read_sensor_log(
         block = table.columns((*choice.outputs, *choice.pose))
         block, said = pose_in_si(block, choice, pose_units, table.where)
         pose = block[:, -3:]
-    return SensorLog(path.name, t, readings, pose, (*clock.findings, *said))
+    return SensorLog(path.name, t, readings, pose, (*log.findings, *clock.findings, *said))
 
 
 def _places(

@@ -1,0 +1,233 @@
+"""When what a stream says was measured: by the sender's stamp where that serves, on one clock.
+
+A message is stamped by its sender (header.stamp) and again when the recorder receives it. The first
+is the moment of the reading; but senders have clocks of their own. δ = received − stamped is the
+difference of the clocks plus the time on the way, which is never negative: the line under all δ is
+the clocks' difference with the shortest way (Moon, Skelly and Towsley 1999, INFOCOM; by the convex
+hull: Zhang, Liu and Xia 2002, INFOCOM). Streams whose lines agree were stamped by one clock and are
+moved together, so that their order stays what it was.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from sysid.data.bags.streams import Stream, Streams
+from sysid.data.finding import Finding, Severity
+from sysid.data.record import Array
+from sysid.errors import DataError
+
+RESTART = 1.0
+"""Stamps that go back by more [s] come from a clock that started again; less is disorder."""
+FEW = 1.0 / 3.0
+"""Stamps of which so many are missing or doubled tell no time."""
+EARLY = 0.005
+"""A message may seem to be received so much before it was stamped [s]: two clocks on one network
+differ by that, and it is below the jitter of a computer without real time."""
+LONGEST_WAY = 1.0
+"""A message that took longer on its way [s] was stamped by another clock."""
+ONE_CLOCK = 0.1
+"""Streams whose lines differ by less [s] at both ends of the recording were stamped by one clock:
+the shortest ways within one computer and its network are shorter."""
+DRIFTS = 0.1
+"""A drift counts where over the recording it moves stamps by this share of their step."""
+LEAST_DRIFT = 50
+"""Messages from which a line under them tells a drift."""
+
+
+@dataclass(frozen=True, eq=False)
+class Timed:
+    """A stream with the instants of its values.
+
+    Attributes:
+        stream: its messages in the order of these instants, none of them twice.
+        t: instants on the clock of all streams [s], rising, (N,).
+        by: ``header.stamp`` or ``the time of receipt``.
+        way: median time from stamp to receipt [s]; NaN where clocks differ, or without stamps.
+        findings: what was done.
+    """
+
+    stream: Stream
+    t: Array
+    by: str
+    way: float
+    findings: tuple[Finding, ...]
+
+    @property
+    def step(self) -> float:
+        """The usual step between values [s]; infinite where there are fewer than two."""
+        return float(np.median(np.diff(self.t))) if len(self.t) > 1 else np.inf
+
+    @property
+    def regular(self) -> bool:
+        """Whether it comes at a steady rate: 80 % of the steps within half of the usual one."""
+        if len(self.t) < 10:
+            return False
+        return bool(np.mean(np.abs(np.diff(self.t) / self.step - 1.0) <= 0.5) >= 0.8)
+
+
+@dataclass(frozen=True)
+class Line:
+    """δ = ``level`` + ``slope`` · (t − ``middle``): the least difference of two clocks [s]."""
+
+    level: float
+    slope: float = 0.0
+    middle: float = 0.0
+
+    def at(self, t: Array) -> Array:
+        """The difference at instants of the stamps [s]."""
+        return np.asarray(self.level + self.slope * (t - self.middle))
+
+
+def runs(found: Streams) -> Iterator[Streams]:
+    """The parts of a recording between restarts of a simulation's clock."""
+    back = np.flatnonzero(np.diff(found.clock[:, 1]) < -RESTART) + 1
+    edges = [-np.inf, *found.clock[back, 0].tolist(), np.inf]
+    for low, high in pairwise(edges):
+        clock = found.clock[(found.clock[:, 0] >= low) & (found.clock[:, 0] < high)]
+        streams = [s.rows((s.received >= low) & (s.received < high)) for s in found.streams]
+        if all(len(s.received) for s in streams):
+            yield replace(found, streams=tuple(streams), clock=clock)
+
+
+def timed(found: Streams, policy: str) -> tuple[Timed, ...]:
+    """Every stream at the instants of its values, all on one clock.
+
+    Raises:
+        DataError: stamps were asked for that a stream does not have.
+    """
+    stamped = {s.topic: _doubt(s) for s in found.streams}
+    if policy == "header" and (bad := [t for t, why in stamped.items() if why]):
+        raise DataError(f"{found.where}: {bad[0]}: {stamped[bad[0]]}; leave `stamps` at auto")
+    simulated = len(found.clock) > 1
+    if simulated:
+        low, high = float(found.clock[0, 1]) - RESTART, float(found.clock[-1, 1]) + RESTART
+        for s in (s for s in found.streams if not stamped[s.topic]):
+            if not (low <= s.stamped[0] and s.stamped[-1] <= high):
+                stamped[s.topic] = "its stamps are not of the clock of the simulation"
+    good = [s for s in found.streams if not stamped[s.topic] and policy != "received"]
+    alone = simulated or len(good) == len(found.streams)
+    placed: dict[str, tuple[Array, float, str]] = {}
+    for group, line in _clocks(good):
+        own = -EARLY <= line.level <= LONGEST_WAY
+        stays = simulated or own or (alone and len(group) == len(good))
+        for s in group:
+            t = s.stamped if stays else s.stamped + line.at(s.stamped)
+            way = float(np.median(s.received - s.stamped)) if own and not simulated else np.nan
+            placed[s.topic] = (t, way, "" if stays else _moved(line))
+    return tuple(_timed(s, found, stamped[s.topic], placed, policy) for s in found.streams)
+
+
+def _timed(
+    stream: Stream,
+    found: Streams,
+    doubt: str,
+    placed: dict[str, tuple[Array, float, str]],
+    policy: str,
+) -> Timed:
+    said = []
+    if stream.topic in placed:
+        t, way, moved = placed[stream.topic]
+        by = "header.stamp"
+        if moved:
+            said.append((Severity.NOTE, moved, "`stamps='received'` leaves the stamps aside."))
+    else:
+        t, way, by = stream.received, np.nan, "the time of receipt"
+        if len(found.clock) > 1 and policy != "received":
+            t = np.interp(t, found.clock[:, 0], found.clock[:, 1])
+            by = "the time of receipt, on the clock of the simulation"
+        if doubt and np.isfinite(stream.stamped).any() and policy == "auto":
+            said.append((Severity.WARNING, f"{doubt}: its time of receipt was taken.", ""))
+    order = np.argsort(t, kind="stable")
+    late = int(np.count_nonzero(np.diff(t) < 0.0))
+    stream, t = stream.rows(order), t[order]
+    keep = np.append(np.diff(t) > 0.0, True)
+    twice = int(np.count_nonzero(~keep))
+    if late:
+        said.append((Severity.NOTE, f"{_messages(late)} out of order, put in order.", ""))
+    if twice:
+        text = f"{_messages(twice)} at the stamp of the next one, left out."
+        said.append((Severity.WARNING if twice > 0.02 * len(t) else Severity.NOTE, text, ""))
+    at = f"{found.where}: {stream.topic}"
+    findings = [Finding("bag", sev, f"{at}: {text}", do, record=found.where)
+                for sev, text, do in said]  # fmt: skip
+    return Timed(stream.rows(keep), t[keep], by, way, tuple(findings))
+
+
+def _messages(count: int) -> str:
+    return f"{count} message{' stands' if count == 1 else 's stand'}"
+
+
+def _doubt(stream: Stream) -> str:
+    """Why the stamps of a stream tell no time; empty where they do."""
+    known = np.isfinite(stream.stamped)
+    if not known.any():
+        return "its messages have no stamp"
+    if not known.all():
+        return f"{np.count_nonzero(~known)} of its messages have no stamp"
+    steps = np.diff(stream.stamped)
+    if len(steps) and np.mean(steps == 0.0) > FEW:
+        return f"its stamps stand still in {100 * np.mean(steps == 0.0):.0f} % of the messages"
+    if np.any(steps < -RESTART):
+        return f"its stamps start again {np.count_nonzero(steps < -RESTART)} times"
+    return ""
+
+
+def _clocks(streams: Sequence[Stream]) -> list[tuple[list[Stream], Line]]:
+    """The streams of each sender's clock with the line under their differences to the recorder."""
+    groups: list[list[Stream]] = []
+    for stream in streams:
+        own = line_under([stream])
+        ends = stream.stamped[[0, -1]]
+        for group in groups:
+            if np.all(np.abs(own.at(ends) - line_under(group).at(ends)) < ONE_CLOCK):
+                group.append(stream)
+                break
+        else:
+            groups.append([stream])
+    return [(group, line_under(group)) for group in groups]
+
+
+def line_under(streams: Sequence[Stream]) -> Line:
+    """The line under received − stamped of all messages of some streams that comes closest to them.
+
+    It is the edge of the lower convex hull over the mean of the stamps.
+    """
+    t = np.concatenate([s.stamped for s in streams])
+    delta = np.concatenate([s.received - s.stamped for s in streams])
+    middle, length = float(np.mean(t)), float(np.ptp(t))
+    flat = Line(float(np.min(delta)), 0.0, middle)
+    if len(t) < LEAST_DRIFT or not length > 0.0:
+        return flat
+    order = np.lexsort((delta, t))
+    hull: list[tuple[float, float]] = []
+    for p in zip((t[order] - middle).tolist(), delta[order].tolist(), strict=True):
+        while len(hull) > 1 and _turns_right(hull[-2], hull[-1], p):
+            hull.pop()
+        hull.append(p)
+    at = next((k for k, (x, _) in enumerate(hull) if x > 0.0), len(hull) - 1)
+    (x0, y0), (x1, y1) = hull[max(at - 1, 0)], hull[at]
+    if x1 <= x0:
+        return flat
+    slope = (y1 - y0) / (x1 - x0)
+    step = min(float(np.median(np.diff(s.stamped))) for s in streams if len(s.stamped) > 1)
+    if abs(slope) * length < DRIFTS * step:
+        return flat
+    return Line(y0 - slope * x0, slope, middle)
+
+
+def _turns_right(o: tuple[float, float], a: tuple[float, float], b: tuple[float, float]) -> bool:
+    return (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0]) <= 0.0
+
+
+def _moved(line: Line) -> str:
+    """What was done with the stamps of another clock."""
+    side = "behind" if line.level > 0.0 else "ahead of"
+    drift = f" and drifts by {1e6 * line.slope:.0f} µs a second" if line.slope else ""
+    return (
+        f"its header.stamp comes from a clock {abs(line.level):.4g} s {side} the recorder's{drift};"
+        " it was brought onto that by the messages that came quickest, so that their time on the "
+        "way remains in it."
+    )

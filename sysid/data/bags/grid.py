@@ -1,0 +1,235 @@
+"""Streams of their own rates as one table of even rows: commands held, readings by lines."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.bags.clocks import Timed
+from sysid.data.column_words import meaning
+from sysid.data.finding import Finding, Severity
+from sysid.data.reading.columns import NO_INPUT, choose_columns
+from sysid.data.reading.read_options import ReadOptions
+from sysid.data.reading.round_period import round_period
+from sysid.data.reading.timing import GAP, ROUNDING, held_means
+from sysid.data.record import Array
+from sysid.errors import DataError, UsageError
+
+TIME = "t"
+"""Name of the time column that the rows get."""
+
+FEWEST = 10
+"""Rows that streams must share."""
+
+ENDS = 3.0
+"""A period of two digits that over the recording moves its end by no more than so many spreads of a
+step is the period: jitter of the first and of the last message is as large."""
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Even instants for all streams.
+
+    Attributes:
+        start: the first one [s].
+        dt: the step [s].
+        topic: the stream that sets it; empty where an option does.
+    """
+
+    start: float
+    dt: float
+    topic: str
+
+
+@dataclass(frozen=True, eq=False)
+class Aligned:
+    """All streams on one grid.
+
+    Attributes:
+        t: instants [s], (N,); rows that a reading does not cover are left out.
+        columns: by name, (N,).
+        grid: what the rows stand on.
+        findings: what was done.
+    """
+
+    t: Array
+    columns: Mapping[str, Array]
+    grid: Grid
+    findings: tuple[Finding, ...]
+
+
+def held_columns(names: Sequence[str], options: ReadOptions) -> frozenset[str]:
+    """The columns that keep a value until the next one: inputs, commands and set points."""
+    held = {n for n in names if meaning(n).quantity in ("command", "reference")}
+    inputs = {n for n in options.inputs if n != NO_INPUT}
+    lower = {n.lower(): n for n in names}
+    with suppress(DataError, UsageError):
+        outputs = options.outputs or options.speed_of
+        chosen = choose_columns(names, options.inputs, outputs, timed=True)
+        inputs |= set(chosen.inputs)
+        held -= set(chosen.outputs)
+    return frozenset(held | {lower[n.lower()] for n in inputs if n.lower() in lower})
+
+
+def aligned(
+    streams: Sequence[Timed], held: frozenset[str], ts: float | None, where: str
+) -> Aligned:
+    """Bring streams onto one grid.
+
+    Its step is that of the command where commands come at a steady rate, and that of the slowest
+    reading where that is slower, or where no command is steady: faster rows would hold numbers that
+    nobody measured. Its instants are those of that stream. A command is held from its instant on,
+    and averaged over a step that it changes in; what is measured is read between readings by lines,
+    an angle along its shorter way.
+
+    Args:
+        streams: on one clock.
+        held: names of the columns that are commands.
+        ts: the step [s] where an option gives it.
+        where: the bag, for messages.
+
+    Raises:
+        DataError: the streams hardly overlap, or one of them has a single message.
+    """
+    grid = _grid(streams, held, ts, where)
+    low, high = _span(streams, held, grid, where)
+    first = np.ceil((low - grid.start) / grid.dt - ROUNDING)
+    count = int(np.floor((high - grid.start) / grid.dt + ROUNDING) - first) + 1
+    if count < FEWEST:
+        raise DataError(
+            f"{where}: its mapped topics share {max(count, 0)} rows of {grid.dt:.4g} s, "
+            + ", ".join(f"{s.stream.topic} from {s.t[0]:.4g} to {s.t[-1]:.4g} s" for s in streams)
+            + "; map topics that were recorded together, or choose their clock with `stamps`"
+        )
+    k = np.arange(first, first + count)
+    rows = np.ones(count, dtype=bool)
+    columns: dict[str, Array] = {}
+    for stream in streams:
+        at = _positions(stream, grid)
+        for j, name in enumerate(stream.stream.names):
+            values = stream.stream.values[:, j]
+            if name in held:
+                columns[name] = _held(at, values, k)
+            else:
+                turning = name in stream.stream.angles
+                columns[name] = _between(at, values, k, turning)
+                rows &= _covered(at, k, max(stream.step / grid.dt, 1.0))
+    t = grid.start + grid.dt * k
+    said = _said(streams, held, grid, where)
+    return Aligned(t[rows], {n: c[rows] for n, c in columns.items()}, grid, said)
+
+
+def _grid(streams: Sequence[Timed], held: frozenset[str], ts: float | None, where: str) -> Grid:
+    for stream in streams:
+        if len(stream.t) < 2:
+            raise DataError(
+                f"{where}: {stream.stream.topic} holds one message; a log needs many: map another "
+                "topic, or record longer"
+            )
+    measured = [s for s in streams if set(s.stream.names) - held]
+    commands = [s for s in streams if s not in measured and s.regular]
+    setting = min(commands, key=lambda s: s.step, default=None)
+    slowest = max(measured, key=lambda s: s.step, default=None)
+    if slowest is not None and (setting is None or slowest.step > (1.0 + ROUNDING) * setting.step):
+        setting = slowest
+    setting = setting or streams[0]
+    dt = _period(setting.t) if ts is None else ts
+    turns = (setting.t - setting.t[0]) / dt
+    off = turns - np.rint(turns)
+    phase = float(np.angle(np.mean(np.exp(2j * np.pi * off)))) / (2.0 * np.pi)
+    phase = phase if np.max(np.abs(off - phase)) > 1e-6 else 0.0
+    topic = setting.stream.topic if ts is None else ""
+    return Grid(float(setting.t[0] + phase * dt), dt, topic)
+
+
+def _period(t: Array) -> float:
+    """The mean step of a steady stream, missing messages counted."""
+    d = np.diff(t)
+    usual = float(np.median(d))
+    count = max(float(np.sum(np.rint(d / usual))), 1.0)
+    dt = float(f"{np.sum(d) / count:.9g}")
+    round_one = float(f"{dt:.2g}")
+    spread = float(np.std(d[d < GAP * usual]))
+    return round_one if abs(round_one - dt) * count <= ENDS * spread else round_period(t, dt)
+
+
+def _span(
+    streams: Sequence[Timed], held: frozenset[str], grid: Grid, where: str
+) -> tuple[float, float]:
+    """The first and the last instant at which everything is known."""
+    low, high = -np.inf, np.inf
+    for stream in streams:
+        low = max(low, float(stream.t[0]))
+        only_held = set(stream.stream.names) <= held
+        if not only_held:
+            high = min(high, float(stream.t[-1]))
+        elif stream.regular:
+            high = min(
+                high, float(stream.t[-1]) + max(stream.step, grid.dt) * (1.0 - 2.0 * ROUNDING)
+            )
+    if not np.isfinite(high):
+        high = max(float(s.t[-1]) for s in streams)
+    return low, high
+
+
+def _positions(stream: Timed, grid: Grid) -> Array:
+    """Instants in steps of the grid, exact where they fall on it."""
+    at = (stream.t - grid.start) / grid.dt
+    nearest = np.rint(at)
+    on_it = np.all(np.abs(at - nearest) <= 2.0 * ROUNDING) and np.all(np.diff(nearest) > 0)
+    return nearest if on_it else at
+
+
+def _held(at: Array, values: Array, k: Array) -> Array:
+    known = np.isfinite(values)
+    at, values = at[known], values[known]
+    if np.all(at == np.rint(at)):
+        last = np.maximum(np.searchsorted(at, k, side="right") - 1, 0)
+        return values[last]
+    edges = np.append(k, k[-1] + 1.0)
+    return held_means(at, values[:, None], edges)[:, 0]
+
+
+def _between(at: Array, values: Array, k: Array, turning: bool) -> Array:
+    if turning:
+        known = np.isfinite(values)
+        values = values.copy()
+        values[known] = np.unwrap(values[known])
+    return np.interp(k, at, values)
+
+
+def _covered(at: Array, k: Array, step: float) -> NDArray[np.bool_]:
+    """Rows between two readings that are not further apart than one and a half steps."""
+    d = np.diff(at)
+    after = np.searchsorted(at, k, side="right")
+    on = np.isin(k, at)
+    inside = (after > 0) & (after < len(at))
+    gap = d[np.clip(after - 1, 0, len(d) - 1)]
+    ends = (np.abs(k - at[-1]) <= ROUNDING) | (np.abs(k - at[0]) <= ROUNDING)
+    rows: NDArray[np.bool_] = on | ends | (inside & (gap <= GAP * step))
+    return rows
+
+
+def _said(
+    streams: Sequence[Timed], held: frozenset[str], grid: Grid, where: str
+) -> tuple[Finding, ...]:
+    """A sentence a stream, and one on the grid."""
+    said = []
+    for s in streams:
+        kept = [n for n in s.stream.names if n in held]
+        read = [n for n in s.stream.names if n not in held]
+        rate = f"{len(s.t) / np.ptp(s.t):.3g} Hz" if s.regular else "at no steady rate"
+        text = f"{s.stream.topic}: {len(s.t)} messages, {rate}, by {s.by}"
+        if np.isfinite(s.way):
+            text += f" ({1e3 * s.way:.3g} ms before receipt)"
+        if kept:
+            longest = float(np.max(np.diff(s.t)))
+            text += f"; {', '.join(kept)} held from message to message"
+            text += f" (up to {longest:.3g} s)" if longest > 2.5 * s.step else ""
+        text += f"; {', '.join(read)} read between messages by lines" if read else ""
+        said.append(text)
+    source = f"the step of {grid.topic}" if grid.topic else "as asked for"
+    said.append(f"one row every {grid.dt:.6g} s, {source}")
+    return tuple(Finding("bag", Severity.NOTE, f"{where}: {text}.", record=where) for text in said)

@@ -1,0 +1,357 @@
+"""How much later one stream of a bag tells of a motion than another: estimated, said, removed.
+
+Readings answer commands through a plant, so that their lateness is its dead time: the θ of
+
+    y(t) = c + Σ_i K_i F_i(t − θ),    F = u_i through one lag τ₁, or through two (τ₁, τ₂)
+
+fitted to the messages at their own instants. Two topics that measure one motion tell their lateness
+without a plant: increments of the one are regressed on those of the other at every shift
+(:func:`sysid.data.joining.clock_offset.clock_shift`).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sysid.data.bags.clocks import Timed
+from sysid.data.finding import Finding, Severity
+from sysid.data.joining.clock_offset import AGREES, clock_shift, travelled, way_and_turn
+from sysid.data.reading.timing import held_means
+from sysid.data.record import Array
+from sysid.errors import UsageError
+
+REMOVE = "remove"
+
+LONGEST = 1.0
+"""Later than this [s] a topic is not late but tells of something else."""
+EARLIEST = -0.2
+"""A reading may seem to come before its command by this [s], where stamps disagree."""
+MOST = 6000
+"""Readings that serve: more of them take longer and tell nothing new."""
+SLOWEST = 5.0
+"""Longest lag tried [s]: a slower plant's dead time is hidden in it."""
+SURE = 3.0
+"""A latency counts where it is so many of its standard errors."""
+TELLS = 0.25
+"""… which must be below this share of a row of the log, or the latency is not known at all."""
+MATTERS = 0.2
+"""Two readings that are apart by more than this share of a row distort what is fitted to both."""
+
+
+@dataclass(frozen=True)
+class Latency:
+    """How late a topic is.
+
+    Attributes:
+        topic: the late one.
+        seconds: how late [s]; negative where it is early.
+        std_error: of that [s].
+        behind: the topic it was compared with.
+        answers: whether that one commands it, so that a plant's dead time is in the number.
+    """
+
+    topic: str
+    seconds: float
+    std_error: float
+    behind: str
+    answers: bool
+
+    @property
+    def seen(self) -> bool:
+        """Whether it differs from none."""
+        return abs(self.seconds) > SURE * self.std_error
+
+
+def check_latency(given: Sequence[str]) -> dict[str, float]:
+    """Topic → seconds, of the texts that name a topic.
+
+    Raises:
+        UsageError: a text is none of ``remove`` and ``/topic=SECONDS``.
+    """
+    found = {}
+    for text in given:
+        topic, sign, number = (part.strip() for part in text.rpartition("="))
+        if text == REMOVE:
+            continue
+        try:
+            seconds = float(number)
+        except ValueError:
+            seconds = np.nan
+        if not (sign and topic and np.isfinite(seconds)):
+            raise UsageError(
+                f"`latency` cannot read {text!r}; write remove, or /topic=SECONDS such as "
+                "/joint_states=0.05"
+            )
+        found[topic if topic.startswith("/") else f"/{topic}"] = seconds
+    return found
+
+
+def without_latency(
+    streams: Sequence[Timed], held: frozenset[str], given: Sequence[str], where: str
+) -> tuple[tuple[Timed, ...], tuple[Finding, ...]]:
+    """The streams, those that are late moved back where that was asked for, and what is said.
+
+    Args:
+        streams: on one clock.
+        held: names of the columns that are commands.
+        given: as ``ReadOptions.latency`` has it.
+        where: the bag, for messages.
+
+    Raises:
+        UsageError: a topic that is not mapped is to be moved.
+    """
+    stated = check_latency(given)
+    topics = [s.stream.topic for s in streams]
+    for topic in stated.keys() - set(topics):
+        raise UsageError(
+            f"`latency` names {topic}, which is not mapped; those of {where} are "
+            f"{', '.join(topics)}"
+        )
+    found = () if stated.keys() >= set(topics) else latencies(streams, held)
+    late = {one.topic: one.seconds for one in found if one.seen} if REMOVE in given else {}
+    late |= stated
+    said = [_said(one, where, late, stated) for one in found if one.topic not in stated]
+    said += [
+        Finding("latency", Severity.NOTE, f"{where}: {t} was moved back by {1e3 * s:.4g} ms.")
+        for t, s in stated.items()
+    ]
+    moved = tuple(replace(s, t=s.t - late.get(s.stream.topic, 0.0)) for s in streams)
+    return moved, tuple(replace(f, record=where) for f in said)
+
+
+def latencies(streams: Sequence[Timed], held: frozenset[str]) -> tuple[Latency, ...]:
+    """How late readings answer the commands, and how late they are behind one another.
+
+    Where the commands tell the lateness of a topic, they do; any other one is compared with the
+    topic that answers them most surely, or with the fastest one.
+    """
+    streams = _window(streams)
+    commands = [s for s in streams if set(s.stream.names) <= held and len(s.t) > 1]
+    measured = [s for s in streams if s not in commands and len(s.t) > 20]
+    row = max((s.step for s in streams if s.regular), default=np.inf)
+    by_plant = [a for s in measured if (a := _answer(s, commands, held, row)) is not None]
+    own = {a.topic: a for a in by_plant}
+    by_rate = sorted(measured, key=lambda s: s.step)
+    reference = next(
+        (s for s in by_rate if own and s.stream.topic == min(own.values(), key=_error).topic),
+        by_rate[0] if by_rate else None,
+    )
+    found = list(by_plant)
+    for other in (s for s in measured if s is not reference and s.stream.topic not in own):
+        assert reference is not None
+        apart = _apart(reference, other, held, row)
+        if apart is None:
+            continue
+        start = own.get(reference.stream.topic)
+        if start is not None:  # against the command, as those that answer it
+            error = float(np.hypot(apart.std_error, start.std_error))
+            apart = replace(apart, seconds=apart.seconds + start.seconds, std_error=error)
+            apart = replace(apart, behind=start.behind, answers=True)
+        found.append(apart)
+    return tuple(found)
+
+
+def _error(one: Latency) -> float:
+    return one.std_error
+
+
+def _window(streams: Sequence[Timed]) -> list[Timed]:
+    """The part of the recording that serves, from the first command that moves on."""
+    counts = max(len(s.t) for s in streams)
+    if counts <= MOST:
+        return list(streams)
+    fastest = max(streams, key=lambda s: len(s.t))
+    moves = [s.t[np.flatnonzero(np.any(np.diff(s.stream.values, axis=0) != 0.0, axis=1))[:1]]
+             for s in streams]  # fmt: skip
+    start = max((float(m[0]) for m in moves if len(m)), default=float(fastest.t[0]))
+    start = min(start, float(fastest.t[-MOST])) - fastest.step
+    last = min(int(np.searchsorted(fastest.t, start)) + MOST, len(fastest.t) - 1)
+    end = float(fastest.t[last])
+    return [_between(s, start, end) for s in streams]
+
+
+def _between(stream: Timed, start: float, end: float) -> Timed:
+    """A stream from the last message before a start to an end."""
+    first = max(int(np.searchsorted(stream.t, start)) - 1, 0)
+    kept = np.arange(first, int(np.searchsorted(stream.t, end)))
+    return replace(stream, stream=stream.stream.rows(kept), t=stream.t[kept])
+
+
+def _answer(
+    reading: Timed, commands: Sequence[Timed], held: frozenset[str], row: float
+) -> Latency | None:
+    """How late a topic answers the commands; None where it does not tell."""
+    if not commands:
+        return None
+    found = []
+    for k, name in enumerate(reading.stream.names):
+        y = reading.stream.values[:, k]
+        if name in held or name in reading.stream.angles or not np.isfinite(y).all():
+            continue
+        one = dead_time(reading.t, y, [(c.t, c.stream.values) for c in commands])
+        if one is not None and one[1] < TELLS * row:
+            found.append(one)
+    if not found:
+        return None
+    seconds, errors = np.array(found).T
+    weights = errors**-2 / np.sum(errors**-2)
+    mean = float(weights @ seconds)
+    spread = float(np.sqrt(weights @ (seconds - mean) ** 2))
+    error = float(max(np.sum(errors**-2) ** -0.5, spread))
+    names = ", ".join(c.stream.topic for c in commands)
+    return Latency(reading.stream.topic, mean, error, names, answers=True)
+
+
+def dead_time(
+    t: Array, y: Array, commands: Sequence[tuple[Array, Array]]
+) -> tuple[float, float] | None:
+    """Dead time θ [s] from held commands to a reading, and its standard error.
+
+    Args:
+        t, y: instants and readings, (N,).
+        commands: instants (M,) and values (M, n) of each topic of commands.
+
+    Returns:
+        None where a lag with dead time does not explain the reading.
+    """
+    from scipy.optimize import least_squares
+
+    if not np.ptp(y) > 0.0:
+        return None
+    fit = _Lagged.of(t, y, commands)
+    if fit is None:
+        return None
+    start = fit.coarse()
+    best: tuple[float, float, float] | None = None
+    for lags in (1, 2):
+        first = np.array([start[0], *[np.log(start[1] / (1.0 + 2.0 * k)) for k in range(lags)]])
+        low = [EARLIEST, *[np.log(0.1 * fit.step)] * lags]
+        high = [LONGEST, *[np.log(3.0 * SLOWEST)] * lags]
+        x0 = np.clip(first, np.array(low) + 1e-9, np.array(high) - 1e-9)
+        found = least_squares(fit.error, x0, bounds=(low, high), diff_step=[1e-4] * len(x0), max_nfev=40)
+        n, e = len(t), np.asarray(found.fun)
+        rest = float(e @ e)
+        jacobian: Array = np.asarray(found.jac)
+        info = jacobian.T @ jacobian
+        if not np.all(np.isfinite(info)) or np.linalg.cond(info) > 1e14:
+            continue
+        alike = float(np.clip(e[1:] @ e[:-1] / rest, 0.0, 0.99)) if rest > 0.0 else 0.0
+        variance = rest / n * (1.0 + alike) / (1.0 - alike) * np.linalg.inv(info)[0, 0]
+        criterion = n * np.log(max(rest, 1e-300) / n) + (lags + 2) * np.log(n)
+        if rest <= (1.0 - AGREES) * n * np.var(y) and (best is None or criterion < best[2]):
+            best = (float(found.x[0]), float(np.sqrt(variance)), criterion)
+    return None if best is None else best[:2]
+
+
+@dataclass(frozen=True, eq=False)
+class _Lagged:
+    """Commands through lags and a dead time, fitted to a reading.
+
+    Attributes:
+        t, y: the reading, (N,).
+        start, step: of the fine grid on which commands are filtered [s].
+        u: means of the held commands on it, (M, n).
+    """
+
+    t: Array
+    y: Array
+    start: float
+    step: float
+    u: Array
+
+    @classmethod
+    def of(cls, t: Array, y: Array, commands: Sequence[tuple[Array, Array]]) -> "_Lagged | None":
+        """None where the commands do not move."""
+        usual = [float(np.median(np.diff(t))), *(float(np.median(np.diff(c))) for c, _ in commands)]
+        start = min(float(t[0]), *(float(c[0]) for c, _ in commands)) - LONGEST
+        step = max(min(usual) / 2.0, (float(t[-1]) - start) / (10 * MOST))
+        edges = np.arange(0.0, np.ceil((float(t[-1]) + LONGEST - start) / step) + 1.0)
+        parts = [
+            held_means(np.append(0.0, (c - start) / step), np.vstack([u[:1], u]), edges)
+            for c, u in commands
+        ]
+        u = np.hstack(parts)
+        u = u[:, np.all(np.isfinite(u), axis=0) & (np.ptp(u, axis=0) > 0.0)]
+        return cls(t, y, start, step, u - u[0]) if u.shape[1] else None
+
+    def filtered(self, lags: Sequence[float]) -> Array:
+        """The commands behind the lags [s], at the edges of the grid, (M + 1, n)."""
+        from scipy.signal import lfilter
+
+        x = np.vstack([np.zeros(self.u.shape[1]), self.u])
+        for number, lag in enumerate(lags):
+            a = float(np.exp(-self.step / lag))
+            b = [1.0 - a] if number == 0 else [0.5 * (1.0 - a), 0.5 * (1.0 - a)]
+            x = np.asarray(lfilter(b, [1.0, -a], x, axis=0))
+        return x
+
+    def error(self, parameters: Array) -> Array:
+        """What the best gains leave of the reading at a dead time and lags, (N,)."""
+        return self._left(
+            self.filtered(np.exp(parameters[1:]).tolist()), float(parameters[0]), self.t, self.y
+        )
+
+    def _left(self, x: Array, theta: float, t: Array, y: Array) -> Array:
+        at = (t - theta - self.start) / self.step
+        grid = np.arange(len(x), dtype=np.float64)
+        phi = np.column_stack([np.ones(len(t)), *(np.interp(at, grid, c) for c in x.T)])
+        return np.asarray(y - phi @ np.linalg.lstsq(phi, y, rcond=None)[0])
+
+    def coarse(self) -> tuple[float, float]:
+        """The best of a grid of dead times and lags [s]."""
+        some = slice(None, None, max(len(self.t) // 1000, 1))
+        t, y = self.t[some], self.y[some]
+        best = (np.inf, 0.0, 1.0)
+        for lag in np.geomspace(2.0 * self.step, SLOWEST, 10):
+            x = self.filtered([float(lag)])
+            for theta in np.linspace(EARLIEST, LONGEST, 25):
+                e = self._left(x, float(theta), t, y)
+                best = min(best, (float(e @ e), float(theta), float(lag)))
+        return best[1], best[2]
+
+
+def _apart(reference: Timed, other: Timed, held: frozenset[str], row: float) -> Latency | None:
+    """How late a topic is behind another one that measures the same motion."""
+    mine, theirs = _motion(reference, held), _motion(other, held)
+    if mine is None or theirs is None:
+        return None
+    shift = clock_shift(reference.t, mine, other.t, theirs)
+    sure = shift.agreement >= AGREES and shift.rival is None and shift.std_error > 0.0
+    if not sure or abs(shift.seconds) > LONGEST or shift.std_error > TELLS * row:
+        return None
+    topics = other.stream.topic, reference.stream.topic
+    return Latency(topics[0], -shift.seconds, shift.std_error, topics[1], answers=False)
+
+
+def _motion(stream: Timed, held: frozenset[str]) -> Array | None:
+    """What a stream has moved since its start, (N, k)."""
+    s = stream.stream
+    if np.isfinite(s.values).all():
+        column = dict(zip(s.names, s.values.T, strict=True))
+        if {"x", "y", "psi"} <= column.keys():
+            return way_and_turn(column["x"], column["y"], np.unwrap(column["psi"]))
+        rates = [v for n, v in column.items() if n not in held and n not in s.angles and np.ptp(v)]
+        return travelled(stream.t, np.column_stack(rates)) if rates else None
+    return None
+
+
+def _said(
+    one: Latency, where: str, late: Mapping[str, float], stated: Mapping[str, float]
+) -> Finding:
+    error = f"{1e3 * abs(one.seconds):.3g} ± {1e3 * one.std_error:.2g} ms"
+    side = "late" if one.seconds >= 0.0 else "early"
+    if one.answers:
+        how = "as a lag with dead time fits it"
+        text = f"{where}: {one.topic} answers {one.behind} {error} {side}, {how}"
+    else:
+        how = "by the motion that both tell of"
+        text = f"{where}: {one.topic} is {error} {side} beside {one.behind}, {how}"
+    if one.topic in late:
+        return Finding("latency", Severity.NOTE, f"{text}; it was moved back by that.")
+    if not one.seen:
+        return Finding("latency", Severity.NOTE, f"{text}: none that can be told from zero.")
+    advice = "The dead time is left to the model; `latency='remove'` takes it out of the log."
+    if not one.answers:
+        advice = "`latency='remove'` moves it back."
+    return Finding("latency", Severity.NOTE, f"{text}.", advice)

@@ -1,0 +1,97 @@
+"""A bag as the table of a log: its mapped streams brought onto one clock and even rows."""
+
+from pathlib import Path
+
+import numpy as np
+
+from sysid.data.bags.clocks import Timed, runs, timed
+from sysid.data.bags.grid import TIME, aligned, held_columns
+from sysid.data.bags.latency import without_latency
+from sysid.data.bags.mapping import sources
+from sysid.data.bags.streams import Streams, read_streams
+from sysid.data.finding import Finding
+from sysid.data.reading.read_options import ReadOptions
+from sysid.data.reading.table import Rows, Table
+from sysid.data.record import Array
+from sysid.errors import DataError, UsageError
+
+
+def bag_table(
+    path: Path, options: ReadOptions, *, even: bool = True
+) -> tuple[Table, tuple[Finding, ...]]:
+    """The table of a bag, and what was done.
+
+    Args:
+        path: bag, folder or MCAP file.
+        options: ``map``, ``stamps``, ``latency``, ``ts`` and the names of inputs and outputs count.
+        even: onto even rows, as a fit needs them; else a row an instant of the fastest stream, with
+            empty cells where a slower one said nothing.
+
+    Raises:
+        UsageError: nothing is mapped, or a field is not there.
+        DataError: the bag cannot serve.
+    """
+    if not options.map:
+        raise UsageError(_unmapped(path))
+    found = read_streams(path, sources(options.map))
+    parts = list(runs(found))
+    if not parts:
+        raise DataError(f"{found.where}: its mapped topics hold no messages of one time")
+    if len(parts) > 1 and options.resample != "split" and even:
+        raise DataError(
+            f"{found.where}: the clock of the simulation starts again {len(parts) - 1} times; "
+            "`resample='split'` makes an experiment of each run"
+        )
+    names = [n for s in found.streams for n in s.names]
+    held = held_columns(names, options)
+    tables: list[tuple[Array, dict[str, Array]]] = []
+    said: list[Finding] = []
+    ts = options.ts
+    for part in parts:
+        streams = timed(part, options.stamps)
+        said += [f for s in streams for f in s.findings]
+        streams, of_latency = without_latency(streams, held, options.latency, found.where)
+        said += of_latency
+        if not even:
+            tables.append(_sparse(streams))
+            continue
+        rows = aligned(streams, held, ts, found.where)
+        ts = rows.grid.dt if ts is None else ts
+        said += rows.findings
+        tables.append((rows.t, dict(rows.columns)))
+    return _table(found, tables, even), tuple(dict.fromkeys(said))
+
+
+def _table(found: Streams, tables: list[tuple[Array, dict[str, Array]]], even: bool) -> Table:
+    t = np.concatenate([rows for rows, _ in tables])
+    units = {n: u for s in found.streams for n, u in zip(s.names, s.units, strict=True)}
+    names = [n for s in found.streams for n in s.names]
+    columns = {n: np.concatenate([c[n] for _, c in tables]) for n in names}
+    return Table(
+        where=found.where,
+        names=(TIME, *names),
+        units=("s", *(units[n] for n in names)),
+        notes=(),
+        source=Rows(len(t), t),
+        extra={TIME: t + found.origin, **columns},
+    )
+
+
+def _sparse(streams: tuple[Timed, ...]) -> tuple[Array, dict[str, Array]]:
+    """Rows at the instants of the fastest stream; what others said at the row next to it."""
+    t = max(streams, key=lambda s: len(s.t)).t
+    columns: dict[str, Array] = {}
+    for s in streams:
+        row = np.clip(np.searchsorted(t, s.t), 1, len(t) - 1)
+        row -= (s.t - t[row - 1]) < (t[row] - s.t)
+        for name, values in zip(s.stream.names, s.stream.values.T, strict=True):
+            columns[name] = np.full(len(t), np.nan)
+            columns[name][row] = values
+    return t, columns
+
+
+def _unmapped(path: Path) -> str:
+    return (
+        f"{path.name} is a bag: say which of its fields are columns with `map=NAME`; "
+        "`sysid inspect` lists its topics and proposes a mapping"
+    )

@@ -1,0 +1,166 @@
+"""Bags of ROS 1, folders of ROS 2 and MCAP files, opened for reading message by message."""
+
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from sysid.errors import DataError, UsageError
+
+if TYPE_CHECKING:
+    from hashlib import _Hash
+
+    from rosbags.highlevel import AnyReader
+
+SUFFIXES = (".bag", ".mcap", ".db3")
+"""Endings of the files of a recording; a folder that holds such files is a recording, too."""
+
+BLOCK = 1 << 20
+"""Bytes read at a time where a whole bag is to be hashed: a bag may be larger than the memory."""
+
+REMEDIES = (
+    ("not indexed", "mend it with `rosbag reindex`"),
+    ("encrypt", "decrypt it first, with `rosbag decrypt`"),
+    ("metadata", "write that file again with `ros2 bag reindex`"),
+    ("Profile", "only MCAP files written by ROS 2 are read: convert it with `ros2 bag convert`"),
+    ("ersion", "convert it with `rosbag fix` or `ros2 bag convert`"),
+    ("ompression", "decompress it first, with `rosbag decompress` or `ros2 bag convert`"),
+    ("end magic", "it was cut off when it was written; mend it with `mcap recover`"),
+)
+"""What the reader says of a bag it refuses → what to do."""
+
+
+class Message(NamedTuple):
+    """One message of a bag: its topic, when it was recorded [ns], and its content."""
+
+    topic: str
+    received: int
+    content: Any
+
+
+@dataclass(frozen=True, eq=False)
+class Bag:
+    """An open bag.
+
+    Attributes:
+        where: what to call it in messages.
+        types: topic → type of its messages, e.g. ``nav_msgs/msg/Odometry``.
+        counts: topic → how many messages it holds.
+        start: when the first message was recorded [ns].
+    """
+
+    where: str
+    types: dict[str, str]
+    counts: dict[str, int]
+    start: int
+    _reader: "AnyReader"
+
+    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+        """The messages of some topics in the order of their recording, one at a time.
+
+        Raises:
+            DataError: the bag is damaged, or the definition of a message is not known.
+        """
+        chosen = [c for c in self._reader.connections if c.topic in topics]
+        try:
+            for connection, received, raw in self._reader.messages(chosen) if chosen else ():
+                content = self._reader.deserialize(raw, connection.msgtype)
+                yield Message(connection.topic, received, content)
+        except DataError:
+            raise
+        except KeyError:
+            raise DataError(self._undefined(topics)) from None
+        except Exception as error:  # readers and decoders of every format have errors of their own
+            raise DataError(_broken(self.where, error)) from None
+
+    def _undefined(self, topics: Collection[str]) -> str:
+        known = self._reader.typestore.fielddefs
+        unknown = next((t for n, t in self.types.items() if n in topics and t not in known), "?")
+        return (
+            f"{self.where} does not say what a message of type {unknown} holds; record it as MCAP, "
+            "which keeps the definitions, or convert it with `ros2 bag convert` where that "
+            "package is installed"
+        )
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a recording of ROS: a file by its ending, or a folder of such files."""
+    return bool(_files(path)) if path.is_dir() else path.suffix.lower() in SUFFIXES
+
+
+def digest(path: Path) -> "_Hash":
+    """The checksum of a bag's files, read in blocks."""
+    found = sha256()
+    for file in _files(path) if path.is_dir() else [path]:
+        with file.open("rb") as stream:
+            while block := stream.read(BLOCK):
+                found.update(block)
+    return found
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Bag]:
+    """A bag, open while the context lasts.
+
+    Raises:
+        UsageError: there is no such file, or the package that reads bags is not installed.
+        DataError: the file cannot be read as a bag, or holds no message.
+    """
+    if not path.exists():
+        raise UsageError(f"there is no file {path}; check the path")
+    try:
+        from rosbags.highlevel import AnyReader
+    except ImportError:
+        raise UsageError(
+            f"{path.name} is a bag, which the extra ros reads: pip install 'sysid-workbench[ros]'"
+        ) from None
+    whole = (path / "metadata.yaml").exists() or not path.is_dir()
+    files = [path] if whole else _files(path)
+    try:
+        reader = AnyReader(files, default_typestore=_standard() if _needs_types(files) else None)
+        reader.open()
+    except Exception as error:  # as in ``Bag.messages``
+        raise DataError(_broken(path.name, error)) from None
+    try:
+        yield _checked(reader, path.name)
+    finally:
+        reader.close()
+
+
+def _checked(reader: "AnyReader", where: str) -> Bag:
+    infos = reader.topics
+    counts = {name: info.msgcount for name, info in infos.items()}
+    if not sum(counts.values()):
+        raise DataError(f"{where} holds no messages; record it again")
+    types = {c.topic: c.msgtype for c in reader.connections}
+    lacking = {t for t in types.values() if t not in reader.typestore.fielddefs}
+    if lacking:
+        known = reader.typestore.fielddefs
+        more = {n: d for n, d in _standard().fielddefs.items() if n not in known}
+        reader.typestore.register(more)
+    return Bag(where, types, counts, reader.start_time, reader)
+
+
+def _standard() -> Any:
+    """The message types that come with ROS 2."""
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.LATEST)
+
+
+def _needs_types(files: list[Path]) -> bool:
+    """Whether a bag may lack the definitions of its messages: those of ROS 1 and MCAP hold them."""
+    return any(f.suffix.lower() not in (".bag", ".mcap") for f in files)
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
+
+
+def _broken(where: str, error: Exception) -> str:
+    reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
+    reason = reason if len(reason) <= 120 else reason[:117] + "…"
+    remedy = next((what for said, what in REMEDIES if said in reason), "record it again")
+    return f"{where} cannot be read as a bag ({reason}); {remedy}"

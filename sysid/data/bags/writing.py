@@ -1,0 +1,163 @@
+"""Bags as the tools of ROS write them: ROS 1, a folder of ROS 2, or one MCAP file."""
+
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+from sysid.errors import DataError, UsageError
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+FOLDER_VERSION: Literal[8] = 8
+"""Version of a ROS 2 folder's description, which Iron and later distributions read."""
+
+
+class Outgoing(NamedTuple):
+    """A message to write: its topic and type, when it was received [ns], and its content."""
+
+    topic: str
+    kind: str
+    received: int
+    content: Any
+
+
+Source = Callable[["Messages"], Iterable[Outgoing]]
+"""Makes the messages of a bag, in any order, with the types of its kind of ROS."""
+
+
+class Messages:
+    """Makes messages of one kind of ROS from plain values.
+
+    Args:
+        types: the message types.
+    """
+
+    def __init__(self, types: "Typestore") -> None:
+        self._types = types
+
+    def make(self, kind: str, **fields: Any) -> Any:
+        """A message; what is not given is zero, empty or a message of zeros.
+
+        Args:
+            kind: its type, e.g. ``geometry_msgs/msg/Twist``.
+            fields: by name, numbers and messages.
+        """
+        return self._types.types[kind](
+            **{
+                name: fields[name] if name in fields else self._empty(*shape)
+                for name, shape in self._types.fielddefs[kind][1]
+            }
+        )
+
+    def header(self, stamp: int, frame: str) -> Any:
+        """A header with a stamp [ns]."""
+        return self.make("std_msgs/msg/Header", stamp=self.time(stamp), frame_id=frame)
+
+    def numbers(self, by_label: Mapping[str, float]) -> Any:
+        """A Float64MultiArray whose elements are labelled."""
+        part = "std_msgs/msg/MultiArrayDimension"
+        dims = [self.make(part, label=label, size=1, stride=1) for label in by_label]
+        layout = self.make("std_msgs/msg/MultiArrayLayout", dim=dims)
+        data = self.array(*by_label.values())
+        return self.make("std_msgs/msg/Float64MultiArray", layout=layout, data=data)
+
+    def array(self, *values: float) -> Any:
+        """Numbers as a message holds them."""
+        import numpy as np
+
+        return np.array(values, dtype=np.float64)
+
+    def time(self, stamp: int) -> Any:
+        """An instant [ns]."""
+        sec, nanosec = divmod(stamp, 10**9)
+        return self.make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+
+    def _empty(self, form: int, what: Any) -> Any:
+        """Nothing of a type, as the tables of the message types tell types."""
+        import numpy as np
+
+        if form == 1:  # a plain value
+            name = what[0]
+            return "" if name == "string" else False if name == "bool" else 0
+        if form == 2:  # a message
+            return self.make(what)
+        inner, count = what
+        if inner[0] == 1 and inner[1][0] != "string":
+            return np.zeros(count, dtype=np.dtype(inner[1][0]))
+        return [self._empty(*inner) for _ in range(count)]
+
+
+def write_bag(path: Path, source: Source) -> Path:
+    """Write a bag whose form the ending tells: ``.bag``, ``.mcap``, or none for a ROS 2 folder.
+
+    Args:
+        path: where; a file is replaced, and appears complete or not at all.
+        source: makes its messages.
+
+    Returns:
+        The path written.
+
+    Raises:
+        UsageError: the folder is there already, or the package that writes bags is not installed.
+        DataError: it cannot be written there.
+    """
+    try:
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise UsageError(
+            f"{path.name} is a bag, which the extra ros writes: pip install 'sysid-workbench[ros]'"
+        ) from None
+    suffix = path.suffix.lower()
+    if suffix not in ("", ".bag", ".mcap"):
+        raise UsageError(f"{path} is no bag: name a .bag, an .mcap, or a folder")
+    if path.is_dir() or (not suffix and path.exists()):
+        raise UsageError(f"{path} is there already; name another place for the bag")
+    types = get_typestore(Stores.ROS1_NOETIC if suffix == ".bag" else Stores.ROS2_HUMBLE)
+    messages = sorted(source(Messages(types)), key=lambda m: m.received)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".part-", dir=path.parent) as place:
+            made = Path(place) / "bag"
+            (_write_first if suffix == ".bag" else _write_second)(made, messages, types, suffix)
+            if suffix == ".mcap":
+                made = next(made.glob("*.mcap"))
+            if made.is_dir():
+                shutil.move(made, path)
+            else:
+                os.replace(made, path)
+    except OSError as error:
+        raise DataError(
+            f"{path} cannot be written ({error.strerror}); choose another place"
+        ) from None
+    return path
+
+
+def _write_first(path: Path, messages: list[Outgoing], types: "Typestore", _: str) -> None:
+    from rosbags.rosbag1 import Writer
+
+    with Writer(path) as bag:
+        topics = {
+            m.topic: bag.add_connection(m.topic, m.kind, typestore=types)
+            for m in {m.topic: m for m in messages}.values()
+        }
+        for m in messages:
+            raw = types.serialize_ros1(m.content, m.kind)
+            bag.write(topics[m.topic], m.received, raw)
+
+
+def _write_second(path: Path, messages: list[Outgoing], types: "Typestore", suffix: str) -> None:
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    plugin = StoragePlugin.MCAP if suffix else StoragePlugin.SQLITE3
+    with Writer(path, version=FOLDER_VERSION, storage_plugin=plugin) as bag:
+        topics = {
+            m.topic: bag.add_connection(m.topic, m.kind, typestore=types)
+            for m in {m.topic: m for m in messages}.values()
+        }
+        for m in messages:
+            raw = types.serialize_cdr(m.content, m.kind)
+            bag.write(topics[m.topic], m.received, raw)

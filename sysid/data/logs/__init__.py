@@ -1,0 +1,1 @@
+"""Logs of any kind of file: their tables, and the readings of sensors in them."""

@@ -1,0 +1,56 @@
+"""The table of a log, whatever kind of file it is: text, Parquet, or a recording of ROS."""
+
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sysid.data.files import read_bytes
+from sysid.data.finding import Finding
+from sysid.data.reading.read_options import ReadOptions
+from sysid.data.reading.table import Table, read_table
+from sysid.errors import UsageError
+
+if TYPE_CHECKING:
+    from hashlib import _Hash
+
+
+@dataclass(frozen=True, eq=False)
+class LogTable:
+    """A log before its columns are read.
+
+    Attributes:
+        table: its columns.
+        findings: what was done to make a table of it.
+        digest: the checksum of its bytes, to be continued with those of a second file.
+    """
+
+    table: Table
+    findings: tuple[Finding, ...]
+    digest: "_Hash"
+
+
+def read_log_table(path: Path, options: ReadOptions, *, even: bool = True) -> LogTable:
+    """The table of a log.
+
+    Args:
+        path: CSV, Parquet, or a bag, for which ``options.map`` says what is which column.
+        options: how to read it.
+        even: whether streams of a bag are to share even rows; other files are as they are.
+
+    Raises:
+        UsageError: there is no such file, or an option does not fit it.
+        DataError: it cannot be read.
+    """
+    from sysid.data.bags.opening import digest, is_bag
+
+    if is_bag(path):
+        from sysid.data.bags.log import bag_table
+
+        table, said = bag_table(path, options, even=even)
+        return LogTable(table, said, digest(path))
+    data = read_bytes(path)
+    if options.map:
+        raise UsageError(f"{path.name} is no bag: `map` has no use with it; name its columns")
+    table = read_table(data, path.name, options.delimiter, options.decimal)
+    return LogTable(table, (), sha256(data))
