@@ -229,7 +229,9 @@ def dead_time(
         low = [EARLIEST, *[np.log(0.1 * fit.step)] * lags]
         high = [LONGEST, *[np.log(3.0 * SLOWEST)] * lags]
         x0 = np.clip(first, np.array(low) + 1e-9, np.array(high) - 1e-9)
-        found = least_squares(fit.error, x0, bounds=(low, high), diff_step=[1e-4] * len(x0), max_nfev=40)
+        found = least_squares(
+            fit.error, x0, bounds=(low, high), diff_step=[1e-4] * len(x0), max_nfev=40
+        )
         n, e = len(t), np.asarray(found.fun)
         rest = float(e @ e)
         jacobian: Array = np.asarray(found.jac)
