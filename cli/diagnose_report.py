@@ -72,13 +72,20 @@ def _what(found: "Diagnosis") -> None:
     for k, e in enumerate(found.effects, start=1):
         where = f" on {', '.join(e.channels)}" if e.channels else ""
         render.say(f"{k}. {e.id} ({e.stage}){where}", "bold")
-        for sentence in (e.sentence, f"Evidence: {evidence_sentence(e)}.", tie_sentence(e)):
+        for sentence in (
+            e.sentence,
+            e.fit_words,
+            f"Evidence: {evidence_sentence(e)}.",
+            tie_sentence(e),
+        ):
             if sentence:
                 render.say(f"   {sentence}")
     if not found.effects:
         render.say(nothing_named(found))
     if found.description:
         render.say(f"What remains: {found.description}")
+    for d in found.dropped:
+        render.say(f"Dropped again: {d.id}, because {d.reason}.")
     if found.minor:
         render.say(f"Minor or unproven, not added: {', '.join(found.minor)}.")
     if found.candidates:

@@ -9,14 +9,17 @@ from sysid.discrepancy.advise import experiment_between, next_experiments
 from sysid.discrepancy.augment import model_of
 from sysid.discrepancy.diagnosis import OF_THE_LOG, Diagnosis, Experiment, Trace
 from sysid.discrepancy.following import ASTRAY, not_followed
+from sysid.discrepancy.gap import Gap
+from sysid.discrepancy.named_effects import NamedEffect
 from sysid.discrepancy.policies import VERDICT
 from sysid.discrepancy.pose.diagnosis import PoseDiagnosis
 from sysid.discrepancy.pose.ground_model import with_ground
+from sysid.discrepancy.proof.acceptance import final_evidence
 from sysid.discrepancy.proof.explain import described, explain
-from sysid.discrepancy.proof.localise import Region, localise
+from sysid.discrepancy.proof.localise import Region, leading, localise
 from sysid.discrepancy.samples import inspect_samples
 from sysid.discrepancy.search.detectable import detectable
-from sysid.discrepancy.search.named_sets import Naming, Node
+from sysid.discrepancy.search.named_sets import Named, Naming, Node
 from sysid.discrepancy.study import Outcome, Study, held_runs
 from sysid.discrepancy.verdict import Remaining, story, undecided, verdict_of
 from sysid.effects.catalogue import CHANGED, about, chain_effects, ground_effects
@@ -38,20 +41,21 @@ def assembled(found: Outcome, model: Model | None, pose: PoseDiagnosis | None) -
         pose: what is missing between tracks and ground.
     """
     study = found.study
-    naming = study.measured(found.naming)
+    naming, dropped = study.confirmed(found.naming)
     before, base = study.origin.before, study.base
     after = study.residual_structure(naming, after=True) if naming.named else before
-    remaining = Remaining(after, study.gap(naming))
+    left = _where(study, naming.final)
+    remaining = Remaining(after, study.gap(naming), leading(left, base.parts.held[0].output_names))
     samples = inspect_samples(base.parts.estimation)
     effects = (
-        *(findings.named_effect(base, naming, n) for n in naming.named),
+        *(_named(study, naming, n, remaining, left) for n in naming.named),
         *(pose.effects if pose is not None else ()),
         *findings.sample_effects(samples),
     )
     ids = [e.id for e in effects]
     poor = _poor(study, naming)
     off = pose is not None and pose.residuals.structured
-    verdict = verdict_of(ids, remaining, found.withdrawn or off or poor.startswith(ASTRAY))
+    verdict = verdict_of(ids, remaining, off or poor.startswith(ASTRAY))
     traces = _traces(study, naming)
     old, new = _models(study, naming, model, pose)
     gap = pose.gap if pose is not None and pose.effects and not naming.named else remaining.gap
@@ -65,10 +69,11 @@ def assembled(found: Outcome, model: Model | None, pose: PoseDiagnosis | None) -
         base_words=study.origin.base.words,
         plainer=base.words if study.doubted is not None else "",
         effects=effects,
+        dropped=dropped,
         minor=tuple(dict.fromkeys(id for id, _ in naming.minor)),
         candidates=(*naming.candidates, *(pose.candidates if pose is not None else ())),
         where=_where(study, study.origin.base.node),
-        where_after=_where(study, naming.final),
+        where_after=left,
         gap=gap,
         detectable=unseen,
         next_experiments=_next(study, naming, unseen),
@@ -82,6 +87,29 @@ def assembled(found: Outcome, model: Model | None, pose: PoseDiagnosis | None) -
         traces=traces,
         geometry=pose.geometry if pose is not None else None,
     )
+
+
+def _named(
+    study: Study, naming: Naming, n: Named, remaining: Remaining, left: Sequence[Region]
+) -> NamedEffect:
+    """An accepted effect, with how well its law fits."""
+    names = study.base.parts.held[0].output_names
+    mine = [name for name, touched in zip(names, n.touched, strict=True) if touched]
+    remains = ""
+    if remaining.structured and any(_open(remaining.gap, name) for name in mine):
+        where = leading(left, mine)
+        remains = "something else remains" + (f" where {where}" if where else "")
+    evidence = final_evidence(study.base, naming, n)
+    explains = study.explained_by(naming, n)
+    return findings.named_effect(study.base, naming, n, evidence, explains, remains)
+
+
+def _open(gap: Gap, name: str) -> bool:
+    """Whether much of an output's gap is left."""
+    c = gap.channels[name]
+    left = c.rmse_after**2 - c.noise_floor**2
+    open_ = left > (1.0 - 0.01 * VERDICT.nearly_all) * (c.rmse_before**2 - c.noise_floor**2)
+    return open_ or c.rmse_after > VERDICT.loud * c.noise_floor
 
 
 def _models(

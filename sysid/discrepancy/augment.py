@@ -11,6 +11,7 @@ from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.discrepancy.base_model import Base, full_drive
 from sysid.discrepancy.named_effects import Value
+from sysid.discrepancy.search.admission import on_bound
 from sysid.discrepancy.search.batched_search import information
 from sysid.discrepancy.search.evidence import effective_samples
 from sysid.discrepancy.search.named_sets import Interval, Node
@@ -80,7 +81,8 @@ def values_of(
         else:
             error = interval.std_error(value)
             found.append(_interval_value(f"{slot.name}{tag}", value, interval, words))
-        found[-1] = replace(found[-1], in_file=_in_file(base, found[-1], slot.track))
+        ended = replace(found[-1], bounded=k in at and on_bound(slot, value))
+        found[-1] = replace(ended, in_file=_in_file(base, ended, slot.track))
         if not found[-1].visited:
             continue
         if number is not None and number.as_command:
@@ -115,6 +117,7 @@ def _in_file(base: Base, value: Value, track: int) -> Value | None:
         None if value.std_error is None else abs(factor) * value.std_error,
         value.unit.replace("drive", channel.file_words or channel.unit or channel.name),
         (ends[0], ends[1]) if ends else None,
+        bounded=value.bounded,
     )
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from sysid.data.record import Array, Record
 from sysid.discrepancy.gap import Gap
-from sysid.discrepancy.named_effects import NamedEffect
+from sysid.discrepancy.named_effects import Dropped, NamedEffect
 from sysid.discrepancy.proof.localise import Region
 from sysid.discrepancy.proof.model_error import ResidualVerdict
 from sysid.effects.samples import DROPOUTS, HELD_TELEMETRY, QUANTISATION
@@ -98,6 +98,7 @@ class Diagnosis:
             does.
         undecided: why nothing is named although the errors are far above the noise of the readings;
             empty elsewhere.
+        dropped: effects that were found and do not stand, with the evidence against each.
     """
 
     verdict: str
@@ -123,6 +124,7 @@ class Diagnosis:
     geometry: GeometryEstimate | None = None
     unfollowed: str = ""
     undecided: str = ""
+    dropped: tuple[Dropped, ...] = ()
     reading: tuple[str, ...] = ()
 
     @property
@@ -144,6 +146,7 @@ class Diagnosis:
             "geometry": None if self.geometry is None else self.geometry.to_json(),
             "effects": [e.to_json() for e in self.effects],
             "minor": list(self.minor),
+            "dropped": [d.to_json() for d in self.dropped],
             "candidates": [{"id": k, "score": v} for k, v in self.candidates],
             "where": [r.to_json() for r in self.where],
             "where_after": [r.to_json() for r in self.where_after],

@@ -11,6 +11,7 @@ from sysid.discrepancy.base_model import Base, full_drive
 from sysid.discrepancy.diagnosis import Trace
 from sysid.discrepancy.named_effects import NamedEffect, Value
 from sysid.discrepancy.samples import SampleEffects
+from sysid.discrepancy.search.evidence import Evidence
 from sysid.discrepancy.search.named_sets import Named, Naming
 from sysid.effects.base import Effect
 from sysid.effects.catalogue import about
@@ -25,8 +26,18 @@ ABSORBED = (5.0, 0.05)
 and by a larger share of itself, once the effect is added."""
 
 
-def named_effect(base: Base, naming: Naming, n: Named) -> NamedEffect:
-    """An accepted effect of the chain."""
+def named_effect(
+    base: Base, naming: Naming, n: Named, evidence: Evidence, explains: float, remains: str
+) -> NamedEffect:
+    """An accepted effect of the chain.
+
+    Args:
+        base, naming: where it was found.
+        n: the effect.
+        evidence: for it in the final model.
+        explains: share of the gap that it closes [%].
+        remains: what stays on its outputs, in words.
+    """
     e = about(n.id)
     names = base.parts.estimation[0].output_names
     values = values_of(base, naming.final, n.id, naming.intervals)
@@ -35,11 +46,13 @@ def named_effect(base: Base, naming: Naming, n: Named) -> NamedEffect:
         e.stage,
         tuple(names[i] for i in np.flatnonzero(n.touched)),
         values,
-        n.evidence.delta_bic,
-        n.evidence.p_value,
-        1.0 - n.evidence.ratio,
+        evidence.delta_bic,
+        evidence.p_value,
+        1.0 - evidence.ratio,
         n.ties,
         sentence_of(e, values, n.ties),
+        explains,
+        remains,
     )
 
 

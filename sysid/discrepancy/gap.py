@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Array
 
@@ -121,6 +122,29 @@ def measure_gap(
         (float(min(low, 100.0)), float(min(high, 100.0))),
         channels,
     )
+
+
+def share_closed(
+    before: Sequence[Array],
+    without: Sequence[Array],
+    after: Sequence[Array],
+    floor: Array,
+    served: NDArray[np.bool_],
+) -> float:
+    """Share of the gap that one effect closes [%]: 100 (gap without it − gap after)/gap before.
+
+    Args:
+        before, without, after: held-out errors (N, ny) of the model before, of the model after but
+            for the effect, and of the model after.
+        floor: noise of each output, (ny,).
+        served: outputs that the effect changes, (ny,).
+    """
+    old, rest, new = (
+        np.nanmean(np.concatenate(e) ** 2, axis=0)[served] for e in (before, without, after)
+    )
+    low = np.minimum(floor[served] ** 2, new)
+    whole = float(np.sum((old - low) / (old + 1e-300)))
+    return 100.0 * float(np.sum((rest - new) / (old + 1e-300))) / whole if whole > 0.0 else 0.0
 
 
 def floor_of_errors(errors: Sequence[Array]) -> Array:

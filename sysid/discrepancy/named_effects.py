@@ -18,6 +18,7 @@ class Value:
             open is None.
         in_file: the same number in the unit of the file's input, where full drive is not declared
             and a share of it is one of the largest command of the log; else None.
+        bounded: whether it ended on the bound of the search, beyond which it may lie.
     """
 
     name: str
@@ -26,6 +27,7 @@ class Value:
     unit: str
     interval: tuple[float | None, float | None] | None = None
     in_file: "Value | None" = None
+    bounded: bool = False
 
     @property
     def in_log_units(self) -> "Value":
@@ -41,7 +43,7 @@ class Value:
     def words(self) -> str:
         """What is known beside the value: an error, an interval, or why there is none."""
         if not self.visited:
-            return "not visited"
+            return "not seen in this log"
         if self.interval is not None:
             low, high = self.interval
             if low is None and high is None:
@@ -49,6 +51,8 @@ class Value:
             if low is None or high is None:
                 return f"at most {high:.4g}" if low is None else f"at least {low:.4g}"
             return f"{low:.4g} to {high:.4g}"
+        if self.bounded:
+            return "on the bound of the search"
         return "" if self.std_error is None else f"± {self.std_error:.2g}"
 
     @property
@@ -56,15 +60,17 @@ class Value:
         """The number in a sentence, after its name."""
         unit = f" {self.unit}" if self.unit else ""
         if not self.visited:
-            return "is not visited"
+            return "is not seen in this log"
         if self.interval is None:
+            if self.bounded:
+                return f"= {self.value:.3g}{unit} ({self.words})"
             return f"= {self.value:.3g} {self.words}{unit}".replace("  ", " ")
         if None in self.interval:
             return f"is {self.words}{unit}"
         return f"= {self.value:.4g} ({self.words}){unit}"
 
     def to_json(self) -> dict[str, Any]:
-        """{name, value, std_error, unit, interval, visited}, and the same ``in_file``."""
+        """{name, value, std_error, unit, interval, visited, on_bound}, and the same ``in_file``."""
         own = {} if self.in_file is None else {"in_file": self.in_file.to_json()}
         return {
             "name": self.name,
@@ -73,8 +79,13 @@ class Value:
             "unit": self.unit,
             "interval": None if self.interval is None else list(self.interval),
             "visited": self.visited,
+            "on_bound": self.bounded,
             **own,
         }
+
+
+def _percent(share: float) -> str:
+    return "less than 1 %" if abs(share) < 1.0 else f"{share:.0f} %"
 
 
 @dataclass(frozen=True)
@@ -90,6 +101,9 @@ class NamedEffect:
             went when the effect came.
         indistinguishable: other effects that explain this log as well.
         sentence: what it is and how large, in plain words.
+        explains_percent: share of the gap of its outputs that it closes beside the other effects;
+            None where it lowers no error.
+        remains: what stays there although it is added, in words; empty where that is noise.
     """
 
     id: str
@@ -101,9 +115,19 @@ class NamedEffect:
     heldout_gain: float
     indistinguishable: tuple[str, ...]
     sentence: str
+    explains_percent: float | None = None
+    remains: str = ""
+
+    @property
+    def fit_words(self) -> str:
+        """How well its law fits: what it explains, and what is left; empty where unknown."""
+        if self.explains_percent is None:
+            return ""
+        share = f"Explains {_percent(self.explains_percent)} of the gap"
+        return f"{share}; {self.remains}." if self.remains else f"{share}."
 
     def to_json(self) -> dict[str, Any]:
-        """{id, stage, channels, parameters, evidence, indistinguishable, sentence}."""
+        """As ``diagnosis.json`` holds it."""
         return {
             "id": self.id,
             "stage": self.stage,
@@ -116,4 +140,18 @@ class NamedEffect:
             },
             "indistinguishable": list(self.indistinguishable),
             "sentence": self.sentence,
+            "explains_percent": self.explains_percent,
+            "remains": self.remains,
         }
+
+
+@dataclass(frozen=True)
+class Dropped:
+    """An effect that was found and does not stand, with the evidence against it."""
+
+    id: str
+    reason: str
+
+    def to_json(self) -> dict[str, str]:
+        """{id, reason}."""
+        return {"id": self.id, "reason": self.reason}

@@ -9,6 +9,7 @@ class AcceptanceRule:
 
     Attributes:
         bic: ΔBIC must lie below: −6 is strong evidence (Kass & Raftery 1995, JASA 90, 773).
+        p: chance of such a gain, corrected for the effects tried, must lie below.
         t: paired t of the blocks' squared errors must exceed: chance does in 2.5 % of the cases.
         blocks: share of the touched blocks whose error must fall: most of them, else one event
             carries the effect.
@@ -34,6 +35,7 @@ class AcceptanceRule:
     """
 
     bic: float = -6.0
+    p: float = 0.05
     t: float = 2.0
     blocks: float = 0.5
     held_out: float = 0.90
@@ -60,10 +62,8 @@ class VerdictRule:
         certain: structure as sure as this misses something, however little of it is foretold.
         slight: structure that holds less of the errors beyond the noise is no missing effect.
         loud: errors beyond this multiple of the noise of the readings are more than noise.
-        most_of_gap: names that together close less of the gap [%] are not the cause: withdrawn,
-            between tracks and ground as on the tracks.
-        chance: on the tracks only names whose gain may be chance at this level are withdrawn where
-            no structure is left.
+        most_of_gap: names between tracks and ground that together close less of the gap [%] are not
+            the cause and are withdrawn: of the few increments most rest, and a stand-in bends them.
         nearly_all: less of the gap [%] closed, and what remains is described.
         minor: an effect that would close less of the gap [%] is too small to matter.
         follows: a model with a lower free-run fit on held-out data [%] follows nothing: its errors
@@ -78,7 +78,6 @@ class VerdictRule:
     slight: float = 0.15
     loud: float = 1.5
     most_of_gap: float = 80.0
-    chance: float = 0.05
     nearly_all: float = 90.0
     minor: float = 1.0
     follows: float = 40.0

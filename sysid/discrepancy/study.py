@@ -5,21 +5,21 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.data.record import Array
 from sysid.discrepancy import findings
-from sysid.discrepancy.base_model import Base, may_lack_sign
+from sysid.discrepancy.base_model import Base
 from sysid.discrepancy.diagnosis import Trace
-from sysid.discrepancy.gap import Gap, measure_gap
+from sysid.discrepancy.gap import Gap, measure_gap, share_closed
+from sysid.discrepancy.named_effects import Dropped
 from sysid.discrepancy.policies import RULE, VERDICT
+from sysid.discrepancy.proof.acceptance import doubtful_slots, weakest
 from sysid.discrepancy.proof.model_error import FEWEST, ResidualStructure, error_structure
 from sysid.discrepancy.search.intervals import intervals_of
-from sysid.discrepancy.search.named_sets import Naming, Node
+from sysid.discrepancy.search.named_sets import Named, Naming, Node
 from sysid.discrepancy.search.naming import Progress
 from sysid.discrepancy.search.slopes import slopes
-from sysid.effects.base import Effect, StartsFrom
-from sysid.effects.catalogue import about
+from sysid.effects.base import Effect
 from sysid.errors import DataError
 
 
@@ -66,12 +66,12 @@ class Study:
     def required_ratio(self) -> float:
         """What the first effect must bring the held-out error below; 0 where nothing is looked for.
 
-        As in ``remains``: loud errors whose structure is likely, not sure, ask for more.
+        As in ``remains``: of loud errors the test may see nothing, because a command of few levels
+        or frequencies hides what they depend on; then the effect must do more.
         """
         if self.doubtful:
             return self.base.search.needed
-        likely = self.before is not None and self.before.p_value < VERDICT.likely
-        return RULE.in_loop if likely and self.loud(self.nothing) else 0.0
+        return RULE.in_loop if self.loud(self.nothing) else 0.0
 
     def loud(self, naming: Naming) -> bool:
         """Whether the held-out errors of the model after are far above the noise."""
@@ -92,8 +92,7 @@ class Study:
                 lambda node: self.remains(replace(self.nothing, final=node)),
                 needed,
             )
-        kept = self.without_insufficient(naming)
-        return Outcome(self, kept, naming is not kept)
+        return Outcome(self, naming)
 
     def residual_structure(self, naming: Naming, after: bool) -> ResidualStructure | None:
         """What the errors on the held-out data still depend on; None where too few samples tell."""
@@ -136,42 +135,40 @@ class Study:
         worthless = 1.0 - 0.01 * VERDICT.follows
         return bool(np.all(size < worthless * np.std(y, axis=0)))
 
-    def gap(self, naming: Naming, served: NDArray[np.bool_] | None = None) -> Gap:
-        """The gap on held-out data before and after, of the outputs ``served``."""
-        at = np.arange(len(self.floor)) if served is None else np.flatnonzero(served)
-        names = self.base.parts.estimation[0].output_names
+    def gap(self, naming: Naming) -> Gap:
+        """The gap on held-out data before and after."""
         return measure_gap(
-            [e[:, at] for e in self.origin.base.node.errors.held],
-            [e[:, at] for e in naming.final.errors.held],
-            self.floor[at],
-            [names[i] for i in at],
+            self.origin.base.node.errors.held,
+            naming.final.errors.held,
+            self.floor,
+            self.base.parts.estimation[0].output_names,
             self.seed,
         )
 
-    def without_insufficient(self, naming: Naming) -> Naming:
-        """No names where all of them together leave most of the gap: they are not the cause.
+    def explained_by(self, naming: Naming, n: Named) -> float:
+        """Share of the gap of its outputs that an effect closes beside the others [%]."""
+        before, without, after = (
+            e.errors.held for e in (self.origin.base.node, n.rest, naming.final)
+        )
+        return share_closed(before, without, after, self.floor, n.touched)
 
-        A sensor without a sign is seen in the readings; what remains beside it does not refute it.
-        """
-        signless = any(about(n.id).starts_from is StartsFrom.SIGNS for n in naming.named)
-        if not naming.named or (signless and may_lack_sign(self.base.parts.estimation)):
-            return naming
-        served = np.any([n.touched for n in naming.named], axis=0)
-        closed = self.gap(naming, served).closed_percent
-        if closed >= VERDICT.most_of_gap:
-            return naming
-        structure = self.residual_structure(naming, after=True)
-        sure = all(n.evidence.p_value < VERDICT.chance for n in naming.named)
-        if structure is not None and not structured(structure) and sure:
-            return naming
-        minor = (*((n.id, n.evidence) for n in naming.named), *naming.minor)
-        return replace(naming, final=naming.base, named=(), minor=minor)
+    def confirmed(self, naming: Naming) -> tuple[Naming, tuple[Dropped, ...]]:
+        """The effects that stand in the final model, and those that evidence speaks against."""
+        naming, gone = self.measured(naming), []
+        while (least := weakest(self.base, naming)) is not None:
+            gone.append(least)
+            naming = self.measured(self.base.search.dropped(naming, least.id))
+        return naming, tuple(gone)
 
     def measured(self, naming: Naming) -> Naming:
         """With intervals of the numbers that slopes cannot judge; estimates may move a little."""
         if not naming.named:
             return naming
-        final, intervals = intervals_of(self.base.search, naming.final)
+        doubted = doubtful_slots(self.base, naming)
+        final, intervals = intervals_of(self.base.search, naming.final, doubted)
+        if RULE.own_part * final.held_rmse > naming.final.held_rmse:
+            final = naming.final
+        intervals = {k: i.holding(float(final.q[k])) for k, i in intervals.items()}
         return replace(naming, final=final, intervals=intervals)
 
     def unexplained(self, naming: Naming) -> bool:
@@ -190,13 +187,11 @@ class Outcome:
 
     Attributes:
         study: where.
-        naming: the effects that are kept.
-        withdrawn: whether effects were found and dropped again, because they leave most of the gap.
+        naming: the effects that it accepted.
     """
 
     study: Study
     naming: Naming
-    withdrawn: bool
 
 
 def structured(errors: ResidualStructure | None) -> bool:

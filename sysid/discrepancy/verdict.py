@@ -27,10 +27,13 @@ class Remaining:
     Attributes:
         structure: what they depend on; None where too few samples tell.
         gap: the gap before and after.
+        where: the regime that holds most of what is left beyond its size, in words; empty where
+            none stands out.
     """
 
     structure: ResidualStructure | None
     gap: Gap
+    where: str = ""
 
     @property
     def structured(self) -> bool:
@@ -68,11 +71,10 @@ def verdict_of(ids: Sequence[str], remaining: Remaining, missing: bool) -> str:
         remaining: what the errors of the model after hold.
         missing: whether something else shows that something is missing.
     """
-    if not (ids or missing or remaining.matters):
-        return "no-missing-effect"
-    # what is a matter of the log explains no structured error
-    explained = [id for id in ids if id not in OF_THE_LOG or not remaining.matters]
-    return "effects-found" if explained else "unexplained"
+    # what is a matter of the log is no missing effect and explains no error
+    if any(id not in OF_THE_LOG for id in ids):
+        return "effects-found"
+    return "unexplained" if missing or remaining.matters else "no-missing-effect"
 
 
 def story(verdict: str, ids: Sequence[str], remaining: Remaining, on_rate: bool = False) -> str:
@@ -89,8 +91,8 @@ def story(verdict: str, ids: Sequence[str], remaining: Remaining, on_rate: bool 
         return f"Missing: {', '.join(missing)}.{_what_remains(remaining)}"
     if verdict == "unexplained":
         return (
-            "The errors depend on what is known, so something is missing, but most of it is "
-            "unexplained by every effect of the catalogue." + ON_A_RATE * on_rate
+            "The errors depend on what is known, so something is missing, but no effect of the "
+            "catalogue is proven to be it." + ON_A_RATE * on_rate
         )
     if remaining.loud:
         return undecided(remaining)
@@ -103,15 +105,16 @@ def story(verdict: str, ids: Sequence[str], remaining: Remaining, on_rate: bool 
 
 
 def _what_remains(remaining: Remaining) -> str:
-    if remaining.structured and (
-        remaining.gap.closed_percent < VERDICT.nearly_all or remaining.loud
-    ):
-        rest = 100.0 - remaining.gap.closed_percent
+    closed = remaining.gap.closed_percent
+    if remaining.structured and (closed < VERDICT.nearly_all or remaining.loud):
+        rest = 100.0 - closed
         share = "Less than 1 %" if rest < 1.0 else f"{rest:.0f} %"
         loud = f" (errors: {remaining.loud} the noise)" if remaining.loud else ""
+        where = f", mostly where {remaining.where}" if remaining.where else ""
         return (
             f" {share} of the error beyond the noise is left{loud} and still follows inputs and "
-            "outputs: something else is missing, too."
+            f"outputs ({remaining.share} foretold by them{where}): what is named fits only in "
+            "part, or something else is missing, too."
         )
     if remaining.loud:
         return (

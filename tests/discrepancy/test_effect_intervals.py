@@ -125,7 +125,7 @@ def test_a_side_that_is_never_driven_is_not_visited() -> None:
     values = {v.name: v for v in values_of(base, naming.final, "dead-zone", naming.intervals)}
     for name in ("minus[omega_l]", "minus[omega_r]"):
         assert not values[name].visited
-        assert values[name].words == "not visited"
+        assert values[name].words == "not seen in this log"
         assert values[name].to_json() == {
             "name": name, "value": None, "std_error": None, "unit": "drive",
             "interval": None, "visited": False,
@@ -194,7 +194,7 @@ def test_every_value_of_an_equation_stands_beside_its_channel() -> None:
         (Value("a", 0.5, 0.01, "V", (0.45, 0.52)), "= 0.5 (0.45 to 0.52) V"),
         (Value("a", 0.5, None, "V", (0.45, None)), "is at least 0.45 V"),
         (Value("a", 0.5, None, "V", (None, 0.52)), "is at most 0.52 V"),
-        (Value("a", float("nan"), None, "V"), "is not visited"),
+        (Value("a", float("nan"), None, "V"), "is not seen in this log"),
     ],
 )
 def test_a_number_says_what_is_known_of_it(value: Value, words: str) -> None:

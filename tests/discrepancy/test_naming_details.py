@@ -154,10 +154,16 @@ def test_a_clip_behind_noise_is_no_saturated_command(tmp_path: Path) -> None:
     assert names(found) == [{"sensor-saturation"}]
 
 
-def test_names_that_leave_most_of_the_gap_are_withdrawn(tmp_path: Path) -> None:
+def test_a_name_whose_law_fits_in_part_says_how_much_is_left(tmp_path: Path) -> None:
+    """Cogging with dead bands: a ripple, but for its form, which no law of the catalogue has."""
     found = answer(tmp_path, "other-4", 501, "steps")
-    assert found.verdict == "unexplained"
-    assert not found.effects
+    assert found.verdict == "effects-found"
+    (ripple,) = found.effects
+    assert ripple.id == "speed-ripple"
+    assert ripple.explains_percent is not None
+    assert 20.0 < ripple.explains_percent < 80.0
+    assert "something else remains" in ripple.fit_words
+    assert "is left" in found.story
 
 
 def test_a_load_that_no_channel_records_is_told_from_noise() -> None:

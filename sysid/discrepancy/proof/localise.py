@@ -18,6 +18,9 @@ LEAST = 0.2
 FEWEST = 0.01
 """Regimes with less than this share of the samples are not reported."""
 
+STANDS_OUT = 1.15
+"""A regime stands out where its share of the excess exceeds its share of the samples so far."""
+
 
 @dataclass(frozen=True)
 class Region:
@@ -87,6 +90,21 @@ def localise(
             part, low, high = _share(excess, inside, rng)
             found.append(Region(f"{channel.name}: {name}", part, share, (low, high)))
     return tuple(sorted(found, key=lambda r: -(r.share_of_excess - r.share_of_samples)))
+
+
+def leading(regions: Sequence[Region], outputs: Sequence[str]) -> str:
+    """Where most of the excess of some outputs lies beyond its size, in words; empty for nowhere.
+
+    A regime counts whose share of the excess is surely above its share of the samples.
+    """
+    parts = [(r, *r.region.partition(": ")[::2]) for r in regions]
+    found = [
+        (r.share_of_excess - r.share_of_samples, where)
+        for r, output, where in parts
+        if output in outputs and r.interval[0] > STANDS_OUT * r.share_of_samples
+    ]
+    where = max(found)[1] if found else ""
+    return f"it is {where}" if where.endswith("of the log") else where
 
 
 def _share(

@@ -7,7 +7,7 @@ from sysid.data.record import Array
 from sysid.discrepancy.policies import RULE
 from sysid.discrepancy.search.evidence import difference
 from sysid.discrepancy.search.named_sets import Node
-from sysid.discrepancy.search.supermodel import SuperModel
+from sysid.discrepancy.search.supermodel import Slot, SuperModel
 from sysid.effects.base import StartsFrom
 from sysid.effects.catalogue import CHANGED, about
 
@@ -20,6 +20,12 @@ def beyond_a_sample(model: SuperModel, id: str, q: Array) -> NDArray[np.bool_]:
             if model.slots[k].track >= 0:
                 found[model.slots[k].track] = q[k] > model.dt
     return found
+
+
+def on_bound(slot: Slot, value: float) -> bool:
+    """Whether a number ended on a bound of the search that is not its null value."""
+    at = slot.lower if value - slot.lower < slot.upper - value else slot.upper
+    return abs(value - at) < 1e-3 * (slot.upper - slot.lower) and at != slot.null
 
 
 def admissible(model: SuperModel, origin: Array, node: Node) -> bool:
@@ -41,14 +47,12 @@ def admissible(model: SuperModel, origin: Array, node: Node) -> bool:
     inside = []
     for k in mine:
         slot = model.slots[k]
-        width = slot.upper - slot.lower
         value = node.q[k]
-        on_bound = min(value - slot.lower, slot.upper - value) < 1e-3 * width
-        if slot.null in (slot.lower, slot.upper) and abs(value - slot.null) < 1e-3 * width:
-            on_bound = slot.name == first and not numbers[slot.name].at_null
-        elif numbers[slot.name].at_limit:
-            on_bound = False
-        inside.append((not on_bound, abs(value - slot.null) > 0.02 * slot.scale))
+        ended = on_bound(slot, value) and not numbers[slot.name].at_limit
+        at_null = abs(value - slot.null) < 1e-3 * (slot.upper - slot.lower)
+        if slot.null in (slot.lower, slot.upper) and at_null:
+            ended = slot.name == first and not numbers[slot.name].at_null
+        inside.append((not ended, abs(value - slot.null) > 0.02 * slot.scale))
     return all(a for a, _ in inside) and any(b for _, b in inside)
 
 

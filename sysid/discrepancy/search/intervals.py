@@ -49,16 +49,23 @@ REPEATS = 2
 ENDLESS = 100.0
 """A null value beyond this stands for no limit at all."""
 
+DOUBTED = 4.0
+"""A number that slopes put fewer standard errors away from doing nothing is asked the likelihood:
+where a run bends with the number, the two differ by such factors."""
+
 SAME_RUN = 1e-9
 """Runs that differ by less than this share of the speed do not depend on the number."""
 
 
-def intervals_of(base: NamingSearch, node: Node) -> tuple[Node, dict[int, Interval]]:
+def intervals_of(
+    base: NamingSearch, node: Node, doubted: Sequence[int] = ()
+) -> tuple[Node, dict[int, Interval]]:
     """Intervals of the numbers that effects free and slopes cannot judge, by slot.
 
     Args:
         base: the search around the model.
         node: the model with its effects.
+        doubted: slots that are asked, too, although the run changes smoothly with them.
 
     Returns:
         (the node, moved where a value held explains more than its own; intervals).
@@ -66,10 +73,10 @@ def intervals_of(base: NamingSearch, node: Node) -> tuple[Node, dict[int, Interv
     found: dict[int, Interval] = {}
     walked: Drifted | None = None
     for _ in range(REPEATS + 1):
-        slots = _profiled(base, node)
+        slots = _profiled(base, node, doubted)
         if not slots:
             return node, {}
-        ragged = tuple(k for k in slots if _ragged(base, k))
+        ragged = _ragged(base, slots, node)
         walk = _Walk(base, node, [k for k in slots if k not in ragged])
         if ragged and walked is None:  # once: walkers go far, wherever they begin
             walked = drifted(base, node, ragged, walk.joined)
@@ -82,19 +89,26 @@ def intervals_of(base: NamingSearch, node: Node) -> tuple[Node, dict[int, Interv
     return node, {k: i.holding(float(node.q[k])) for k, i in found.items()}
 
 
-def _ragged(base: NamingSearch, k: int) -> bool:
-    """Whether a slot belongs to an effect whose likelihood no search descends."""
-    return any(p.stepwise for p in effect(base.model.slots[k].owner).parameters)
+def _ragged(base: NamingSearch, slots: Sequence[int], node: Node) -> tuple[int, ...]:
+    """Slots of a track with an effect whose likelihood no search descends: beside it none does."""
+    model = base.model
+    rough = {
+        model.slots[k].track
+        for k in slots
+        if any(p.stepwise for p in effect(model.slots[k].owner).parameters)
+    }
+    together = bool(rough) and (-1 in rough or model.joined(node.q, node.free))
+    return tuple(k for k in slots if together or model.slots[k].track in rough)
 
 
-def _profiled(base: NamingSearch, node: Node) -> tuple[int, ...]:
-    """Free slots of numbers with which a run changes by jumps or kinks."""
+def _profiled(base: NamingSearch, node: Node, doubted: Sequence[int]) -> tuple[int, ...]:
+    """Free slots of numbers with which a run changes by jumps or kinks, and those doubted."""
     found = []
     for k in node.free:
         slot = base.model.slots[k]
         if slot.owner in node.effects and slot.owner != CHANGED.id:
             (p,) = (p for p in effect(slot.owner).parameters if p.name == slot.name)
-            if p.kinks or p.stepwise or p.jumps:
+            if p.kinks or p.stepwise or p.jumps or k in doubted:
                 found.append(k)
     return tuple(found)
 

@@ -79,6 +79,7 @@ class Named:
         ties: effects that cannot be told from it.
         touched: outputs on which it shows.
         rivals: the fitted models of it and of its ties, by id.
+        rest: the model without it.
     """
 
     id: str
@@ -86,6 +87,7 @@ class Named:
     ties: tuple[str, ...]
     touched: NDArray[np.bool_]
     rivals: Mapping[str, Node]
+    rest: Node
 
 
 @dataclass(frozen=True, eq=False)

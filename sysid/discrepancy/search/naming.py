@@ -216,6 +216,7 @@ class NamingSearch(CandidateSearch):
         """Each accepted effect against the model without it, and what ties with it there."""
         named = []
         for id in node.effects:
+            rest = base
             if len(node.effects) == 1:
                 judged: Sequence[Judged] = first
                 # one that a swap or a drop has left alone may not be among the first candidates
@@ -240,8 +241,18 @@ class NamingSearch(CandidateSearch):
                 and tied(mine.node, j.node)
             )
             rivals = {id: mine.node} | {j.id: j.node for j in judged if j.id in (id, *ties)}
-            named.append(Named(id, mine.evidence, ties, mine.node.touched, rivals))
+            named.append(Named(id, mine.evidence, ties, mine.node.touched, rivals, rest))
         return tuple(named)
+
+    def dropped(self, naming: Naming, id: str) -> Naming:
+        """Without one of the accepted effects: what is left is fitted and judged again."""
+        (gone,) = (n for n in naming.named if n.id == id)
+        minor = ((id, gone.evidence), *(m for m in naming.minor if m[0] != id))
+        if len(naming.named) == 1:
+            return replace(naming, final=naming.base, named=(), minor=minor, intervals={})
+        node = self.without(naming.final, id)
+        named = self.account(naming.base, node, self.model.effects, ())
+        return replace(naming, final=node, named=named, minor=minor, intervals={})
 
     def _beside(self, node: Node, rest: Node) -> Node:
         """The node with the effect that ``rest`` lacks as its newest, and the tracks it acts on."""

@@ -1,0 +1,127 @@
+"""The rule of acceptance once more, at the end: what is said of every accepted effect must hold.
+
+A search accepts an effect beside those found so far; what comes later changes its numbers. So each
+one is checked in the final model, by one rule: its gain is more than chance in spite of the effects
+tried, and a number of its own is away from doing nothing by its 95 % interval. The interval is that
+of the likelihood where a run jumps with the number or where slopes leave it in doubt.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sysid.discrepancy.augment import covariance_of
+from sysid.discrepancy.base_model import Base
+from sysid.discrepancy.named_effects import Dropped
+from sysid.discrepancy.policies import RULE
+from sysid.discrepancy.search.evidence import Evidence
+from sysid.discrepancy.search.intervals import DOUBTED
+from sysid.discrepancy.search.named_sets import Interval, Named, Naming, Node
+from sysid.effects.catalogue import CHANGED
+from sysid.fitting.profile import NORMAL
+
+ENDLESS = 100.0
+"""A null value beyond this stands for no limit at all."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """One free number of an accepted effect.
+
+    Attributes:
+        value, null: estimate, and the value at which the effect does nothing.
+        std_error: by slopes.
+        interval: 95 %, where slopes are not asked.
+    """
+
+    value: float
+    null: float
+    std_error: float
+    interval: Interval | None = None
+
+    @property
+    def away(self) -> bool:
+        """Whether 95 % say that the number does something."""
+        if self.interval is None:
+            return abs(self.value - self.null) > NORMAL * self.std_error > 0.0
+        if not self.interval.visited:
+            return False
+        low, high = self.interval.low, self.interval.high
+        if abs(self.null) > ENDLESS:
+            return (high if self.null > 0.0 else low) is not None
+        return not (low is None or low <= self.null) or not (high is None or high >= self.null)
+
+
+def against(evidence: Evidence, numbers: Sequence[Number]) -> str:
+    """What speaks against an accepted effect, in words after its name; empty where it stands.
+
+    Args:
+        evidence: of the final model against that without the effect.
+        numbers: its free numbers; none where it is read off the data.
+    """
+    if not evidence.delta_bic < RULE.bic:
+        return f"its numbers cost more than they gain (ΔBIC {evidence.delta_bic:.3g})"
+    if not evidence.ratio < RULE.own_part:
+        change = 100.0 * (evidence.ratio - 1.0)
+        return f"in the final model it changes the held-out error by {change:+.0f} %"
+    if not evidence.p_value < RULE.p:
+        return f"its gain may be chance (p = {evidence.p_value:.2g} among all effects tried)"
+    if numbers and not any(n.away for n in numbers):
+        return "none of its numbers is away from doing nothing by its 95 % interval"
+    return ""
+
+
+def weakest(base: Base, naming: Naming) -> Dropped | None:
+    """The accepted effect that stands least, or None where all do."""
+    found = [
+        (n, against(final_evidence(base, naming, n), numbers_of(base, naming, n)))
+        for n in naming.named
+    ]
+    failed = [(n, reason) for n, reason in found if reason]
+    if not failed:
+        return None
+    named, reason = max(failed, key=lambda f: f[0].evidence.delta_bic)
+    return Dropped(named.id, reason)
+
+
+def final_evidence(base: Base, naming: Naming, named: Named) -> Evidence:
+    """What speaks for an accepted effect in the final model, whose numbers others have moved."""
+    final = replace(naming.final, touched=named.touched)
+    return base.search.evidence(named.rest, final, len(base.search.model.effects))
+
+
+def numbers_of(base: Base, naming: Naming, named: Named) -> tuple[Number, ...]:
+    """The free numbers of an accepted effect in the final model."""
+    if named.id == CHANGED.id:
+        return ()
+    node, model = naming.final, base.search.model
+    at = _std_errors(base, node)
+    return tuple(
+        Number(float(node.q[k]), model.slots[k].null, at[k], naming.intervals.get(k))
+        for k in model.of(named.id)
+        if k in at
+    )
+
+
+def doubtful_slots(base: Base, naming: Naming) -> tuple[int, ...]:
+    """Free slots that slopes say nothing of, and all of an effect that they put nowhere far away.
+
+    A slope of nothing is no certainty: the log never goes where the number acts.
+    """
+    found: list[int] = []
+    node, model = naming.final, base.search.model
+    at = _std_errors(base, node)
+    for n in naming.named:
+        mine = [k for k in model.of(n.id) if k in at] if n.id != CHANGED.id else []
+        far = [abs(node.q[k] - model.slots[k].null) > DOUBTED * at[k] > 0.0 for k in mine]
+        found += mine if not any(far) else [k for k in mine if at[k] == 0.0]
+    return tuple(found)
+
+
+def _std_errors(base: Base, node: Node) -> dict[int, float]:
+    """Standard errors of the free slots by slopes; 0 where these say nothing."""
+    if not node.free:
+        return {}
+    errors = np.sqrt(np.maximum(np.diag(covariance_of(base, node)), 0.0))
+    return {k: float(e) for k, e in zip(node.free, errors, strict=True)}

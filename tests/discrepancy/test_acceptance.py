@@ -1,0 +1,136 @@
+"""The rule of acceptance at the end: nothing is said of an effect that its numbers do not bear."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sysid.data.record import Array, Channel, Record
+from sysid.discrepancy.base_model import Base, full_drive, plain_base
+from sysid.discrepancy.findings import sentence_of
+from sysid.discrepancy.named_effects import NamedEffect, Value
+from sysid.discrepancy.proof.acceptance import Number, against, doubtful_slots
+from sysid.discrepancy.search.evidence import Evidence
+from sysid.discrepancy.search.named_sets import Interval, Naming
+from sysid.discrepancy.study import Study
+from sysid.discrepancy.verdict import Remaining, verdict_of
+from sysid.effects.catalogue import about, chain_effects
+from sysid.structures.augmented.structure import Augmented
+
+CLEAR = Evidence(-60.0, 6.0, 0.9, 0.5, 1e-6)
+AWAY = Number(0.3, 0.0, 0.05)
+
+
+def test_what_stands_is_not_spoken_against() -> None:
+    assert against(CLEAR, [AWAY]) == ""
+    assert against(CLEAR, []) == ""  # read off the data: it has no number of its own
+
+
+@pytest.mark.parametrize(
+    ("evidence", "number", "words"),
+    [
+        (CLEAR, Number(-0.031, 0.0, 0.062), "away from doing nothing"),
+        (replace(CLEAR, p_value=0.118), AWAY, "may be chance (p = 0.12"),
+        (replace(CLEAR, p_value=0.062), AWAY, "may be chance (p = 0.062"),
+        (replace(CLEAR, delta_bic=-5.0), AWAY, "cost more than they gain"),
+        (replace(CLEAR, ratio=1.15), AWAY, "changes the held-out error by +15 %"),
+        (CLEAR, Number(0.3, 0.0, 0.0), "away from doing nothing"),  # a slope of nothing
+        (CLEAR, Number(0.3, 0.0, 0.01, Interval(0.0, 0.6)), "away from doing nothing"),
+        (CLEAR, Number(0.3, 0.0, 0.01, Interval(0.2, 0.4, visited=False)), "away"),
+        (CLEAR, Number(0.9, 1e6, 0.01, Interval(0.8, None)), "away from doing nothing"),
+    ],
+)
+def test_what_evidence_speaks_against_is_dropped(
+    evidence: Evidence, number: Number, words: str
+) -> None:
+    assert words in against(evidence, [number])
+
+
+def test_one_number_away_from_its_null_is_enough_and_a_limit_needs_its_upper_end() -> None:
+    assert against(CLEAR, [Number(0.01, 0.0, 0.1), AWAY]) == ""
+    assert Number(0.9, 1e6, 0.0, Interval(0.8, 0.95)).away
+    assert Number(0.3, 0.0, 9.0, Interval(0.1, 0.5)).away  # the likelihood knows better
+
+
+def lagging(samples: int = 600) -> tuple[Array, Array]:
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.uniform(0.2, 1.0, samples // 20), 20)[:, None]  # never backwards
+    s = Augmented(1, 1, (1.0,), 0.05, ())
+    y = s.simulate(np.array([20.0, -0.8]), u) + 0.05 * rng.standard_normal((samples, 1))
+    return u, y
+
+
+@pytest.fixture(scope="module")
+def base() -> Base:
+    u, y = lagging()
+    record = Record(u, y, 0.05, (Channel("volts", "V"),), (Channel("omega", "rad/s"),))
+    some = [e for e in chain_effects() if e.id == "dead-zone"]
+    return plain_base([record], None, some)
+
+
+def named(base: Base) -> Naming:
+    """A dead zone with numbers of both sides; the log drives one."""
+    search, q = base.search, base.node.q.copy()
+    mine = search.model.of("dead-zone")
+    q[list(mine)] = [0.05, 0.05, 0.0]
+    node = search.node(("dead-zone",), q, (*base.node.free, *mine))
+    return Naming(base.node, node, search.account(base.node, node, (), ()), (), ())
+
+
+def test_a_side_that_slopes_say_nothing_of_is_asked_of_the_likelihood(base: Base) -> None:
+    slots = base.search.model.slots
+    doubted = {slots[k].name for k in doubtful_slots(base, named(base))}
+    assert "minus" in doubted
+
+
+def test_a_name_that_does_not_stand_is_dropped_with_the_reason(base: Base) -> None:
+    scales = full_drive(base.parts.estimation)
+    study = Study(base, np.array([0.05]), scales, 0)
+    kept, dropped = study.confirmed(named(base))
+    assert kept.named == ()
+    assert kept.final is base.node
+    (gone,) = dropped
+    assert gone.id == "dead-zone"
+    assert gone.reason
+    assert "dead-zone" in dict(kept.minor)
+
+
+def test_a_number_on_a_bound_is_said_to_be_on_it() -> None:
+    value = Value("kappa[omega]", -0.9, 0.0, "1/drive", bounded=True)
+    said = sentence_of(about("concave-gain"), [value], ())
+    assert "the more it answers" in said
+    assert "± 0" not in said
+    assert "= -0.9 1/drive (on the bound of the search)" in said
+    assert value.to_json()["on_bound"] is True
+
+
+def test_a_side_never_driven_is_not_plus_minus_nothing() -> None:
+    seen = Value("plus[omega]", 0.2, 0.01, "drive")
+    said = sentence_of(about("dead-zone"), [seen, Value("minus[omega]", math.nan, None, "")], ())
+    assert "minus[omega] is not seen in this log" in said
+
+
+@pytest.mark.parametrize("id", ["quantisation", "held-telemetry", "dropouts"])
+def test_what_only_the_samples_show_is_no_missing_effect(id: str) -> None:
+    quiet = Remaining(None, None)  # type: ignore[arg-type]
+    assert verdict_of([id], quiet, False) == "no-missing-effect"
+    assert verdict_of([id, "dead-zone"], quiet, False) == "effects-found"
+    assert verdict_of([id], quiet, True) == "unexplained"
+
+
+@pytest.mark.parametrize(
+    ("explains", "remains", "words"),
+    [
+        (62.4, "something else remains where it runs backward", "Explains 62 % of the gap; some"),
+        (99.6, "", "Explains 100 % of the gap."),
+        (0.4, "", "Explains less than 1 % of the gap."),
+        (None, "", ""),
+    ],
+)
+def test_an_entry_says_how_well_its_law_fits(
+    explains: float | None, remains: str, words: str
+) -> None:
+    entry = NamedEffect("x", "motor", (), (), -9.0, 0.0, 0.5, (), "", explains, remains)
+    assert entry.fit_words.startswith(words)
+    assert bool(entry.fit_words) == bool(words)
