@@ -142,9 +142,10 @@ def test_document(
     (effect,) = found["effects"]
     assert set(effect) == {
         "id", "stage", "channels", "parameters", "evidence", "indistinguishable", "sentence",
+        "explains_percent", "remains",
     }  # fmt: skip
     assert set(effect["parameters"][0]) == {
-        "name", "value", "std_error", "unit", "interval", "visited",
+        "name", "value", "std_error", "unit", "interval", "visited", "on_bound",
     }  # fmt: skip
     assert set(effect["evidence"]) == {"delta_bic", "p_value", "heldout_gain"}
     assert found["candidates"][0] == {"id": "dead-zone", "score": 0.9}

@@ -128,7 +128,7 @@ def test_a_side_that_is_never_driven_is_not_visited() -> None:
         assert values[name].words == "not seen in this log"
         assert values[name].to_json() == {
             "name": name, "value": None, "std_error": None, "unit": "drive",
-            "interval": None, "visited": False,
+            "interval": None, "visited": False, "on_bound": False,
         }  # fmt: skip
     assert values["plus[omega_l]"].visited
     rows = {p.name: p for p in model_of(base, naming.final, naming.intervals).parameter_table()}
