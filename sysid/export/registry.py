@@ -10,7 +10,12 @@ from sysid.extensions import loaded, points, unusable
 GROUP = "sysid.exporters"
 """The entry-point group in which other packages name a class of theirs."""
 
-BUILT_IN = {"json": "package_only:PackageOnly", "c": "c.exporter:C", "fmu": "fmu.exporter:Fmu"}
+BUILT_IN = {
+    "json": "package_only:PackageOnly",
+    "c": "c.exporter:C",
+    "fmu": "fmu.exporter:Fmu",
+    "fmu3": "fmu.exporter:Fmu3",
+}
 """Module and class of the exporters that come with the package."""
 
 DEFAULT = ("json", "c")

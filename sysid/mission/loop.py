@@ -264,18 +264,11 @@ class Loop:
             The state after it, and its row of the log (:attr:`columns`).
         """
         scene, xp = self.scene, self.xp
-        drive = state.pwm[0] / PWM_FULL_SCALE, state.pwm[1] / PWM_FULL_SCALE
-        # what is decided before this sample reaches it now: the reading is of what was held
+        # the reading is of what was held: what is decided before this sample reaches it only now
         moved = self._driven(state, tick)
         omega = self._turning(state, tick.t) if moved is None else moved[0]
-        for t in tick.before:
-            state = self._decided(state, t)
         state, readings = self._read(state, omega, moved, tick, draws)
-        seen = NavigationInputs(tick.t, readings, scene, drive)
-        remembered, estimate = self.navigation.step(state.navigation, seen, tick.dt, xp)
-        state = state._replace(navigation=remembered, estimate=estimate)
-        for t in tick.now:
-            state = self._decided(state, t)
+        state = self.steered(state, tick, readings)
         plant = state.plant
         if moved is None:
             plant, omega = self._wheels(state, tick.t)
@@ -298,6 +291,27 @@ class Loop:
         for part, law in self.reporting:
             row = (*row, *law.report(getattr(state, part), xp))
         return state, row
+
+    def steered(self, state: LoopState, tick: Tick, readings: Mapping[str, Real]) -> LoopState:
+        """Navigation, guidance and control at one sample: the part of a robot's computer.
+
+        Args:
+            state: after the sample before.
+            tick: the sample.
+            readings: what the sensors read at it, the wheels among them.
+
+        Returns:
+            The state with another estimate and PWM; plant and vehicle have not moved.
+        """
+        drive = state.pwm[0] / PWM_FULL_SCALE, state.pwm[1] / PWM_FULL_SCALE
+        for t in tick.before:
+            state = self._decided(state, t)
+        seen = NavigationInputs(tick.t, readings, self.scene, drive)
+        remembered, estimate = self.navigation.step(state.navigation, seen, tick.dt, self.xp)
+        state = state._replace(navigation=remembered, estimate=estimate)
+        for t in tick.now:
+            state = self._decided(state, t)
+        return state
 
     def _driven(self, state: LoopState, tick: Tick) -> Moved | None:
         """Wheel speeds and motion at this sample where the motion turns the tracks itself."""

@@ -1,4 +1,4 @@
-"""The plant as a unit of FMI 2.0, by tools that are not ours."""
+"""The plant as a unit of FMI, by tools that are not ours."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -12,7 +12,7 @@ from plant_models import bench_model, robot_model
 from sysid.errors import ModelError
 from sysid.export.fmu import archive
 from sysid.export.package import package_files, write_package
-from sysid.export.verification.runtimes import UNIT, CoSimulated
+from sysid.export.verification.co_simulated import UNIT, CoSimulated, replays_of
 from sysid.plant.package import files_of, load_plant
 from sysid.plant.selftest import NAME, read_csv
 from sysid.structures.model import Model
@@ -79,8 +79,8 @@ def test_a_plant_whose_output_jumps_with_its_input_gives_what_python_gives(
     for name, content in files.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(content)
-    test = read_csv(files[NAME], plant, "plant")
-    found = CoSimulated("libcosimpy" if late else "FMPy", plant, test, late).replay(tmp_path, files)
+    replays = replays_of(files, plant, read_csv(files[NAME], plant, "plant"))
+    found = CoSimulated("libcosimpy" if late else "FMPy", replays, late).replay(tmp_path, files)
     assert found.failed == ""
     assert found.max_error is not None
     assert found.max_error < 1e-9

@@ -5,16 +5,52 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
+from string import Template
 
 from sysid.errors import ModelError
-from sysid.export.fmu.description import Unit
+from sysid.export.c.writing import number
+from sysid.export.fmu.description import Unit, build_description, xml_2, xml_3
 from sysid.plant.storage import zip_bytes
+from sysid.version import __version__
 
 SECONDS = 120.0
 """What a compiler may take: it takes a second."""
+
+
+@dataclass(frozen=True)
+class Version:
+    """A version of the standard.
+
+    Attributes:
+        number: its own.
+        functions: the C file with its functions.
+        xml: writes modelDescription.xml.
+        folders: (system, machine) → folder of the binaries.
+    """
+
+    number: str
+    functions: str
+    xml: Callable[[Unit], str]
+    folders: Callable[[str, str], str]
+
+
+def _folder_2(system: str, machine: str) -> str:
+    bits = "64" if sys.maxsize > 2**32 else "32"
+    short = {"linux": "linux", "windows": "win", "darwin": "darwin"}.get(system, system)
+    return f"{short}{bits}" if machine in ("x86_64", "x86") else f"{machine}-{short}"
+
+
+def _folder_3(system: str, machine: str) -> str:
+    return f"{machine}-{system}"
+
+
+FMI_2 = Version("2.0", "fmi2.c", xml_2, _folder_2)
+FMI_3 = Version("3.0", "fmi3.c", xml_3, _folder_3)
 
 
 def headers() -> Path:
@@ -32,25 +68,50 @@ def headers() -> Path:
     return Path(found.origin).parent / "c-code"
 
 
-def archive(unit: Unit, sources: Mapping[str, str]) -> bytes:
+def archive(unit: Unit, version: Version = FMI_2) -> bytes:
     """The unit as a zip whose bytes depend on its content and the compiler alone.
-
-    Args:
-        unit: what it says of itself.
-        sources: C files and headers by name.
 
     Raises:
         ModelError: FMPy is not installed, or the compiler refuses the code.
     """
-    files = {f"sources/{n}": text.encode("utf-8") for n, text in sources.items()}
-    files["modelDescription.xml"] = unit.xml().encode("utf-8")
-    binary = compiled(unit, sources)
+    sources = sources_of(unit, version)
+    inside = {f"sources/{n}": text.encode("utf-8") for n, text in sources.items()}
+    if version is FMI_3:
+        inside["sources/buildDescription.xml"] = build_description(unit).encode("utf-8")
+    inside["modelDescription.xml"] = version.xml(unit).encode("utf-8")
+    binary = compiled(unit, sources, version)
     if binary is not None:
-        files[f"binaries/{_platform()}/{unit.name}{_suffix()}"] = binary
-    return zip_bytes(files)
+        folder = version.folders(platform.system().lower(), _machine())
+        inside[f"binaries/{folder}/{unit.name}{_suffix()}"] = binary
+    return zip_bytes(inside)
 
 
-def compiled(unit: Unit, sources: Mapping[str, str]) -> bytes | None:
+def sources_of(unit: Unit, version: Version) -> dict[str, str]:
+    """All C files and headers of a unit by name."""
+    table = ",\n".join(
+        f"    {{{number(v.start if v.started else 0.0)}, {v.role.in_c}, "
+        f"{int(v.boolean)}, {int(v.may_be_nan)}}}"
+        for v in unit.variables
+    )
+    model = _filled(
+        "model.h",
+        title=f"The {unit.name} as a unit.",
+        guid=unit.guid,
+        includes="\n".join(f'#include "{n}"' for n in sorted(unit.sources) if n.endswith(".h")),
+        sample_time=number(unit.sample_time),
+        variables=str(len(unit.variables)),
+        table=table,
+        code=unit.code.strip("\n"),
+    )
+    return {
+        **unit.sources,
+        "fmu_model.h": model,
+        "unit.h": _filled("unit.h"),
+        version.functions: _filled(version.functions),
+    }
+
+
+def compiled(unit: Unit, sources: Mapping[str, str], version: Version) -> bytes | None:
     """The shared library of a unit; None where no compiler is installed.
 
     Raises:
@@ -65,8 +126,10 @@ def compiled(unit: Unit, sources: Mapping[str, str]) -> bytes | None:
         for name, text in sources.items():
             (folder / name).write_text(text, encoding="utf-8")
         target = f"{unit.name}{_suffix()}"
-        flags = ["-std=c99", "-O2", "-ffp-contract=off", "-shared", "-fPIC", "-fvisibility=default"]
-        command = [compiler, *flags, f"-I{include}", "-o", target, *unit.sources, "-lm"]
+        # hidden: functions of two units in one process must not meet
+        flags = ["-std=c99", "-O1", "-ffp-contract=off", "-shared", "-fPIC", "-fvisibility=hidden"]
+        names = [version.functions, *unit.compiled]
+        command = [compiler, *flags, f"-I{include}", "-o", target, *names, "-lm"]
         done = subprocess.run(
             command, cwd=folder, capture_output=True, text=True, check=False, timeout=SECONDS
         )
@@ -75,13 +138,16 @@ def compiled(unit: Unit, sources: Mapping[str, str]) -> bytes | None:
         return (folder / target).read_bytes()
 
 
-def _platform() -> str:
-    """The folder of this platform's binary, as FMI 2.0 calls it."""
-    bits = "64" if sys.maxsize > 2**32 else "32"
-    system = {"Linux": "linux", "Windows": "win", "Darwin": "darwin"}.get(platform.system(), "")
-    if platform.machine().lower() not in ("x86_64", "amd64", "i386", "i686"):
-        return f"{platform.machine()}-{system}"
-    return f"{system}{bits}"
+def _filled(template: str, **values: str) -> str:
+    text = files("sysid.export.fmu").joinpath("templates", template).read_text(encoding="utf-8")
+    return Template(text).substitute(version=__version__, **values)
+
+
+def _machine() -> str:
+    """This processor as FMI 3.0 calls it."""
+    name = platform.machine().lower()
+    known = {"amd64": "x86_64", "i386": "x86", "i686": "x86", "arm64": "aarch64"}
+    return known.get(name, name)
 
 
 def _suffix() -> str:

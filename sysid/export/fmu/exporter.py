@@ -1,77 +1,54 @@
-"""The format ``fmu``: the plant as a unit of FMI 2.0 for co-simulation."""
+"""The formats ``fmu`` and ``fmu3``: units of FMI 2.0 and 3.0 for co-simulation."""
 
-import hashlib
 from collections.abc import Mapping
-from importlib.resources import files
-from string import Template
 from typing import ClassVar
 
-import numpy as np
-
 from sysid.export.base import Exporter, Source
-from sysid.export.c.source import c_sources
-from sysid.export.c.writing import number
-from sysid.export.fmu.archive import archive, headers
-from sysid.export.fmu.description import Unit, Variable
-from sysid.version import __version__
+from sysid.export.fmu.archive import FMI_2, FMI_3, Version, archive, headers
+from sysid.export.fmu.description import Unit
+from sysid.export.fmu.loop_replay import loop_replays
+from sysid.export.fmu.loop_units import loop_units
+from sysid.export.fmu.plant_unit import plant_unit
+from sysid.export.fmu.system_structure import system_structure
 
-_USAGE = """For co-simulation (`fmu/plant.fmu`, FMI 2.0): inputs and outputs are those above, a step
-is a multiple of the sample time. Parameters `start_0` … are where the states begin, as changes from
-rest.
+_USAGE = """For co-simulation (`{folder}/plant.fmu`, FMI {number}): inputs and outputs are those
+above, a step is a multiple of the sample time. Parameters `start_0` … are where the states begin,
+as changes from rest; with start_settled the plant begins in steady motion under its first inputs.
 """
 
 
 class Fmu(Exporter):
-    """``plant.fmu``."""
+    """``plant.fmu`` of FMI 2.0, and what drives it."""
 
     name: ClassVar[str] = "fmu"
     title: ClassVar[str] = "FMU"
+    version: ClassVar[Version] = FMI_2
 
     def files(self, source: Source) -> Mapping[str, str | bytes]:
-        """The unit.
+        """The units.
 
         Raises:
             ModelError: FMPy is not installed, or the plant cannot be written as C.
         """
         headers()  # asked first: the sentence about what is missing must not wait
-        return {"plant.fmu": plant_unit(source)}
+        units: list[Unit] = [plant_unit(source)]
+        files: dict[str, str | bytes] = {}
+        if source.loop is not None:
+            made = loop_units(source.loop, source.name)
+            units += [made.controller, made.vehicle]
+            for name, rows in loop_replays(source.loop, made).items():
+                files[f"{name}.csv"] = rows.text()
+            files["SystemStructure.ssd"] = system_structure(made, units[0], source.loop)
+        return files | {f"{u.name}.fmu": archive(u, self.version) for u in units}
 
     def usage(self) -> str:
-        """What the unit is."""
-        return _USAGE
+        """What the units are."""
+        return _USAGE.format(folder=self.name, number=self.version.number)
 
 
-def plant_unit(source: Source) -> bytes:
-    """The plant as a unit."""
-    model = source.model
-    c = c_sources(model, source.selftest, source.name)
-    sources = {n: c[n] for n in ("plant.h", "plant.c")}
-    rest = np.asarray(model.detrend.u_offset, dtype=float)
-    states = model.structure.n_states(model.theta)
-    variables = (
-        *(
-            Variable(ch.name, "input", ch.unit, "held from one step to the next", float(u))
-            for ch, u in zip(model.inputs, rest, strict=True)
-        ),
-        *(Variable(ch.name, "output", ch.unit, "at this instant") for ch in model.outputs),
-        *(
-            Variable(f"start_{k}", "parameter", "", "where this state begins, from rest", 0.0)
-            for k in range(states)
-        ),
-    )
-    text = "".join(sources[n] for n in sorted(sources)) + repr(variables)
-    guid = f"{{{hashlib.sha256(text.encode('utf-8')).hexdigest()[:32]}}}"
-    start = ",\n".join(f"    {number(v.start or 0.0)}" for v in variables)
-    sources["fmu_model.h"] = _filled(
-        "plant_model.h", guid=guid, variables=str(len(variables)), start=start
-    )
-    sources["fmi2.c"] = _filled("fmi2.c")
-    unit = Unit(
-        "plant", guid, model.dt, variables, ("fmi2.c", "plant.c"), f"{source.name}, by sysid"
-    )
-    return archive(unit, sources)
+class Fmu3(Fmu):
+    """The same of FMI 3.0."""
 
-
-def _filled(template: str, **values: str) -> str:
-    text = files("sysid.export.fmu").joinpath("templates", template).read_text(encoding="utf-8")
-    return Template(text).substitute(version=__version__, **values)
+    name: ClassVar[str] = "fmu3"
+    title: ClassVar[str] = "FMU of FMI 3.0"
+    version: ClassVar[Version] = FMI_3

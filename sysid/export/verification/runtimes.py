@@ -2,23 +2,15 @@
 
 import shutil
 import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from importlib.metadata import version
-from importlib.util import find_spec
 from pathlib import Path
 from platform import python_version
 from typing import Protocol
 
-import numpy as np
-
-from sysid.data.record import Array
 from sysid.errors import ModelError
-from sysid.plant.selftest import TOLERANCE, SelfTest
 from sysid.plant.storage import Files
-from sysid.structures.plant import Plant
 
 SECONDS = 120.0
 """What a compiler or a self-test may take: they take a second, and a program that was tampered with
@@ -157,10 +149,10 @@ class Compiled:
         if program == "selftest":
             sources = [s for s in sources if s == "plant.c"]
         made = f"{program}_{self.name}"
-        done = _run(self.build(made, [PROGRAMS[program], *sources]), c)
+        done = run(self.build(made, [PROGRAMS[program], *sources]), c)
         if done.returncode:
             raise ModelError(f"{program} does not compile: {_sentence(done.stderr)}")
-        done = _run(self.command(made), c)
+        done = run(self.command(made), c)
         lines = done.stdout.splitlines()
         if done.returncode or not lines:
             why = " ".join(f"{done.stdout} {done.stderr}".split())[:MOST_SAID]
@@ -183,67 +175,6 @@ def _instructions(printed: Sequence[str]) -> dict[str, dict[str, float]]:
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class CoSimulated:
-    """The plant as a unit of FMI, by a tool that runs such units.
-
-    Attributes:
-        name: of the tool, and of the package of Python that has it.
-        plant: what the unit must equal.
-        test: the self-test.
-        late: whether it tells outputs one sample after the inputs, which are still held.
-    """
-
-    name: str
-    plant: Plant
-    test: SelfTest
-    late: bool = False
-
-    @property
-    def expected(self) -> Array:
-        """Outputs that the tool must tell, (N, ny)."""
-        if not self.late:
-            return self.test.y
-        state, rows = self.plant.initial_state(), []
-        for u in self.test.u:
-            state, _ = self.plant.step(state, u)
-            rows.append(self.plant.readout(state, u))
-        return np.array(rows)
-
-    def replay(self, folder: Path, files: Files) -> Result:
-        """Run the unit in a process of its own."""
-        for module in ("fmpy", self.name.lower()):
-            if find_spec(module) is None:
-                extra = "pip install 'sysid-workbench[fmu]'"
-                return Result(self.name, skipped=f"{module} is not installed: {extra}")
-        installed = version(self.name)
-        if UNIT not in files:
-            return Result(self.name, installed, skipped="the package has no FMU")
-        inputs, outputs = (folder / f"{n}-{self.name}.csv" for n in ("inputs", "outputs"))
-        inputs.write_text("\n".join(",".join(map(repr, row)) for row in self.test.u.tolist()))
-        command = [sys.executable, "-m", _UNITS, self.name, str(folder / UNIT)]
-        try:
-            done = _run([*command, str(inputs), str(outputs)], folder)
-        except ModelError as refused:
-            return Result(self.name, installed, failed=str(refused))
-        y = _table(outputs)
-        if done.returncode or y.shape != self.test.y.shape:
-            why = done.stderr.strip().splitlines()[-1:] or ["no answer"]
-            return Result(self.name, installed, failed=f"the unit does not run: {why[0]}")
-        error = float(np.max(np.abs(y - self.expected) / self.test.scale()))
-        return Result(self.name, installed, error, error <= TOLERANCE)
-
-
-def _table(path: Path) -> Array:
-    """Numbers of a CSV file; none where there is no file."""
-    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
-    return np.array([[float(v) for v in line.split(",")] for line in lines])
-
-
-_UNITS = "sysid.export.verification.units"
-UNIT = "fmu/plant.fmu"
-"""Where a package has its plant as a unit."""
-
 COMPILED = (
     Compiled("gcc", "gcc"),
     Compiled("clang", "clang"),
@@ -259,7 +190,7 @@ def _number(word: str) -> float:
 
 
 def _first_line(command: Sequence[str], folder: Path) -> str:
-    lines = _run(command, folder).stdout.splitlines()
+    lines = run(command, folder).stdout.splitlines()
     return lines[0].strip() if lines else ""
 
 
@@ -269,7 +200,7 @@ def _sentence(text: str) -> str:
     return lines[0] if lines else " ".join(text.split())[:200]
 
 
-def _run(command: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:
+def run(command: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:
     """Run a command to its end or to :data:`SECONDS`, whichever is first.
 
     Raises:

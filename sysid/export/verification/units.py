@@ -1,51 +1,52 @@
-"""A unit of FMI through the inputs of a self-test, in a process of its own.
+"""Units of FMI through rows of inputs, in a process of its own.
 
-Run as ``python -m sysid.export.verification.units TOOL UNIT INPUTS OUTPUTS``: both are CSV files
-without a header, the second is written. What runs is native code of a package,
-which must not take this process with it.
+Run as ``python -m sysid.export.verification.units TOOL CASES OUTPUTS``: CASES is a JSON list of
+{unit: file, inputs, outputs: names of variables, u: rows}, OUTPUTS is written with a table of
+values for each. What runs is native code of a package, which must not take that process with it.
 """
 
-import csv
+import json
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-
-from sysid.data.record import Array
-
-Run = Callable[[Path, Array], Array]
+Rows = list[list[float]]
+Run = Callable[[Path, Sequence[str], Sequence[str], Rows], Rows]
 
 
-def by_fmpy(unit: Path, u: Array) -> Array:
-    """Outputs (N, ny) at the instants of the inputs (N, nu), by FMPy."""
+def by_fmpy(unit: Path, inputs: Sequence[str], outputs: Sequence[str], u: Rows) -> Rows:
+    """Outputs at the instants of the inputs, by FMPy, in the version of the unit."""
     fmpy = import_module("fmpy")
-    fmi2 = import_module("fmpy.fmi2")
     about = fmpy.read_model_description(str(unit))
+    second = about.fmiVersion.startswith("2")
+    slave_class = (
+        import_module("fmpy.fmi2").FMU2Slave if second else import_module("fmpy.fmi3").FMU3Slave
+    )
     folder = fmpy.extract(str(unit))
     try:
-        slave = fmi2.FMU2Slave(
+        slave = slave_class(
             guid=about.guid,
             unzipDirectory=folder,
             modelIdentifier=about.coSimulation.modelIdentifier,
             instanceName="verified",
         )
-        inputs, outputs = (
-            [v.valueReference for v in about.modelVariables if v.causality == kind]
-            for kind in ("input", "output")
-        )
-        dt = float(about.defaultExperiment.stepSize)
         slave.instantiate()
-        slave.setupExperiment(startTime=0.0)
+        if second:
+            slave.setupExperiment(startTime=0.0)
         slave.enterInitializationMode()
         slave.exitInitializationMode()
-        y = np.zeros((len(u), len(outputs)))
+        put, get = (
+            (slave.setReal, slave.getReal) if second else (slave.setFloat64, slave.getFloat64)
+        )
+        places, shown = _places(about, inputs), _places(about, outputs)
+        dt, y = float(about.defaultExperiment.stepSize), []
         for k, row in enumerate(u):
-            slave.setReal(inputs, row.tolist())
-            y[k] = slave.getReal(outputs)
+            put(places, row)
+            y.append([float(v) for v in get(shown)])
             slave.doStep(currentCommunicationPoint=k * dt, communicationStepSize=dt)
         slave.terminate()
         slave.freeInstance()
@@ -54,45 +55,47 @@ def by_fmpy(unit: Path, u: Array) -> Array:
     return y
 
 
-def by_libcosim(unit: Path, u: Array) -> Array:
-    """Outputs (N, ny) one sample after each input, which is still held, by libcosim."""
+def by_libcosim(unit: Path, inputs: Sequence[str], outputs: Sequence[str], u: Rows) -> Rows:
+    """Outputs one sample after each row of inputs, which is still held, by libcosim."""
     execution_class = import_module("libcosimpy.CosimExecution").CosimExecution
     slave_class = import_module("libcosimpy.CosimSlave").CosimLocalSlave
     manipulator = import_module("libcosimpy.CosimManipulator").CosimManipulator.create_override()
     observer = import_module("libcosimpy.CosimObserver").CosimObserver.create_last_value()
     about = import_module("fmpy").read_model_description(str(unit))
-    inputs, outputs = (
-        [v.valueReference for v in about.modelVariables if v.causality == kind]
-        for kind in ("input", "output")
-    )
+    places, shown = _places(about, inputs), _places(about, outputs)
     step = round(1e9 * float(about.defaultExperiment.stepSize))
     execution = execution_class.from_step_size(step_size=step)
     index = execution.add_local_slave(slave_class(fmu_path=str(unit), instance_name="verified"))
     execution.add_manipulator(manipulator=manipulator)
     execution.add_observer(observer=observer)
-    y = np.zeros((len(u), len(outputs)))
-    for k, row in enumerate(u):
-        manipulator.slave_real_values(
-            slave_index=index, variable_references=inputs, values=row.tolist()
-        )
+    y = []
+    for row in u:
+        manipulator.slave_real_values(slave_index=index, variable_references=places, values=row)
         execution.step()
-        y[k] = observer.last_real_values(slave_index=index, variable_references=outputs)
+        found = observer.last_real_values(slave_index=index, variable_references=shown)
+        y.append([float(v) for v in found])
     return y
+
+
+def _places(about: Any, names: Sequence[str]) -> list[int]:
+    """Value references of variables."""
+    known = {v.name: v.valueReference for v in about.modelVariables}
+    return [known[name] for name in names]
 
 
 TOOLS: dict[str, Run] = {"FMPy": by_fmpy, "libcosimpy": by_libcosim}
 
 
-def main(tool: str, unit: str, inputs: str, outputs: str) -> None:
-    """Write the outputs."""
-    with open(inputs, newline="", encoding="utf-8") as rows:
-        u = np.array([[float(v) for v in row] for row in csv.reader(rows)])
+def main(tool: str, asked: str, given: str) -> None:
+    """Write the outputs, after every unit anew: what was done stays where the next one fails."""
+    tables = []
     with tempfile.TemporaryDirectory(prefix="sysid-unit-") as folder:
-        copy = Path(folder) / "plant.fmu"
-        shutil.copyfile(unit, copy)
-        y = TOOLS[tool](copy, u)
-    with open(outputs, "w", newline="", encoding="utf-8") as rows:
-        csv.writer(rows).writerows([[repr(float(v)) for v in row] for row in y])
+        for k, case in enumerate(json.loads(Path(asked).read_text(encoding="utf-8"))):
+            copy = Path(folder) / str(k) / Path(case["unit"]).name
+            copy.parent.mkdir()
+            shutil.copyfile(case["unit"], copy)
+            tables.append(TOOLS[tool](copy, case["inputs"], case["outputs"], case["u"]))
+            Path(given).write_text(json.dumps(tables), encoding="utf-8")
 
 
 if __name__ == "__main__":

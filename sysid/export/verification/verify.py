@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from sysid.errors import ModelError
+from sysid.export.verification.co_simulated import CoSimulated, replays_of
 from sysid.export.verification.cortex_m import CORTEX_M4
-from sysid.export.verification.runtimes import COMPILED, CoSimulated, Python, Result, Runtime
+from sysid.export.verification.runtimes import COMPILED, Python, Result, Runtime
 from sysid.plant.package import files_of, read_package
 from sysid.plant.selftest import NAME, TOLERANCE, SelfTest, read_csv, run
 from sysid.plant.storage import Files
@@ -55,12 +56,13 @@ def verify(path: str | Path) -> Verification:
     files = files_of(path)
     plant = package.plant()
     test = _selftest(plant, files, str(path))
+    replays = replays_of(files, plant, test)
     runtimes: tuple[Runtime, ...] = (
         Python(_replayed(plant, test), TOLERANCE),
         *COMPILED,
         CORTEX_M4,
-        CoSimulated("FMPy", plant, test),
-        CoSimulated("libcosimpy", plant, test, late=True),
+        CoSimulated("FMPy", replays),
+        CoSimulated("libcosimpy", replays, late=True, folders=("fmu",)),
     )
     with tempfile.TemporaryDirectory(prefix="sysid-verify-") as made:
         folder = Path(made)

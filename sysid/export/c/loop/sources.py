@@ -47,18 +47,27 @@ def loop_sources(loop: Loop, precision: Precision) -> LoopSources:
     Raises:
         ModelError: a law cannot be written as C.
     """
-    if not isinstance(loop.plant, RobotPlant):
-        raise ModelError("the loop drives no robot: map the plant with as_robot first")
-    blocks = {name: recorded(law) for name, law in laws(loop).items()}
+    blocks, files = law_sources(loop)
     drive = driven(loop)
-    files: dict[str, str] = {}
-    for block in blocks.values():
-        files |= _law_files(block)
-    files |= _controller_files(loop, blocks)
     files["loop_data.h"] = _data(blocks, drive)
     files["loop_selftest.c"] = _selftest(loop, blocks, drive, precision)
     files["report.md"] = report(loop, tuple(blocks.values()), drive, precision)
     return LoopSources(files, blocks["navigation"])
+
+
+def law_sources(loop: Loop) -> tuple[dict[str, Block], dict[str, str]]:
+    """The laws of a closed loop as C, and their files, with those of the controller they make.
+
+    Raises:
+        ModelError: a law cannot be written as C.
+    """
+    if not isinstance(loop.plant, RobotPlant):
+        raise ModelError("the loop drives no robot: map the plant with as_robot first")
+    blocks = {name: recorded(law) for name, law in laws(loop).items()}
+    files: dict[str, str] = {}
+    for block in blocks.values():
+        files |= _law_files(block)
+    return blocks, files | _controller_files(loop, blocks)
 
 
 def _law_files(block: Block) -> dict[str, str]:

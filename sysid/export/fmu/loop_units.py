@@ -1,0 +1,337 @@
+"""What drives a plant as a unit, and the vehicle that moves on its tracks as another one."""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from sysid.data.record import PWM_FULL_SCALE
+from sysid.errors import ModelError
+from sysid.export.c.fields import places
+from sysid.export.c.loop.block import Block
+from sysid.export.c.loop.laws import numbers
+from sysid.export.c.loop.laws_of_mission import ESTIMATE, flat, scene_numbers
+from sysid.export.c.loop.members import described
+from sysid.export.c.loop.sources import law_sources
+from sysid.export.c.loop.trees import identifier
+from sysid.export.c.precision import DOUBLE
+from sysid.export.c.writing import number
+from sysid.export.fmu.description import Role, Unit, Variable, named_apart
+from sysid.export.fmu.wiring import Wiring, wiring_of
+from sysid.mission.contracts import TurnsTracks
+from sysid.mission.loop import Loop
+from sysid.mission.robot.robot_plant import RobotPlant
+
+THOUGHTS = ("reference_speed", "reference_psi", "v_cmd", "psi_cmd")
+"""Outputs of the controller beside its commands and its estimate."""
+
+_CONTROLLER = """
+typedef struct {{
+    controller_parameters laws;
+    navigation_parameters navigation;
+}} all_parameters;
+
+typedef struct {{
+    controller_state laws;
+    navigation_state navigation;
+    navigation_outputs estimate;
+    controller_outputs decided;
+    double sample;  /* that comes next */
+    double instant; /* of control that comes next */
+}} fmu_state;
+
+static void parameters_of(const double *r, all_parameters *p)
+{{
+    controller_defaults(&p->laws);
+    navigation_defaults(&p->navigation);
+{parameters}
+}}
+
+static const char *fmu_begin(fmu_state *state, const double *r)
+{{
+    all_parameters p;
+    parameters_of(r, &p);
+    memset(state, 0, sizeof *state);
+    controller_init(&state->laws, &p.laws);
+    navigation_init(&state->navigation, &p.navigation);
+{start}
+    return NULL;
+}}
+
+/* What the robot's computer does at one sample. */
+static void fmu_advance(fmu_state *state, double *r)
+{{
+    const double t = state->sample * FMU_SAMPLE_TIME;
+    const double slack = {slack} * (CONTROLLER_PERIOD + t);
+    all_parameters p;
+    navigation_inputs read;
+    controller_inputs seen;
+    int pass;
+
+    parameters_of(r, &p);
+    read.t = t;
+    read.dt = state->sample > 0.0 ? FMU_SAMPLE_TIME : 0.0;
+    read.drive_l = state->decided.pwm_l / {full};
+    read.drive_r = state->decided.pwm_r / {full};
+{readings}
+    for (pass = 0; pass < 2; pass++) {{
+        /* first what is decided before this sample, then, with its reading, at it */
+        const double until = pass == 0 ? t - slack : t + slack;
+        if (pass == 1) {{
+            navigation_step(&state->navigation, &p.navigation, &read, &state->estimate);
+            if (r[{given}] > 0.5) {{
+{pose}
+            }}
+        }}
+        while (state->instant * CONTROLLER_PERIOD < until) {{
+            seen.t = state->instant * CONTROLLER_PERIOD;
+            seen.x = state->estimate.x;
+            seen.y = state->estimate.y;
+            seen.psi = state->estimate.psi;
+            seen.speed = state->estimate.speed;
+            seen.yaw_rate = state->estimate.yaw_rate;
+            controller_step(&state->laws, &p.laws, &seen, &state->decided);
+            state->instant += 1.0;
+        }}
+    }}
+    state->sample += 1.0;
+{outputs}
+}}
+
+static void fmu_outputs(const fmu_state *state, double *r)
+{{
+    fmu_state copy = *state;
+    fmu_advance(&copy, r);
+}}
+"""
+
+_VEHICLE = """
+typedef struct {{
+    motion_state motion;
+    double sample; /* that comes next */
+}} fmu_state;
+
+static void parameters_of(const double *r, motion_parameters *p)
+{{
+    motion_defaults(p);
+{parameters}
+    (void)r;
+}}
+
+static const char *fmu_begin(fmu_state *state, const double *r)
+{{
+    motion_parameters p;
+    parameters_of(r, &p);
+    motion_init(&state->motion, &p);
+    state->sample = 0.0;
+    return NULL;
+}}
+
+static void fmu_advance(fmu_state *state, double *r)
+{{
+    motion_parameters p;
+    motion_inputs rolled;
+    motion_outputs body;
+
+    parameters_of(r, &p);
+    rolled.t = state->sample * FMU_SAMPLE_TIME;
+    rolled.dt = state->sample > 0.0 ? FMU_SAMPLE_TIME : 0.0;
+{readings}
+    motion_step(&state->motion, &p, &rolled, &body);
+    state->sample += 1.0;
+{outputs}
+}}
+
+static void fmu_outputs(const fmu_state *state, double *r)
+{{
+    fmu_state copy = *state;
+    fmu_advance(&copy, r);
+}}
+"""
+
+
+@dataclass
+class _Variables:
+    """Variables of a unit as they are put together, and the lines of C that use them."""
+
+    found: list[Variable] = field(default_factory=list)
+
+    def add(self, variable: Variable) -> int:
+        """The value reference of another variable."""
+        self.found.append(variable)
+        return len(self.found) - 1
+
+
+@dataclass(frozen=True, eq=False)
+class LoopUnits:
+    """The units of a loop beside its plant, and how they are plugged together."""
+
+    controller: Unit
+    vehicle: Unit
+    wiring: Wiring
+
+
+def loop_units(loop: Loop, name: str) -> LoopUnits:
+    """Controller and vehicle of a closed loop as units.
+
+    Args:
+        loop: of a mission and a robot plant, on plain numbers.
+        name: of the plant.
+
+    Raises:
+        ModelError: a law cannot be written as C, or what turns the tracks is not the plant.
+    """
+    if isinstance(loop.motion, TurnsTracks):
+        raise ModelError(
+            "the motion of this mission turns the tracks itself, which the plant's unit does not "
+            "know: write it with motion of kind kinematic or slip"
+        )
+    if loop.feed is not None:
+        raise ModelError(
+            "the mission has a vehicle.supply, which stands between controller and plant and is "
+            "no part of either unit: leave it out"
+        )
+    blocks, files = law_sources(loop)
+    assert isinstance(loop.plant, RobotPlant)
+    wiring = wiring_of(loop.plant)
+    return LoopUnits(
+        _controller(loop, blocks, files, wiring, name),
+        _vehicle(loop, blocks["motion"], files, wiring, name),
+        wiring,
+    )
+
+
+def _controller(
+    loop: Loop, blocks: Mapping[str, Block], files: Mapping[str, str], wiring: Wiring, name: str
+) -> Unit:
+    made = _Variables()
+    readings = list(_readings(made, blocks["navigation"], wiring, "read"))
+    outputs = [
+        f"    r[{made.add(_channel(p.name, Role.OUTPUT, p.channel.unit))}] = "
+        f"{p.command(f'state->decided.pwm_{side}')};"
+        for p, side in zip(wiring.commands, ("l", "r"), strict=True)
+    ]
+    pose = {n: made.add(_of(n, Role.INPUT, "where pose_from_inputs is set")) for n in ESTIMATE}
+    for n in ("arrived", "gives_up"):
+        at = made.add(Variable(n, Role.OUTPUT, "", described(n)[1], boolean=True))
+        outputs.append(f"    r[{at}] = state->decided.{n} > 0.5 ? 1.0 : 0.0;")
+    outputs += [f"    r[{made.add(_of(n, Role.OUTPUT))}] = state->decided.{n};" for n in THOUGHTS]
+    for n in ESTIMATE:
+        unit, words = described(n)
+        at = made.add(Variable(f"estimate_{n}", Role.OUTPUT, unit, f"estimated: {words}"))
+        outputs.append(f"    r[{at}] = state->estimate.{n};")
+    words = "take the pose from the inputs x, y, psi, speed, yaw_rate instead of navigation"
+    given = made.add(Variable("pose_from_inputs", Role.FIXED, "", words, boolean=True))
+    laws = ("guidance", "control", "command", "navigation")
+    parameters = _parameters(made, loop, [blocks[n] for n in laws], _IN_CONTROLLER)
+    starts = [f"    state->estimate.{n} = {number(v)};" for n, v in _start(loop).items()]
+    made.add(Variable("time", Role.TIME, "s", "of the simulation"))
+    needed = (*laws, "controller")
+    return Unit(
+        "controller",
+        loop.plant.dt,
+        named_apart(made.found),
+        {f"{n}{e}": files[f"{n}{e}"] for n in needed for e in (".h", ".c")},
+        _CONTROLLER.format(
+            parameters="\n".join(parameters),
+            start="\n".join(starts),
+            slack=number(DOUBLE.slack),
+            full=number(PWM_FULL_SCALE),
+            readings="\n".join(readings),
+            given=given,
+            pose="\n".join(
+                f"                state->estimate.{n} = r[{at}];" for n, at in pose.items()
+            ),
+            outputs="\n".join(outputs),
+        ),
+        f"what drives {name}, by sysid",
+    )
+
+
+_IN_CONTROLLER = {"navigation": "p->navigation."} | {
+    n: f"p->laws.{n}." for n in ("guidance", "control", "command")
+}
+
+
+def _vehicle(
+    loop: Loop, motion: Block, files: Mapping[str, str], wiring: Wiring, name: str
+) -> Unit:
+    made = _Variables()
+    readings = list(_readings(made, motion, wiring, "rolled"))
+    outputs = [f"    r[{made.add(_of(n, Role.OUTPUT))}] = body.{n};" for n in ESTIMATE]
+    parameters = _parameters(made, loop, [motion], {"motion": "p->"})
+    made.add(Variable("time", Role.TIME, "s", "of the simulation"))
+    return Unit(
+        "vehicle",
+        loop.plant.dt,
+        named_apart(made.found),
+        {n: files[n] for n in ("motion.h", "motion.c")},
+        _VEHICLE.format(
+            parameters="\n".join(parameters),
+            readings="\n".join(readings),
+            outputs="\n".join(outputs),
+        ),
+        f"where {name} drives to, by sysid",
+    )
+
+
+def _of(name: str, role: Role, when: str = "") -> Variable:
+    """A signal of the loop as a variable."""
+    unit, words = described(name)
+    return Variable(name, role, unit, f"{words}, {when}" if when else words)
+
+
+def _channel(name: str, role: Role, unit: str) -> Variable:
+    return Variable(name, role, unit, described(name)[1])
+
+
+OF_THE_UNIT = ("t", "dt", "drive_l", "drive_r")
+"""Inputs of laws that a unit knows itself."""
+
+
+def _readings(made: _Variables, block: Block, wiring: Wiring, struct: str) -> Iterator[str]:
+    """Inputs for what a law reads, and the lines that hand them over."""
+    wheels = dict(zip(("omega_l", "omega_r"), wiring.speeds, strict=True))
+    for f in block.inputs:
+        if f.name in OF_THE_UNIT:
+            continue
+        port = wheels.get(f.name)
+        if port is None:
+            words = f"{f.words}, NaN where nothing is read".lstrip(", ")
+            at = made.add(
+                Variable(f.name, Role.INPUT, f.unit, words, float("nan"), may_be_nan=True)
+            )
+            yield f"    {struct}.{f.name} = r[{at}];"
+            continue
+        at = made.add(Variable(port.name, Role.INPUT, port.channel.unit, f.words, port.offset))
+        yield f"    {struct}.{f.name} = {port.speed(f'r[{at}]')};"
+
+
+def _parameters(
+    made: _Variables, loop: Loop, blocks: Sequence[Block], structs: Mapping[str, str]
+) -> list[str]:
+    """Parameters of laws as variables, those of the scene once, and the lines that set them."""
+    scene = {identifier(p) for p in scene_numbers(loop.scene)}
+    lines: list[str] = []
+    known: dict[str, int] = {}
+    for block in blocks:
+        own = {identifier(p) for p, _ in numbers(getattr(loop, block.name, None))}
+        in_steps = "\n".join(block.step)
+        for f in block.parameters:
+            for place, value in places((f,)):
+                shared = f.name in scene and f.name not in own
+                name = place if shared else f"{block.name}.{place}"
+                read = re.search(rf"\bparameters->{f.name}\b", in_steps)
+                variable = Variable(
+                    name, Role.TUNABLE if read else Role.FIXED, f.unit, f.words, value
+                )
+                if name not in known:
+                    known[name] = made.add(variable)
+                elif read:
+                    made.found[known[name]] = variable
+                lines.append(f"    {structs[block.name]}{place} = r[{known[name]}];")
+    return lines
+
+
+def _start(loop: Loop) -> dict[str, float]:
+    body = loop.start().estimate
+    return {n: float(v) for n, v in flat(body).items()}
