@@ -11,6 +11,8 @@ from sysid.workspace.store import StoredModel, Workspace
 
 from . import fit_options, reading, render, targets
 from .fit_report import show
+from .live.follow import Followed, check_alone, follow, stopping
+from .live.options import Following, following
 
 if TYPE_CHECKING:
     from sysid.data.preparation import Preparation
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     policy=fit_options.judging,
     steps=reading.preparation,
     read=reading.read_options,
+    how=following,
 )
 def fit(
     logs: reading.Logs,
@@ -83,39 +86,60 @@ def fit(
     policy: "Policy",
     steps: "Preparation",
     read: "ReadOptions",
+    how: Following,
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
     json: reading.Json = False,
 ) -> None:
     """Fit models to a log, judge them, and keep them in the workspace.
 
+    With --follow the log is one that is still being written: gain, time constant and dead zone are
+    shown as they settle, and the model is kept when Ctrl-C ends it.
+
     Without --structure every linear structure is fitted with a small order search. The one that is
     ahead in free run on a held-out part of the estimation data comes first.
     """
-    from sysid.estimation.identify import Request
+    with stopping(how.on) as stop:  # Ctrl-C is how following ends
+        from sysid.estimation.identify import Request
 
-    targets.check_picture(plot)
-    files = [str(p.resolve()) for p in logs]
-    origin = {"files": files, "read": read.to_json(), "prepare": steps.to_json()}
-    request = Request(
-        structures=fit_options.names(structures),
-        orders=orders,
-        options=replace(options, extra=origin),
-        detrend=detrend,
-        criterion=criterion,
-        split=split,
-        policy=policy,
-        jobs=jobs,
-    )
-    found, notes = _identify(logs, validation or [], read, steps, request)
-    place = Workspace(workspace)
-    held = {"judged_on": judged_on(found.validation, validation or logs)}
-    stored = [place.save(a.model, a.to_json() | held) for a in reversed(found.assessments)][::-1]
-    place.remember("latest", [s.id for s in stored])
+        targets.check_picture(plot)
+        files = [str(p.resolve()) for p in logs]
+        origin = {"files": files, "read": read.to_json(), "prepare": steps.to_json()}
+        request = Request(
+            structures=fit_options.names(structures),
+            orders=orders,
+            options=replace(options, extra=origin),
+            detrend=detrend,
+            criterion=criterion,
+            split=split,
+            policy=policy,
+            jobs=jobs,
+        )
+        place = Workspace(workspace)
+        followed: Followed | None = None
+        notes: tuple[str, ...] = ()
+        if how.on:
+            check_alone(validation, steps)
+            followed = follow(logs, how, request, read, place, stop, quiet=json)
+            found = followed.found
+        else:
+            found, notes = _identify(logs, validation or [], read, steps, request)
+        stored = _stored(place, found, validation or logs)
     if plot is not None:
         from .pictures import draw_fit
 
         draw_fit(plot, stored[0].id, found)
-    _document(stored, found) if json else show(stored, found, plot, notes)
+    if json:
+        _document(stored, found, followed)
+    else:
+        show(stored, found, plot, notes)
+
+
+def _stored(place: Workspace, found: "Identification", judges: list[Path]) -> list[StoredModel]:
+    """The models of a fit, kept in the workspace, the winner first."""
+    held = {"judged_on": judged_on(found.validation, judges)}
+    stored = [place.save(a.model, a.to_json() | held) for a in reversed(found.assessments)][::-1]
+    place.remember("latest", [s.id for s in stored])
+    return stored
 
 
 def _identify(
@@ -155,10 +179,14 @@ def _identify(
     return found, notes((*read_as, *held_as))
 
 
-def _document(stored: list[StoredModel], found: "Identification") -> None:
+def _document(
+    stored: list[StoredModel], found: "Identification", followed: Followed | None
+) -> None:
     models = [{"model": s.id, "path": str(s.path), **s.report} for s in stored]
     document: dict[str, Any] = dict(models[0])
     document["reason"] = found.reason
     document["failed"] = dict(found.failed)
     document["models"] = models
+    if followed is not None:
+        document["live"] = followed.state.to_json() | {"log": str(followed.log)}
     render.document(document)

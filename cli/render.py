@@ -17,7 +17,7 @@ from sysid.data import documents
 from .field_options import with_options
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import Console, RenderableType
 
     from sysid.data.finding import Finding
 
@@ -203,6 +203,25 @@ def stages(label: str) -> Iterator[Callable[[str, float], None]]:
     with Progress(*columns, console=_console(sys.stderr), transient=True) as bar:
         task = bar.add_task(label, total=1.0)
         yield lambda what, share: bar.update(task, completed=share, description=what)
+
+
+@contextmanager
+def screen(wanted: bool) -> "Iterator[Callable[[RenderableType], None] | None]":
+    """A part of the terminal that changes while the block runs.
+
+    Args:
+        wanted: whether anything is to be drawn.
+
+    Yields:
+        A function that draws something in the place of what was there; None without a terminal.
+    """
+    if not (wanted and sys.stdout.isatty()):
+        yield None
+        return
+    from rich.live import Live
+
+    with Live(console=_console(sys.stdout), auto_refresh=False) as live:
+        yield lambda drawn: live.update(drawn, refresh=True)
 
 
 SPOKEN_EVERY = 10.0

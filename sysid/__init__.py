@@ -20,6 +20,7 @@ _PLACES = {
     "FitOptions": "sysid.fitting.options",
     "Focus": "sysid.fitting.problem",
     "Hanging": "sysid.bench.pendulum.inertia",
+    "LiveFit": "sysid.estimation.recursive.live_fit",
     "Mission": "sysid.mission.spec",
     "Model": "sysid.structures.model",
     "ModelError": "sysid.errors",
@@ -73,6 +74,7 @@ if TYPE_CHECKING:
     from sysid.errors import ModelError as ModelError
     from sysid.errors import SysidError as SysidError
     from sysid.errors import UsageError as UsageError
+    from sysid.estimation.recursive.live_fit import LiveFit as LiveFit
     from sysid.export.package import write_package as write_package
     from sysid.fitting.options import FitOptions as FitOptions
     from sysid.fitting.problem import Focus as Focus

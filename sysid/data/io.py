@@ -137,7 +137,7 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
         values = _held(values, range(len(choice.inputs), len(signals)))
     rows, left_out = _usable_rows(table, t, values, signals, policy)
     grid = plan_grid(t[rows], policy, lambda i: table.place(int(rows[i])), table.where)
-    inputs, outputs = _conversions(table, choice, options, values[rows])
+    inputs, outputs = signal_conversions(table, choice, options, values[rows])
     values, of_pose = pose_in_si(values[rows], choice, pose_units, table.where)
     turning = choice.pose[2:]
     read, jumps = continued(
@@ -204,7 +204,7 @@ def _usable_rows(
     return rows, (*_doubled(table, twice), *lost)
 
 
-def _conversions(
+def signal_conversions(
     table: Table, choice: Choice, options: ReadOptions, values: Array
 ) -> tuple[dict[str, Conversion], dict[str, Conversion]]:
     """How inputs and outputs come to SI units; ``values`` are the signals' rows."""

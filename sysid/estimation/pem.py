@@ -61,10 +61,10 @@ def fit(
         found = fit_with_level(structure, records, offsets, options, parameters, warm)
         if found is not None:
             plain = tuple(found.at_fit.remove(r) for r in records)
-            return _model(found.outcome, records, plain, options, found.detrend, found.level)
+            return model_of(found.outcome, records, plain, options, found.detrend, found.level)
     plain = tuple(offsets.detrend.remove(r) for r in records)
     outcome = fitter(structure, options)(structure, plain, options, parameters, warm)
-    return _model(outcome, records, plain, options, offsets.detrend, offsets.level)
+    return model_of(outcome, records, plain, options, offsets.detrend, offsets.level)
 
 
 def fit_prepared(
@@ -82,7 +82,7 @@ def fit_prepared(
     _check_length(structure, records, parameters)
     outcome = fitter(structure, options)(structure, records, options, parameters, warm)
     none = Detrend.none(structure.nu, structure.ny)
-    return _model(outcome, records, records, options, none, Level())
+    return model_of(outcome, records, records, options, none, Level())
 
 
 def _offsets(
@@ -216,7 +216,7 @@ def _ranges(records: Sequence[Record]) -> Array:
     return np.column_stack([lows, highs])
 
 
-def _model(
+def model_of(
     outcome: FitOutcome,
     records: Sequence[Record],
     plain: Sequence[Record],
@@ -224,6 +224,14 @@ def _model(
     detrend: Detrend,
     level: Level,
 ) -> Model:
+    """The model that an outcome stands for.
+
+    Args:
+        outcome: what was found.
+        records, plain: the data, as read and without their offsets.
+        options: how it was found.
+        detrend, level: the offsets, and what they are.
+    """
     structure, theta, parameters = outcome.structure, outcome.theta, outcome.parameters
     n_states = outcome.n_states
     n_estimated = sum(p.fixed is None for p in parameters) + level.estimated + n_states

@@ -8,6 +8,7 @@
       state.json           "latest" (ids of the last fit, winner first), "best" (last comparison)
       plant/               the exported plant package
       missions/            logs of simulated missions
+      followed/            rows of logs that were followed, on which their models stand
       diagnosis/           the last diagnosis: diagnosis.json, index.html, next_*.csv
 
 Every file is replaced as a whole, so a reader never meets half of one; what is read, changed and
@@ -120,6 +121,11 @@ class Workspace:
     def missions_dir(self) -> Path:
         """Where ``simulate`` puts its logs unless told otherwise."""
         return self.root / "missions"
+
+    @property
+    def followed_dir(self) -> Path:
+        """Where the rows of a followed log are kept for its model."""
+        return self.root / "followed"
 
     def save(self, model: "Model", report: Mapping[str, Any]) -> StoredModel:
         """Store a model; saving the same model again replaces its report and makes it the newest.

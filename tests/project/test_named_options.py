@@ -38,6 +38,7 @@ SHOWN_BY = {
     "cli/missions": ("simulate",),
     "cli/vehicles/fit_vehicle.py": ("fit-vehicle",),
     "cli/fit_options.py": ("fit",),
+    "cli/live": ("fit",),
     "cli/targets.py": ("fit", "compare", "simulate", "plan"),
     "cli/structures.py": ("fit",),
     "cli/diagnose_report.py": ("compare",),
@@ -117,7 +118,7 @@ def arguments_of_scripts() -> set[str]:
     """Every argument of the façade's functions and classes of options."""
     verbs = (sysid.fit, sysid.identify, sysid.compare, sysid.diagnose, sysid.tune, sysid.load_plant,
              sysid.inertia_of_logs, sysid.inertia_of_period, sysid.Hanging,
-             sysid.fit_vehicle, sysid.bench_power)  # fmt: skip
+             sysid.fit_vehicle, sysid.bench_power, sysid.LiveFit)  # fmt: skip
     options = (sysid.ReadOptions, sysid.FitOptions, Policy, Preparation, sysid.MotorOptions)
     return {p for verb in verbs for p in signature(verb).parameters} | {
         f.name for cls in options for f in fields(cls)

@@ -87,12 +87,20 @@ def fit_with_level(
     places, _ = constant_places(wide)
     if not np.all(np.isfinite(np.diag(outcome.covariance)[places])):
         return None
-    return _narrowed(wide, outcome, records, offsets)
+    return narrowed(wide, outcome, records, offsets)
 
 
-def _narrowed(
+def narrowed(
     wide: PolynomialStructure, outcome: FitOutcome, records: Sequence[Record], offsets: Offsets
 ) -> Levelled:
+    """A fit with the constant as a level of the structure without it.
+
+    Args:
+        wide: the structure with the constant as its last input.
+        outcome: its fit.
+        records: the data as read.
+        offsets: what was removed before.
+    """
     places, _ = constant_places(wide)
     kept = np.setdiff1d(np.arange(len(outcome.theta)), places)
     before = offsets.detrend

@@ -18,6 +18,7 @@ from sysid.fitting.uncertainty import (
 )
 from sysid.structures.base import Structure
 from sysid.structures.linear.arx import ARX
+from sysid.structures.linear.predictor import RowLayout
 from sysid.structures.outcome import FitOutcome, StartReport, Warm
 from sysid.structures.search import by_search
 
@@ -55,6 +56,21 @@ def _linear(options: FitOptions, parameters: Sequence[Parameter]) -> bool:
     return prediction and free and not options.robust and not options.stable
 
 
+def lagged_terms(lay: RowLayout) -> list[tuple[int, int]]:
+    """The regressors of one output's equation as (signal, lag), outputs numbered first."""
+    terms = [(j, k) for j, na in enumerate(lay.na) for k in range(1, na + 1)]
+    return terms + [
+        (len(lay.na) + j, k)
+        for j, (nb, nk) in enumerate(zip(lay.nb, lay.nk, strict=True))
+        for k in range(nk, nk + nb)
+    ]
+
+
+def signs(lay: RowLayout) -> Array:
+    """What turns coefficients of these regressors into entries of θ: A stands on the left, (n,)."""
+    return np.where(np.array([s for s, _ in lagged_terms(lay)]) < len(lay.na), -1.0, 1.0)
+
+
 def solve(structure: ARX, records: Sequence[Record]) -> tuple[Array, Array, Array]:
     """θ, its covariance, and the directions without information (n, n_null)."""
     ny = structure.ny
@@ -65,12 +81,7 @@ def solve(structure: ARX, records: Sequence[Record]) -> tuple[Array, Array, Arra
     grams: dict[int, ne.LagGram] = {}
     for i, lay in enumerate(layouts):
         index = structure.row_index(i)
-        terms = [(j, k) for j, na in enumerate(lay.na) for k in range(1, na + 1)]
-        terms += [
-            (ny + j, k)
-            for j, (nb, nk) in enumerate(zip(lay.nb, lay.nk, strict=True))
-            for k in range(nk, nk + nb)
-        ]
+        terms = lagged_terms(lay)
         start = lay.start
         if start not in grams:
             grams[start] = ne.lag_gram(records, start)
@@ -78,7 +89,7 @@ def solve(structure: ARX, records: Sequence[Record]) -> tuple[Array, Array, Arra
         solved = ne.solve(gram, gram.column(i, 0), [gram.column(s, k) for s, k in terms])
         if solved is None:
             solved = ne.solve_by_blocks(records, start, i, terms)
-        sign = np.where(np.array([s for s, _ in terms]) < ny, -1.0, 1.0)
+        sign = signs(lay)
         theta[index] = sign * solved.theta
         errors = [
             ne.residual_row(

@@ -1,0 +1,1 @@
+"""``sysid fit --follow``: a plant that is watched while it moves."""

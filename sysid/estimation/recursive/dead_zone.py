@@ -1,0 +1,270 @@
+"""The dead zone of a drive, from the newest rows of a stream.
+
+A dead zone shows in two ways, which agree while a drive turns the way it is commanded and differ
+when it coasts or is braked:
+
+    in the command   A y = B dz(u) + e,            dz(u) = sign(u) max(|u| − δ, 0)
+    as friction      A y = B u − C sign(y(t−1)) + e,   δ = C(1)/B(1), while the output moves
+
+(the first an H-bridge's dead time or threshold, the second Coulomb friction, whose δ is the command
+that it eats). They are fitted to the rows in which the output moves, each alone and both together,
+where δ is their sum; the one with the smallest errors is taken, both together only where that pays.
+The first is linear but for δ: the best of a grid, then Gauss-Newton; the second is linear. Errors
+are of the sandwich form where the residuals are coloured, that of C(1)/B(1) by the delta method.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Array
+from sysid.fitting import normal_equations as ne
+from sysid.fitting.uncertainty import AR_ORDER, half_of, portmanteau_white, sandwich
+
+LAWS = ("command", "friction", "both")
+"""What makes a dead zone, the plainer ones first."""
+
+GRID = 24
+"""Places on the way from 0 to FARTHEST at which a search may begin."""
+
+FARTHEST = 0.75
+"""Largest dead zone as a share of the largest command: beyond it nothing is left to fit."""
+
+GRID_ROWS = 4_000
+"""Equations, evenly chosen, on which the places are compared."""
+
+STEPS = 8
+"""Steps of Gauss-Newton: from the grid, two or three are enough."""
+
+SETTLED = 1e-9
+"""Step of δ, as a share of the largest command, at which it has converged."""
+
+STILL = 0.02
+"""Share of the largest output below which it stands. No equation of motion holds there, nor in a
+sample in which it starts, stops or turns round."""
+
+FEWEST = 8
+"""Moving rows for each coefficient at least."""
+
+SEEN = 3.0
+"""Standard errors that a dead zone must be away from zero to be seen."""
+
+NARROWER = 16.0
+"""By how much −2 ln L must fall: 1 in 10⁴ without a dead zone, as there are two laws to choose."""
+
+
+@dataclass(frozen=True, eq=False)
+class DeadZone:
+    """The dead zone of one input as one output shows it.
+
+    Attributes:
+        law: one of ``LAWS``, see the module.
+        value, std_error: δ, in the input's unit.
+        seen: whether it is there at all.
+        theta: coefficients of the regressors with it, (n,).
+        covariance: of these, (n, n).
+    """
+
+    law: str
+    value: float
+    std_error: float
+    seen: bool
+    theta: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Stretches of a stream as one equation sees them.
+
+    Attributes:
+        pieces: uninterrupted rows, outputs before inputs.
+        output: number of the output.
+        signal: number of the input among the signals.
+        terms: (signal, lag) of the regressors.
+        start: first row of a piece with a whole past, also of the signs.
+        still: output below which it stands.
+    """
+
+    pieces: Sequence[Array]
+    output: int
+    signal: int
+    terms: Sequence[tuple[int, int]]
+    start: int
+    still: float
+
+    def equations(
+        self, delta: float, friction: bool
+    ) -> list[tuple[Array, Array, NDArray[np.bool_]]]:
+        """Φ, y (N,) and which rows move (N,), for each piece; friction's columns stand behind."""
+        found = []
+        for p in self.pieces:
+            phi, y, moving = self._equation(p, delta)
+            if friction:
+                phi = np.column_stack([phi, self.directions(p)])
+            found.append((phi, y, moving))
+        return found
+
+    def _equation(self, rows: Array, delta: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+        n, first = len(rows), self.start
+        u = rows[:, self.signal]
+        dz = np.sign(u) * np.maximum(np.abs(u) - delta, 0.0)
+        phi = np.empty((n - first, len(self.terms)))
+        for c, (signal, lag) in enumerate(self.terms):
+            source = dz if signal == self.signal else rows[:, signal]
+            phi[:, c] = source[first - lag : n - lag]
+        y = rows[first:, self.output]
+        past = rows[first - 1 : n - 1, self.output]
+        moving = (np.minimum(np.abs(y), np.abs(past)) > self.still) & (y * past > 0.0)
+        return phi, y, moving
+
+    def slopes(self, rows: Array, delta: float, theta: Array) -> Array:
+        """∂(Φθ)/∂δ, (N,)."""
+        n, first = len(rows), self.start
+        u = rows[:, self.signal]
+        edge = -np.sign(u) * (np.abs(u) > delta)
+        found = np.zeros(n - first)
+        for c, (signal, lag) in enumerate(self.terms):
+            if signal == self.signal:
+                found += theta[c] * edge[first - lag : n - lag]
+        return found
+
+    @property
+    def own(self) -> NDArray[np.bool_]:
+        """Which regressors are lags of the input, (n,)."""
+        return np.array([signal == self.signal for signal, _ in self.terms])
+
+    def directions(self, rows: Array) -> Array:
+        """−sign(y(t−k)), k = 1 …, as many as the input has coefficients."""
+        n, first = len(rows), self.start
+        y = np.sign(rows[:, self.output])
+        lags = range(1, int(self.own.sum()) + 1)
+        return np.column_stack([-y[first - k : n - k] for k in lags])
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    theta: Array
+    covariance: Array
+    loss: float
+    rows: int
+
+
+def dead_zone(
+    pieces: Sequence[Array], output: int, signal: int, terms: Sequence[tuple[int, int]]
+) -> DeadZone | None:
+    """The dead zone of an input.
+
+    Args:
+        pieces: uninterrupted stretches, outputs before inputs, (N, ny + nu) each.
+        output: number of the output.
+        signal: number of the input among the signals.
+        terms: (signal, lag) of the regressors of that output; lags of the output among them.
+
+    Returns:
+        What was found; None where too few rows move, or none of the input's lags is a regressor.
+    """
+    lags = [lag for _, lag in terms]
+    start = max([1, *lags, sum(s == signal for s, _ in terms)])
+    pieces = [p for p in pieces if len(p) > start]
+    if not pieces or all(s != signal for s, _ in terms):
+        return None
+    largest = max(float(np.max(np.abs(p[:, output]))) for p in pieces)
+    command = max(float(np.max(np.abs(p[:, signal]))) for p in pieces)
+    rows = _Rows(pieces, output, signal, terms, start, STILL * largest)
+    plain = _solve(rows, 0.0, False)
+    if plain is None or command == 0.0 or largest == 0.0 or not plain.loss > 0.0:
+        return None
+    best: tuple[DeadZone, float] | None = None
+    for law in LAWS:
+        found = _law(rows, law, command)
+        if found is None or not found[1] > 0.0:
+            continue
+        price = NARROWER if law == LAWS[-1] else 0.0  # numbers more
+        if best is None or plain.rows * np.log(best[1] / found[1]) > price:
+            best = found
+    if best is None:
+        return None
+    zone, loss = best
+    gain = plain.rows * np.log(plain.loss / loss)
+    return replace(zone, seen=bool(zone.value > SEEN * zone.std_error and gain > NARROWER))
+
+
+def _law(rows: _Rows, law: str, command: float) -> tuple[DeadZone, float] | None:
+    """The dead zone by one law, and its sum of squares."""
+    friction, edge = law != "command", law != "friction"
+    farthest = FARTHEST * command
+    delta, steps = 0.0, 0
+    if edge:
+        places = np.linspace(0.0, farthest, GRID)
+        losses = [_grid_loss(rows, float(d), friction) for d in places]
+        delta, steps = float(places[int(np.argmin(losses))]), STEPS
+    solved = _solve(rows, delta, friction)
+    for _ in range(steps):
+        wide = None if solved is None else _solve(rows, delta, friction, solved.theta)
+        if wide is None:
+            return None
+        moved = float(np.clip(delta + wide.theta[-1], 0.0, farthest))
+        done = abs(moved - delta) <= SETTLED * command
+        delta, solved = moved, _solve(rows, moved, friction)
+        if done:
+            break
+    wide = solved if solved is None or not edge else _solve(rows, delta, friction, solved.theta)
+    if solved is None or wide is None:
+        return None
+    n, own = len(rows.terms), rows.own
+    gain = float(solved.theta[:n][own].sum())
+    if gain == 0.0:
+        return None
+    slope = np.zeros(len(wide.theta))
+    if edge:
+        slope[-1] = 1.0
+    if friction:
+        c, signs = float(solved.theta[n:].sum()), slice(n, len(solved.theta))
+        slope[:n][own] = -c / gain**2
+        slope[signs] = 1.0 / gain
+        delta += c / gain
+    error = float(np.sqrt(max(slope @ wide.covariance @ slope, 0.0)))
+    zone = DeadZone(law, delta, error, False, solved.theta[:n], wide.covariance[:n, :n])
+    return zone, solved.loss
+
+
+def _grid_loss(rows: _Rows, delta: float, friction: bool) -> float:
+    """Sum of squares at one place, on some of the equations."""
+    parts = [(phi[m], y[m]) for phi, y, m in rows.equations(delta, friction)]
+    phi, y = np.concatenate([p for p, _ in parts]), np.concatenate([y for _, y in parts])
+    every = max(len(y) // GRID_ROWS, 1)
+    T = ne.triangle(np.column_stack([phi[::every], y[::every]]))
+    return float(T[-1, -1] ** 2) if len(T) == T.shape[1] else 0.0
+
+
+def _solve(rows: _Rows, delta: float, friction: bool, theta: Array | None = None) -> _Solved | None:
+    """Least squares at one δ; with its slope at ``theta`` as one more column, what δ lacks."""
+    equations = rows.equations(delta, friction)
+    if theta is not None:
+        equations = [
+            (np.column_stack([phi, rows.slopes(p, delta, theta)]), y, moving)
+            for p, (phi, y, moving) in zip(rows.pieces, equations, strict=True)
+        ]
+    return _least_squares(equations)
+
+
+def _least_squares(equations: Sequence[tuple[Array, Array, NDArray[np.bool_]]]) -> _Solved | None:
+    """θ and its covariance from the rows that move, None where these do not tell all of it."""
+    phis = [phi[moving] for phi, _, moving in equations]
+    ys = [y[moving] for _, y, moving in equations]
+    samples, n = sum(map(len, ys)), phis[0].shape[1]
+    if samples < FEWEST * n:
+        return None
+    T = ne.triangle(np.column_stack([np.concatenate(phis), np.concatenate(ys)]))
+    solved = ne.solve_triangular_form(T[:-1, :-1], T[:-1, -1])
+    if solved.null.shape[1]:
+        return None
+    errors = [y - phi @ solved.theta for phi, y in zip(phis, ys, strict=True)]
+    loss = float(T[-1, -1] ** 2)
+    covariance = loss / (samples - n) * solved.inverse
+    if not portmanteau_white(errors) and samples > 5 * AR_ORDER:
+        covariance = sandwich(half_of(solved.inverse), phis, errors) * samples / (samples - n)
+    return _Solved(solved.theta, covariance, loss, samples)
