@@ -199,8 +199,8 @@ def _law(rows: _Rows, law: str, command: float) -> tuple[DeadZone, float] | None
     delta, steps = 0.0, 0
     if edge:
         places = np.linspace(0.0, farthest, GRID)
-        losses = [_grid_loss(rows, float(d), friction) for d in places]
-        delta, steps = float(places[int(np.argmin(losses))]), STEPS
+        losses = np.array([_grid_loss(rows, float(d), friction) for d in places])
+        delta, steps = float(places[int(losses.argmin())]), STEPS
     solved = _solve(rows, delta, friction)
     for _ in range(steps):
         wide = None if solved is None else _solve(rows, delta, friction, solved.theta)
@@ -226,7 +226,7 @@ def _law(rows: _Rows, law: str, command: float) -> tuple[DeadZone, float] | None
         slope[:n][own] = -c / gain**2
         slope[signs] = 1.0 / gain
         delta += c / gain
-    error = float(np.sqrt(max(slope @ wide.covariance @ slope, 0.0)))
+    error = max(float(slope @ wide.covariance @ slope), 0.0) ** 0.5
     zone = DeadZone(law, delta, error, False, solved.theta[:n], wide.covariance[:n, :n])
     return zone, solved.loss
 
