@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from . import reading, render
+from .bag_contents import show_bag
 
 if TYPE_CHECKING:
     from sysid.data.finding import Finding
@@ -24,10 +25,17 @@ def inspect(
     read: "ReadOptions",
     json: reading.Json = False,
 ) -> None:
-    """Say what is in a log, what is wrong with it and what to do about it."""
+    """Say what is in a log, what is wrong with it and what to do about it.
+
+    Of a bag without --map it lists the topics and proposes a mapping.
+    """
+    from sysid.data.bags.opening import is_bag
     from sysid.data.checks.quality import Severity, inspect_records, worst
     from sysid.data.preparation import read_prepared
 
+    if not read.map and len(logs) == 1 and is_bag(logs[0]):
+        show_bag(logs[0], json)
+        return
     records, read_as = read_prepared(logs, read, steps)
     findings = inspect_records(records, order, reading=read_as)
     verdict = worst(findings)

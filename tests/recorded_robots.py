@@ -67,7 +67,7 @@ class Robot:
 
     command: Sender = field(default_factory=lambda: Sender(0.1))
     wheels: Sender = field(default_factory=lambda: Sender(0.02))
-    gyro: Sender = field(default_factory=lambda: Sender(0.005))
+    gyro: Sender = field(default_factory=lambda: Sender(0.1))
     length: float = 60.0
     hold: int = 4
     delay: float = 0.0

@@ -34,6 +34,7 @@ EVERYWHERE = {"--debug", "--workspace", "--version", "--help"}
 
 SHOWN_BY = {
     "cli/reading.py": ("inspect", "fit", "diagnose"),  # those that compose all of it
+    "cli/bag_contents.py": ("inspect", "fit"),  # the line to paste is a fit
     "cli/mission_options.py": ("diagnose",),
     "cli/missions": ("simulate",),
     "cli/vehicles/fit_vehicle.py": ("fit-vehicle",),

@@ -31,8 +31,8 @@ LONGEST_WAY = 1.0
 ONE_CLOCK = 0.1
 """Streams whose lines differ by less [s] at both ends of the recording were stamped by one clock:
 the shortest ways within one computer and its network are shorter."""
-DRIFTS = 0.1
-"""A drift counts where over the recording it moves stamps by this share of their step."""
+DRIFTS = 0.01
+"""A drift counts where over the recording it moves stamps by this share of a step: 0.2 ms of 20."""
 LEAST_DRIFT = 50
 """Messages from which a line under them tells a drift."""
 

@@ -10,7 +10,7 @@ from sysid.data.bags.writing import Messages, Outgoing, write_bag
 from sysid.data.record import Array
 
 REFERENCES, PWM, JOINTS = "/simulink_references", "/pwm", "/joint_states"
-ODOMETRY, TRUE_POSE = "/odom", "/true_pose"
+ODOMETRY, TRUE_POSE, IMU = "/odom", "/true_pose", "/imu"
 TRACKS = ("left_track", "right_track")
 WORLD, BODY = "odom", "base_link"
 
@@ -23,8 +23,9 @@ def write_drive(columns: Mapping[str, Array], path: str | Path) -> Path:
 
     /clock; /simulink_references (Twist: linear.x the speed, angular.z the heading to be driven);
     /pwm (Float64MultiArray: left, right [µs]); /joint_states of both tracks [rad/s]; /odom, the
-    pose as navigation has it with the speeds of the body; /true_pose. All are stamped by the
-    mission's clock, and received in the instant of their stamp.
+    pose as navigation has it with the speeds of the body; /true_pose; where the mission has a
+    gyroscope, /imu at the instants of its readings. All are stamped by the mission's clock, and
+    received in the instant of their stamp.
 
     Args:
         columns: of the log by name (:data:`sysid.mission.loop.COLUMNS`), (N,) each.
@@ -45,6 +46,8 @@ def _messages(columns: Mapping[str, Array], make: Messages) -> Iterable[Outgoing
         now = round(row["t"] * 1e9)
         for topic, kind, content in _of_row(row, now, place, make):
             yield Outgoing(topic, kind, now, content)
+        if not math.isnan(row.get("gyro_z", math.nan)):
+            yield Outgoing(IMU, "sensor_msgs/msg/Imu", now, _imu(row, now, make))
 
 
 def _of_row(
@@ -111,3 +114,13 @@ def _pose(make: Messages, x: float, y: float, psi: float) -> Any:
     turn = make.make("geometry_msgs/msg/Quaternion", z=math.sin(half), w=math.cos(half))
     at = make.make("geometry_msgs/msg/Point", x=x, y=y)
     return make.make("geometry_msgs/msg/Pose", position=at, orientation=turn)
+
+
+def _imu(row: Mapping[str, float], now: int, make: Messages) -> Any:
+    felt = {n: row.get(f"acc_{n}", 0.0) for n in ("x", "y")}
+    return make.make(
+        "sensor_msgs/msg/Imu",
+        header=make.header(now, BODY),
+        angular_velocity=make.make("geometry_msgs/msg/Vector3", z=row["gyro_z"]),
+        linear_acceleration=make.make("geometry_msgs/msg/Vector3", **felt),
+    )

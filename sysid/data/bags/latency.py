@@ -31,6 +31,11 @@ MOST = 6000
 """Readings that serve: more of them take longer and tell nothing new."""
 SLOWEST = 5.0
 """Longest lag tried [s]: a slower plant's dead time is hidden in it."""
+AWAY = 1.0
+"""Added to a dead time [s] while it is searched: the search steps by shares, 0 has none."""
+EVERY = slice(None)
+RESOLVED = 0.01
+"""Share of a step that lines between the steps resolve where commands are filtered."""
 SURE = 3.0
 """A latency counts where it is so many of its standard errors."""
 TELLS = 0.25
@@ -190,8 +195,8 @@ def _answer(
         if name in held or name in reading.stream.angles or not np.isfinite(y).all():
             continue
         one = dead_time(reading.t, y, [(c.t, c.stream.values) for c in commands])
-        if one is not None and one[1] < TELLS * row:
-            found.append(one)
+        if one is not None and one.std_error < TELLS * row:
+            found.append((one.seconds, one.std_error))
     if not found:
         return None
     seconds, errors = np.array(found).T
@@ -203,10 +208,23 @@ def _answer(
     return Latency(reading.stream.topic, mean, error, names, answers=True)
 
 
-def dead_time(
-    t: Array, y: Array, commands: Sequence[tuple[Array, Array]]
-) -> tuple[float, float] | None:
-    """Dead time θ [s] from held commands to a reading, and its standard error.
+@dataclass(frozen=True)
+class DeadTime:
+    """How a reading answers commands.
+
+    Attributes:
+        seconds: dead time θ [s].
+        std_error: of θ [s].
+        share: of the reading's variance that a lag with this dead time explains.
+    """
+
+    seconds: float
+    std_error: float
+    share: float
+
+
+def dead_time(t: Array, y: Array, commands: Sequence[tuple[Array, Array]]) -> DeadTime | None:
+    """Dead time from held commands to a reading.
 
     Args:
         t, y: instants and readings, (N,).
@@ -223,11 +241,13 @@ def dead_time(
     if fit is None:
         return None
     start = fit.coarse()
-    best: tuple[float, float, float] | None = None
+    best: tuple[float, DeadTime] | None = None
     for lags in (1, 2):
-        first = np.array([start[0], *[np.log(start[1] / (1.0 + 2.0 * k)) for k in range(lags)]])
-        low = [EARLIEST, *[np.log(0.1 * fit.step)] * lags]
-        high = [LONGEST, *[np.log(3.0 * SLOWEST)] * lags]
+        first = np.array(
+            [start[0] + AWAY, *[np.log(start[1] / (1.0 + 2.0 * k)) for k in range(lags)]]
+        )
+        low = [EARLIEST + AWAY, *[np.log(0.1 * fit.step)] * lags]
+        high = [LONGEST + AWAY, *[np.log(3.0 * SLOWEST)] * lags]
         x0 = np.clip(first, np.array(low) + 1e-9, np.array(high) - 1e-9)
         found = least_squares(
             fit.error, x0, bounds=(low, high), diff_step=[1e-4] * len(x0), max_nfev=40
@@ -241,9 +261,12 @@ def dead_time(
         alike = float(np.clip(e[1:] @ e[:-1] / rest, 0.0, 0.99)) if rest > 0.0 else 0.0
         variance = rest / n * (1.0 + alike) / (1.0 - alike) * np.linalg.inv(info)[0, 0]
         criterion = n * np.log(max(rest, 1e-300) / n) + (lags + 2) * np.log(n)
-        if rest <= (1.0 - AGREES) * n * np.var(y) and (best is None or criterion < best[2]):
-            best = (float(found.x[0]), float(np.sqrt(variance)), criterion)
-    return None if best is None else best[:2]
+        share = 1.0 - rest / (n * float(np.var(y)))
+        if share >= AGREES and (best is None or criterion < best[0]):
+            theta = float(found.x[0]) - AWAY
+            error = float(np.sqrt(variance + (RESOLVED * fit.step) ** 2))
+            best = (criterion, DeadTime(theta, error, share))
+    return None if best is None else best[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,26 +312,31 @@ class _Lagged:
         return x
 
     def error(self, parameters: Array) -> Array:
-        """What the best gains leave of the reading at a dead time and lags, (N,)."""
-        return self._left(
-            self.filtered(np.exp(parameters[1:]).tolist()), float(parameters[0]), self.t, self.y
-        )
+        """What the best gains leave of the reading, (N,).
 
-    def _left(self, x: Array, theta: float, t: Array, y: Array) -> Array:
+        Args:
+            parameters: dead time and ``AWAY`` [s], then logarithms of the lags.
+        """
+        lags = np.exp(parameters[1:]).tolist()
+        return self._left(self.filtered(lags), float(parameters[0]) - AWAY, lags)
+
+    def _left(self, x: Array, theta: float, lags: list[float], some: slice = EVERY) -> Array:
+        t, y = self.t[some], self.y[some]
         at = (t - theta - self.start) / self.step
         grid = np.arange(len(x), dtype=np.float64)
-        phi = np.column_stack([np.ones(len(t)), *(np.interp(at, grid, c) for c in x.T)])
+        fading = [np.exp((self.t[0] - t) / lag) for lag in lags]  # of what moved before the first
+        answers = [np.interp(at, grid, c) for c in x.T]
+        phi = np.column_stack([np.ones(len(t)), *fading, *answers])
         return np.asarray(y - phi @ np.linalg.lstsq(phi, y, rcond=None)[0])
 
     def coarse(self) -> tuple[float, float]:
         """The best of a grid of dead times and lags [s]."""
         some = slice(None, None, max(len(self.t) // 1000, 1))
-        t, y = self.t[some], self.y[some]
         best = (np.inf, 0.0, 1.0)
         for lag in np.geomspace(2.0 * self.step, SLOWEST, 10):
             x = self.filtered([float(lag)])
             for theta in np.linspace(EARLIEST, LONGEST, 25):
-                e = self._left(x, float(theta), t, y)
+                e = self._left(x, float(theta), [float(lag)], some)
                 best = min(best, (float(e @ e), float(theta), float(lag)))
         return best[1], best[2]
 

@@ -5,15 +5,18 @@ from pathlib import Path
 import numpy as np
 
 from sysid.data.bags.clocks import Timed, runs, timed
+from sysid.data.bags.contents import read_contents
+from sysid.data.bags.frames import frame_findings
 from sysid.data.bags.grid import TIME, aligned, held_columns
 from sysid.data.bags.latency import without_latency
 from sysid.data.bags.mapping import sources
+from sysid.data.bags.proposal import propose
 from sysid.data.bags.streams import Streams, read_streams
 from sysid.data.finding import Finding
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.table import Rows, Table
 from sysid.data.record import Array
-from sysid.errors import DataError, UsageError
+from sysid.errors import DataError, UsageError, argument
 
 
 def bag_table(
@@ -51,7 +54,7 @@ def bag_table(
         streams = timed(part, options.stamps)
         said += [f for s in streams for f in s.findings]
         streams, of_latency = without_latency(streams, held, options.latency, found.where)
-        said += of_latency
+        said += (*of_latency, *frame_findings(streams, found.where))
         if not even:
             tables.append(_sparse(streams))
             continue
@@ -91,7 +94,12 @@ def _sparse(streams: tuple[Timed, ...]) -> tuple[Array, dict[str, Array]]:
 
 
 def _unmapped(path: Path) -> str:
-    return (
-        f"{path.name} is a bag: say which of its fields are columns with `map=NAME`; "
-        "`sysid inspect` lists its topics and proposes a mapping"
-    )
+    """What to say of a bag without a mapping: the one that its topics speak for."""
+    found = propose(read_contents(path))
+    lists = "`sysid inspect` lists its topics"
+    if found is None:
+        return f"{path.name} is a bag: say which of its fields are columns with `map`; {lists}"
+    likely = argument(map=found.map)
+    if found.inputs:
+        likely += f" {argument(inputs=found.inputs)} {argument(outputs=found.outputs)}"
+    return f"{path.name} is a bag whose fields are not mapped; {likely} is likely, {lists}"

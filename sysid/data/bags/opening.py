@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 SUFFIXES = (".bag", ".mcap", ".db3")
 """Endings of the files of a recording; a folder that holds such files is a recording, too."""
 
+DESCRIPTION = "metadata.yaml"
+"""The file beside those of a folder of ROS 2 that says what it holds."""
+
 BLOCK = 1 << 20
 """Bytes read at a time where a whole bag is to be hashed: a bag may be larger than the memory."""
 
@@ -63,37 +66,65 @@ class Bag:
         Raises:
             DataError: the bag is damaged, or the definition of a message is not known.
         """
+        for kind in {self.types[t] for t in topics if t in self.types} - self.defined:
+            raise DataError(
+                f"{self.where} does not say what a message of type {kind} holds; record it as "
+                "MCAP, which keeps the definitions, or convert it with `ros2 bag convert` where "
+                "that package is installed"
+            )
+        for topic, received, raw, kind in self._raw(topics):
+            yield Message(topic, received, self._decoded(raw, kind))
+
+    def some_messages(self, most: int, block: int, largest: int) -> Iterator[Message]:
+        """Messages of all topics to look at: of long ones, blocks from all over the recording.
+
+        Args:
+            most: messages of a topic; of more, one block in so many that about these are left.
+            block: messages in a row.
+            largest: bytes; longer messages are left out, as are those of no known type.
+
+        Raises:
+            DataError: the bag is damaged.
+        """
+        seen = dict.fromkeys(self.types, 0)
+        known = {t for t, kind in self.types.items() if kind in self.defined}
+        for topic, received, raw, kind in self._raw(known):
+            number, seen[topic] = seen[topic], seen[topic] + 1
+            one_in = -(-self.counts[topic] // most)
+            if len(raw) <= largest and number // block % one_in == 0:
+                yield Message(topic, received, self._decoded(raw, kind))
+
+    @property
+    def defined(self) -> set[str]:
+        """The types of messages of which it is known what they hold."""
+        return set(self._reader.typestore.fielddefs)
+
+    def _raw(self, topics: Collection[str]) -> Iterator[tuple[str, int, bytes, str]]:
         chosen = [c for c in self._reader.connections if c.topic in topics]
         try:
             for connection, received, raw in self._reader.messages(chosen) if chosen else ():
-                content = self._reader.deserialize(raw, connection.msgtype)
-                yield Message(connection.topic, received, content)
-        except DataError:
-            raise
-        except KeyError:
-            raise DataError(self._undefined(topics)) from None
-        except Exception as error:  # readers and decoders of every format have errors of their own
+                yield connection.topic, received, raw, connection.msgtype
+        except Exception as error:  # readers of every format have errors of their own
             raise DataError(_broken(self.where, error)) from None
 
-    def _undefined(self, topics: Collection[str]) -> str:
-        known = self._reader.typestore.fielddefs
-        unknown = next((t for n, t in self.types.items() if n in topics and t not in known), "?")
-        return (
-            f"{self.where} does not say what a message of type {unknown} holds; record it as MCAP, "
-            "which keeps the definitions, or convert it with `ros2 bag convert` where that "
-            "package is installed"
-        )
+    def _decoded(self, raw: bytes, kind: str) -> Any:
+        try:
+            return self._reader.deserialize(raw, kind)
+        except Exception as error:  # as above
+            raise DataError(_broken(self.where, error)) from None
 
 
 def is_bag(path: Path) -> bool:
     """Whether a path is a recording of ROS: a file by its ending, or a folder of such files."""
-    return bool(_files(path)) if path.is_dir() else path.suffix.lower() in SUFFIXES
+    if path.is_dir():
+        return (path / DESCRIPTION).exists() or bool(_files(path))
+    return path.suffix.lower() in SUFFIXES
 
 
 def digest(path: Path) -> "_Hash":
     """The checksum of a bag's files, read in blocks."""
     found = sha256()
-    for file in _files(path) if path.is_dir() else [path]:
+    for file in sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]:
         with file.open("rb") as stream:
             while block := stream.read(BLOCK):
                 found.update(block)
@@ -116,7 +147,7 @@ def opened(path: Path) -> Iterator[Bag]:
         raise UsageError(
             f"{path.name} is a bag, which the extra ros reads: pip install 'sysid-workbench[ros]'"
         ) from None
-    whole = (path / "metadata.yaml").exists() or not path.is_dir()
+    whole = (path / DESCRIPTION).exists() or not path.is_dir()
     files = [path] if whole else _files(path)
     try:
         reader = AnyReader(files, default_typestore=_standard() if _needs_types(files) else None)

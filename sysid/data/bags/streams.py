@@ -40,6 +40,7 @@ class Stream:
         stamped: what its header says [s], from the same origin; NaN where it has none, (N,).
         values: (N, n), NaN where a message did not hold a number.
         names, units: of the columns, (n,).
+        paths: of their fields in a message, (n,).
         angles: names of the columns that are angles with a jump at π.
         frames: of the header and, where there is one, of the child: ``odom``, ``base_link``.
     """
@@ -51,6 +52,7 @@ class Stream:
     values: Array
     names: tuple[str, ...]
     units: tuple[str, ...]
+    paths: tuple[str, ...]
     angles: tuple[str, ...] = ()
     frames: tuple[str, str] = ("", "")
 
@@ -185,6 +187,7 @@ class _Part:
             values,
             tuple(name for name, _, _ in self.columns),
             tuple(unit for _, unit, _ in self.columns),
+            tuple(path for _, _, path in self.columns),
             tuple(n for n, _, path in self.columns if path.endswith((".yaw", "yaw", "theta"))),
             self.frames,
         )

@@ -1,5 +1,7 @@
 """Bags as logs: every form of recording, fields by path, clocks and rates of their own."""
 
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +21,7 @@ APART = Robot(
     command=Sender(0.1, jitter=0.001),
     wheels=Sender(0.02, jitter=0.001, way=0.05, queue=0.004, **FOREIGN),
     gyro=Sender(0.005, way=0.01, queue=0.002, offset=-1.2, drift=-30e-6),
-    length=25.0,
+    length=20.0,
 )
 """Three rates, three clocks, 50 ms on the way."""
 
@@ -170,3 +172,53 @@ def test_damaged_files_are_one_sentence(recorded: Path, tmp_path: Path) -> None:
         assert words in str(caught.value)
     with pytest.raises(DataError, match="no messages"):
         read_file(write_bag(tmp_path / "none.bag", lambda make: ()), ReadOptions(map=MAP))
+
+
+def test_compressed_bags_and_messages_of_other_packages(tmp_path: Path) -> None:
+    """What another recorder writes: rosbag -j and --lz4, ROS 2 by zstd, types of one's own."""
+    from rosbags.rosbag1 import Writer as First
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+    from rosbags.rosbag2 import Writer as Second
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    kind = "my_robot/msg/Wheels"
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    types.register(get_types_from_msg("float64 u\nfloat64[2] speeds\nstring who", kind))
+    rows = [(k * 10**8, k // 5 % 2, 0.5 * k) for k in range(40)]
+    sent = [types.types[kind](u=u, speeds=np.array([0.0, y]), who="me") for _, u, y in rows]
+    writers: list[tuple[str, First | Second]] = []
+    for form in (First.CompressionFormat.BZ2, First.CompressionFormat.LZ4):
+        one = First(tmp_path / f"{form.name}.bag")
+        one.set_compression(form)
+        writers.append((f"{form.name}.bag", one))
+    for name, mode, plugin in (
+        ("file", CompressionMode.FILE, StoragePlugin.SQLITE3),
+        ("chunks", CompressionMode.STORAGE, StoragePlugin.MCAP),
+    ):
+        two = Second(tmp_path / name, version=8, storage_plugin=plugin)
+        two.set_compression(mode, CompressionFormat.ZSTD)
+        writers.append((name, two))
+    options = ReadOptions(map={"u": "/wheels.u", "y": "/wheels.speeds[1]"})
+    for name, writer in writers:
+        raw = types.serialize_ros1 if name.endswith(".bag") else types.serialize_cdr
+        with writer:
+            topic = writer.add_connection("/wheels", kind, typestore=types)
+            for (t, _, _), message in zip(rows, sent, strict=True):
+                writer.write(topic, t, raw(message, kind))
+        y = read_log(tmp_path / name, options).y[:, 0]
+        assert y == pytest.approx(0.5 * np.arange(40.0))
+
+
+def test_sqlite_without_definitions_reads_what_comes_with_ros(tmp_path: Path) -> None:
+    """ROS 2 up to Humble writes such files."""
+    path = Robot(length=2.0).write(tmp_path / "old")
+    file = next(path.glob("*.db3"))
+    with closing(sqlite3.connect(file)) as base:
+        base.execute("DELETE FROM message_definitions")
+        base.commit()
+    assert len(read_log(path, ReadOptions(map=MAP)).y) > 15
+    with closing(sqlite3.connect(file)) as base:
+        base.execute("UPDATE topics SET type = 'my_robot/msg/Wheels' WHERE name = '/joint_states'")
+        base.commit()
+    with pytest.raises(DataError, match="what a message of type my_robot/msg/Wheels holds"):
+        read_log(file, ReadOptions(map=MAP))

@@ -1,0 +1,103 @@
+"""Whether a pose and a twist are told as ROS prescribes (REP-103, Odometry), by the motion.
+
+Yaw counts counter-clockwise from x, so that a robot's way points along its heading, forward or
+backward; the twist of an Odometry is told in the frame of the body, not in that of the world.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.data.bags.clocks import Timed
+from sysid.data.finding import Finding, Severity
+from sysid.data.record import Array
+
+ALONG = 0.9
+"""Share of the way that lies along the heading where a robot drives as it points …"""
+ACROSS = 0.6
+"""… and where the heading is another angle; a robot that slides sideways lies between."""
+SIDEWAYS = 0.1
+"""… or, where nearly none lies along it, a frame turned by 90° (a robot on Swedish wheels
+drives where it likes and has half of it there)."""
+TURNS = 0.5
+"""A heading that varies by less [rad] cannot tell its sense."""
+BETTER = 0.25
+"""A frame is told apart where it leaves less than this share of what the other one leaves."""
+WINDOWS = 200
+"""Stretches of the drive that are compared: long ones, as positions are noisy."""
+
+
+def frame_findings(streams: Sequence[Timed], where: str) -> tuple[Finding, ...]:
+    """What poses and twists say that is not as ROS prescribes it.
+
+    Args:
+        streams: on one clock.
+        where: the bag, for messages.
+    """
+    column = {n: (s.t, v) for s in streams
+              for n, v in zip(s.stream.names, s.stream.values.T, strict=True)}  # fmt: skip
+    if not {"x", "y", "psi"} <= column.keys():
+        return ()
+    t = column["x"][0]
+    edges = np.linspace(max(c[0][0] for c in column.values()), t[-1], WINDOWS + 1)
+    known = {n: _at(edges, *column[n], n == "psi") for n in ("x", "y", "psi")}
+    dx, dy = np.diff(known["x"]), np.diff(known["y"])
+    psi = 0.5 * (known["psi"][1:] + known["psi"][:-1])
+    moved = np.hypot(dx, dy) > 0.1 * np.max(np.hypot(dx, dy))
+    if not moved.any() or np.ptp(psi[moved]) < TURNS:
+        return ()
+    said = _sense(dx[moved], dy[moved], psi[moved])
+    found = [Finding("bag", Severity.WARNING, f"{where}: {said[0]}", said[1])] if said else []
+    if not said:
+        way = np.column_stack([dx, dy])
+        found += [f for s in streams for f in _twist(s, edges, way, psi, where)]
+    return tuple(Finding(f.code, f.severity, f.sentence, f.advice, record=where) for f in found)
+
+
+def _at(edges: Array, t: Array, values: Array, turning: bool) -> Array:
+    kept = np.isfinite(values)
+    values = np.unwrap(values[kept]) if turning else values[kept]
+    return np.interp(edges, t[kept], values)
+
+
+def _sense(dx: Array, dy: Array, psi: Array) -> tuple[str, str] | None:
+    """What a heading counts instead of counter-clockwise from x, and what to do."""
+    course = np.arctan2(dy, dx)
+
+    def along(heading: Array) -> float:
+        return float(np.mean(np.cos(course - heading) ** 2))
+
+    if along(psi) > ACROSS:
+        return None
+    if along(-psi) > ALONG:
+        text = "psi counts clockwise, by the way driven, where ROS counts counter-clockwise."
+        return text, "Map x, y and psi one by one, psi with a minus before its path."
+    if along(0.5 * np.pi - psi) > ALONG:
+        text = "psi counts clockwise from north, by the way driven, as a compass does."
+        return text, "Map psi with a minus before its path, and swap x and y with a sign."
+    if along(psi) > SIDEWAYS:
+        return None
+    text = "the way driven lies across psi."
+    return text, "Check that the pose is that of the robot and psi its yaw."
+
+
+def _twist(stream: Timed, edges: Array, way: Array, psi: Array, where: str) -> tuple[Finding, ...]:
+    """Whether the speed of an Odometry is that along the world's x, not along the body's."""
+    s = stream.stream
+    at = [k for k, path in enumerate(s.paths) if path.endswith("twist.linear.x")]
+    if not at or not s.kind.endswith("Odometry"):
+        return ()
+    speed = s.values[:, at[0]]
+    area = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(stream.t))])
+    told = np.diff(np.interp(edges, stream.t, area))
+    body = way[:, 0] * np.cos(psi) + way[:, 1] * np.sin(psi)
+    left = [float(np.sum((told - w) ** 2)) for w in (way[:, 0], body)]
+    if not left[0] < BETTER * left[1]:
+        return ()
+    frame, child = s.frames
+    text = (
+        f"{where}: twist.twist.linear of {s.topic} is told in {frame or 'the world'}, by the way "
+        f"driven, where nav_msgs/Odometry tells it in {child or 'the body'}."
+    )
+    advice = "The speed of the body is not in it: map the wheels, or mend what publishes it."
+    return (Finding("bag", Severity.WARNING, text, advice),)

@@ -1,0 +1,235 @@
+"""Which fields of a bag are likely the inputs and outputs of a plant: by type, name and what leads.
+
+Types and names make candidates: a Twist on a topic that commands, an Odometry, the speeds of
+joints. Among these the pair is proposed in which one answers the other: its readings are explained
+by the other's values, held and behind a lag with a dead time that is not negative, better than the
+other way round.
+"""
+
+import re
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.data.bags.contents import Contents, Field, Topic
+from sysid.data.bags.latency import DeadTime, dead_time
+from sysid.data.column_words import SIDES, words
+from sysid.data.reading.columns import choose_columns
+from sysid.errors import DataError, UsageError
+
+COMMANDS = frozenset(
+    (
+        *("cmd", "command", "commands", "control", "controls", "ctrl", "reference", "references"),
+        *("pwm", "duty", "effort", "voltage", "setpoint", "drive", "target", "desired", "input"),
+        *("u", "motor", "motors", "throttle", "actuator", "actuators", "torque"),
+    )
+)
+"""Words of a topic that commands."""
+READINGS = frozenset(
+    (
+        *("odom", "odometry", "state", "states", "wheel", "wheels", "encoder", "encoders"),
+        *("measured", "feedback", "speed", "speeds", "velocity", "imu", "gyro", "output"),
+        *("y", "pose", "sensor"),
+    )
+)
+"""Words of a topic that measures."""
+MOST_FIELDS = 4
+"""Inputs, and outputs, that are proposed at most."""
+MOST_PAIRS = 3
+"""Topics of each kind that are tried on each other."""
+EARLY = -0.02
+"""A reading that comes so much before [s] does not answer."""
+NAMED, TYPED, LED = 3.0, 3.0, 4.0
+"""What a word of the topic, the type of its messages and a full answer count."""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A mapping that likely serves.
+
+    Attributes:
+        map: column → field.
+        inputs, outputs: their columns; empty where the names tell them anyway.
+        why: what speaks for it, as a sentence.
+    """
+
+    map: dict[str, str]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    why: str
+
+    def summary(self) -> dict[str, Any]:
+        """Plain values for a JSON document."""
+        sides = {"inputs": list(self.inputs), "outputs": list(self.outputs)}
+        return {"map": self.map, **sides, "why": self.why}
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    topic: Topic
+    fields: tuple[Field, ...]
+    score: float
+
+
+def propose(contents: Contents) -> Proposal | None:
+    """The mapping that the topics of a bag speak for; None where none of them measures anything."""
+    moving = [t for t in contents.topics if t.moving]
+    inputs = _best(_as_input(t) for t in moving)
+    outputs = _best(_as_output(t) for t in moving)
+    best: tuple[float, _Candidate, _Candidate, DeadTime | None] | None = None
+    for u in inputs:
+        for y in (y for y in outputs if y.topic is not u.topic):
+            led = _answers(u.fields, y.fields)
+            back = _answers(y.fields, u.fields) if led is not None else None
+            share = 0.0 if led is None else led.share
+            if back is not None and back.share > share:
+                share = -back.share
+            score = u.score + y.score + LED * share + _kin(u, y)
+            if best is None or score > best[0]:
+                best = score, u, y, led
+    if best is None:
+        return None
+    _, u, y, led = best
+    names = {**_named(u, "input"), **_named(y, "output")}
+    if len(names) < len(u.fields) + len(y.fields):
+        return None
+    pose = next((t for t in moving if _has_pose(t)), None)
+    mapping = dict(names) if pose is None else {**names, "pose": f"{pose.name}"}
+    why = f"{u.topic.name} commands by its name and type, {y.topic.name} measures"
+    if led is not None:
+        why += f": {100 * led.share:.0f} % of that is the command behind a lag"
+    return Proposal(mapping, *_needed(names, len(u.fields)), why)
+
+
+def _best(found: Any) -> list[_Candidate]:
+    kept = [c for c in found if c is not None and c.fields]
+    return sorted(kept, key=lambda c: -c.score)[:MOST_PAIRS]
+
+
+def _as_input(topic: Topic) -> _Candidate | None:
+    kind = topic.kind.rpartition("/")[2]
+    said = set(words(topic.name))
+    if kind in (
+        "Odometry",
+        "Imu",
+        "Clock",
+        "TFMessage",
+        "Pose",
+        "PoseStamped",
+        "NavSatFix",
+        "Time",
+    ):
+        return None
+    if kind == "JointState" and not COMMANDS & said:
+        return None
+    typed = kind in ("Twist", "TwistStamped", "AckermannDrive", "AckermannDriveStamped")
+    score = NAMED if COMMANDS & said else TYPED * typed - NAMED * bool(READINGS & said)
+    return _Candidate(topic, _main(topic, kind), score)
+
+
+def _as_output(topic: Topic) -> _Candidate | None:
+    kind = topic.kind.rpartition("/")[2]
+    said = set(words(topic.name))
+    if COMMANDS & said and not READINGS & said:
+        return None
+    if kind in ("Clock", "TFMessage", "Time", "Pose", "PoseStamped", "PoseWithCovarianceStamped"):
+        return None
+    score = NAMED * bool(READINGS & said)
+    score += {"JointState": TYPED, "Odometry": TYPED, "Imu": 0.5 * TYPED}.get(kind, 0.0)
+    return _Candidate(topic, _main(topic, kind), score)
+
+
+def _main(topic: Topic, kind: str) -> tuple[Field, ...]:
+    """The fields of a topic that a plant has: speeds before positions, few before many."""
+    moving = topic.moving
+    patterns = {
+        "JointState": (r"velocity\[.*", r"position\[.*"),
+        "Odometry": (r"twist\.twist\.(linear\.x|angular\.z)",),
+        "Imu": (r"angular_velocity\.z",),
+        "Twist": (r"(linear\.x|angular\.z)", r".*"),
+        "TwistStamped": (r"twist\.(linear\.x|angular\.z)", r".*"),
+    }.get(kind, (r".*",))
+    for pattern in patterns:
+        found = [f for f in moving if re.fullmatch(pattern, f.path)]
+        if found:
+            return tuple(found[:MOST_FIELDS])
+    return ()
+
+
+def _has_pose(topic: Topic) -> bool:
+    kind = topic.kind.rpartition("/")[2]
+    paths = {f.path.rpartition(".")[2] for f in topic.moving}
+    return kind in ("Odometry", "PoseStamped", "PoseWithCovarianceStamped", "Pose2D") and (
+        {"x", "y"} <= paths
+    )
+
+
+def _kin(u: _Candidate, y: _Candidate) -> float:
+    """Whether two topics speak of the same: a Twist of a body, an array of its wheels."""
+    body = "Twist" in u.topic.kind, "Odometry" in y.topic.kind
+    return 1.0 if body[0] == body[1] else 0.0
+
+
+def _answers(u: Sequence[Field], y: Sequence[Field]) -> DeadTime | None:
+    """How readings answer commands, the mean over the readings; None where they do not."""
+    shared = [f for f in u if len(f.t) == len(u[0].t)]
+    order = np.flatnonzero(np.diff(u[0].t, prepend=-np.inf) > 0.0)
+    block = np.column_stack([f.values for f in shared])[order]
+    found = []
+    for f in y:
+        keep = np.isfinite(f.values) & (np.diff(f.t, prepend=-np.inf) > 0.0)
+        if np.count_nonzero(keep) < 20 or not np.isfinite(block).all() or len(block) < 20:
+            continue
+        one = dead_time(f.t[keep], f.values[keep], [(u[0].t[order], block)])
+        if one is not None and one.seconds > EARLY - 3.0 * one.std_error:
+            found.append(one)
+    if not found:
+        return None
+    share = sum(one.share for one in found) / len(y)
+    seconds = float(np.mean([one.seconds for one in found]))
+    return DeadTime(seconds, max(one.std_error for one in found), share)
+
+
+def _named(one: _Candidate, role: str) -> dict[str, str]:
+    """Columns of a candidate by names that say what they are."""
+    found: dict[str, str] = {}
+    for f in sorted(one.fields, key=lambda f: _side_of(f.path)):
+        name = _column(one.topic, f.path, role)
+        while name in found:
+            name += "_"
+        found[name] = f"{one.topic.name}.{f.path}" if f.path else one.topic.name
+    return found
+
+
+def _column(topic: Topic, path: str, role: str) -> str:
+    kind = topic.kind.rpartition("/")[2]
+    inside = re.search(r"\[(.+)\]$", path)
+    label = inside[1] if inside else path.rpartition(".")[2] or words(topic.name)[-1]
+    label = re.sub(r"\W+", "_", _side_of(label)[:1] or label)
+    if path.endswith("linear.x") and "Twist" in kind + path.title():
+        label = "v"
+    if path.endswith(("angular.z", "angular_velocity.z")):
+        label = "yaw_rate"
+    if role == "input":
+        return f"{'pwm' if 'pwm' in words(topic.name) else 'cmd'}_{label}"
+    if kind == "JointState":
+        return f"{'omega' if path.startswith('velocity') else 'angle'}_{label}"
+    return label if label in ("v", "yaw_rate") else f"y_{label}"
+
+
+def _side_of(path: str) -> str:
+    """``left`` or ``right`` where a path says so, else nothing."""
+    return next((SIDES[w] for w in words(path) if w in SIDES), "")
+
+
+def _needed(names: dict[str, str], inputs: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Inputs and outputs by name, where the columns' names do not tell them."""
+    u, y = tuple(names)[:inputs], tuple(names)[inputs:]
+    with suppress(DataError, UsageError):
+        found = choose_columns(tuple(names), timed=True)
+        if (found.inputs, found.outputs) == (u, y):
+            return (), ()
+    return u, y
