@@ -109,7 +109,7 @@ def _open(gap: Gap, name: str) -> bool:
     c = gap.channels[name]
     left = c.rmse_after**2 - c.noise_floor**2
     open_ = left > (1.0 - 0.01 * VERDICT.nearly_all) * (c.rmse_before**2 - c.noise_floor**2)
-    return open_ or c.rmse_after > VERDICT.loud * c.noise_floor
+    return open_ or c.rmse_after > VERDICT.loud * c.surely_noise
 
 
 def _models(

@@ -15,9 +15,8 @@ from sysid.discrepancy.diagnosis import Diagnosis
 from sysid.discrepancy.given_model import around_model
 from sysid.discrepancy.pose.diagnosis import PoseDiagnosis, diagnose_pose
 from sysid.discrepancy.proof.mission import prove_on_mission
-from sysid.discrepancy.search.evidence import noise_floor
 from sysid.discrepancy.search.naming import Progress
-from sysid.discrepancy.study import Study
+from sysid.discrepancy.study import Study, noise_of
 from sysid.effects.catalogue import chain_effects
 from sysid.effects.measured import Measured, within
 from sysid.errors import DataError, UsageError
@@ -76,7 +75,7 @@ def diagnose(
         base = plain_base(estimation, held, effects)
     else:
         base = given_base(model, estimation, held, effects)
-    study = Study(base, noise_floor(base.parts.held), full_drive(estimation), seed)
+    study = Study(base, noise_of(base), full_drive(estimation), seed)
     say("is there anything to explain?", 0.06)
     if model is None:
         found = study.searched(effects, say)

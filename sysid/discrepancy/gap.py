@@ -20,11 +20,17 @@ REFUTED = 0.85
 
 @dataclass(frozen=True)
 class ChannelGap:
-    """RMSE of one output before and after, and its noise floor."""
+    """RMSE of one output before and after, and its noise floor with a 95 % interval."""
 
     rmse_before: float
     rmse_after: float
     noise_floor: float
+    floor_interval: tuple[float, float] | None = None
+
+    @property
+    def surely_noise(self) -> float:
+        """What the noise is at most, as far as it is known."""
+        return self.noise_floor if self.floor_interval is None else self.floor_interval[1]
 
 
 @dataclass(frozen=True)
@@ -59,6 +65,7 @@ class Gap:
                     "rmse_before": c.rmse_before,
                     "rmse_after": c.rmse_after,
                     "noise_floor": c.noise_floor,
+                    "floor_interval": None if c.floor_interval is None else list(c.floor_interval),
                 }
                 for k, c in self.channels.items()
             },

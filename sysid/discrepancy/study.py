@@ -15,6 +15,7 @@ from sysid.discrepancy.named_effects import Dropped
 from sysid.discrepancy.policies import RULE, VERDICT
 from sysid.discrepancy.proof.acceptance import doubtful_slots, weakest
 from sysid.discrepancy.proof.model_error import FEWEST, ResidualStructure, error_structure
+from sysid.discrepancy.proof.noise import NoiseFloor, floor_of
 from sysid.discrepancy.search.intervals import intervals_of
 from sysid.discrepancy.search.named_sets import Named, Naming, Node
 from sysid.discrepancy.search.naming import Progress
@@ -29,7 +30,7 @@ class Study:
 
     Attributes:
         base: base and search.
-        floor: measurement noise of each output.
+        noise: measurement noise of each output.
         scales: full drive of each input.
         seed: of every bootstrap.
         doubted: the study of the model that was given, where that had absorbed so much that effects
@@ -37,10 +38,15 @@ class Study:
     """
 
     base: Base
-    floor: Array
+    noise: NoiseFloor
     scales: Array
     seed: int
     doubted: "Study | None" = None
+
+    @property
+    def floor(self) -> Array:
+        """Measurement noise of each output, (ny,)."""
+        return self.noise.value
 
     @property
     def nothing(self) -> Naming:
@@ -76,7 +82,7 @@ class Study:
     def loud(self, naming: Naming) -> bool:
         """Whether the held-out errors of the model after are far above the noise."""
         now = naming.final.errors.mean_squares()[1]
-        return bool(np.any(np.sqrt(now) > VERDICT.loud * self.floor))
+        return bool(np.any(np.sqrt(now) > VERDICT.loud * self.noise.high))
 
     def searched(self, effects: Sequence[Effect], say: Progress) -> "Outcome":
         """The search for what is missing, unless there is nothing to explain."""
@@ -137,13 +143,19 @@ class Study:
 
     def gap(self, naming: Naming) -> Gap:
         """The gap on held-out data before and after."""
-        return measure_gap(
+        gap = measure_gap(
             self.origin.base.node.errors.held,
             naming.final.errors.held,
             self.floor,
             self.base.parts.estimation[0].output_names,
             self.seed,
         )
+        ends = zip(gap.channels.items(), self.noise.low, self.noise.high, self.floor, strict=True)
+        channels = {
+            name: replace(c, floor_interval=(c.noise_floor * a / v, c.noise_floor * b / v))
+            for (name, c), a, b, v in ends
+        }
+        return replace(gap, channels=channels)
 
     def explained_by(self, naming: Naming, n: Named) -> float:
         """Share of the gap of its outputs that an effect closes beside the others [%]."""
@@ -179,6 +191,20 @@ class Study:
         """Whether the held-out error of the model after is ``below`` that of another."""
         old, new = (n.errors.mean_squares()[1] for n in (node, naming.final))
         return bool(naming.named) and float(np.sqrt(np.mean(new / old))) < below
+
+
+def noise_of(base: Base) -> NoiseFloor:
+    """Measurement noise from all logs of a diagnosis and the errors that its base leaves there."""
+    parts, errors = base.parts, base.node.errors
+    model, slow = base.search.model, 0.0
+    for i in range(model.tracks):
+        f = [base.node.q[model.place["core", f"f{k + 1}", i]] for k in range(model.order)]
+        slow = max(slow, float(np.max(np.abs(np.roots([1.0, *f])), initial=0.0)))
+    if parts.held is parts.estimation:  # blocks of the same logs: together they are whole
+        pairs = zip(errors.estimation, errors.held, strict=True)
+        whole = [np.where(np.isfinite(a), a, b) for a, b in pairs]
+        return floor_of(parts.estimation, whole, slow)
+    return floor_of((*parts.estimation, *parts.held), (*errors.estimation, *errors.held), slow)
 
 
 @dataclass(frozen=True, eq=False)

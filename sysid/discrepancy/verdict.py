@@ -59,7 +59,7 @@ class Remaining:
         return ", ".join(
             f"{name} {c.rmse_after / c.noise_floor:.1f} times"
             for name, c in self.gap.channels.items()
-            if c.rmse_after > VERDICT.loud * c.noise_floor > 0.0
+            if c.rmse_after > VERDICT.loud * c.surely_noise > 0.0
         )
 
 

@@ -152,7 +152,9 @@ def test_document(
     assert {"region", "share_of_excess", "share_of_samples"} <= set(found["where"][0])
     gap = found["gap"]
     assert {"before", "after", "noise_floor", "closed_percent", "interval", "channels"} <= set(gap)
-    assert set(gap["channels"]["omega_l"]) == {"rmse_before", "rmse_after", "noise_floor"}
+    assert set(gap["channels"]["omega_l"]) == {
+        "rmse_before", "rmse_after", "noise_floor", "floor_interval",
+    }  # fmt: skip
     assert gap["closed_percent"] > 95
     assert found["detectable"] == {"dead-zone": 0.01, "backlash": None}
     assert found["next_experiments"][0]["file"] == "next_1_dead-zone.csv"

@@ -13,7 +13,7 @@ from sysid.discrepancy.named_effects import NamedEffect, Value
 from sysid.discrepancy.proof.acceptance import Number, against, doubtful_slots
 from sysid.discrepancy.search.evidence import Evidence
 from sysid.discrepancy.search.named_sets import Interval, Naming
-from sysid.discrepancy.study import Study
+from sysid.discrepancy.study import Study, noise_of
 from sysid.discrepancy.verdict import Remaining, verdict_of
 from sysid.effects.catalogue import about, chain_effects
 from sysid.structures.augmented.structure import Augmented
@@ -86,7 +86,7 @@ def test_a_side_that_slopes_say_nothing_of_is_asked_of_the_likelihood(base: Base
 
 def test_a_name_that_does_not_stand_is_dropped_with_the_reason(base: Base) -> None:
     scales = full_drive(base.parts.estimation)
-    study = Study(base, np.array([0.05]), scales, 0)
+    study = Study(base, noise_of(base), scales, 0)
     kept, dropped = study.confirmed(named(base))
     assert kept.named == ()
     assert kept.final is base.node

@@ -180,6 +180,12 @@ def noise_floor(records: Sequence[Record]) -> Array:
     return _floor(records)
 
 
+def settled(records: Sequence[Record]) -> NDArray[np.bool_]:
+    """Outputs whose commands rest often enough to read the noise between their changes, (ny,)."""
+    calm = [_calm(r) for r in records if len(r) > 3]
+    return np.asarray(np.concatenate(calm).sum(axis=0) >= FEWEST_CALM)
+
+
 def _floor(records: Sequence[Record]) -> Array:
     """``noise_floor`` of readings that are all fresh."""
     third = np.concatenate([np.diff(r.y, n=3, axis=0) for r in records if len(r) > 3])
