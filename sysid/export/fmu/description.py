@@ -87,7 +87,7 @@ class Unit:
     def guid(self) -> str:
         """What tells this unit from every other one: its content."""
         text = "".join(f"{n}\n{self.sources[n]}" for n in sorted(self.sources))
-        text += f"{__version__}{self.name}{self.sample_time!r}{self.variables!r}{self.code}"
+        text += f"{__version__}{self.name}{float(self.sample_time)!r}{self.variables!r}{self.code}"
         return f"{{{hashlib.sha256(text.encode('utf-8')).hexdigest()[:32]}}}"
 
     @property
@@ -140,7 +140,7 @@ def xml_2(unit: Unit) -> str:
         "  </CoSimulation>",
         *_units(unit),
         '  <LogCategories>\n    <Category name="logStatusError"/>\n  </LogCategories>',
-        f'  <DefaultExperiment startTime="0.0" stepSize="{unit.sample_time!r}"/>',
+        f'  <DefaultExperiment startTime="0.0" stepSize="{float(unit.sample_time)!r}"/>',
         *_inside("ModelVariables", _variables_2(unit), "  "),
         "  <ModelStructure>",
         *_inside("Outputs", outputs, "    "),
@@ -163,7 +163,7 @@ def xml_3(unit: Unit) -> str:
         'canSerializeFMUState="true"/>',
         *_units(unit),
         '  <LogCategories>\n    <Category name="logStatusError"/>\n  </LogCategories>',
-        f'  <DefaultExperiment startTime="0.0" stepSize="{unit.sample_time!r}"/>',
+        f'  <DefaultExperiment startTime="0.0" stepSize="{float(unit.sample_time)!r}"/>',
         *_inside("ModelVariables", _variables_3(unit), "  "),
         "  <ModelStructure>",
         *(f'    <Output valueReference="{k}"{_depends(v, 0)}/>' for k, v in of_outputs),
