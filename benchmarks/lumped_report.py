@@ -26,8 +26,8 @@ from sysid.bench.motor.model import bench_model
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import SysidError
 from sysid.estimation.selection.comparison import Ranking
-from sysid.export.c.loop.report import operations
-from sysid.export.package import package_files
+from sysid.export.c.counting import operations
+from sysid.export.c.step import c_step
 from sysid.report.markdown import table
 from sysid.structures.model import Model
 
@@ -156,13 +156,9 @@ def models() -> dict[str, Model]:
 def operations_of(model: Model) -> str:
     """Arithmetic and calls of one step of the model in C; a dash where it has no C."""
     try:
-        files = package_files(model, formats=("c",))
+        plain, calls = operations(c_step(model).body)
     except SysidError:
         return "–"
-    text = next(str(v if isinstance(v, str) else v.decode()) for k, v in files.items()
-                if str(k).endswith("plant.c"))  # fmt: skip
-    body = text[text.index("plant_step(") :].splitlines()
-    plain, calls = operations(body)
     return f"{plain} + {calls}"
 
 

@@ -16,7 +16,7 @@ from pose_cases import two_tracks
 import sysid
 from sysid.discrepancy.pose.ground_model import with_ground
 from sysid.effects.ground import Ground
-from sysid.export.c.loop.report import operations
+from sysid.export.c.counting import operations
 from sysid.export.c.precision import in_single, single
 from sysid.export.package import Form, package_files, write_package
 from sysid.mission.robot.mapping import as_robot

@@ -95,7 +95,8 @@ def test_formats_that_cannot_be_used(formats: list[str], error: type, words: str
 def test_formats_say_what_stands_beside_the_package() -> None:
     model = robot_model("arx")
     package = {"plant.json", "selftest.csv", CARD}
-    c = {f"c/{n}" for n in ("plant.c", "plant.h", "selftest.c", "Makefile", "CMakeLists.txt")}
+    sources = ("plant.c", "plant.h", "selftest.c", "Makefile", "CMakeLists.txt")
+    c = {f"c/{n}" for n in (*sources, "report.md")}
     table = {"table/y.txt", "table/raw/y.bin"}
     for formats, more in [
         (None, c),

@@ -1,6 +1,6 @@
 """What builds the C sources: a Makefile, CMake, an Arduino library."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from sysid.export.c.loop.block import Block
 from sysid.export.c.source import fill
@@ -32,8 +32,9 @@ def build_files(files: Mapping[str, str]) -> dict[str, str]:
     }
 
 
-def arduino_files(loop: Loop, files: Mapping[str, str], navigation: Block) -> dict[str, str]:
+def arduino_files(loop: Loop, files: Mapping[str, str], blocks: Sequence[Block]) -> dict[str, str]:
     """A library folder of the laws and the plant, with a sketch that runs them."""
+    navigation = next(b for b in blocks if b.name == "navigation")
     kept = {
         n: text
         for n, text in files.items()

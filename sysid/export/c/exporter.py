@@ -7,7 +7,9 @@ from sysid.export.base import Exporter, Source
 from sysid.export.c.build import arduino_files, build_files
 from sysid.export.c.loop.sources import loop_sources
 from sysid.export.c.precision import DOUBLE, in_single, single
-from sysid.export.c.source import c_sources
+from sysid.export.c.report import LoopFacts, report
+from sysid.export.c.source import plant_sources
+from sysid.export.c.step import c_step
 
 _USAGE = """In C99, without heap or globals (`c/plant.h`, `c/plant.c`); the self-test prints its
 largest relative error:
@@ -31,13 +33,17 @@ class C(Exporter):
             ModelError: the plant cannot be written as C.
         """
         precision = DOUBLE if source.double else single(source.model)
-        files = c_sources(source.model, source.selftest, source.name, precision.plant)
+        step = c_step(source.model)
+        files = plant_sources(source.model, step, source.selftest, source.name, precision.plant)
         extra: dict[str, str] = {}
+        facts = None
         if source.loop is not None:
             made = loop_sources(source.loop, precision)
+            facts = LoopFacts(made.blocks, source.loop.control.period, made.sensors)
             files |= made.files
-            extra = arduino_files(source.loop, files, made.navigation)
+            extra = arduino_files(source.loop, files, made.blocks)
         files |= build_files(files) | extra
+        files["report.md"] = report(source.model, step, precision, facts)
         if precision.double:
             return files
         return {n: in_single(t) if n.endswith((".c", ".h")) else t for n, t in files.items()}

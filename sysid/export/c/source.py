@@ -22,6 +22,13 @@ _MATHEMATICAL = re.compile(r"\b(HUGE_VAL|NAN|[a-z]\w*\()")
 def c_sources(
     model: Model, test: SelfTest, name: str = "", tolerance: float = TOLERANCE
 ) -> dict[str, str]:
+    """:func:`plant_sources` of a model's step."""
+    return plant_sources(model, c_step(model), test, name, tolerance)
+
+
+def plant_sources(
+    model: Model, written: PlantStep, test: SelfTest, name: str, tolerance: float
+) -> dict[str, str]:
     """``plant.h``, ``plant.c`` and ``selftest.c`` of a model.
 
     The code computes what the structure's ``step`` computes, in double precision, so that it
@@ -29,14 +36,14 @@ def c_sources(
 
     Args:
         model: a fitted model.
+        written: its step.
         test: the rows ``selftest.c`` checks.
-        name: what to call the plant; the structure's title unless given.
+        name: what to call the plant; the structure's title where that is empty.
         tolerance: error that ``selftest.c`` allows, in parts of the range of each output.
 
     Raises:
         ModelError: the structure cannot be written as C.
     """
-    written = c_step(model)
     title = comment(f"{name}: {model.structure.title}" if name else model.structure.title)
     common = {"title": title, "version": __version__}
     n = written.n_states

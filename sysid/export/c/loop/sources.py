@@ -12,7 +12,6 @@ from sysid.export.c.fields import members
 from sysid.export.c.loop.block import Block, recorded
 from sysid.export.c.loop.drive import CLOSED, Drive, driven
 from sysid.export.c.loop.laws_of_mission import laws
-from sysid.export.c.loop.report import report
 from sysid.export.c.precision import Precision
 from sysid.export.c.source import fill
 from sysid.export.c.writing import comment, listed, number
@@ -26,19 +25,21 @@ MOST_ROWS = 400
 
 @dataclass(frozen=True, eq=False)
 class LoopSources:
-    """The files of a closed loop, and the law that an Arduino sketch has to feed.
+    """The files of a closed loop, and what they were made from.
 
     Attributes:
         files: by name.
-        navigation: from readings to where the robot is.
+        blocks: its laws.
+        sensors: whether the mission has noise.
     """
 
     files: dict[str, str]
-    navigation: Block
+    blocks: tuple[Block, ...]
+    sensors: bool
 
 
 def loop_sources(loop: Loop, precision: Precision) -> LoopSources:
-    """Headers, sources, self-test and report of a closed loop.
+    """Headers, sources and self-test of a closed loop.
 
     Args:
         loop: of a mission and a robot plant, on plain numbers.
@@ -51,8 +52,7 @@ def loop_sources(loop: Loop, precision: Precision) -> LoopSources:
     drive = driven(loop)
     files["loop_data.h"] = _data(blocks, drive)
     files["loop_selftest.c"] = _selftest(loop, blocks, drive, precision)
-    files["report.md"] = report(loop, tuple(blocks.values()), drive, precision)
-    return LoopSources(files, blocks["navigation"])
+    return LoopSources(files, tuple(blocks.values()), drive.sensors)
 
 
 def law_sources(loop: Loop) -> tuple[dict[str, Block], dict[str, str]]:

@@ -1,0 +1,152 @@
+"""What a person who integrates the code wants to know: functions, interfaces, sizes, operations."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from sysid.data.record import Channel
+from sysid.export.c.counting import Count, counted
+from sysid.export.c.fields import Field, numbers
+from sysid.export.c.loop.block import Block
+from sysid.export.c.precision import Precision
+from sysid.export.c.source import fill
+from sysid.export.c.step import PlantStep
+from sysid.structures.model import Model
+
+
+@dataclass(frozen=True)
+class LoopFacts:
+    """What a report says of a loop.
+
+    Attributes:
+        blocks: its laws.
+        period: between two steps of the controller [s].
+        sensors: whether the mission has noise, so that the loop is not driven again in C.
+    """
+
+    blocks: tuple[Block, ...]
+    period: float
+    sensors: bool
+
+
+CONTROLLER = ("guidance", "control", "command")
+"""The laws that ``controller_step`` calls."""
+
+
+def report(
+    model: Model, plant: PlantStep, precision: Precision, loop: LoopFacts | None = None
+) -> str:
+    """``report.md``.
+
+    Args:
+        model: whose plant is written.
+        plant: its step.
+        precision: of the numbers.
+        loop: what drives it, None for the plant alone.
+    """
+    size = 8 if precision.double else 4
+    blocks = () if loop is None else loop.blocks
+    notes = [precision.reason] if precision.reason else []
+    programs = ["./selftest"]
+    when = f"The plant is stepped every {model.dt:g} s."
+    if loop is not None:
+        programs.append("./loop_selftest")
+        when = (
+            f"The controller is called every {loop.period:g} s, navigation and plant every "
+            f"{model.dt:g} s."
+        )
+    if loop is not None and loop.sensors:
+        notes.append(
+            "The mission has sensors with noise, so the self-test of the loop steps each function "
+            "through the readings of one drive and does not drive the mission itself."
+        )
+    return fill(
+        "report.md",
+        title="The plant in C" if loop is None else "The loop in C",
+        when=when,
+        programs=" && ".join(programs),
+        functions="\n".join([*_plant_rows(plant, size), *_rows(blocks, size)]),
+        size=str(size),
+        interfaces="\n".join([*_plant(model, plant), *(x for b in blocks for x in _interface(b))]),
+        notes="".join(f"\n{note}\n" for note in notes),
+    )
+
+
+def _row(name: str, does: str, sizes: tuple[int, int], n: Count) -> str:
+    made = (n.added, n.multiplied, n.divided, n.roots, n.compared, n.calls)
+    state, parameters = sizes
+    cells = (f"`{name}`", does, f"{state} B", f"{parameters} B", *made)
+    return f"| {' | '.join(map(str, cells))} |"
+
+
+def _plant_rows(plant: PlantStep, size: int) -> Iterator[str]:
+    state = max(plant.n_states, 1) + len(plant.derived) + len(plant.sources)
+    sizes = (size * state, size * numbers(plant.parameters))
+    compared = Count(compared=len(plant.sources))
+    step = counted([*plant.entering, *plant.starting, *plant.body]) + compared
+    yield _row("plant_step", "The identified plant, at every sample", sizes, step)
+    if plant.derived:
+        again = step + counted(plant.following)
+        yield _row("plant_step", "the same where a parameter has changed", sizes, again)
+
+
+def _rows(blocks: Sequence[Block], size: int) -> Iterator[str]:
+    counts, states, parameters = {}, {}, {}
+    for b in blocks:
+        counts[b.name] = counted(b.step)
+        states[b.name], parameters[b.name] = numbers(b.states), numbers(b.parameters)
+        sizes = (size * states[b.name], size * parameters[b.name])
+        yield _row(f"{b.name}_step", b.title, sizes, counts[b.name])
+    if blocks:
+        kept = sum(states[n] for n in CONTROLLER) + 2  # what of the last command reached the tracks
+        sizes = (size * kept, size * sum(parameters[n] for n in CONTROLLER))
+        does = "Guidance, control and command module in one: X, Y, ψ, Vx in, PWM out"
+        total = sum((counts[n] for n in CONTROLLER), Count(compared=3))
+        yield _row("controller_step", does, sizes, total)
+
+
+def _plant(model: Model, plant: PlantStep) -> Iterator[str]:
+    yield from ("", "## plant", "")
+    for part, letter, channels in (("inputs", "u", model.inputs), ("outputs", "y", model.outputs)):
+        yield from _table(part, [_channel(letter, k, c) for k, c in enumerate(channels)])
+    yield from _table("parameters", plant.parameters)
+
+
+def _channel(letter: str, k: int, channel: Channel) -> Field:
+    return Field(f"{letter}[{k}]", channel.unit, channel.name)
+
+
+def _interface(b: Block) -> Iterator[str]:
+    yield from ("", f"## {b.name}", "")
+    parts: Mapping[str, Sequence[Field]] = {
+        "inputs": b.inputs,
+        "outputs": b.outputs,
+        "parameters": b.parameters,
+        "state": b.states,
+    }
+    for part, fields in parts.items():
+        yield from _table(part, fields)
+    if b.held:
+        names = ", ".join(f"`{n}`" for n in b.held)
+        yield f"Numbers by which the law decides while it is written are constants: {names}."
+        yield ""
+
+
+def _table(part: str, fields: Sequence[Field]) -> Iterator[str]:
+    if not fields:
+        return
+    valued = part == "parameters"
+    yield f"| {part} | unit | | value |" if valued else f"| {part} | unit | |"
+    yield "|---|---|---|---|" if valued else "|---|---|---|"
+    for f in fields:
+        size = f"[{f.size}]" if f.size else ""
+        cells = [f"`{f.name}{size}`", _cell(f.unit), _cell(f.words)]
+        if valued:
+            first, last = f.values[0], f.values[-1]
+            cells.append(f"{first:g} … {last:g}" if f.size else f"{first:g}")
+        yield f"| {' | '.join(cells)} |"
+    yield ""
+
+
+def _cell(text: str) -> str:
+    """Text that ends no cell of a table."""
+    return text.replace("|", "\\|").replace("\n", " ")
