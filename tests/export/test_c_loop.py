@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -287,3 +288,56 @@ def test_a_ground_that_remembers_is_driven_in_c(tmp_path: Path) -> None:
     c = tmp_path / "plant" / "c"
     ran(c, str(COMPILER), *QUICK, "-o", "loop_selftest", *sources(c), "-lm")
     assert errors(c)["closed-loop"] < 1e-12
+
+
+@needs_compiler
+def test_what_the_command_module_makes_up_for_may_be_changed(tmp_path: Path) -> None:
+    from sysid import floats
+    from sysid.export.closed_loop import loop_of
+    from sysid.mission.contracts import Body, Command, Pose
+
+    base = two_tracks()
+    structure = replace(base.structure, effects=("dead-zone",))
+    model = replace(
+        base,
+        structure=structure,
+        theta=np.concatenate([base.theta, [0.15, 0.12, 0.0] * 2]),
+        parameters=structure.parameters(base.inputs, base.outputs),
+        covariance=np.eye(10),
+    )
+    mission = mission_of(
+        "goal: [1, 0.2]\ntimeout: 12\ncontrol: {compensate: identified}\n", tmp_path
+    )
+    write_package(model, tmp_path / "plant", formats=["c"], form=Form(mission, True))
+    c = tmp_path / "plant" / "c"
+    main = """
+#include <stdio.h>
+#include "command.h"
+int main(void)
+{
+    command_parameters p;
+    command_state s;
+    command_inputs in = {0};
+    command_outputs out;
+    command_defaults(&p);
+    p.dead_zone_plus_r *= 2.0;
+    command_init(&s, &p);
+    in.v_cmd = 0.4;
+    in.psi_cmd = 0.1;
+    command_step(&s, &p, &in, &out);
+    printf("%.17g %.17g\\n", out.pwm_l, out.pwm_r);
+    return 0;
+}
+"""
+    (c / "changed.c").write_text(main, encoding="utf-8")
+    ran(c, str(COMPILER), *QUICK, "-o", "changed", "changed.c", "command.c", "-lm")
+    loop = loop_of(model, mission)
+    known = loop.drive.identified  # type: ignore[attr-defined]
+    numbers = {"dead-zone": {**known.parameters["dead-zone"], "plus": np.array([0.15, 0.3])}}
+    other = replace(loop.drive, identified=replace(known, parameters=numbers))  # type: ignore[type-var]
+    body = Body(Pose(0.0, 0.0, 0.0), 0.0, 0.0)
+    expected, _ = other(Command(0.4, 0.1), body, 0.0, floats)
+    plain, _ = loop.drive(Command(0.4, 0.1), body, 0.0, floats)
+    found = [float(v) for v in ran(c, "./changed").split()]
+    assert found == pytest.approx(expected, rel=1e-13)
+    assert found[1] > plain[1] + 1.0

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple, cast
 
+from sysid.effects.catalogue import effect
 from sysid.export.c.loop.block import Law
 from sysid.export.c.loop.laws import documented, numbers, with_numbers
 from sysid.export.c.loop.members import described
@@ -21,6 +22,7 @@ from sysid.mission.contracts import (
     Scene,
 )
 from sysid.mission.loop import Loop
+from sysid.mission.robot.compensation import Compensation
 from sysid.vehicle.kinematics import Geometry
 
 Numbers = Mapping[Path, Any]
@@ -169,25 +171,60 @@ def _control(loop: Loop) -> Law:
     return _law("control", title, loop, dict.fromkeys((*CONTROL_INPUTS, *APPLIED), 0.0), step)
 
 
+SIDES = ("l", "r")
+
+
+def compensated_numbers(drive: Any) -> dict[Path, float]:
+    """Numbers of the effects that a command module makes up for, by place."""
+    if not isinstance(drive, Compensation):
+        return {}
+    return {
+        (id, name, side): float(value)
+        for id in drive.ids
+        for name, values in drive.identified.parameters[id].items()
+        for side, value in zip(SIDES, values, strict=True)
+    }
+
+
+def with_compensated_numbers(drive: Any, given: Numbers) -> Any:
+    """The same command module with other numbers at these places."""
+    if not isinstance(drive, Compensation) or not given:
+        return drive
+    numbers = {id: dict(named) for id, named in drive.identified.parameters.items()}
+    for id in drive.ids:
+        for name, values in numbers[id].items():
+            sides = zip(SIDES, values, strict=True)
+            numbers[id][name] = TRACE.stack([given.get((id, name, s), v) for s, v in sides])
+    return replace(drive, identified=replace(drive.identified, parameters=numbers))
+
+
 def _command(loop: Loop) -> Law:
+    parameters = compensated_numbers(loop.drive)
+
     def step(given: Numbers, state: Any, read: Mapping[str, Any]) -> tuple[Any, Any]:
         wanted = Command(read["v_cmd"], read["psi_cmd"])
-        pwm, applied = loop.drive(wanted, body_of(read), read["t"], TRACE)
+        drive = with_compensated_numbers(loop.drive, given)
+        pwm, applied = drive(wanted, body_of(read), read["t"], TRACE)
         return (), command_outputs(pwm, applied)
 
     inputs = dict.fromkeys(("t", "v_cmd", "psi_cmd", *ESTIMATE), 0.0)
     title = "From the speed and the yaw command to the pulse widths of both tracks"
-    return Law("command", title, {}, inputs, lambda given: (), step, _of_signal)
+
+    def words(place: Path) -> tuple[str, str]:
+        if place not in parameters:
+            return described(identifier(place))
+        id, name, side = place
+        unit = next(p.unit for p in effect(id).parameters if p.name == name)
+        words = f"{id}.{name} of the {'left' if side == 'l' else 'right'} track, to be made up for"
+        return unit.replace("speed", loop.plant.outputs[0].unit), words
+
+    return Law("command", title, parameters, inputs, lambda given: (), step, words)
 
 
 def command_outputs(pwm: tuple[Any, Any], applied: Command) -> dict[str, Any]:
     """What the command module gives, as outputs."""
     given = (*pwm, applied.v_cmd, applied.psi_cmd)
     return dict(zip(("pwm_l", "pwm_r", *APPLIED), given, strict=True))
-
-
-def _of_signal(place: Path) -> tuple[str, str]:
-    return described(identifier(place))
 
 
 def _navigation(loop: Loop) -> Law:
