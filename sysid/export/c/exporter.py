@@ -39,7 +39,7 @@ class C(Exporter):
         facts = None
         if source.loop is not None:
             made = loop_sources(source.loop, precision)
-            facts = LoopFacts(made.blocks, source.loop.control.period, made.sensors)
+            facts = LoopFacts(made.blocks, source.loop.control.period, made.not_again)
             files |= made.files
             extra = arduino_files(source.loop, files, made.blocks)
         files |= build_files(files) | extra

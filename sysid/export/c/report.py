@@ -20,12 +20,12 @@ class LoopFacts:
     Attributes:
         blocks: its laws.
         period: between two steps of the controller [s].
-        sensors: whether the mission has noise, so that the loop is not driven again in C.
+        not_again: why the mission is not driven again in C, a sentence; empty where it is.
     """
 
     blocks: tuple[Block, ...]
     period: float
-    sensors: bool
+    not_again: str
 
 
 CONTROLLER = ("guidance", "control", "command")
@@ -54,11 +54,8 @@ def report(
             f"The controller is called every {loop.period:g} s, navigation and plant every "
             f"{model.dt:g} s."
         )
-    if loop is not None and loop.sensors:
-        notes.append(
-            "The mission has sensors with noise, so the self-test of the loop steps each function "
-            "through the readings of one drive and does not drive the mission itself."
-        )
+    if loop is not None and loop.not_again:
+        notes.append(loop.not_again)
     return fill(
         "report.md",
         title="The plant in C" if loop is None else "The loop in C",

@@ -24,7 +24,7 @@ from sysid.export.c.operations import (
     cell,
 )
 from sysid.export.c.operations import total as taken_together
-from sysid.export.c.program import Cells, Program
+from sysid.export.c.program import Cell, Cells, Program
 
 WRITTEN_OUT = 24
 """Entries up to which an operation on an array is written out; beyond, it becomes a loop.
@@ -394,16 +394,38 @@ def _searchsorted(points: Any, value: Any, side: str = "left") -> Traced:
     return _reduced(_each(OPERATIONS["where"], below, 1.0, 0.0), -1)
 
 
-def _repeated(times: int, advance: Callable[[Traced], Traced], x: Traced) -> Traced:
-    """x after ``times`` rounds of ``advance``: one loop."""
-    program = _program(x.cells)
+def _repeated(times: int, advance: Callable[[Any], Any], x: Any) -> Any:
+    """x, an array or a tuple of such, after ``times`` rounds of ``advance``: one loop."""
+    parts = _parts(x)
+    # where it begins with numbers, what a round makes of them tells the program
+    program = _program(*parts) or (_program(*_parts(advance(x))) if times > 1 else None)
     if program is None or times == 1:
         for _ in range(times):
             x = advance(x)
         return x
-    rounds = program.repeated(times, x.cells.ravel().tolist())
-    found = advance(Traced(rounds.entered()).reshape(x.shape))
-    return Traced(rounds.finished(cells_of(found).ravel().tolist())).reshape(x.shape)
+    rounds = program.repeated(times, [c for p in parts for c in p.ravel()])
+    after = advance(_like(x, iter(rounds.entered())))
+    shapes = [p.shape for p in _parts(after)]
+    if shapes != [p.shape for p in parts]:
+        raise ValueError(f"a round makes {shapes} of {[p.shape for p in parts]}")
+    return _like(x, iter(rounds.finished([c for p in _parts(after) for c in p.ravel()])))
+
+
+def _parts(x: Any) -> list[Cells]:
+    """The arrays of a tuple of tuples of arrays."""
+    return [p for y in x for p in _parts(y)] if isinstance(x, tuple) else [cells_of(x)]
+
+
+def _like(x: Any, cells: Iterator[Cell]) -> Any:
+    """The same tuples, these cells in their arrays."""
+    if isinstance(x, tuple):
+        made = [_like(y, cells) for y in x]
+        return type(x)(*made) if hasattr(x, "_fields") else tuple(made)
+    shape = cells_of(x).shape
+    found = np.empty(int(np.prod(shape)), dtype=object)
+    for k in range(found.size):
+        found[k] = next(cells)
+    return Traced(found.reshape(shape))
 
 
 def _cholesky(matrix: Any) -> Traced:

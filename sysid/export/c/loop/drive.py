@@ -1,6 +1,6 @@
 """One drive of a mission with what went in and out of every law, for the self-test in C."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -9,6 +9,7 @@ import numpy as np
 from sysid import floats
 from sysid.data.record import Array
 from sysid.export.c.loop.laws_of_mission import command_outputs, flat, guidance_outputs
+from sysid.mission.contracts import TurnsTracks
 from sysid.mission.loop import COLUMNS, Loop
 from sysid.mission.simulator import run
 
@@ -25,12 +26,12 @@ class Drive:
     Attributes:
         rows: law → inputs and outputs of every step by name, (steps, signals).
         closed: the log in the columns :data:`CLOSED`, (samples, columns).
-        sensors: whether readings had noise, so that the closed loop cannot be driven again.
+        not_again: why the closed loop cannot be driven again in C, a sentence; empty where it can.
     """
 
     rows: Mapping[str, Mapping[str, Array]]
     closed: Array
-    sensors: bool
+    not_again: str
 
 
 @dataclass(eq=False)
@@ -52,11 +53,12 @@ class _Watched:
         return after, found
 
 
-def driven(loop: Loop, seed: int = 0) -> Drive:
+def driven(loop: Loop, blocks: Collection[str], seed: int = 0) -> Drive:
     """Drive a closed loop once.
 
     Args:
         loop: on plain numbers.
+        blocks: names of the laws that are written as C.
         seed: of the sensors' noise.
     """
     watched: dict[str, Any] = {
@@ -104,7 +106,25 @@ def driven(loop: Loop, seed: int = 0) -> Drive:
     return Drive(
         {law: _columns(found) for law, found in rows.items()},
         table[:, columns],
-        bool(loop.scene.sensors),
+        _not_again(loop, blocks),
+    )
+
+
+def _not_again(loop: Loop, blocks: Collection[str]) -> str:
+    """Why what was driven here cannot be driven again in C."""
+    if loop.scene.sensors:
+        why = "has sensors with noise"
+    elif loop.feed is not None:
+        why = "has a supply between command and plant, which is not written as C"
+    elif isinstance(loop.motion, TurnsTracks):
+        why = "moves the vehicle by the torque of its motors, not by the plant"
+    elif "motion" not in blocks:
+        why = "moves the vehicle in a way that cannot be written as C"
+    else:
+        return ""
+    return (
+        f"The mission {why}, so the self-test of the loop steps each function through what went in "
+        "and out of it during one drive and does not drive the mission itself."
     )
 
 

@@ -9,12 +9,13 @@ import numpy as np
 from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.errors import ModelError
 from sysid.export.c.fields import members
-from sysid.export.c.loop.block import Block, recorded
+from sysid.export.c.loop.block import Block, Law, recorded
 from sysid.export.c.loop.drive import CLOSED, Drive, driven
 from sysid.export.c.loop.laws_of_mission import laws
 from sysid.export.c.precision import Precision
 from sysid.export.c.source import fill
 from sysid.export.c.writing import comment, listed, number
+from sysid.mission.contracts import TurnsTracks
 from sysid.mission.loop import Loop
 from sysid.mission.robot.robot_plant import RobotPlant
 from sysid.version import __version__
@@ -30,12 +31,12 @@ class LoopSources:
     Attributes:
         files: by name.
         blocks: its laws.
-        sensors: whether the mission has noise.
+        not_again: why the mission is not driven again in C, a sentence; empty where it is.
     """
 
     files: dict[str, str]
     blocks: tuple[Block, ...]
-    sensors: bool
+    not_again: str
 
 
 def loop_sources(loop: Loop, precision: Precision) -> LoopSources:
@@ -49,10 +50,26 @@ def loop_sources(loop: Loop, precision: Precision) -> LoopSources:
         ModelError: a law cannot be written as C.
     """
     blocks, files = law_sources(loop)
-    drive = driven(loop)
+    drive = driven(loop, blocks)
     files["loop_data.h"] = _data(blocks, drive)
     files["loop_selftest.c"] = _selftest(loop, blocks, drive, precision)
-    return LoopSources(files, tuple(blocks.values()), drive.sensors)
+    return LoopSources(files, tuple(blocks.values()), drive.not_again)
+
+
+def _block(loop: Loop, law: Law) -> Block | None:
+    """A law as C; None for a motion that cannot be written so, which no robot needs.
+
+    Raises:
+        ModelError: another law cannot be written as C.
+    """
+    if law.name == "motion" and isinstance(loop.motion, TurnsTracks):
+        return None
+    try:
+        return recorded(law)
+    except ModelError:
+        if law.name == "motion":
+            return None
+        raise
 
 
 def law_sources(loop: Loop) -> tuple[dict[str, Block], dict[str, str]]:
@@ -63,7 +80,7 @@ def law_sources(loop: Loop) -> tuple[dict[str, Block], dict[str, str]]:
     """
     if not isinstance(loop.plant, RobotPlant):
         raise ModelError("the loop drives no robot: map the plant with as_robot first")
-    blocks = {name: recorded(law) for name, law in laws(loop).items()}
+    blocks = {name: b for name, law in laws(loop).items() if (b := _block(loop, law)) is not None}
     files: dict[str, str] = {}
     for block in blocks.values():
         files |= _law_files(block)
@@ -171,7 +188,7 @@ def _data(blocks: dict[str, Block], drive: Drive) -> str:
         lines += [f"#define {name.upper()}_ROWS {len(rows)}"]
         lines += [*_table(f"{name}_rows", rows)]
         lines += [f"static const double {name}_ranges[{len(ranges)}] = {{{listed(ranges)}}};", ""]
-    if not drive.sensors:
+    if not drive.not_again:
         ranges = _ranges(drive.closed)
         lines += [*_table("loop_rows", drive.closed)]
         lines += [f"static const double loop_ranges[LOOP_COLUMNS] = {{{listed(ranges)}}};", ""]
@@ -189,9 +206,10 @@ def _selftest(loop: Loop, blocks: dict[str, Block], drive: Drive, precision: Pre
             f"    failed |= !(error <= {number(precision.function)});",
         )
     ]
-    closed = ""
-    if not drive.sensors:
+    closed = headers = ""
+    if not drive.not_again:
         closed = _closed(loop, blocks, precision)
+        headers = '#include "controller.h"\n#include "motion.h"\n#include "plant.h"\n'
         calls += [
             "    {",
             "        int later;",
@@ -205,6 +223,7 @@ def _selftest(loop: Loop, blocks: dict[str, Block], drive: Drive, precision: Pre
         version=__version__,
         function_tolerance=number(precision.function),
         loop_tolerance=number(precision.loop),
+        headers=headers,
         functions=functions,
         closed=closed,
         calls="\n".join(calls),

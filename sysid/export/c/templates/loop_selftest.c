@@ -11,12 +11,12 @@
 #include <math.h>
 #include <stdio.h>
 
-#include "controller.h"
+#include "command.h"
+#include "control.h"
+#include "guidance.h"
 #include "loop_data.h"
-#include "motion.h"
 #include "navigation.h"
-#include "plant.h"
-
+$headers
 static double worse(double worst, double found, double expected, double range)
 {
     const double error = fabs(found - expected) / range;
