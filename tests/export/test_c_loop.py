@@ -87,6 +87,15 @@ def test_the_closed_loop_in_c_drives_the_mission_as_python_does(second: Path) ->
 
 
 @needs_compiler
+def test_the_first_mission_is_driven_in_c_as_well(tmp_path: Path) -> None:
+    c = exported(tmp_path, load_mission(MISSIONS / "goal_1m.yaml"))
+    ran(c, str(COMPILER), *QUICK, "-o", "loop_selftest", *sources(c), "-lm")
+    found = errors(c)
+    assert found["closed-loop"] < 1e-12
+    assert found["later"] == 0
+
+
+@needs_compiler
 def test_every_law_of_a_mission_with_filter_and_sensors_is_written(tmp_path: Path) -> None:
     c = exported(tmp_path, mission_of(FUSED, tmp_path))
     ran(c, str(COMPILER), *QUICK, "-o", "loop_selftest", *sources(c), "-lm")

@@ -181,7 +181,8 @@ def _step_lines(program: Program, kept: Leaves, out: Leaves) -> tuple[list[str],
     gave = _assigned("outputs", out)
     while True:
         lines = _lines(program, [*gave, *_assigned("state", kept)])
-        read = set(_READ.findall("\n".join(line for line in lines if line.startswith("const"))))
+        # what stands on the left of = is written, all else is read
+        read = {n for line in lines for n in _READ.findall(line.partition(" = ")[2] or line)}
         needed = [(p, v) for p, v in kept if identifier(p) in read]
         if len(needed) == len(kept):
             return lines, kept
