@@ -191,6 +191,8 @@ def loop_units(loop: Loop, name: str) -> LoopUnits:
             "no part of either unit: leave it out"
         )
     blocks, files = law_sources(loop)
+    if "motion" not in blocks:
+        raise ModelError("the motion of this mission cannot be written as C, nor as a unit")
     assert isinstance(loop.plant, RobotPlant)
     wiring = wiring_of(loop.plant)
     return LoopUnits(

@@ -63,14 +63,14 @@ class CortexM(Compiled):
                 text = Template(text).substitute(timed=timed, told=told)
             (own / name).write_text(text, encoding="utf-8")
         (own / "options").write_text(
-            "".join(f"-Wl,--wrap={n}\n" for n in ("nothing", *steps)), encoding="utf-8"
+            "".join(f"-Wl,-wrap={n}\n" for n in ("nothing", *steps)), encoding="utf-8"
         )
 
     def build(self, made: str, sources: Sequence[str]) -> list[str]:
         """With a start-up of our own: the program is alone on the machine."""
         own = f"../{_OWN}"
         return [
-            self.compiler, *FLAGS, *TARGET, f"--specs={_LIBRARY}", "-nostartfiles",
+            self.compiler, *FLAGS, *TARGET, f"-specs={_LIBRARY}", "-nostartfiles",
             "-T", f"{own}/mps2.ld", f"@{own}/options", "-o", made,
             *sources, f"{own}/start.c", f"{own}/timing.c", "-lm",
         ]  # fmt: skip
