@@ -26,12 +26,10 @@ class Drive:
     Attributes:
         rows: law → inputs and outputs of every step by name, (steps, signals).
         closed: the log in the columns :data:`CLOSED`, (samples, columns).
-        not_again: why the closed loop cannot be driven again in C, a sentence; empty where it can.
     """
 
     rows: Mapping[str, Mapping[str, Array]]
     closed: Array
-    not_again: str
 
 
 @dataclass(eq=False)
@@ -53,12 +51,11 @@ class _Watched:
         return after, found
 
 
-def driven(loop: Loop, blocks: Collection[str], seed: int = 0) -> Drive:
+def driven(loop: Loop, seed: int = 0) -> Drive:
     """Drive a closed loop once.
 
     Args:
         loop: on plain numbers.
-        blocks: names of the laws that are written as C.
         seed: of the sensors' noise.
     """
     watched: dict[str, Any] = {
@@ -106,12 +103,16 @@ def driven(loop: Loop, blocks: Collection[str], seed: int = 0) -> Drive:
     return Drive(
         {law: _columns(found) for law, found in rows.items()},
         table[:, columns],
-        _not_again(loop, blocks),
     )
 
 
-def _not_again(loop: Loop, blocks: Collection[str]) -> str:
-    """Why what was driven here cannot be driven again in C."""
+def not_again(loop: Loop, blocks: Collection[str]) -> str:
+    """Why what was driven here cannot be driven again in C, a sentence; empty where it can.
+
+    Args:
+        loop: as it was driven.
+        blocks: names of the laws that are written as C.
+    """
     if loop.scene.sensors:
         why = "has sensors with noise"
     elif loop.feed is not None:

@@ -10,7 +10,7 @@ from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.errors import ModelError
 from sysid.export.c.fields import members
 from sysid.export.c.loop.block import Block, Law, recorded
-from sysid.export.c.loop.drive import CLOSED, Drive, driven
+from sysid.export.c.loop.drive import CLOSED, Drive, driven, not_again
 from sysid.export.c.loop.laws_of_mission import laws
 from sysid.export.c.precision import Precision
 from sysid.export.c.source import fill
@@ -50,10 +50,10 @@ def loop_sources(loop: Loop, precision: Precision) -> LoopSources:
         ModelError: a law cannot be written as C.
     """
     blocks, files = law_sources(loop)
-    drive = driven(loop, blocks)
-    files["loop_data.h"] = _data(blocks, drive)
-    files["loop_selftest.c"] = _selftest(loop, blocks, drive, precision)
-    return LoopSources(files, tuple(blocks.values()), drive.not_again)
+    drive, why = driven(loop), not_again(loop, blocks)
+    files["loop_data.h"] = _data(blocks, drive, not why)
+    files["loop_selftest.c"] = _selftest(loop, blocks, drive, precision, not why)
+    return LoopSources(files, tuple(blocks.values()), why)
 
 
 def _block(loop: Loop, law: Law) -> Block | None:
@@ -166,7 +166,7 @@ def _rows(block: Block, drive: Drive) -> Array:
     return np.column_stack([found[n] for n in names])[:MOST_ROWS]
 
 
-def _data(blocks: dict[str, Block], drive: Drive) -> str:
+def _data(blocks: dict[str, Block], drive: Drive, closed: bool) -> str:
     lines = [
         "/* What went in and out of every function when sysid drove the mission.",
         " *",
@@ -188,14 +188,16 @@ def _data(blocks: dict[str, Block], drive: Drive) -> str:
         lines += [f"#define {name.upper()}_ROWS {len(rows)}"]
         lines += [*_table(f"{name}_rows", rows)]
         lines += [f"static const double {name}_ranges[{len(ranges)}] = {{{listed(ranges)}}};", ""]
-    if not drive.not_again:
+    if closed:
         ranges = _ranges(drive.closed)
         lines += [*_table("loop_rows", drive.closed)]
         lines += [f"static const double loop_ranges[LOOP_COLUMNS] = {{{listed(ranges)}}};", ""]
     return "\n".join([*lines, "#endif", ""])
 
 
-def _selftest(loop: Loop, blocks: dict[str, Block], drive: Drive, precision: Precision) -> str:
+def _selftest(
+    loop: Loop, blocks: dict[str, Block], drive: Drive, precision: Precision, closed: bool
+) -> str:
     functions = "\n".join(_function_test(blocks[name]) for name in drive.rows)
     calls = [
         line
@@ -206,9 +208,9 @@ def _selftest(loop: Loop, blocks: dict[str, Block], drive: Drive, precision: Pre
             f"    failed |= !(error <= {number(precision.function)});",
         )
     ]
-    closed = headers = ""
-    if not drive.not_again:
-        closed = _closed(loop, blocks, precision)
+    whole = headers = ""
+    if closed:
+        whole = _closed(loop, blocks, precision)
         headers = '#include "controller.h"\n#include "motion.h"\n#include "plant.h"\n'
         calls += [
             "    {",
@@ -225,7 +227,7 @@ def _selftest(loop: Loop, blocks: dict[str, Block], drive: Drive, precision: Pre
         loop_tolerance=number(precision.loop),
         headers=headers,
         functions=functions,
-        closed=closed,
+        closed=whole,
         calls="\n".join(calls),
     )
 
