@@ -48,6 +48,10 @@ MADE_BY: dict[str, tuple[str, str]] = {
     "narx_wavelet.md": ("study_narx_wavelet.py", "python benchmarks/study_narx_wavelet.py"),
     "grey_boxes.md": ("study_grey_box.py", "python benchmarks/study_grey_box.py"),
     "diagnose_study.md": ("study_diagnose.py", "make study-diagnose"),
+    "physics_diagnose.md": (
+        "study_physics_diagnose.py",
+        "python benchmarks/study_physics_diagnose.py",
+    ),
     "navigation.md": ("study_navigation.py", "make study"),
     "prediction_intervals.md": ("study_missions.py", "make study"),
     "tours.md": ("study_tour.py", "make study"),
@@ -90,6 +94,9 @@ def digest(script: str) -> str:
     if any(f.is_relative_to(ROOT / "datasets") for f in files):
         for log in sorted((ROOT / "datasets").rglob("*.csv")):
             total.update(_content(log))
+    if any(f.is_relative_to(ROOT / "datasets" / "physics") for f in files):
+        for source in sorted((ROOT / "datasets" / "physics").glob("*.[ch]")):
+            total.update(_content(source))
     return total.hexdigest()[:16]
 
 

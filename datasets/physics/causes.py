@@ -15,7 +15,7 @@ def _joined() -> dict[str, tuple[Cause, ...]]:
 CAUSES: dict[str, tuple[Cause, ...]] = _joined()
 """Each effect with the physical causes that make it."""
 
-WITH_POSE = frozenset({"track-width", "radius-mismatch", "longitudinal-slip"})
+WITH_POSE = frozenset({"track-width", "radius-mismatch", "longitudinal-slip", "scrub-lag"})
 """Effects that only a pose shows."""
 
 WITH_BODY = frozenset({"cross-coupling", "inertial-coupling"}) | WITH_POSE

@@ -42,10 +42,12 @@ void ground_torques(const Body *b, const State *s, const Held *held, double torq
             sideways += g;
             moment += x * g;
         }
+        torque[k] = -radius[k] * pull;
+        /* the ground that is pressed down resists the body, which the track must push */
+        double rolls = along + track;
+        pull -= b->rolling * held[k].load * rolls / sqrt(rolls * rolls + 1e-4);
         forward += pull;
         moment -= y * pull;
-        torque[k] = -radius[k] * pull
-                    - radius[k] * b->rolling * held[k].load * track / sqrt(track * track + 1e-4);
     }
     double fall = b->mass * b->gravity * sin(b->slope);
     d->forward = (forward - fall * cos(s->heading)) / b->mass + s->turning * s->sideways;

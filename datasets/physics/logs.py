@@ -6,6 +6,7 @@ what is in it. Streams of a seed: 0 the machine and its causes, 1 and 2 commands
 """
 
 import json
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,11 @@ from numpy.typing import NDArray
 from sysid_datasets.physics.commands import SCHEDULES
 from sysid_datasets.physics.hidden import Hidden
 from sysid_datasets.physics.noises import NOISES, walk
-from sysid_datasets.physics.parameters import Controller, Machine
+from sysid_datasets.physics.parameters import ANGLE, Controller, Machine
+from sysid_datasets.physics.processes import Process
 from sysid_datasets.physics.robots import Rig, figures
 from sysid_datasets.physics.simulate import POSE_STEP, simulate
+from sysid_datasets.physics.wire import PoseSensor
 
 Array = NDArray[np.float64]
 
@@ -56,6 +59,12 @@ class Case:
     """In a closed loop: the reading at a reference of 1."""
     columns: Columns | None = None
     """Names and units; None is the tracked robot's."""
+    process: Process | None = None
+    """What runs in place of the rig's machine."""
+    rhythm: tuple[float, float] = (0.0, 0.0)
+    """A load that swings: over the stall torque, and how often [1/s]."""
+    outside: str = ""
+    """What is hidden that no effect of the catalogue holds."""
 
     @property
     def key(self) -> str:
@@ -63,9 +72,10 @@ class Case:
         return f"{self.suite}-{self.seed}"
 
     @property
-    def allowed(self) -> frozenset[str]:
-        """Names that are not false here."""
-        return frozenset(n for h in self.hidden for n in (h.id, *h.also))
+    def integrating(self) -> bool:
+        """Whether a constant command moves the readings on and on."""
+        kinds = {d.sensor.kind for d in self.rig.machine.drives}
+        return ANGLE in kinds and self.rig.machine.controller == Controller()
 
 
 ROBOT = Columns((("pwm_l", FULL), ("pwm_r", FULL)), (("omega_l", 1.0), ("omega_r", 1.0)))
@@ -152,10 +162,14 @@ def truth_of(logs: Logs) -> dict[str, Any]:
             }
             for h in case.hidden
         ],
+        "outside": case.outside,
+        "lengths": None if case.rig.lengths is None else list(case.rig.lengths),
         "style": case.style,
         "noise": case.noise,
         "floor": {"est": floor(logs.est), "val": floor(logs.val)},
-        "excess": excess(logs.val),
+        "excess": excess(logs.val, case.integrating),
+        "pose_floor": _pose_floor(case.rig.pose),
+        "pose_excess": pose_excess(logs.val, case.rig.lengths or (1.0, 1.0)),
     }
 
 
@@ -164,18 +178,64 @@ def floor(log: Log) -> list[float]:
     return [float(v) for v in np.sqrt(np.mean((log.reading - log.clean) ** 2, axis=0))]
 
 
-def excess(log: Log) -> list[float]:
-    """RMS error of the best line of first order through each clean reading, from its command."""
-    return [_plain_error(u, y) for u, y in zip(log.command.T, log.clean.T, strict=False)]
+def excess(log: Log, integrating: bool = False) -> list[float]:
+    """RMS error of the best line of first order through each clean reading, from its command.
+
+    Args:
+        log: a drive.
+        integrating: whether the readings are angles.
+    """
+    columns = zip(log.command.T, (log.clean - log.clean[0]).T, strict=False)
+    return [_plain_error(u, y, integrating) for u, y in columns]
 
 
-def _plain_error(u: Array, y: Array) -> float:
-    """min over a, b of RMS(y − b G(a) u), G = (1 − a) z⁻¹/(1 − a z⁻¹): by golden section in a."""
+def pose_excess(log: Log, lengths: tuple[float, float]) -> list[float]:
+    """RMS by which way [m] and turn [rad] of two seconds differ from wheels that roll as drawn."""
+    if log.pose is None:
+        return []
+    radius, width = lengths
+    dt = float(log.t[1] - log.t[0])
+    rows = round(WINDOW / dt)
+    way = 0.5 * dt * radius * (log.clean[1:] + log.clean[:-1])  # of each track in a row
+    heading = np.concatenate([[0.0], np.cumsum((way[:, 1] - way[:, 0]) / width)])
+    middle = 0.5 * (heading[1:] + heading[:-1])
+    steps = way.mean(axis=1)[:, None] * np.column_stack([np.cos(middle), np.sin(middle)])
+    place = np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
+    rolled = _increments(np.column_stack([place, heading]), rows)
+    off = _increments(log.pose, rows) - rolled
+    return [
+        float(np.sqrt(np.mean(off[:, 0] ** 2 + off[:, 1] ** 2))),
+        float(np.sqrt(np.mean(off[:, 2] ** 2))),
+    ]
+
+
+def _increments(pose: Array, rows: int) -> Array:
+    """What a pose changes by in so many rows, in the frame in which it starts."""
+    start, change = pose[:-rows, 2], pose[rows:] - pose[:-rows]
+    c, s = np.cos(start), np.sin(start)
+    x, y = change[:, 0], change[:, 1]
+    return np.column_stack([c * x + s * y, c * y - s * x, change[:, 2]])
+
+
+def _pose_floor(pose: PoseSensor | None) -> list[float]:
+    if pose is None:
+        return []
+    # x and y at both ends, and the heading at both
+    return [2.0 * pose.position_noise, math.sqrt(2.0) * pose.heading_noise]
+
+
+WINDOW = 2.0
+"""Of the increments of the pose [s]."""
+
+
+def _plain_error(u: Array, y: Array, integrating: bool) -> float:
+    """min over a, b of RMS(y − b G(a) u), G = (1 − a) z⁻¹/(1 − a z⁻¹), its sum for an angle."""
     from scipy.optimize import minimize_scalar
     from scipy.signal import lfilter
 
     def error(pole: float) -> float:
         x = lfilter([0.0, 1.0 - pole], [1.0, -pole], u)
+        x = np.cumsum(x) if integrating else x
         power = float(x @ x)
         gain = float(x @ y) / power if power > 0.0 else 0.0
         return float(np.sqrt(np.mean((y - gain * x) ** 2)))
@@ -191,6 +251,8 @@ def generator(case: Case, stream: int) -> np.random.Generator:
 
 
 def _drive(case: Case, which: int, duration: float) -> Log:
+    if case.process is not None:
+        return _process(case, case.process, which, duration)
     rig, columns = case.rig, case.columns or ROBOT
     dt = 1.0 / rig.telemetry.rate
     rows, drives = round(duration / dt), len(rig.machine.drives)
@@ -202,7 +264,10 @@ def _drive(case: Case, which: int, duration: float) -> Log:
     wanted = wanted * case.reference if closed else wanted
     rng = generator(case, 10 + which)
     f = figures(rig.machine)
-    drift = case.walk * f.stall_torque * walk(rng, rows, drives) if case.walk else None
+    drift = case.walk * f.stall_torque * walk(rng, rows, drives)
+    phase = 2.0 * np.pi * case.rhythm[1] * dt * np.arange(rows)
+    swing = case.rhythm[0] * f.stall_torque * np.sin(phase)
+    steady = np.repeat(swing[:, None], drives, axis=1)
     sensor_dt = rig.telemetry.refresh or dt
     sigma = case.sigma * 0.5 * f.speed
 
@@ -210,14 +275,15 @@ def _drive(case: Case, which: int, duration: float) -> Log:
         return sigma * NOISES[case.noise](rng, (count, drives), sensor_dt)
 
     run = simulate(
-        rig.machine, wanted, rig.telemetry, noise=noise, disturbance=drift,
+        rig.machine, wanted, rig.telemetry, noise=noise, disturbance=steady + drift,
         rng=generator(case, 30 + which),
     )  # fmt: skip
     inner = rig.telemetry.loop_rate > 0.0
     still = rig.machine if inner else _open(rig.machine)
     quiet = simulate(
-        still, wanted if inner else run.command, rig.telemetry, rng=generator(case, 30 + which)
-    )
+        still, wanted if inner else run.command, rig.telemetry, disturbance=steady,
+        rng=generator(case, 30 + which),
+    )  # fmt: skip
     command = run.reference / case.reference if inner else run.command
     if np.all(scale >= 100.0):
         command = np.round(command * scale) / scale
@@ -229,6 +295,23 @@ def _drive(case: Case, which: int, duration: float) -> Log:
         rig.wire.carry(r.reading, generator(case, 40 + which)) * factors for r in (run, quiet)
     ]
     return Log(run.t, command * scale, carried[0], carried[1], pose)
+
+
+SLOWER = 60.0
+"""A process is so much slower than a motor: its commands are held so much longer."""
+
+PERIOD = 2.0
+"""Sample time of a process [s]."""
+
+
+def _process(case: Case, process: Process, which: int, duration: float) -> Log:
+    """A heater or a pump knows no backward: commands are of one sign."""
+    rows = round(duration / PERIOD)
+    wanted = np.abs(SCHEDULES["steps"](generator(case, which), rows, PERIOD / SLOWER, 1))
+    clean = process.run(wanted, PERIOD)
+    noise = NOISES[case.noise](generator(case, 10 + which), (rows, 1), PERIOD)
+    t = np.arange(rows) * PERIOD
+    return Log(t, wanted * process.volts, clean + case.sigma * noise, clean, None)
 
 
 def _open(machine: Machine) -> Machine:

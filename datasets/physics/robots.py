@@ -36,6 +36,8 @@ class Rig:
     wire: Wire = field(default_factory=Wire)
     pose: PoseSensor | None = None
     """Where the log has a pose."""
+    lengths: tuple[float, float] | None = None
+    """Radius and width as a drawing has them [m], where the log has a pose."""
 
 
 @dataclass(frozen=True)
@@ -92,20 +94,23 @@ def figures(machine: Machine) -> Figures:
 
 
 def with_body(machine: Machine, rng: np.random.Generator, *, coupled: float = 0.0) -> Machine:
-    """The same drives under a body that grips firmly, of the mass that doubles the inertia.
+    """The same drives under a body that grips firmly: it doubles their inertia.
 
     Args:
         machine: in the air.
-        rng: of the width.
+        rng: of mass and width.
         coupled: Jz/(m B²/4) − 1: where it is 0 the tracks do not feel each other.
     """
     d = machine.drives[0]
     inertia = d.gearbox.load_inertia + d.motor.inertia * d.gearbox.ratio**2
-    radius, width = 0.0215, rng.uniform(0.15, 0.25)
-    mass = 2.0 * inertia / radius**2
+    mass = log_uniform(rng, 2.0, 20.0)
+    radius = math.sqrt(2.0 * inertia / mass)
+    width = radius * rng.uniform(6.0, 12.0)
     body = Body(
         mass=mass,
         yaw_inertia=mass * width**2 / 4.0 * (1.0 + coupled),
+        radius_left=radius,
+        radius_right=radius,
         width=width,
         length=0.0,
         side_grip=0.8,
@@ -128,3 +133,9 @@ def each(machine: Machine, rng: np.random.Generator, change: Change) -> tuple[Ma
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     """As often between 1 and 2 as between 10 and 20."""
     return math.exp(rng.uniform(math.log(low), math.log(high)))
+
+
+def seen_from_above(rig: Rig) -> Rig:
+    """The rig with a pose in its log; its lengths as they are now are those of the drawing."""
+    body = rig.machine.body
+    return replace(rig, pose=PoseSensor(), lengths=(body.radius_left, body.width))

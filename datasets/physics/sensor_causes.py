@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 from sysid_datasets.physics.hidden import Cause, Hidden, in_drives, part, timed, wired
 from sysid_datasets.physics.parameters import TICKS, Drive
-from sysid_datasets.physics.robots import Rig, figures, log_uniform, with_body
-from sysid_datasets.physics.wire import PoseSensor
+from sysid_datasets.physics.robots import Rig, figures, log_uniform, seen_from_above, with_body
 
 Drawn = tuple[Rig, Hidden]
 
@@ -112,7 +111,7 @@ def scrubbing(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
         creep=rng.uniform(0.05, 0.2),
         slip_speed=0.005,
     )
-    rig = replace(rig, machine=replace(machine, body=body), pose=PoseSensor())
+    rig = seen_from_above(replace(rig, machine=replace(machine, body=body)))
     also = ("track-slip", "cross-coupling", "coulomb-friction", "longitudinal-slip", "scrub-lag")
     return rig, Hidden("track-width", "scrubbing", {"length_over_width": ratio}, also)
 
@@ -120,8 +119,9 @@ def scrubbing(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
 def other_width(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
     """The tracks stand further apart than the drawing says."""
     ratio = 1.0 + log_uniform(rng, 0.03, 0.3) * factor
+    rig = seen_from_above(rig)
     body = replace(rig.machine.body, width=rig.machine.body.width * ratio)
-    rig = replace(rig, machine=replace(rig.machine, body=body), pose=PoseSensor())
+    rig = replace(rig, machine=replace(rig.machine, body=body))
     same = {"width_ratio": ratio}
     sizes = {"ratio": ratio}
     return rig, Hidden("track-width", "wider than drawn", sizes, ("track-slip",), (), same)
@@ -130,8 +130,9 @@ def other_width(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
 def worn_sprocket(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
     """One sprocket smaller than the other."""
     ratio = 1.0 + log_uniform(rng, 0.01, 0.1) * factor * rng.choice([-1.0, 1.0])
+    rig = seen_from_above(rig)
     body = replace(rig.machine.body, radius_right=rig.machine.body.radius_right * ratio)
-    rig = replace(rig, machine=replace(rig.machine, body=body), pose=PoseSensor())
+    rig = replace(rig, machine=replace(rig.machine, body=body))
     return rig, Hidden("radius-mismatch", "unequal sprockets", {"right_over_left": ratio})
 
 
@@ -140,9 +141,22 @@ def soft_ground(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
     creep = log_uniform(rng, 0.1, 1.0) * factor
     machine = with_body(rig.machine, rng)
     body = replace(machine.body, creep=creep, rolling=rng.uniform(0.1, 0.3), slip_speed=0.005)
-    rig = replace(rig, machine=replace(machine, body=body), pose=PoseSensor())
+    rig = seen_from_above(replace(rig, machine=replace(machine, body=body)))
     also = ("coulomb-friction", "stiction", "scrub-lag")
     return rig, Hidden("longitudinal-slip", "soft ground", {"creep": creep}, also)
+
+
+def turning_follows(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
+    """A long, heavy body on soft feet: its heading follows the wheels, its way hardly lags."""
+    lag, long = log_uniform(rng, 0.05, 0.4) * factor, rng.uniform(4.0, 8.0)
+    machine = with_body(rig.machine, rng, coupled=long - 1.0)
+    # at small slip the ground is a damper of grip m g/slip_speed: both lags follow from it
+    soft = lag / long * machine.body.grip * machine.body.gravity
+    rig = replace(rig, machine=replace(machine, body=replace(machine.body, slip_speed=soft)))
+    also = ("inertial-coupling", "longitudinal-slip")
+    return seen_from_above(rig), Hidden(
+        "scrub-lag", "heavy body on soft feet", {"lag_s": lag, "yaw_over_balanced": long}, also
+    )
 
 
 CAUSES: dict[str, tuple[Cause, ...]] = {
@@ -157,4 +171,5 @@ CAUSES: dict[str, tuple[Cause, ...]] = {
     "track-width": (other_width, scrubbing),
     "radius-mismatch": (worn_sprocket,),
     "longitudinal-slip": (soft_ground,),
+    "scrub-lag": (turning_follows,),
 }

@@ -8,12 +8,14 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from sysid_datasets.physics import actuator_causes, motor_causes, sensor_causes
 from sysid_datasets.physics.causes import CAUSES, WITH_BODY
 from sysid_datasets.physics.hidden import Hidden
 from sysid_datasets.physics.logs import Case
 from sysid_datasets.physics.noises import NOISES
+from sysid_datasets.physics.others import MACHINES, OUTSIDE, single_drive
 from sysid_datasets.physics.parameters import Controller
-from sysid_datasets.physics.robots import Rig, figures, log_uniform, plain_machine
+from sysid_datasets.physics.robots import Rig, figures, log_uniform, plain_machine, seen_from_above
 from sysid_datasets.physics.simulate import Telemetry
 
 FRESH = 10000
@@ -63,7 +65,7 @@ def triples(suite: str, seed: int, rng: np.random.Generator) -> Case:
 
 
 def nothing(suite: str, seed: int, rng: np.random.Generator) -> Case:
-    """Nothing hidden, under nine kinds of noise, loop, length and rate, in turn."""
+    """Nothing hidden, under noise, loops, lengths, rates and commands of many kinds, in turn."""
     rig = Rig(plain_machine(rng))
     sigma, style = log_uniform(rng, 0.005, 0.03), str(rng.choice(OPEN_STYLES))
     base = Case(suite, seed, rig, style=style, sigma=sigma)
@@ -101,6 +103,11 @@ def _fast(base: Case, rng: np.random.Generator) -> Case:
     return replace(base, rig=rig, duration=20.0)
 
 
+def _from_above(base: Case, rng: np.random.Generator) -> Case:
+    """A pose in the log; the wheels roll as the drawing says."""
+    return replace(base, rig=seen_from_above(base.rig))
+
+
 NOTHINGS: dict[str, Callable[[Case, np.random.Generator], Case]] = {
     "white": lambda base, rng: base,
     "coloured": _changed(noise="coloured"),
@@ -113,6 +120,7 @@ NOTHINGS: dict[str, Callable[[Case, np.random.Generator], Case]] = {
     "kilohertz": _fast,
     "white-command": _changed(style="white"),
     "walking-command": _changed(style="random-walk"),
+    "pose": _from_above,
 }
 """Logs in which nothing is hidden."""
 
@@ -160,11 +168,57 @@ def _hidden_case(
     )
 
 
+REALISTIC = (
+    actuator_causes.switches_that_turn_on_late,
+    actuator_causes.battery_resistance,
+    actuator_causes.battery_runs_down,
+    actuator_causes.dead_time,
+    actuator_causes.late_command,
+    motor_causes.gap,
+    motor_causes.stribeck,
+    motor_causes.heat,
+    sensor_causes.eccentric_encoder,
+    sensor_causes.coarse_ticks,
+)
+"""What a cheap robot has, all of it."""
+
+MILD = 0.5
+"""Factor on each of their sizes."""
+
+
+def realistic(suite: str, seed: int, rng: np.random.Generator) -> Case:
+    """Everything at once, half as large each; half of the bridges have one quadrant."""
+    rig, hidden = Rig(plain_machine(rng)), []
+    bridges = (actuator_causes.diodes,) if rng.uniform() < 0.5 else ()
+    for cause in (*bridges, *REALISTIC):
+        rig, found = cause(rng, rig, MILD)
+        hidden.append(found)
+    style, sigma = str(rng.choice(["joystick", "steps"])), log_uniform(rng, 0.003, 0.01)
+    return Case(suite, seed, rig, tuple(hidden), style=style, sigma=sigma, duration=120.0)
+
+
+def machines(suite: str, seed: int, rng: np.random.Generator) -> Case:
+    """Other machines, in turn, with one cause or none."""
+    base = Case(suite, seed, Rig(single_drive(rng)), sigma=log_uniform(rng, 0.004, 0.02))
+    return MACHINES[list(MACHINES)[seed % len(MACHINES)]](base, rng)
+
+
+def outside(suite: str, seed: int, rng: np.random.Generator) -> Case:
+    """What no effect of the catalogue holds: the right answer is no name."""
+    name = list(OUTSIDE)[seed % len(OUTSIDE)]
+    plain = single_drive(rng) if name == "tanks" else plain_machine(rng)
+    base = Case(suite, seed, Rig(plain), sigma=log_uniform(rng, 0.004, 0.02))
+    return OUTSIDE[name](base, rng)
+
+
 SUITES: dict[str, Callable[[str, int, np.random.Generator], Case]] = {
     "singles": singles,
     "small": small,
     "nothing": nothing,
     "pairs": pairs,
     "triples": triples,
+    "realistic": realistic,
+    "machines": machines,
+    "outside": outside,
 }
 """Suites by name."""

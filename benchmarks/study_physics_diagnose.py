@@ -1,0 +1,312 @@
+"""Does ``sysid.diagnose`` name what is wrong with a machine whose physics is not its formulas?
+
+Each run makes the logs of a case of ``sysid_datasets.physics``, reads them from files as a person
+would, and calls the function without any further knowledge. Marks are those of
+``study_diagnose.py``; a name that the case lists as also right counts as the right one.
+
+    python benchmarks/study_physics_diagnose.py --suite singles,nothing --seeds 0:20 --results FILE
+
+``--results FILE`` keeps finished runs, a line of JSON each, and does not run them again. Without
+``--suite`` all suites run. Seeds from 10000 on judge, once: no rule may be set on them.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from diagnose_scores import Outcome, confusion, failures
+from joblib import Parallel, delayed
+from sysid_datasets.physics.logs import make, truth_of, write
+from sysid_datasets.physics.suites import FRESH, SUITES, case
+
+from sysid.report.markdown import table
+
+BELIEVED = 3.0
+"""Standard errors within which a stated number should be."""
+
+SHOWN = 1.0
+"""Error of the best plain line over the noise from which an effect is called visible."""
+
+HIDES_NOTHING = frozenset({"nothing", "outside"})
+
+
+@dataclass(frozen=True)
+class Run(Outcome):
+    """An outcome of ``study_diagnose.py``, and what only this study asks.
+
+    Attributes:
+        said: the names as they were given, ties joined by ``=``.
+        visible: error of the best plain line over the noise, of the reading where it is largest.
+        believed, stated: numbers with a true value that were within ``BELIEVED`` standard errors,
+            and how many there were.
+        wrong_numbers: the others, in words.
+    """
+
+    said: tuple[str, ...] = ()
+    visible: float = 0.0
+    believed: int = 0
+    stated: int = 0
+    wrong_numbers: tuple[str, ...] = field(default=())
+
+
+def run(suite: str, seed: int) -> Run:
+    """One blind run."""
+    made = case(suite, seed)
+    plain = Run(
+        made.key, suite, made.noise, tuple(dict.fromkeys(h.id for h in made.hidden))
+    )  # fmt: skip
+    start = time.perf_counter()
+    try:
+        logs = make(made)
+        truth = truth_of(logs)
+        with tempfile.TemporaryDirectory() as folder:
+            write(logs, Path(folder))
+            (Path(folder) / "truth.json").unlink()
+            start = time.perf_counter()
+            answer = diagnose(Path(folder) / "est.csv", Path(folder) / "val.csv", made.rig.lengths)
+        found = marked(plain, truth, answer)
+    except Exception as error:  # a study goes on whatever one run does
+        found = replace(plain, error=f"{type(error).__name__}: {error}".splitlines()[0][:200])
+    return replace(found, seconds=round(time.perf_counter() - start, 1))
+
+
+def diagnose(est: Path, val: Path, lengths: tuple[float, float] | None) -> dict[str, Any]:
+    """What a script gets that knows radius and width of a robot by its drawing, nothing else."""
+    import sysid
+    from sysid.vehicle.kinematics import Geometry
+
+    geometry = None if lengths is None else Geometry(*lengths)
+    records = sysid.read_log(est), sysid.read_log(val)
+    return sysid.diagnose(*records, geometry=geometry).to_json()
+
+
+def marked(plain: Run, truth: Mapping[str, Any], answer: Mapping[str, Any]) -> Run:
+    """The outcome of an answer, names that are also right put in the place of the right ones."""
+    entries = [(e["id"], *e["indistinguishable"]) for e in answer["effects"]]
+    gap = answer["gap"] or {}
+    channels = list((gap.get("channels") or {}).values())
+    floors = truth["floor"]["val"]
+    sizes = [*truth["excess"], *truth["pose_excess"]]
+    noises = [*floors, *truth["pose_floor"]]
+    pairs = [(v, s) for v, s in zip(sizes, noises, strict=True) if s > 0.0]
+    believed, wrong = _numbers(truth["hidden"], answer["effects"])
+    return replace(
+        plain,
+        verdict=answer["verdict"],
+        entries=translated(truth["hidden"], entries),
+        closed=gap.get("closed_percent"),
+        closed_true=_closed(channels, floors),
+        said=tuple("=".join(e) for e in entries),
+        visible=round(max((v / s for v, s in pairs), default=0.0), 2),
+        believed=believed,
+        stated=believed + len(wrong),
+        wrong_numbers=tuple(wrong),
+    )
+
+
+def translated(
+    hidden: Sequence[Mapping[str, Any]], entries: Sequence[tuple[str, ...]]
+) -> tuple[tuple[str, ...], ...]:
+    """Entries in which a name that is also right for a cause is followed by the cause's own.
+
+    A second name that is right for a cause that has been named is left out: it is not false.
+    """
+    open_causes = list(hidden)
+    kept = []
+    for entry in entries:
+        mine = next((h for h in open_causes if {h["id"], *h["also"]} & set(entry)), None)
+        if mine is not None:
+            open_causes.remove(mine)
+            kept.append(tuple(dict.fromkeys((*entry, mine["id"]))))
+        elif not any({h["id"], *h["also"]} & set(entry) for h in hidden):
+            kept.append(entry)
+    return tuple(kept)
+
+
+def report(runs: Sequence[Run], asked: str) -> str:
+    """The page."""
+    shown = [r for r in runs if r.visible >= SHOWN or r.group in HIDES_NOTHING]
+    return "\n".join(
+        [
+            HEAD.format(runs=len(runs), asked=asked),
+            summary(runs),
+            "## By hidden effect\n\nLogs with one cause; *noise*: error of the best plain line "
+            "over it.\n",
+            by_cause(runs),
+            "## Confusion matrix\n\nA row is what was hidden, a column what was named first. Only "
+            "logs in which it shows: the best plain line misses by the noise or more.\n",
+            confusion(shown),
+            "## Every run that was not right\n",
+            failures(runs),
+            "## Numbers beyond three standard errors\n",
+            "\n".join(f"- {r.key}: {w}" for r in runs for w in r.wrong_numbers) or "None.",
+            "",
+        ]
+    )
+
+
+def by_cause(runs: Sequence[Run]) -> str:
+    """Per effect: what was said of each log, with how far it shows."""
+    rows = []
+    one = [r for r in runs if len(r.truth) == 1]
+    for effect in dict.fromkeys(r.truth[0] for r in one):
+        some = sorted((r for r in one if r.truth[0] == effect), key=lambda r: r.visible)
+        said = "; ".join(f"{', '.join(r.said) or r.verdict or 'failed'}" for r in some)
+        noise = ", ".join(f"{r.visible:.1f}" for r in some)
+        rows.append([f"`{effect}`", f"{sum(r.right for r in some)}/{len(some)}", noise, said])
+    return table(["effect", "right first", "noise", "said"], rows, "lrll")
+
+
+def summary(runs: Sequence[Run]) -> str:
+    """Marks of each suite, all its logs and those in which the effect shows."""
+    rows = []
+    for suite in dict.fromkeys(r.group for r in runs):
+        some = [r for r in runs if r.group == suite]
+        for name, part in ((suite, some), ("of them visible", _visible(some))):
+            if name != suite and (suite in HIDES_NOTHING or len(part) == len(some)):
+                continue
+            rows.append([name, str(len(part)), *_marks(part)])
+    headers = ["suite", "runs", "right first", "all right", "no name", "false names"]
+    return table([*headers, "gap closed", "numbers", "failed", "median s"], rows, "l" + "r" * 9)
+
+
+def _marks(some: Sequence[Run]) -> list[str]:
+    gaps = sorted(r.closed_true for r in some if r.right and r.closed_true is not None)
+    hides = [r for r in some if r.truth]
+    stated = sum(r.stated for r in some)
+    seconds = sorted(r.seconds for r in some)
+    return [
+        f"{sum(r.right for r in hides)}/{len(hides)}" if hides else "–",
+        f"{sum(r.all_right for r in hides)}/{len(hides)}" if hides else "–",
+        str(sum(not r.entries for r in some)),
+        str(sum(r.false_names for r in some)),
+        f"{gaps[len(gaps) // 2]:.0f} / {gaps[0]:.0f} %" if gaps else "–",
+        f"{sum(r.believed for r in some)}/{stated}" if stated else "–",
+        str(sum(bool(r.error) for r in some)),
+        f"{seconds[len(seconds) // 2]:.0f}" if seconds else "–",
+    ]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the study and write its report; 1 if a run had no answer."""
+    parser = argparse.ArgumentParser(description="Diagnose machines simulated from physics.")
+    parser.add_argument("--suite", default=",".join(SUITES), metavar="LIST", help="by commas")
+    parser.add_argument(
+        "--seeds", default=f"{FRESH}:{FRESH + 60}", metavar="FROM:TO", help="of each suite"
+    )
+    parser.add_argument("--limit", type=int, metavar="N", help="new runs at most")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--results", type=Path, metavar="FILE", help="keep finished runs here")
+    parser.add_argument(
+        "-o", "--out", type=Path, default=Path("reports/physics_diagnose.md"), metavar="FILE"
+    )
+    options = parser.parse_args(arguments)
+    suites = options.suite.split(",")
+    try:
+        first, last = (int(s) for s in options.seeds.split(":"))
+    except ValueError:
+        parser.error("--seeds is FROM:TO, two whole numbers")
+    if unknown := [s for s in suites if s not in SUITES]:
+        parser.error(f"no suite {', '.join(unknown)}; there are {', '.join(SUITES)}")
+    wanted = [(suite, seed) for seed in range(first, last) for suite in suites]
+    runs = study(wanted, options.jobs, options.results, options.limit)
+    asked = f"{', '.join(suites)}; seeds {first} to {last - 1}"
+    options.out.write_text(report(runs, asked), encoding="utf-8")
+    from stamps import stamped
+
+    stamped(options.out)
+    print(f"{len(runs)} of {len(wanted)} runs; report in {options.out}")
+    return int(any(r.error for r in runs))
+
+
+def study(
+    wanted: Sequence[tuple[str, int]], jobs: int, results: Path | None, limit: int | None
+) -> list[Run]:
+    """Run what is not in ``results`` yet, at most ``limit``; all outcomes that there are."""
+    done = _kept(results)
+    rest = [w for w in wanted if f"{w[0]}-{w[1]}" not in done][:limit]
+    finished = Parallel(n_jobs=jobs, return_as="generator_unordered")(
+        delayed(run)(*w) for w in rest
+    )
+    for count, found in enumerate(finished, start=1):
+        done[found.key] = found
+        if results is not None:
+            with results.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(asdict(found), ensure_ascii=False) + "\n")
+        said = found.error or ", ".join(found.said) or found.verdict
+        print(
+            f"{count}/{len(rest)} {found.key} {'+'.join(found.truth)} ({found.visible} of the "
+            f"noise): {said} ({found.seconds:.0f} s)",
+            file=sys.stderr,
+        )
+    return [done[f"{s}-{k}"] for s, k in wanted if f"{s}-{k}" in done]
+
+
+def _numbers(
+    hidden: Sequence[Mapping[str, Any]], effects: Sequence[Mapping[str, Any]]
+) -> tuple[int, list[str]]:
+    """How many stated numbers with a true value are believed, and the others in words."""
+    true = {k: v for h in hidden for k, v in h["same_meaning"].items()}
+    believed, wrong = 0, []
+    for p in (p for e in effects for p in e["parameters"]):
+        name = next((k for k in true if p["name"].startswith(k)), None)
+        if name is None or p["value"] is None or not p["std_error"]:
+            continue
+        # both drives share the cause, each with up to 8 % more or less: what lies between is right
+        off = max(abs(p["value"] - true[name]) - SPREAD * abs(true[name]), 0.0)
+        if off <= BELIEVED * p["std_error"]:
+            believed += 1
+        else:
+            said = f"{p['name']} {p['value']:.4g} ± {p['std_error']:.2g}"
+            wrong.append(f"{said}, in truth {true[name]:.4g}")
+    return believed, wrong
+
+
+SPREAD = 0.08
+"""By how much the drives of a machine differ in a cause."""
+
+
+def _closed(channels: Sequence[Mapping[str, float]], floors: Sequence[float]) -> float | None:
+    """Σ(before² − after²)/Σ(before² − floor²): what the true model closes is 100 %."""
+    if len(channels) != len(floors):
+        return None
+    gap = sum(c["rmse_before"] ** 2 - f**2 for c, f in zip(channels, floors, strict=True))
+    gone = sum(c["rmse_before"] ** 2 - c["rmse_after"] ** 2 for c in channels)
+    return 100.0 * gone / gap if gap > 0.0 else None
+
+
+def _visible(some: Sequence[Run]) -> list[Run]:
+    return [r for r in some if r.visible >= SHOWN]
+
+
+def _kept(results: Path | None) -> dict[str, Run]:
+    if results is None or not results.exists():
+        return {}
+    kept = {}
+    for line in results.read_text(encoding="utf-8").splitlines():
+        fields = json.loads(line)
+        for name in ("truth", "said", "wrong_numbers"):
+            fields[name] = tuple(fields[name])
+        fields["entries"] = tuple(tuple(e) for e in fields["entries"])
+        kept[fields["key"]] = Run(**fields)
+    return kept
+
+
+HEAD = """# What `sysid.diagnose` says of machines simulated from physics
+
+{runs} blind runs of `benchmarks/study_physics_diagnose.py` ({asked}) on logs of the physics twin
+(`datasets/physics`), whose circuits, contacts and encoders were written without looking at any
+formula of the catalogue. *Right first*: a hidden cause stands first, alone or in a reported tie;
+*all right*: each has an entry of its own; *gap closed*: median / worst of what the true model
+closes, of runs that were right; *numbers*: stated numbers with a known true value that are within
+three standard errors. Seeds below 10000 are for development.
+"""
+
+if __name__ == "__main__":
+    sys.exit(main())

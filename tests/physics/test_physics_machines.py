@@ -1,0 +1,92 @@
+"""Other machines of the physics twin, its suites, and the marks of its study."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from studies import ROOT, load
+from sysid_datasets.physics.logs import PERIOD, csv_of, excess, floor, make, pose_excess
+from sysid_datasets.physics.others import MACHINES, OUTSIDE
+from sysid_datasets.physics.processes import GRAVITY, Heater, Tanks
+from sysid_datasets.physics.suites import FRESH, NOTHINGS, SUITES, case
+
+from sysid import read_log
+
+
+def test_a_heater_settles_where_watts_are_lost() -> None:
+    plate = Heater(watts=60.0, capacity=100.0, loss=1.0)
+    read = plate.run(np.full((500, 1), 0.5), 2.0)[:, 0]
+    exact = 20.0 + 30.0 * (1.0 - np.exp(-np.arange(500) * 2.0 / 100.0))
+    assert read == pytest.approx(exact, abs=1e-6)
+    assert replace(plate, fuse=0.25).run(np.ones((500, 1)), 2.0)[-1, 0] == pytest.approx(35.0, 1e-3)
+    late = replace(plate, late=6.0).run(np.full((500, 1), 0.5), 2.0)[:, 0]
+    assert late[3:] == pytest.approx(read[:-3], abs=1e-9)
+    assert replace(plate, radiating=0.1).run(np.ones((500, 1)), 2.0)[-1, 0] < 79.0
+
+
+def test_tanks_settle_where_the_outflow_is_the_pump() -> None:
+    made = Tanks(area=0.002)
+    level = made.run(np.full((1500, 1), 0.6), 2.0)[-1, 0]
+    assert level == pytest.approx(100.0 * (0.6 * 5e-5 / 3e-5) ** 2 / (2.0 * GRAVITY), rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(len(MACHINES)), ids=list(MACHINES))
+def test_logs_of_other_machines_are_read_without_help(seed: int, tmp_path: Path) -> None:
+    made = replace(case("machines", seed), duration=100.0 * PERIOD if seed in (2, 4) else 15.0)
+    log = make(made).val
+    file = tmp_path / "log.csv"
+    assert made.columns is not None
+    file.write_text(csv_of(log, made.columns), encoding="ascii")
+    record = read_log(file)
+    assert (record.nu, record.ny) == (1, 1)
+    assert float(record.u[:, 0].std()) > 0.0
+
+
+def test_what_is_outside_the_catalogue_bends_the_log() -> None:
+    for seed, name in enumerate(OUTSIDE):
+        if name in ("tanks", "rhythm"):  # the one has no wheels, the other no mean
+            continue
+        made = case("outside", seed)
+        assert made.outside
+        assert not made.hidden
+        log = make(replace(made, duration=10.0)).est
+        misses, noise = excess(log), floor(log)
+        assert max(m / n for m, n in zip(misses, noise, strict=True)) > 1.0
+
+
+def test_wheels_that_roll_as_drawn_leave_the_noise_of_the_pose() -> None:
+    made = replace(case("nothing", list(NOTHINGS).index("pose")), duration=20.0)
+    assert made.rig.lengths is not None
+    way, turn = pose_excess(make(made).val, made.rig.lengths)
+    assert way < 2.0 * 0.002 * np.sqrt(2.0)
+    assert turn < 2.0 * 0.002 * np.sqrt(2.0)
+
+
+def test_the_realistic_robot_has_everything() -> None:
+    made = case("realistic", 1)
+    names = {h.id for h in made.hidden}
+    assert {"backlash", "stiction", "supply-sag", "input-delay", "quantisation"} <= names
+
+
+def test_every_suite_draws_seeds_of_both_kinds() -> None:
+    for suite in SUITES:
+        for seed in (7, FRESH + 7):
+            assert case(suite, seed).key == f"{suite}-{seed}"
+        assert case(suite, 3).rig != case(suite, FRESH + 3).rig
+    with pytest.raises(ValueError, match="negative"):
+        case("singles", -1)
+
+
+def test_a_name_that_is_also_right_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    study = load("benchmarks/study_physics_diagnose.py")
+    gap = {"id": "backlash", "also": ["coulomb-friction"]}
+    lag = {"id": "actuator-lag", "also": ["sensor-lag"]}
+    said = [("coulomb-friction",), ("backlash",), ("sensor-lag", "input-delay"), ("dead-zone",)]
+    assert study.translated([gap, lag], said) == (
+        ("coulomb-friction", "backlash"),
+        ("sensor-lag", "input-delay", "actuator-lag"),
+        ("dead-zone",),
+    )
+    assert study.translated([], said) == tuple(said)
