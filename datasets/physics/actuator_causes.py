@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from sysid_datasets.physics.hidden import Cause, Hidden, in_drives, part, timed
 from sysid_datasets.physics.parameters import ONE_QUADRANT, Drive
-from sysid_datasets.physics.robots import Change, Rig, figures, log_uniform
+from sysid_datasets.physics.robots import SPREAD, Change, Rig, figures, log_uniform
 
 Drawn = tuple[Rig, Hidden]
 
@@ -14,21 +14,45 @@ def pulses_left_out(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
     """A driver that leaves out short pulses: beyond them the whole command arrives."""
     size = min(log_uniform(rng, 0.04, 0.3) * factor, 0.6)
     rig, channels = in_drives(rng, rig, part("firmware", shortest_pulse=size))
-    return rig, Hidden("dead-zone", "short pulses left out", {"duty": size}, (), channels)
+    return rig, Hidden(
+        "dead-zone",
+        "short pulses left out",
+        {"duty": size},
+        (),
+        channels,
+        {"plus": size, "minus": size},
+        spread=SPREAD,
+    )
 
 
 def switches_that_turn_on_late(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
     """Every pulse loses the time the switch takes: the command less a constant."""
     size = min(log_uniform(rng, 0.03, 0.25) * factor, 0.6)
     rig, channels = in_drives(rng, rig, part("firmware", turn_on=size))
-    return rig, Hidden("dead-zone", "pulses shortened by the turn-on", {"duty": size}, (), channels)
+    return rig, Hidden(
+        "dead-zone",
+        "pulses shortened by the turn-on",
+        {"duty": size},
+        (),
+        channels,
+        {"plus": size, "minus": size},
+        spread=SPREAD,
+    )
 
 
 def largest_duty(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
     """A bootstrap supply or a careful programmer bounds the duty."""
     size = max(1.0 - log_uniform(rng, 0.12, 0.6) * factor, 0.15)
     rig, channels = in_drives(rng, rig, part("firmware", largest=size))
-    return rig, Hidden("input-saturation", "duty bounded", {"duty": size}, (), channels)
+    return rig, Hidden(
+        "input-saturation",
+        "duty bounded",
+        {"duty": size},
+        (),
+        channels,
+        {"plus": size, "minus": size},
+        spread=SPREAD,
+    )
 
 
 def remote_curve(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
@@ -58,7 +82,7 @@ def late_command(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
     """A radio line, or a board that polls: commands act late."""
     delay = round(log_uniform(rng, 0.4, 4.0) * factor / rig.telemetry.rate, 4)
     rig = timed(rig, command_delay=delay)
-    same = {"delay": delay * rig.telemetry.rate}
+    same = {"delay": delay}
     return rig, Hidden("input-delay", "commands act late", {"delay_s": delay}, (), (0, 1), same)
 
 
@@ -66,17 +90,21 @@ def slew(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
     """The board moves the duty no faster than this."""
     size = 4.0 / (log_uniform(rng, 1.0, 10.0) * factor)
     rig, channels = in_drives(rng, rig, part("firmware", slew=size))
-    same = {"rate_limit": size}
-    return rig, Hidden("rate-limit", "duty slewed", {"per_s": size}, (), channels, same)
+    same = {"rate": size}
+    return rig, Hidden(
+        "rate-limit", "duty slewed", {"per_s": size}, (), channels, same, spread=SPREAD
+    )
 
 
 def soft_start(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
     """A low-pass of the board on the duty."""
     size = log_uniform(rng, 0.04, 0.4) * factor
     rig, channels = in_drives(rng, rig, part("firmware", soft_start=size))
-    same = {"actuator_lag": size}
+    same = {"lag": size}
     also = ("sensor-lag",)
-    return rig, Hidden("actuator-lag", "duty low-passed", {"time_s": size}, also, channels, same)
+    return rig, Hidden(
+        "actuator-lag", "duty low-passed", {"time_s": size}, also, channels, same, spread=SPREAD
+    )
 
 
 def battery_resistance(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:

@@ -21,6 +21,7 @@ class Hidden:
         sizes: what was drawn, with the unit in the key.
         same_meaning: parameters of the catalogue that mean what a size means, by their names
             there; compared with what a diagnosis states.
+        spread: by what share drives that have it may differ from these.
         styles: commands that can show it; empty for any.
     """
 
@@ -31,6 +32,7 @@ class Hidden:
     channels: tuple[int, ...] = ()
     same_meaning: Mapping[str, float] | None = None
     styles: tuple[str, ...] = ()
+    spread: float = 0.0
 
 
 Cause = Callable[[np.random.Generator, Rig, float], tuple[Rig, Hidden]]

@@ -159,6 +159,7 @@ def truth_of(logs: Logs) -> dict[str, Any]:
                 "channels": list(h.channels),
                 "sizes": dict(h.sizes),
                 "same_meaning": dict(h.same_meaning or {}),
+                "spread": h.spread,
             }
             for h in case.hidden
         ],

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from sysid_datasets.physics.hidden import Cause, Hidden, in_drives, part
 from sysid_datasets.physics.parameters import Drive
-from sysid_datasets.physics.robots import Rig, figures, log_uniform, with_body
+from sysid_datasets.physics.robots import SPREAD, Rig, figures, log_uniform, with_body
 
 Drawn = tuple[Rig, Hidden]
 
@@ -37,7 +37,13 @@ def gap(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
     rig, channels = in_drives(rng, rig, change)
     sizes = {"gap_rad": play, "load_share": share, "friction_N_m": rub}
     return rig, Hidden(
-        "backlash", "play between teeth", sizes, ("coulomb-friction",), channels, {"backlash": play}
+        "backlash",
+        "play between teeth",
+        sizes,
+        ("coulomb-friction",),
+        channels,
+        {"gap": play},
+        spread=SPREAD,
     )
 
 

@@ -70,7 +70,7 @@ def heater(base: Case, rng: np.random.Generator) -> Case:
     if choice == 1:
         sheath = rng.uniform(0.1, 0.4) * lag
         plate = replace(plate, sheath=sheath)
-        same = {"sensor_lag": sheath, "actuator_lag": sheath}
+        same = {"lag": sheath}
         hidden = (
             Hidden("sensor-lag", "sheath", {"time_s": sheath}, ("actuator-lag",), (0,), same),
         )

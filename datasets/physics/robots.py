@@ -119,11 +119,15 @@ def with_body(machine: Machine, rng: np.random.Generator, *, coupled: float = 0.
     return replace(machine, body=body)
 
 
+SPREAD = 0.08
+"""By what share a cause may be larger or smaller in a drive."""
+
+
 def each(machine: Machine, rng: np.random.Generator, change: Change) -> tuple[Machine, list[int]]:
-    """Change both drives (three times in five) or one of them, by up to 8 % unlike each other."""
+    """Change both drives (three times in five) or one of them, by up to ``SPREAD`` more or less."""
     count = len(machine.drives)
     chosen = list(range(count)) if rng.uniform() < 0.6 else [int(rng.integers(count))]
-    spread = 1.0 + 0.08 * rng.uniform(-1.0, 1.0, count)
+    spread = 1.0 + SPREAD * rng.uniform(-1.0, 1.0, count)
     drives = tuple(
         change(d, float(spread[k])) if k in chosen else d for k, d in enumerate(machine.drives)
     )

@@ -6,7 +6,14 @@ from dataclasses import replace
 import numpy as np
 from sysid_datasets.physics.hidden import Cause, Hidden, in_drives, part, timed, wired
 from sysid_datasets.physics.parameters import TICKS, Drive
-from sysid_datasets.physics.robots import Rig, figures, log_uniform, seen_from_above, with_body
+from sysid_datasets.physics.robots import (
+    SPREAD,
+    Rig,
+    figures,
+    log_uniform,
+    seen_from_above,
+    with_body,
+)
 
 Drawn = tuple[Rig, Hidden]
 
@@ -15,8 +22,10 @@ def tacho_filter(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
     """An analogue low-pass behind a tacho."""
     size = log_uniform(rng, 0.04, 0.4) * factor
     rig, channels = in_drives(rng, rig, part("sensor", filter_time=size))
-    also, same = ("actuator-lag",), {"sensor_lag": size}
-    return rig, Hidden("sensor-lag", "filter of the tacho", {"time_s": size}, also, channels, same)
+    also, same = ("actuator-lag",), {"lag": size}
+    return rig, Hidden(
+        "sensor-lag", "filter of the tacho", {"time_s": size}, also, channels, same, spread=SPREAD
+    )
 
 
 def full_scale(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
@@ -29,7 +38,7 @@ def full_scale(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
         {"limit_rad_s": limit},
         (),
         (0, 1),
-        {"sensor_limit": limit},
+        {"limit": limit},
     )
 
 
@@ -38,9 +47,9 @@ def zero_point(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
     size = log_uniform(rng, 0.01, 0.12) * factor * figures(rig.machine).speed
     size *= float(rng.choice([-1.0, 1.0]))
     both = tuple(size * s for s in rng.uniform(0.9, 1.1, len(rig.machine.drives)))
-    also, same = ("load-bias",), {"sensor_bias": size}
+    also, same = ("load-bias",), {"bias": size}
     return wired(rig, offset=both), Hidden(
-        "sensor-bias", "zero point", {"rad_s": size}, also, (0, 1), same
+        "sensor-bias", "zero point", {"rad_s": size}, also, (0, 1), same, spread=0.1
     )
 
 
@@ -122,7 +131,7 @@ def other_width(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
     rig = seen_from_above(rig)
     body = replace(rig.machine.body, width=rig.machine.body.width * ratio)
     rig = replace(rig, machine=replace(rig.machine, body=body))
-    same = {"width_ratio": ratio}
+    same = {"ratio": ratio}
     sizes = {"ratio": ratio}
     return rig, Hidden("track-width", "wider than drawn", sizes, ("track-slip",), (), same)
 

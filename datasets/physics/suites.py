@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from sysid_datasets.physics import actuator_causes, motor_causes, sensor_causes
 from sysid_datasets.physics.causes import CAUSES, WITH_BODY
-from sysid_datasets.physics.hidden import Hidden
+from sysid_datasets.physics.hidden import Hidden, timed
 from sysid_datasets.physics.logs import Case
 from sysid_datasets.physics.noises import NOISES
 from sysid_datasets.physics.others import MACHINES, OUTSIDE, single_drive
@@ -187,12 +187,28 @@ MILD = 0.5
 
 
 def realistic(suite: str, seed: int, rng: np.random.Generator) -> Case:
-    """Everything at once, half as large each; half of the bridges have one quadrant."""
+    """Everything at once, half as large each; half of the bridges have one quadrant.
+
+    Besides: PWM of 8 to 12 bits, switches with a resistance, clocks that jitter by milliseconds.
+    """
     rig, hidden = Rig(plain_machine(rng)), []
     bridges = (actuator_causes.diodes,) if rng.uniform() < 0.5 else ()
     for cause in (*bridges, *REALISTIC):
         rig, found = cause(rng, rig, MILD)
         hidden.append(found)
+    drives = tuple(
+        replace(
+            d,
+            firmware=replace(d.firmware, bits=float(rng.integers(8, 13))),
+            bridge=replace(d.bridge, on_resistance=0.05 * d.motor.resistance),
+        )
+        for d in rig.machine.drives
+    )
+    rig = timed(
+        replace(rig, machine=replace(rig.machine, drives=drives)),
+        command_jitter=0.005,
+        reading_jitter=0.002,
+    )
     style, sigma = str(rng.choice(["joystick", "steps"])), log_uniform(rng, 0.003, 0.01)
     return Case(suite, seed, rig, tuple(hidden), style=style, sigma=sigma, duration=120.0)
 
