@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
     from sysid.estimation.identify import Identification, Request
     from sysid.estimation.recursive.follower import Feed, Follower
-    from sysid.estimation.recursive.live_fit import LiveState
+    from sysid.estimation.recursive.live_state import LiveState
 
 POLL = 0.05
 """Seconds between two looks at a file: a person sees no delay, and a core is left alone."""
@@ -127,7 +127,20 @@ def _feed(logs: Sequence[Path], read: "ReadOptions") -> "Feed":
     if len(logs) != 1:
         raise UsageError(f"one log can be followed at a time, got {len(logs)}; name one")
     check_followable(read)
-    return LogFeed(lines_of(str(logs[0])), read)
+    source = str(logs[0])
+    if not _is_topic(source):
+        return LogFeed(lines_of(source), read)
+    from sysid.cosim.ros.topic_lines import TopicLines
+
+    return LogFeed(TopicLines(source, read.map), replace(read, map={}))
+
+
+def _is_topic(source: str) -> bool:
+    """Whether a name is a topic's: it begins with a slash, and no folder could hold such a file."""
+    path = Path(source)
+    if not source.startswith("/") or path.exists() or path.suffix:
+        return False
+    return path.parent == Path("/") or not path.parent.is_dir()
 
 
 def _run(follower: "Follower", how: Following, view: View, stop: list[int]) -> str:

@@ -1,6 +1,6 @@
 """ARX estimated row by row: the batch fit, but for rows that come one after the other."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,12 +93,15 @@ class RecursiveARX:
         watch: bool = True,
         false_alarms: float = FALSE_ALARMS,
         looks: Sequence[int] = (),
+        confirm: Callable[[int, int], bool] | None = None,
     ) -> None:
         """Args:
             structure: what to estimate.
             forgetting: in (0, 1].
             watch: whether to look for changes, and to begin anew after one.
             false_alarms: chance of ever seeing one where there is none.
+            confirm: asked about every alarm, with the output and the rows since then; what is no
+                change by it is none.
             looks: of the watches of an estimate that this one goes on for, see ``looks``.
 
         Raises:
@@ -119,6 +122,7 @@ class RecursiveARX:
         self._pending: list[Array] = []
         self._waiting = 0
         self._factors = [Factor.empty(len(t)) for t in self._terms]
+        self._confirm = confirm
         self._lags = max(lay.start for lay in self._layouts)
         self._history: Array = np.zeros((0, width))
         self._watches = [
@@ -240,7 +244,11 @@ class RecursiveARX:
             if not len(equations[i]):
                 continue
             alarm = watch.take(before[i], equations[i])
-            if alarm is not None:
+            if alarm is None:
+                continue
+            if self._confirm is not None and not self._confirm(i, alarm.blocks * self.block):
+                watch.tolerate(alarm)
+            else:
                 self._begin_anew(i, alarm)
                 return
 
@@ -285,13 +293,14 @@ class RecursiveARX:
             for f in factors
         ]
 
-    def pieces(self, most: int | None = None) -> list[Array]:
+    def pieces(self, most: int | None = None, but: int = 0) -> list[Array]:
         """Uninterrupted stretches of the rows kept, outputs before inputs, the oldest first.
 
         Args:
             most: newest rows wanted, None for all that are kept.
+            but: newest rows that are passed over.
         """
-        return self._kept.pieces(self._stacked(), most)
+        return self._kept.pieces(self._stacked(), most, but)
 
     def _covariance(
         self, i: int, factor: Factor, solved: ne.LeastSquares, pieces: Sequence[Array]

@@ -46,12 +46,16 @@ class Alarm:
     Attributes:
         blocks: the change lies about that many blocks back.
         probability: of a difference as large where nothing changed.
+        window: length of the window that showed it, in blocks.
+        statistic: s of that window.
         share: by how much of what the inputs do the output is altered.
     """
 
     blocks: int
     probability: float
     share: float
+    window: int
+    statistic: float
 
 
 class ChangeWatch:
@@ -77,6 +81,11 @@ class ChangeWatch:
         for recent in self._recent.values():
             recent.clear()  # they may hold the change
         self._blocks = 0
+
+    def tolerate(self, alarm: Alarm) -> None:
+        """What was no change is a yardstick like any other, at once and for its length."""
+        total, count = self._calm[alarm.window]
+        self._calm[alarm.window] = (total + alarm.statistic, count + 1)
 
     def before(self, blocks: int) -> Factor:
         """What was known before the last blocks."""
@@ -118,7 +127,7 @@ class ChangeWatch:
             allowed = self._budget * 6.0 / np.pi**2 / self.looks**2
             chance = float(fdtrc(n, n * windows, statistic / yardstick))
             if chance < allowed and share >= RELEVANT:
-                return Alarm(self._located(), chance, share)
+                return Alarm(self._located(), chance, share, w, statistic)
         if self._blocks % w == 0:  # windows that do not overlap
             self._recent[w].append((self._blocks, statistic))
         return None

@@ -51,6 +51,12 @@ FEWEST = 8
 SEEN = 3.0
 """Standard errors that a dead zone must be away from zero to be seen."""
 
+COLOURED = 4.0
+"""What noise with a memory may multiply a test of two parts by."""
+
+BY_CHANCE = 1e-4
+"""Chance below which two parts differ although the dead zone is the same."""
+
 NARROWER = 16.0
 """By how much −2 ln L must fall: 1 in 10⁴ without a dead zone, as there are two laws to choose."""
 
@@ -65,6 +71,7 @@ class DeadZone:
         seen: whether it is there at all.
         theta: coefficients of the regressors with it, (n,).
         covariance: of these, (n, n).
+        edge: the part of δ that lies in the command; the rest is friction.
     """
 
     law: str
@@ -73,6 +80,7 @@ class DeadZone:
     seen: bool
     theta: Array
     covariance: Array
+    edge: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,6 +200,42 @@ def dead_zone(
     return replace(zone, seen=bool(zone.value > SEEN * zone.std_error and gain > NARROWER))
 
 
+def changed_beyond(
+    zone: DeadZone,
+    parts: tuple[Sequence[Array], Sequence[Array]],
+    where: tuple[int, int],
+    terms: Sequence[tuple[int, int]],
+) -> bool:
+    """Whether what came after differs from what came before by more than one dead zone explains.
+
+    A dead zone alone makes a linear equation differ between small and large commands, which is no
+    change of the plant. With it both parts should agree (Chow 1960).
+
+    Args:
+        zone: of all rows.
+        parts: the stretches before and after.
+        where: numbers of the output, and of the input among the signals.
+        terms: (signal, lag) of the regressors.
+    """
+    from scipy.special import fdtrc
+
+    start = max([1, *(lag for _, lag in terms), sum(s == where[1] for s, _ in terms)])
+    friction = zone.law != "command"
+    largest = max(float(np.max(np.abs(p[:, where[0]]))) for part in parts for p in part)
+    rows = [
+        _Rows([p for p in part if len(p) > start], *where, terms, start, STILL * largest)
+        for part in (*parts, [*parts[0], *parts[1]])
+    ]
+    found = [_solve(r, zone.edge, friction) if r.pieces else None for r in rows]
+    before, after, joint = found
+    if before is None or after is None or joint is None:
+        return False  # too little of either to tell a change from a dead zone
+    n, loss = len(joint.theta), before.loss + after.loss
+    free = before.rows + after.rows - 2 * n
+    statistic = (joint.loss - loss) / n / (loss / free)
+    return bool(fdtrc(n, free, max(statistic / COLOURED, 0.0)) < BY_CHANCE)
+
+
 def _law(rows: _Rows, law: str, command: float) -> tuple[DeadZone, float] | None:
     """The dead zone by one law, and its sum of squares."""
     friction, edge = law != "command", law != "friction"
@@ -214,7 +258,7 @@ def _law(rows: _Rows, law: str, command: float) -> tuple[DeadZone, float] | None
     wide = solved if solved is None or not edge else _solve(rows, delta, friction, solved.theta)
     if solved is None or wide is None:
         return None
-    n, own = len(rows.terms), rows.own
+    at, n, own = delta, len(rows.terms), rows.own
     gain = float(solved.theta[:n][own].sum())
     if gain == 0.0:
         return None
@@ -227,7 +271,7 @@ def _law(rows: _Rows, law: str, command: float) -> tuple[DeadZone, float] | None
         slope[signs] = 1.0 / gain
         delta += c / gain
     error = max(float(slope @ wide.covariance @ slope), 0.0) ** 0.5
-    zone = DeadZone(law, delta, error, False, solved.theta[:n], wide.covariance[:n, :n])
+    zone = DeadZone(law, delta, error, False, solved.theta[:n], wide.covariance[:n, :n], at)
     return zone, solved.loss
 
 

@@ -20,7 +20,8 @@ from sysid.estimation.identify import Identification
 from sysid.estimation.levels.estimated_level import narrowed
 from sysid.estimation.levels.offsets import Offsets
 from sysid.estimation.recursive.change import FALSE_ALARMS
-from sysid.estimation.recursive.live_fit import LiveChange, LiveFit
+from sysid.estimation.recursive.live_fit import LiveFit
+from sysid.estimation.recursive.live_state import LiveChange
 from sysid.fitting.options import FitOptions
 from sysid.structures.linear.constant_input import (
     constant_places,

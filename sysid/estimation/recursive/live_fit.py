@@ -1,22 +1,30 @@
 """A plant followed while it moves: gain, time constant, dead zone, excitation and changes."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sysid.data.checks.delay import estimate_delays
 from sysid.data.preprocess import Detrend
-from sysid.data.record import Array, Channel, Record
+from sysid.data.record import Array, Channel
 from sysid.errors import DataError, Termination, UsageError
-from sysid.estimation.assessment.step_response import Estimate, StepResponse, step_responses
+from sysid.estimation.assessment.step_response import StepResponse, step_responses
 from sysid.estimation.recursive.arx import Changed, RecursiveARX, RecursiveEstimate
 from sysid.estimation.recursive.change import FALSE_ALARMS
-from sysid.estimation.recursive.dead_zone import DeadZone, dead_zone
+from sysid.estimation.recursive.dead_zone import DeadZone, changed_beyond, dead_zone
 from sysid.estimation.recursive.excitation import Excitation, excitation
-from sysid.fitting import normal_equations as ne
+from sysid.estimation.recursive.live_state import (
+    LiveChange,
+    LivePair,
+    LiveState,
+    Numbers,
+    followed_by,
+    pair_of,
+    parameters_of,
+    slowest,
+)
+from sysid.estimation.recursive.order_choice import chosen_orders
 from sysid.structures.linear.arx import ARX
 from sysid.structures.linear.closed_form import lagged_terms, signs
 from sysid.structures.linear.constant_input import (
@@ -24,7 +32,7 @@ from sysid.structures.linear.constant_input import (
     with_constant,
     without_constant,
 )
-from sysid.structures.model import Model, unvisited
+from sysid.structures.model import Model
 
 FIRST_ORDERS = 200
 """Rows after which orders that are not given are chosen; before, first order without dead time."""
@@ -40,130 +48,6 @@ DEAD_ZONE_ROWS = 20_000
 
 SPREAD_ROWS = 5_000
 """Newest rows by which signals are judged to move."""
-
-SETTLED = 0.05
-"""A number has settled when its standard error is below this share of it."""
-
-MOST_DELAY = 20
-"""Samples up to which a delay is looked for; for a longer one the orders have to be given."""
-
-
-@dataclass(frozen=True)
-class Zone:
-    """A dead zone as it is shown: see ``dead_zone.DeadZone``."""
-
-    law: str
-    value: float
-    std_error: float
-    seen: bool
-
-
-@dataclass(frozen=True)
-class LivePair:
-    """What an input does to an output.
-
-    Attributes:
-        input, output: names.
-        gain, time_constant: with their standard errors; beyond the dead zone where one is seen.
-            The time constant is that of the slowest visible mode, NaN where there is none [s].
-        unit: of the gain.
-        dead_time: [s].
-        dead_zone: of the input, where it is this output's drive and enough is known.
-        settled: whether gain and time constant are known within SETTLED.
-    """
-
-    input: str
-    output: str
-    gain: Estimate
-    time_constant: Estimate
-    unit: str
-    dead_time: float
-    dead_zone: Zone | None
-    settled: bool
-
-
-@dataclass(frozen=True)
-class Numbers:
-    """Gain and time constant of a pair before a change, and after it as known now."""
-
-    input: str
-    output: str
-    gain_before: Estimate
-    gain_after: Estimate | None
-    time_constant_before: Estimate
-    time_constant_after: Estimate | None
-
-
-@dataclass(frozen=True)
-class LiveChange:
-    """A change of the plant.
-
-    Attributes:
-        time: when, counted from the first row [s].
-        within: within which that is known [s].
-        seen: when it was seen [s].
-        output: the output that told it.
-        chance: probability of a difference as large without a change.
-        share: by how much of what the inputs do the output was altered.
-        numbers: what changed.
-    """
-
-    time: float
-    within: float
-    seen: float
-    output: str
-    chance: float
-    share: float
-    numbers: tuple[Numbers, ...]
-
-
-@dataclass(frozen=True)
-class LiveParameter:
-    """A parameter, its standard error (None where it is not determined) and its information."""
-
-    name: str
-    value: float
-    std_error: float | None
-    information: float
-    unit: str
-
-
-@dataclass(frozen=True)
-class LiveState:
-    """What a stream tells at one moment.
-
-    Attributes:
-        rows, seconds: taken in so far.
-        since_change: rows since the last change.
-        orders: of the ARX.
-        pairs: inputs and outputs.
-        parameters: of the ARX.
-        noise: standard deviation of the one-step error of each output.
-        excitation: of each output's equation.
-        changes: of the plant.
-    """
-
-    rows: int
-    seconds: float
-    since_change: int
-    orders: Mapping[str, Any]
-    pairs: tuple[LivePair, ...]
-    parameters: tuple[LiveParameter, ...]
-    noise: Mapping[str, float]
-    excitation: tuple[Excitation, ...]
-    changes: tuple[LiveChange, ...]
-
-    @property
-    def enough(self) -> bool:
-        """Whether the excitation is enough for every output."""
-        return bool(self.excitation) and all(e.enough for e in self.excitation)
-
-    def to_json(self) -> dict[str, Any]:
-        """All of it as a JSON object; numbers that are not finite are left to the writer."""
-        found = asdict(self)
-        for shown, e in zip(found["excitation"], self.excitation, strict=True):
-            shown["enough"] = e.enough
-        return {**found, "excitation_enough": self.enough}
 
 
 class LiveFit:
@@ -253,7 +137,7 @@ class LiveFit:
         linear = step_responses(model)
         changes = self._changes
         if changes:
-            changes = [*changes[:-1], _followed_by(changes[-1], linear)]
+            changes = [*changes[:-1], followed_by(changes[-1], linear)]
         errors = [float(np.sqrt(v)) for v in np.diag(model.noise_covariance)]
         rows = self.rows
         return LiveState(
@@ -262,7 +146,7 @@ class LiveFit:
             since_change=self.recursion.since,
             orders=model.structure.order_values(),
             pairs=self._pairs(model, linear),
-            parameters=_parameters(model),
+            parameters=parameters_of(model),
             noise=dict(zip((c.name for c in self.outputs), errors, strict=True)),
             excitation=self._excitations(),
             changes=tuple(changes),
@@ -277,7 +161,11 @@ class LiveFit:
         if self._level:
             structure = with_constant(structure, (True,) * structure.ny)
         return RecursiveARX(
-            structure, self._forgetting, false_alarms=self._false_alarms, looks=looks
+            structure,
+            self._forgetting,
+            false_alarms=self._false_alarms,
+            looks=looks,
+            confirm=self._is_change,
         )
 
     def _model_of(self, found: RecursiveEstimate) -> Model:
@@ -310,11 +198,27 @@ class LiveFit:
             ),
         )
 
+    def _is_change(self, output: int, back: int) -> bool:
+        """Whether an alarm is more than a dead zone, which large commands show less."""
+        s = self.recursion.structure
+        terms = lagged_terms(s.layout(output))
+        pieces = self.recursion.pieces(DEAD_ZONE_ROWS)
+        linear = step_responses(self.model())
+        drive = _drives(linear, self.inputs, pieces, s.ny).get(self.outputs[output].name)
+        if drive is None:
+            return True
+        signal = s.ny + [c.name for c in self.inputs].index(drive)
+        zone = dead_zone(pieces, output, signal, terms)
+        if zone is None or not zone.seen:
+            return True
+        parts = self.recursion.pieces(DEAD_ZONE_ROWS, back), self.recursion.pieces(back)
+        return changed_beyond(zone, parts, (output, signal), terms)
+
     def _remember(self, change: Changed) -> None:
         """A change as it is told, with the numbers before it."""
         before = step_responses(self._model_of(change.before))
         if self._changes:
-            self._changes[-1] = _followed_by(self._changes[-1], before)
+            self._changes[-1] = followed_by(self._changes[-1], before)
         numbers = tuple(Numbers(r.input, r.output, r.gain, None, slowest(r), None) for r in before)
         self._changes.append(
             LiveChange(
@@ -376,7 +280,7 @@ class LiveFit:
             if zone is not None and zone.seen:
                 beyond = step_responses(self._beyond(model, zone, i))
                 own = [r for r in beyond if r.output == out.name]
-            found += [_pair(r, zone if r.input == signal else None) for r in own]
+            found += [pair_of(r, zone if r.input == signal else None) for r in own]
         return tuple(found)
 
     def _dead_zone(self, pieces: Sequence[Array], i: int, j: int) -> DeadZone | None:
@@ -402,62 +306,6 @@ class LiveFit:
         return self._model(theta, covariance, np.zeros((len(theta), 0)), noise)
 
 
-def chosen_orders(
-    pieces: Sequence[Array], inputs: Sequence[Channel], outputs: Sequence[Channel], dt: float
-) -> dict[str, Any]:
-    """First or second order, by BIC, with the delays that the rows show (``estimate_delays``).
-
-    Args:
-        pieces: uninterrupted rows, outputs before inputs.
-        inputs, outputs: channels.
-        dt: sample time [s].
-    """
-    ny, nu = len(outputs), len(inputs)
-    records = [
-        Record(p[:, ny : ny + nu], p[:, :ny], dt, tuple(inputs), tuple(outputs))
-        for p in pieces
-        if len(p) > MOST_DELAY + 2
-    ]
-    nk = [[1] * nu for _ in range(ny)]
-    plain = {"na": 1, "nb": 1, "nk": nk}
-    if not records:
-        return plain
-    try:
-        delays = estimate_delays(records, MOST_DELAY, shortest=1)
-    except DataError:  # nothing moves yet
-        return plain
-    names_u, names_y = [c.name for c in inputs], [c.name for c in outputs]
-    for d in delays:
-        nk[names_y.index(d.output)][names_u.index(d.input)] = d.delay or 1
-    start = MOST_DELAY + 2
-    scores = {}
-    for order in (1, 2):
-        structure = ARX.from_orders({"na": order, "nb": order, "nk": nk}, nu, ny)
-        score = 0.0
-        for i in range(ny):
-            terms = lagged_terms(structure.layout(i))
-            gram = ne.lag_gram(records, max(max(map(max, nk)) + 2, 2), start)
-            solved = ne.solve(gram, gram.column(i, 0), [gram.column(s, k) for s, k in terms])
-            if solved is None or not solved.loss > 0.0:
-                return plain
-            score += gram.samples * np.log(solved.loss) + len(terms) * np.log(gram.samples)
-        scores[order] = score
-    best = min(scores, key=lambda order: scores[order])
-    return {"na": best, "nb": best, "nk": nk}
-
-
-def slowest(response: StepResponse) -> Estimate:
-    """The slowest time constant of a response; NaN where it shows none."""
-    return response.time_constants[0] if response.time_constants else Estimate(np.nan, np.nan)
-
-
-def _pair(r: StepResponse, zone: DeadZone | None) -> LivePair:
-    time = slowest(r)
-    known = [abs(e.std_error) <= SETTLED * abs(e.value) for e in (r.gain, time)]
-    shown = None if zone is None else Zone(zone.law, zone.value, zone.std_error, zone.seen)
-    return LivePair(r.input, r.output, r.gain, time, r.unit, r.dead_time, shown, bool(all(known)))
-
-
 def _drives(
     linear: Sequence[StepResponse], inputs: Sequence[Channel], pieces: Sequence[Array], ny: int
 ) -> dict[str, str]:
@@ -472,25 +320,3 @@ def _drives(
         if size > found.get(r.output, (0.0, ""))[0]:
             found[r.output] = (size, r.input)
     return {output: name for output, (_, name) in found.items()}
-
-
-def _followed_by(change: LiveChange, now: Sequence[StepResponse]) -> LiveChange:
-    """The change with the numbers after it."""
-    after = {(r.input, r.output): r for r in now}
-    numbers = []
-    for n in change.numbers:
-        r = after.get((n.input, n.output))
-        told = (None, None) if r is None else (r.gain, slowest(r))
-        numbers.append(replace(n, gain_after=told[0], time_constant_after=told[1]))
-    return replace(change, numbers=tuple(numbers))
-
-
-def _parameters(model: Model) -> tuple[LiveParameter, ...]:
-    unknown = {unvisited(d) for d in model.null_directions}
-    found = []
-    for p in model.parameter_table():
-        known = bool(np.isfinite(p.std_error)) and p.name not in unknown
-        information = 1.0 / p.std_error**2 if known and p.std_error > 0.0 else 0.0
-        error = p.std_error if known else None
-        found.append(LiveParameter(p.name, p.value, error, information, p.unit))
-    return tuple(found)

@@ -155,6 +155,13 @@ def test_a_log_that_never_comes_ends_in_time(tmp_path: Path, capsys: Capsys) -> 
     assert run(capsys, "fit", none, none, "--follow").code == 2
 
 
+def test_a_topic_needs_a_mapping(capsys: Capsys) -> None:
+    done = run(capsys, "fit", "--follow", "/wheel", "--for", "1")
+    assert done.code == 2
+    assert "/wheel is a topic" in done.err
+    assert "--map" in done.err
+
+
 def test_the_table_of_a_terminal() -> None:
     from rich.console import Console
 

@@ -160,7 +160,7 @@ def test_false_alarms_are_rarer_than_stated() -> None:
 
 def test_a_gain_that_falls_by_a_fifth_is_seen_within_eight_blocks() -> None:
     late = []
-    for seed in range(10):
+    for seed in range(6):
         live = RecursiveARX(FIRST)
         u, y = run_of(FIRST, np.array([-0.8, 0.5]), 1600, seed, noise=0.02)
         live.update(u, y)
