@@ -15,6 +15,7 @@ from sysid.errors import SysidError
 from . import compare, diagnose, excite, fit, inspect, models, structures
 from .bench import motor, pendulum, power
 from .bench.group import bench
+from .cosim import plant
 from .exporting import export, verify
 from .field_options import Command, every_command
 from .missions import estimate, plan, simulate, tune
@@ -39,6 +40,7 @@ for _command in (
     export.export,
     verify.verify,
     simulate.simulate,
+    plant.plant,
     tune.tune,
     estimate.estimate,
     diagnose.diagnose,

@@ -9,6 +9,8 @@ from sysid.errors import ModelError, UsageError
 from sysid.workspace.store import Workspace
 
 from .. import reading, render, targets
+from ..cosim.guidance import facts_of, guide_over_ros, refuse_many
+from ..cosim.ros_options import OverRos, over_ros
 from ..mission_options import AcceptChanges
 from .law_options import LawChoice, law_choice, refuse_for_log
 from .many_runs import Repeats, Ride, candidates, drive_many, repeats, ride, show_files, show_many
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
 _MISSION_FILES = (".yaml", ".yml")
 
 
-@reading.composed(read=reading.read_options, laws=law_choice, how=repeats)
+@reading.composed(read=reading.read_options, laws=law_choice, how=repeats, over=over_ros)
 def simulate(
     mission: Annotated[
         Path, typer.Argument(metavar="MISSION|LOG", help="A mission (YAML), or a log to replay.")
@@ -50,6 +52,7 @@ def simulate(
     read: "ReadOptions",
     laws: LawChoice,
     how: Repeats,
+    over: OverRos,
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
     json: reading.Json = False,
 ) -> None:
@@ -57,19 +60,21 @@ def simulate(
 
     With --runs every run has numbers of its own: plant parameters within their standard errors,
     sensor noise, start pose, obstacles, friction. What comes of it is told with its probability.
+    With --ros it guides a robot that publishes /clock and /odom, such as `sysid plant`.
     """
 
     from sysid.data.reading.read_options import ReadOptions
 
     targets.check_picture(plot)
     place = Workspace(workspace)
-    package = load_plant(place, plant, accept_changes)
     drives = mission.suffix.lower() in _MISSION_FILES
+    package = load_plant(place, plant, accept_changes)
     if drives and how.measured is None and read != ReadOptions():
         raise UsageError(f"{mission} is a mission: options of reading a log have no use with it")
     if not drives:
         refuse_for_log(laws, mission)
         how.refuse_for_log(mission)
+        over.refuse_for_log(mission)
     _check_bag(bag, drives and how.runs is None)
     kind = "_replay" if not drives else "" if how.runs is None else "_runs"
     name = f"{mission.stem}{kind}.csv"
@@ -78,7 +83,9 @@ def simulate(
     target = log or place.missions_dir / name
     if target.exists() and mission.exists() and target.samefile(mission):
         raise UsageError(f"--log {target} would overwrite what is simulated; name another file")
-    if drives:
+    if over.ros:
+        facts = _guided(mission, package, (target, plot, bag), laws, how, over)
+    elif drives:
         facts = _driven(mission, place, package, (target, plot, bag), laws, how, read)
     else:
         facts = _replay(mission, package.plant(), target, plot, read)
@@ -91,7 +98,7 @@ def simulate(
     if "runs" in facts:
         show_many(mission, facts, how)
     else:
-        _show(mission.name, facts)
+        show_drive(mission.name, facts)
 
 
 def _check_bag(bag: Path | None, one_drive: bool) -> None:
@@ -154,11 +161,8 @@ def _drive(
 ) -> dict[str, Any]:
     import numpy as np
 
-    from sysid.mission.result import write_log
     from sysid.mission.simulator import simulate
     from sysid.plant.replay import outside_domain
-
-    from ..pictures import draw_mission
 
     mission, warnings = given.mission, given.warnings
     with render.progress(f"Driving {path.name}"):
@@ -166,17 +170,25 @@ def _drive(
     named = [c.name for c in plant.inputs]
     if set(named) <= result.log.keys():  # the plant's inputs are the robot's own PWM
         warnings += outside_domain(plant, np.column_stack([result.log[n] for n in named]))
-    targets.make_folder(log, "--log")
-    facts = result.summary() | {"seed": given.seed, "log": write_log(result, log)}
-    facts["warnings"] = list(warnings)
-    if bag is not None:
-        from sysid.data.bags.drive import write_drive
+    facts = facts_of(path, mission, result, (log, plot, bag), given.seed)
+    return facts | {"warnings": list(warnings)}
 
-        facts["bag"] = write_drive(result.log, bag)
-    if plot is not None:
-        draw_mission(plot, path.stem, mission, result)
-        facts["plot"] = plot
-    return facts
+
+def _guided(
+    path: Path,
+    package: "Package",
+    files: tuple[Path, Path | None, Path | None],
+    laws: LawChoice,
+    how: Repeats,
+    over: OverRos,
+) -> dict[str, Any]:
+    """Once, with the robot at the other end of ROS."""
+    from sysid.mission.spec import load_mission
+
+    refuse_many(how)
+    mission = laws.applied(load_mission(path))
+    result, notes = guide_over_ros(path, mission, package, over)
+    return facts_of(path, mission, result, files, 0) | {"warnings": list(notes)}
 
 
 def _replay(
@@ -194,7 +206,8 @@ def _replay(
     return facts
 
 
-def _show(name: str, facts: dict[str, Any]) -> None:
+def show_drive(name: str, facts: dict[str, Any]) -> None:
+    """A table of what a mission or a replay came to, warnings, and what was written."""
     if "outcome" in facts:
         final = facts["final"]
         rows = [

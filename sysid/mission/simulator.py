@@ -1,7 +1,7 @@
 """Driving a robot plant through a mission: the closed loop, sample after sample until it ends."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -96,9 +96,35 @@ def simulate(
     loop = closed_loop(mission, plant, scene, floats, drive)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         state, table = run(loop, seed)
+    return result_of(mission, loop, state, table)
+
+
+def result_of(
+    mission: Mission, loop: Loop, state: LoopState, table: Array, ended: str | None = None
+) -> MissionResult:
+    """What a run came to.
+
+    Args:
+        mission: what was to be done.
+        loop: what ran.
+        state, table: its last state and the rows of its log.
+        ended: the outcome of a run that another one ended; its own verdict goes first.
+
+    Raises:
+        ModelError: the run has no outcome.
+    """
     table.setflags(write=False)
     log = MappingProxyType({name: table[:, i] for i, name in enumerate(loop.columns)})
-    outcome = Outcome[Verdict(int(state.verdict)).name]
+    verdict = Verdict(int(state.verdict))
+    if verdict is not Verdict.GOES_ON:
+        outcome = Outcome[verdict.name]
+    elif ended in [o.value for o in Outcome]:
+        outcome = Outcome(ended)
+    else:
+        raise ModelError(
+            f"the mission was broken off at t = {table[-1, 0]:g} s by its other half: look what "
+            "that one says, and start both again"
+        )
     (x, y, psi), last = state.body.pose, state.references
     return MissionResult(
         outcome=outcome,
@@ -174,13 +200,22 @@ def closed_loop(
     )
 
 
-def run(loop: Loop, seed: int) -> tuple[LoopState, Array]:
-    """Sample until the mission ends; the last state and the log's rows."""
+def run(loop: Loop, seed: int, clock: Iterator[Tick] | None = None) -> tuple[LoopState, Array]:
+    """Sample until the mission ends, or its clock does; the last state and the log's rows.
+
+    Args:
+        loop: what runs.
+        seed: of the sensors' noise.
+        clock: its ticks; None for those of both clocks, one straight after the other.
+
+    Raises:
+        ModelError: a law gives no numbers, the plant runs away, or the clock never ticked.
+    """
     rows = []
     tick = Tick(0.0, 0.0, (), ())
     try:
         state = loop.start()
-        clock = ticks(loop.plant.dt, loop.control.period)
+        clock = clock or ticks(loop.plant.dt, loop.control.period)
         for tick, draws in zip(clock, sensor_draws(loop, seed), strict=False):
             state, row = loop.sample(state, tick, draws)
             _check_numbers(state, row)
@@ -192,6 +227,8 @@ def run(loop: Loop, seed: int) -> tuple[LoopState, Array]:
             f"a law of the mission fails at t = {tick.t:g} s ({error}): change its keys, or keep "
             "it from dividing by zero"
         ) from error
+    if not rows:
+        raise ModelError("the mission was over before it began: start both of its halves again")
     return state, np.array(rows)
 
 

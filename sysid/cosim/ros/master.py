@@ -2,6 +2,7 @@
 
 import os
 import socket
+from collections.abc import Iterable
 from dataclasses import dataclass
 from http.client import HTTPConnection, HTTPException
 from typing import Any, cast
@@ -53,6 +54,24 @@ class Master:
         types = dict(self._call("getTopicTypes"))
         found = types.get(topic)
         return None if found in (None, "*") else str(found)
+
+    def check_types(self, wanted: Iterable[tuple[str, str]]) -> None:
+        """Refuse topics that are of another type.
+
+        Args:
+            wanted: pairs of topic and type.
+
+        Raises:
+            ModelError: one is.
+        """
+        for topic, kind in wanted:
+            found = self.type_of(topic)
+            if found not in (None, kind):
+                raise ModelError(
+                    f"topic {topic} is of type {found} and {kind} is needed: end the node that "
+                    f"uses it otherwise ({', '.join(self.publishers(topic)) or 'a subscriber'}), "
+                    "or choose another `topic`"
+                )
 
     def _lives(self, node: str) -> bool:
         try:

@@ -1,0 +1,68 @@
+"""``sysid simulate MISSION --ros``: the node that guides."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sysid.errors import UsageError
+
+from .. import render, targets
+from .ros_options import OverRos
+
+if TYPE_CHECKING:
+    from sysid.mission.result import MissionResult
+    from sysid.mission.spec import Mission
+    from sysid.plant.package import Package
+
+    from ..missions.many_runs import Repeats
+
+
+def guide_over_ros(
+    path: Path, mission: "Mission", package: "Package", over: OverRos
+) -> "tuple[MissionResult, tuple[str, ...]]":
+    """Guide the robot of ``/odom``; what it came to, and what was assumed of a plant."""
+    from sysid.cosim.guiding import guide
+    from sysid.cosim.ros.ports import guidance_node
+    from sysid.mission.robot.mapping import as_robot
+
+    known, notes = as_robot(package.plant(), mission)
+    with (
+        render.progress(f"Guiding {path.name} over ROS"),
+        guidance_node(over.topic, over.wait) as port,
+    ):
+        return guide(mission, port, over.cut, known), notes
+
+
+def refuse_many(how: "Repeats") -> None:
+    """One robot drives once, with noise of its own.
+
+    Raises:
+        UsageError: an option of many runs is given.
+    """
+    for name in ("runs", "seed", "vary", "scheduler", "measured"):
+        if getattr(how, name) is not None:
+            raise UsageError(f"--{name} has no use with --ros: the robot of the other node drives")
+
+
+def facts_of(
+    path: Path,
+    mission: "Mission",
+    result: "MissionResult",
+    files: tuple[Path, Path | None, Path | None],
+    seed: int,
+) -> dict[str, Any]:
+    """Log, picture and bag written; the facts of a mission as ``sysid simulate`` gives them."""
+    from sysid.mission.result import write_log
+
+    from ..pictures import draw_mission
+
+    log, plot, bag = files
+    targets.make_folder(log, "--log")
+    facts = result.summary() | {"seed": seed, "log": write_log(result, log)}
+    if bag is not None:
+        from sysid.data.bags.drive import write_drive
+
+        facts["bag"] = write_drive(result.log, bag)
+    if plot is not None:
+        draw_mission(plot, path.stem, mission, result)
+        facts["plot"] = plot
+    return facts

@@ -1,0 +1,111 @@
+"""What two halves of a mission say to each other, over a protocol; queues are one of its kind."""
+
+import queue
+from typing import NamedTuple, Protocol
+
+from sysid.errors import ModelError
+from sysid.mission.contracts import Body
+
+
+class Seen(NamedTuple):
+    """Robot to guidance: how the robot believes to move.
+
+    Attributes:
+        t: when [s].
+        body: pose and velocity.
+    """
+
+    t: float
+    body: Body
+
+
+class Asked(NamedTuple):
+    """Guidance to robot, what a ``geometry_msgs/Twist`` holds in linear.x and angular.z.
+
+    Attributes:
+        along: V_d [m/s]; for PWM the mean of both tracks [µs].
+        around: ψ_d [rad]; for PWM half of what the right track has more than the left one [µs].
+    """
+
+    along: float
+    around: float
+
+
+class Ended(NamedTuple):
+    """Either way: the mission is over.
+
+    Attributes:
+        outcome: a value of :class:`sysid.mission.result.Outcome`, or :data:`BROKEN_OFF`.
+    """
+
+    outcome: str
+
+
+Message = Seen | Asked | Ended
+
+BROKEN_OFF = "broken off"
+"""What a half says that ends without an outcome: stopped by hand, or by an error."""
+
+
+class SilenceError(ModelError):
+    """The other half says nothing any more."""
+
+
+class Port(Protocol):
+    """One end of a connection between the halves; messages come in the order they were sent."""
+
+    def send(self, message: Message) -> None: ...
+
+    def receive(self, patience: float) -> Message:
+        """The next message.
+
+        Args:
+            patience: how long to wait for it [s].
+
+        Raises:
+            SilenceError: none came.
+        """
+        ...
+
+    def poll(self) -> Message | None:
+        """The next message if there is one already."""
+        ...
+
+
+class QueuePort:
+    """An end within the process, for tests and for scripts that drive both halves."""
+
+    def __init__(self, out: "queue.Queue[Message]", come: "queue.Queue[Message]") -> None:
+        self._out, self._come = out, come
+
+    def send(self, message: Message) -> None:
+        """Put it where the other end takes it."""
+        self._out.put(message)
+
+    def receive(self, patience: float) -> Message:
+        """The next message.
+
+        Raises:
+            SilenceError: none came in time.
+        """
+        try:
+            return self._come.get(timeout=patience)
+        except queue.Empty:
+            raise SilenceError(
+                f"the other half of the mission said nothing for {patience:g} s: look whether it "
+                "still runs"
+            ) from None
+
+    def poll(self) -> Message | None:
+        """The next message if there is one."""
+        try:
+            return self._come.get_nowait()
+        except queue.Empty:
+            return None
+
+
+def joined() -> tuple[QueuePort, QueuePort]:
+    """Both ends of a connection within the process."""
+    there: queue.Queue[Message] = queue.Queue()
+    back: queue.Queue[Message] = queue.Queue()
+    return QueuePort(there, back), QueuePort(back, there)

@@ -1,0 +1,12 @@
+"""Where the cut between the two halves of a mission runs."""
+
+from enum import StrEnum
+
+
+class Level(StrEnum):
+    """What the guidance half sends to the robot half."""
+
+    REFERENCES = "references"
+    """V_d [m/s] and ψ_d [rad]; the speed and yaw loops run in the robot half."""
+    PWM = "pwm"
+    """PWM of both tracks [µs]; the loops run in the guidance half."""

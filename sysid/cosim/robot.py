@@ -1,0 +1,239 @@
+"""The robot half of a mission: references or PWM in, where the robot believes to be out.
+
+It is the loop of :mod:`sysid.mission.loop` itself, whose guidance (for PWM its controller, too) is
+what the other half asks.
+"""
+
+import contextlib
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+from sysid import floats
+from sysid.cosim.connection import BROKEN_OFF, Asked, Ended, Port, Seen, SilenceError
+from sysid.cosim.guiding import PATIENCE
+from sysid.cosim.level import Level
+from sysid.data.record import PWM_FULL_SCALE
+from sysid.errors import ModelError, UsageError
+from sysid.mission.contracts import (
+    Body,
+    Command,
+    ControlInputs,
+    GuidanceInputs,
+    Pose,
+    References,
+    Scene,
+    SteppablePlant,
+)
+from sysid.mission.loop import STUCK, Loop, LoopState, Tick, plain_drive, ticks
+from sysid.mission.result import MissionResult, Outcome
+from sysid.mission.simulator import check_robot, closed_loop, drive_of, result_of, run, scene_of
+from sysid.mission.spec import Mission
+from sysid.mission.traits import ControlAdvice, GuidanceAdvice, GuidanceTraits
+from sysid.vehicle.kinematics import Real
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How the robot's time goes.
+
+    Attributes:
+        lock_step: it waits for the answer to everything it says, so that the run is the one within
+            one process, whatever the machine does; otherwise time goes on, with the last answer.
+        speed: seconds of the mission a second, where it does not wait.
+        patience: how long the other half may say nothing [s] of real time.
+    """
+
+    lock_step: bool = False
+    speed: float = 1.0
+    patience: float = PATIENCE
+
+    def __post_init__(self) -> None:
+        """Refuse what is no pace."""
+        for name in ("speed", "patience"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise UsageError(f"`{name}` is {value:g}: give a number above 0")
+
+
+class _OtherHalf:
+    """What the other half asks, as a law of guidance; it is told first where the robot is.
+
+    Attributes:
+        asked: the last it asked for.
+        outcome: how it says that the mission ended; None while it does not.
+    """
+
+    reach = 0.0
+    advice = GuidanceAdvice()
+    traits = GuidanceTraits()
+
+    def __init__(self, port: Port, pace: Pace, level: Level, psi: float) -> None:
+        self._rest, self._level = Asked(0.0, psi), level
+        self.asked = Asked(0.0, 0.0) if level is Level.PWM else self._rest
+        self.outcome: str | None = None
+        self._port, self._pace, self._told = port, pace, -math.inf
+        self._heard = time.monotonic()
+
+    def start(self, scene: Scene, xp: Any) -> int:
+        """Instants so far."""
+        return 0
+
+    def step(self, state: int, inputs: GuidanceInputs, dt: Real, xp: Any) -> tuple[int, References]:
+        """What is asked, and whether it is over."""
+        self.tell(float(inputs.t), inputs.estimate)
+        if self._pace.lock_step and self.outcome is None:
+            self._take(self._port.receive(self._pace.patience))
+        else:
+            self._take_all()
+        if self.outcome == BROKEN_OFF:
+            raise ModelError("the other half of the mission was broken off: start both again")
+        speed, psi = self._rest if self._level is Level.PWM else self.asked
+        references = References(
+            speed,
+            psi,
+            arrived=self.outcome == Outcome.ARRIVED,
+            gives_up=self.outcome == Outcome.STUCK,
+        )
+        return state + 1, references
+
+    def to_go(self, state: int, pose: Pose, scene: Scene, xp: Any) -> Real:
+        """Ever less: whether the robot comes closer is judged where it is guided."""
+        return -2.0 * STUCK.progress * state
+
+    def tell(self, t: float, body: Body) -> None:
+        """Say where the robot is, once an instant."""
+        if t > self._told:
+            self._port.send(Seen(t, body))
+            self._told = t
+
+    def _take_all(self) -> None:
+        """Everything that has come; the last of it counts."""
+        while (message := self._port.poll()) is not None:
+            self._take(message)
+        if self.outcome is None and time.monotonic() - self._heard > self._pace.patience:
+            raise SilenceError(
+                f"nothing was asked of the robot for {self._pace.patience:g} s: look whether the "
+                "node that guides it still runs and sends to the same topic"
+            )
+
+    def _take(self, message: object) -> None:
+        self._heard = time.monotonic()
+        if isinstance(message, Asked):
+            if not (math.isfinite(message.along) and math.isfinite(message.around)):
+                raise ModelError(
+                    f"the robot was asked for {message.along:g}, {message.around:g}, which are no "
+                    "numbers: mend what guides it"
+                )
+            self.asked = message
+        elif isinstance(message, Ended):
+            self.outcome = message.outcome
+
+    def ticks(self, dt: float, period: float, wait: Callable[[float], None]) -> Iterator[Tick]:
+        """The samples of the plant, each when its time has come, until the mission is over."""
+        begun = time.monotonic()
+        for tick in ticks(dt, period):
+            if not self._pace.lock_step:
+                wait(begun + tick.t / self._pace.speed - time.monotonic())
+            yield tick
+            if self.outcome is not None:
+                return
+
+
+@dataclass(frozen=True)
+class _AskedPwm:
+    """PWM that the other half asks for, as a controller.
+
+    Attributes:
+        half: what asks.
+        period: the mission's.
+    """
+
+    half: _OtherHalf
+    period: float
+    uses_plant: bool = False
+    compensate: tuple[str, ...] = ()
+
+    @property
+    def advice(self) -> ControlAdvice:
+        return ControlAdvice()
+
+    def start(self, scene: Scene, xp: Any) -> float:
+        return 0.0
+
+    def step(self, state: float, inputs: ControlInputs, dt: Real, xp: Any) -> tuple[float, Command]:
+        """PWM as commands, of which the command module makes the same PWM again (thesis 6.3)."""
+        asked = self.half.asked
+        return state, Command(asked.along / PWM_FULL_SCALE, asked.around / PWM_FULL_SCALE)
+
+
+@dataclass(frozen=True)
+class _RobotLoop(Loop):
+    """A loop that says where it is at every sample, not at control instants alone."""
+
+    half: _OtherHalf | None = None
+
+    def sample(
+        self, state: LoopState, tick: Tick, draws: Sequence[Sequence[Real]] = ()
+    ) -> tuple[LoopState, tuple[Real, ...]]:
+        """A sample of the loop."""
+        state, row = super().sample(state, tick, draws)
+        if self.half is not None and not tick.now:
+            self.half.tell(tick.t, state.estimate)
+        return state, row
+
+
+def _sleep(seconds: float) -> None:
+    if seconds > 0.0:
+        time.sleep(seconds)
+
+
+def play_robot(
+    mission: Mission,
+    plant: SteppablePlant,
+    port: Port,
+    pace: Pace = Pace(),
+    level: Level = Level.REFERENCES,
+    *,
+    seed: int = 0,
+    wait: Callable[[float], None] = _sleep,
+) -> MissionResult:
+    """Play the robot of a mission for whoever guides it at the other end of a connection.
+
+    Plant, ground, motion, sensors and navigation are here, and the mission's controller where
+    references are asked. In lock-step the run is the one of :func:`sysid.mission.simulate`.
+
+    Args:
+        mission: vehicle, start, obstacles, sensors, navigation, controller, timeout.
+        plant: a robot plant (:func:`sysid.mission.robot.mapping.as_robot`).
+        port: this end of the connection.
+        pace: whether it waits for answers.
+        level: what it is asked for.
+        seed: of the sensors' noise.
+        wait: what lets real time pass [s].
+
+    Returns:
+        The outcome, its figures and the log, of the true pose.
+
+    Raises:
+        SilenceError: nothing is asked any more.
+        ModelError: the other half has broken off or asks for no numbers; the plant is no robot.
+    """
+    check_robot(mission, plant)
+    drive = drive_of(mission, plant)
+    plain = closed_loop(mission, plant, scene_of(mission, plant), floats, drive)
+    half = _OtherHalf(port, pace, level, float(plain.scene.start.psi))
+    parts = {f.name: getattr(plain, f.name) for f in fields(plain)} | {"guidance": half}
+    if level is Level.PWM:
+        parts |= {"control": _AskedPwm(half, mission.control.period), "drive": plain_drive}
+    loop, told = _RobotLoop(**parts, half=half), BROKEN_OFF
+    try:
+        state, table = run(loop, seed, half.ticks(plant.dt, mission.control.period, wait))
+        result = result_of(mission, loop, state, table, half.outcome)
+        told = result.outcome.value
+    finally:
+        with contextlib.suppress(Exception):  # what is wrong is the first error, not this
+            port.send(Ended(told))
+    return result
