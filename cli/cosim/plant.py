@@ -10,10 +10,10 @@ from sysid.workspace.store import Workspace
 
 from .. import reading, render, targets
 from ..mission_options import AcceptChanges
+from ..missions.guided import facts_of
 from ..missions.law_options import LawChoice, law_choice
+from ..missions.ros_options import OverRos, over_ros
 from ..missions.simulate import load_plant, show_drive
-from .guidance import facts_of
-from .ros_options import OverRos, over_ros
 
 
 @reading.composed(laws=law_choice, over=over_ros)

@@ -9,12 +9,12 @@ from sysid.errors import ModelError, UsageError
 from sysid.workspace.store import Workspace
 
 from .. import reading, render, targets
-from ..cosim.guidance import facts_of, guide_over_ros, refuse_many
-from ..cosim.ros_options import OverRos, over_ros
 from ..mission_options import AcceptChanges
+from .guided import facts_of, guide_over_ros, refuse_many
 from .law_options import LawChoice, law_choice, refuse_for_log
 from .many_runs import Repeats, Ride, candidates, drive_many, repeats, ride, show_files, show_many
 from .measured import draw_measured, lay_over, show_measured
+from .ros_options import OverRos, over_ros
 
 if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions

@@ -70,7 +70,7 @@ class Master:
                 raise ModelError(
                     f"topic {topic} is of type {found} and {kind} is needed: end the node that "
                     f"uses it otherwise ({', '.join(self.publishers(topic)) or 'a subscriber'}), "
-                    "or choose another `topic`"
+                    "or choose another topic"
                 )
 
     def _lives(self, node: str) -> bool:
@@ -84,8 +84,8 @@ class Master:
 
     def _call(self, name: str, *arguments: object) -> Any:
         try:
-            server = ServerProxy(self.uri, transport=_Bounded())
-            code, said, value = cast(Any, getattr(server, name)(ASKING, *arguments))
+            with ServerProxy(self.uri, transport=_Bounded()) as server:
+                code, said, value = cast(Any, getattr(server, name)(ASKING, *arguments))
         except (OSError, Error, HTTPException, ValueError, TypeError) as error:
             raise ModelError(
                 f"no ROS master answers at {self.uri} ({error}): start roscore, or set "

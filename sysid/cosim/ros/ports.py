@@ -275,56 +275,56 @@ def body_of(message: Any) -> Body:
 
 
 @contextmanager
-def robot_node(references: str = REFERENCES, patience: float = 60.0) -> Iterator[RobotPort]:
+def robot_node(topic: str = REFERENCES, patience: float = 60.0) -> Iterator[RobotPort]:
     """This process as the node that is the robot, connected to the one that guides it.
 
     Args:
-        references: topic of what is asked.
+        topic: of what is asked.
         patience: how long the other node may take to come [s].
 
     Raises:
         ModelError: there is no ROS or no master; a topic is of another type; another node is the
             robot already; nobody comes.
     """
-    node = _checked("sysid_robot", references)
-    for topic in (ODOM, CLOCK):
-        found = node.master.publishers(topic)
+    node = _checked("sysid_robot", topic)
+    for said in (ODOM, CLOCK):
+        found = node.master.publishers(said)
         if found:
             raise ModelError(
-                f"{', '.join(found)} publishes {topic} already: one robot at a time; end that node "
+                f"{', '.join(found)} publishes {said} already: one robot at a time; end that node "
                 "or use another master"
             )
     node.ros.rospy.set_param("/use_sim_time", True)  # as Gazebo: this node is the clock
     talk = _Talk(node, {}, {}, "the node that guides", "start it, e.g. with `sysid simulate`")
-    port = RobotPort(talk, references)
+    port = RobotPort(talk, topic)
     try:
-        talk.meet(references, patience)
+        talk.meet(topic, patience)
         yield port
     finally:
         talk.end(port.said_end)
 
 
 @contextmanager
-def guidance_node(references: str = REFERENCES, patience: float = 60.0) -> Iterator[GuidancePort]:
+def guidance_node(topic: str = REFERENCES, patience: float = 60.0) -> Iterator[GuidancePort]:
     """This process as the node that guides, connected to the robot.
 
     Args:
-        references: topic of what is asked.
+        topic: of what is asked.
         patience: how long the robot may take to come [s].
 
     Raises:
         ModelError: there is no ROS or no master; a topic is of another type; two robots are there,
             or none comes.
     """
-    node = _checked("sysid_guidance", references)
-    found = node.master.publishers(references)
+    node = _checked("sysid_guidance", topic)
+    found = node.master.publishers(topic)
     if found:
         raise ModelError(
-            f"{', '.join(found)} publishes {references} already: one node guides at a time; end it "
-            "or choose another `topic`"
+            f"{', '.join(found)} publishes {topic} already: one node guides at a time; end it "
+            "or choose another topic"
         )
     talk = _Talk(node, {}, {}, "the robot", "start it, e.g. with `sysid plant`")
-    port = GuidancePort(talk, references)
+    port = GuidancePort(talk, topic)
     try:
         talk.meet(ODOM, patience)
         port.offer()

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from sysid.mission.spec import Mission
     from sysid.plant.package import Package
 
-    from ..missions.many_runs import Repeats
+    from .many_runs import Repeats
 
 
 def guide_over_ros(
