@@ -17,7 +17,7 @@ def show(
     found: "Diagnosis", before: str, after: str, folder: Path, held: Sequence[Path] = ()
 ) -> None:
     """Print the story and what to do next; ``held`` are the logs that judged."""
-    from sysid.report.diagnosis_words import headline, story
+    from sysid.report.diagnosis_words import headline, size_sentence, story
 
     render.reading(found.reading)
     if found.geometry is not None:
@@ -25,6 +25,8 @@ def show(
     render.say(headline(found), "bold")
     if story(found):
         render.say(story(found))
+    if size_sentence(found):
+        render.say(size_sentence(found))
     _where(found)
     _what(found)
     _added(found, before, after)

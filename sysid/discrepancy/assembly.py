@@ -9,13 +9,14 @@ from sysid.discrepancy.advise import experiment_between, next_experiments
 from sysid.discrepancy.augment import model_of
 from sysid.discrepancy.diagnosis import OF_THE_LOG, Diagnosis, Experiment, Trace
 from sysid.discrepancy.following import ASTRAY, not_followed
-from sysid.discrepancy.gap import Gap
+from sysid.discrepancy.gap import Gap, with_path
 from sysid.discrepancy.named_effects import NamedEffect
 from sysid.discrepancy.policies import VERDICT
 from sysid.discrepancy.pose.diagnosis import PoseDiagnosis
 from sysid.discrepancy.pose.ground_model import with_ground
 from sysid.discrepancy.proof.acceptance import final_evidence
 from sysid.discrepancy.proof.explain import described, explain
+from sysid.discrepancy.proof.left_over import left_over
 from sysid.discrepancy.proof.localise import Region, leading, localise
 from sysid.discrepancy.samples import inspect_samples
 from sysid.discrepancy.search.detectable import detectable
@@ -27,6 +28,7 @@ from sysid.effects.samples import DROPOUTS, QUANTISATION
 from sysid.errors import SysidError
 from sysid.estimation.vehicle.windows import track_channels
 from sysid.structures.model import Model
+from sysid.vehicle.kinematics import Geometry
 
 FEW_WINDOWS = 40
 """Fewer windows of pose seldom prove an effect of the vehicle."""
@@ -49,7 +51,7 @@ def assembled(found: Outcome, model: Model | None, pose: PoseDiagnosis | None) -
     samples = inspect_samples(base.parts.estimation)
     effects = (
         *(_named(study, naming, n, remaining, left) for n in naming.named),
-        *(pose.effects if pose is not None else ()),
+        *_of_pose(pose),
         *findings.sample_effects(samples),
     )
     ids = [e.id for e in effects]
@@ -58,18 +60,21 @@ def assembled(found: Outcome, model: Model | None, pose: PoseDiagnosis | None) -
     verdict = verdict_of(ids, remaining, off or poor.startswith(ASTRAY))
     traces = _traces(study, naming)
     old, new = _models(study, naming, model, pose)
-    gap = pose.gap if pose is not None and pose.effects and not naming.named else remaining.gap
+    gap = remaining.gap if pose is None else with_path(remaining.gap, pose.whole)
+    size = left_over(base.parts.held, naming.final.errors.held, study.floor, _lengths(pose))
+    told = replace(remaining, gap=gap) if pose is not None and pose.effects else remaining
     unseen = _unseen(study, naming, pose, ids)
     silent = verdict != "unexplained" and set(ids) <= set(OF_THE_LOG) and not poor
     return Diagnosis(
         verdict=verdict,
-        story=poor or story(verdict, ids, replace(remaining, gap=gap), base.on_rate),
+        story=poor or story(verdict, ids, told, base.on_rate),
         undecided=undecided(remaining) if silent and remaining.loud else "",
         unfollowed=poor,
         base_words=study.origin.base.words,
         plainer=base.words if study.doubted is not None else "",
         effects=effects,
         dropped=dropped,
+        left_over=size if remaining.structured else None,
         minor=tuple(dict.fromkeys(id for id, _ in naming.minor)),
         candidates=(*naming.candidates, *(pose.candidates if pose is not None else ())),
         where=_where(study, study.origin.base.node),
@@ -102,6 +107,18 @@ def _named(
     evidence = final_evidence(study.base, naming, n)
     explains = study.explained_by(naming, n)
     return findings.named_effect(study.base, naming, n, evidence, explains, remains)
+
+
+def _lengths(pose: PoseDiagnosis | None) -> Geometry | None:
+    """The vehicle's lengths where they had to be estimated."""
+    return None if pose is None or pose.geometry is None else pose.geometry.geometry
+
+
+def _of_pose(pose: PoseDiagnosis | None) -> tuple[NamedEffect, ...]:
+    """Effects between tracks and ground; one alone with the share that it closes where it acts."""
+    if pose is None or len(pose.effects) != 1:
+        return () if pose is None else pose.effects
+    return (replace(pose.effects[0], explains_percent=pose.gap.closed_percent),)
 
 
 def _open(gap: Gap, name: str) -> bool:

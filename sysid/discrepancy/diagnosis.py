@@ -6,6 +6,7 @@ from typing import Any
 from sysid.data.record import Array, Record
 from sysid.discrepancy.gap import Gap
 from sysid.discrepancy.named_effects import Dropped, NamedEffect
+from sysid.discrepancy.proof.left_over import LeftOver
 from sysid.discrepancy.proof.localise import Region
 from sysid.discrepancy.proof.model_error import ResidualVerdict
 from sysid.effects.samples import DROPOUTS, HELD_TELEMETRY, QUANTISATION
@@ -99,6 +100,8 @@ class Diagnosis:
         undecided: why nothing is named although the errors are far above the noise of the readings;
             empty elsewhere.
         dropped: effects that were found and do not stand, with the evidence against each.
+        left_over: size of the errors of the model after beyond the noise, where they are
+            structured: what has no name.
     """
 
     verdict: str
@@ -125,6 +128,7 @@ class Diagnosis:
     unfollowed: str = ""
     undecided: str = ""
     dropped: tuple[Dropped, ...] = ()
+    left_over: LeftOver | None = None
     reading: tuple[str, ...] = ()
 
     @property
@@ -147,6 +151,7 @@ class Diagnosis:
             "effects": [e.to_json() for e in self.effects],
             "minor": list(self.minor),
             "dropped": [d.to_json() for d in self.dropped],
+            "left_over": None if self.left_over is None else self.left_over.to_json(),
             "candidates": [{"id": k, "score": v} for k, v in self.candidates],
             "where": [r.to_json() for r in self.where],
             "where_after": [r.to_json() for r in self.where_after],

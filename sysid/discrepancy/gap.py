@@ -1,7 +1,7 @@
 """The proof: how much of the gap the added effects close, on data not used for them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,7 @@ class Gap:
         closed_percent: 100 (1 − after/before).
         interval: 90 % interval of that share (block bootstrap).
         channels: figures by output.
+        parts: the share closed [%] of each part, by what it is; empty where there is but one.
     """
 
     before: float
@@ -51,6 +52,7 @@ class Gap:
     closed_percent: float
     interval: tuple[float, float]
     channels: dict[str, ChannelGap]
+    parts: dict[str, float] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """JSON-able values."""
@@ -60,6 +62,7 @@ class Gap:
             "noise_floor": self.noise_floor,
             "closed_percent": self.closed_percent,
             "interval": list(self.interval),
+            "parts": self.parts,
             "channels": {
                 k: {
                     "rmse_before": c.rmse_before,
@@ -129,6 +132,50 @@ def measure_gap(
         (float(min(low, 100.0)), float(min(high, 100.0))),
         channels,
     )
+
+
+SPEEDS, PATH = "outputs", "path"
+"""Parts of a gap: what the sensors read, and where the robot is."""
+
+
+def with_path(outputs: Gap, path: Gap) -> Gap:
+    """The gap of all outputs and of the path together, every channel in units of its base error.
+
+    A channel that was at its floor has no gap. Intervals add as if both parts erred alike.
+
+    Args:
+        outputs: of the readings.
+        path: of the increments of the pose, over all held-out windows.
+    """
+    old, new = zip(*(_sums(part) for part in (outputs, path)), strict=True)
+    if sum(old) <= 0.0:
+        return outputs
+    weights = np.array(old) / sum(old)
+    ends = np.array([outputs.interval, path.interval])
+    low, high = (float(v) for v in weights @ ends)
+    named = ((SPEEDS, old[0], new[0]), (PATH, old[1], new[1]))
+    channels = outputs.channels | path.channels
+    return Gap(
+        sum(old),
+        sum(new),
+        float(sum(1.0 for c in channels.values() if _open(c))) - sum(old),
+        100.0 * (1.0 - sum(new) / sum(old)),
+        (low, high),
+        channels,
+        {name: 100.0 * (1.0 - after / before) for name, before, after in named if before > 0.0},
+    )
+
+
+def _open(c: ChannelGap) -> bool:
+    return c.rmse_before**2 > ABOVE * c.noise_floor**2
+
+
+def _sums(gap: Gap) -> tuple[float, float]:
+    """Gap before and after over the channels that have one, in units of their base errors."""
+    open_ = [c for c in gap.channels.values() if _open(c)]
+    old = sum(1.0 - (c.noise_floor / c.rmse_before) ** 2 for c in open_)
+    new = sum(max(c.rmse_after**2 - c.noise_floor**2, 0.0) / c.rmse_before**2 for c in open_)
+    return old, new
 
 
 def share_closed(

@@ -154,10 +154,16 @@ def moved(found: Diagnosis) -> tuple[Moved, ...]:
 def gap_sentence(found: Diagnosis) -> str:
     """How much of the gap is closed."""
     low, high = found.gap.interval
+    parts = ", ".join(f"{of} {percent(closed)}" for of, closed in found.gap.parts.items())
     return (
         f"{percent(found.gap.closed_percent)} of the gap is closed on held-out data "
-        f"(90 % interval {percent(low)} to {percent(high)})."
+        f"(90 % interval {percent(low)} to {percent(high)}{f'; {parts}' if parts else ''})."
     )
+
+
+def size_sentence(found: Diagnosis) -> str:
+    """How large what has no name is; empty where nothing is left."""
+    return "" if found.left_over is None else found.left_over.sentence
 
 
 def residual_sentence(test: ResidualVerdict) -> str:

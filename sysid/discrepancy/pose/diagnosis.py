@@ -83,6 +83,7 @@ class PoseDiagnosis:
             share of the error of the increments that it takes away.
         gap: held-out increments x, y (forward, lateral [m]) and psi [rad] before and after, over
             the windows that the effects move.
+        whole: the same over all held-out windows.
         residuals: what the increments are still off by.
         detectable: per effect the smallest change of its number that these logs would have shown;
             None where they cannot.
@@ -96,6 +97,7 @@ class PoseDiagnosis:
     std_errors: dict[str, dict[str, Array]]
     candidates: tuple[tuple[str, float], ...]
     gap: Gap
+    whole: Gap
     detectable: dict[str, float | None]
     windows: tuple[int, int]
     residuals: PoseResiduals
@@ -325,14 +327,15 @@ def _pose_diagnosis(
     ranking: tuple[tuple[str, float], ...],
     estimate: GeometryEstimate | None,
 ) -> PoseDiagnosis:
+    pairs = held_pairs(search, [s.candidate for s in steps])
+    floor = search.estimation.noise.floor
     return PoseDiagnosis(
         effects=tuple(_named(s, final) for s in steps if s.candidate.id),
         ground=ground_of(final.q, search.always),
         std_errors=_std_errors(final, search.always),
         candidates=ranking,
-        gap=pose_gap(
-            held_pairs(search, [s.candidate for s in steps]), search.estimation.noise.floor
-        ),
+        gap=pose_gap(pairs, floor),
+        whole=pose_gap(pairs, floor, everywhere=True),
         detectable=_detectable(search, final),
         windows=(
             sum(len(e) for e in base.errors.estimation),

@@ -111,7 +111,9 @@ def _touched(pairs: Sequence[tuple[Array, Array]]) -> list[NDArray[np.bool_]]:
     return [m >= POSE.touched * most for m in moved]
 
 
-def pose_gap(pairs: Sequence[tuple[Array, Array]], floor: Array, seed: int = 0) -> Gap:
+def pose_gap(
+    pairs: Sequence[tuple[Array, Array]], floor: Array, seed: int = 0, *, everywhere: bool = False
+) -> Gap:
     """Errors beyond the noise on windows that the effects move, in units of the noise.
 
     The interval is a bootstrap over groups of windows that overlap.
@@ -120,8 +122,9 @@ def pose_gap(pairs: Sequence[tuple[Array, Array]], floor: Array, seed: int = 0) 
         pairs: errors before and after of each record (see ``held_pairs``).
         floor: noise of the increments, (3,).
         seed: of the bootstrap.
+        everywhere: over all windows instead.
     """
-    at = _touched(pairs)
+    at = [np.ones(len(a), dtype=bool) for a, _ in pairs] if everywhere else _touched(pairs)
     old, new = (np.concatenate([p[i][t] for p, t in zip(pairs, at, strict=True)]) for i in (0, 1))
     groups = np.arange(len(old)) // OVERLAP
     excess = np.array(
