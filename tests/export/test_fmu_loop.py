@@ -1,6 +1,9 @@
 """Plant, controller and vehicle as units: each by itself, and together in a mission."""
 
+import io
+import zipfile
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -8,16 +11,20 @@ from typing import Any
 import numpy as np
 import pytest
 from c_programs import needs_compiler
-from plant_models import robot_model
+from plant_models import bench_model, robot_model
 
 import sysid
 from sysid.errors import ModelError
+from sysid.export.fmu import archive
+from sysid.export.fmu.wiring import wiring_of
 from sysid.export.package import Form, package_files, write_package
 from sysid.export.verification.co_simulated import FOLDERS
 from sysid.export.verification.verify import verify
 from sysid.mission.robot.mapping import as_robot
+from sysid.mission.robot.robot_plant import RobotPlant
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission, load_mission
+from sysid.structures.model import Model
 
 pytestmark = [
     pytest.mark.skipif(find_spec("fmpy") is None, reason="the extra fmu is not installed"),
@@ -37,6 +44,12 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_package(
         robot_model(), folder / "plant", formats=FOLDERS, form=Form(load_mission(MISSION))
     )
+
+
+def robot_of(model: Model) -> RobotPlant:
+    """A model wired for the first mission."""
+    robot, _ = as_robot(model.plant(), load_mission(MISSION))
+    return robot
 
 
 def places(unit: Path) -> Mapping[str, int]:
@@ -63,6 +76,47 @@ def test_nothing_is_wrong_with_the_units_and_every_tool_gives_what_python_gave(
         assert error < 1e-12, name  # the same operations in the same order
 
 
+def test_a_plant_of_one_motor_is_plugged_in_twice_in_its_own_units(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    import fmpy
+    from lxml import etree
+
+    monkeypatch.setattr(archive.shutil, "which", lambda name: None)  # sources alone
+    form = Form(load_mission(MISSION))
+    files = package_files(bench_model("oe"), formats=["fmu"], form=form)
+    tree = etree.fromstring(files["fmu/SystemStructure.ssd"])
+    schema = Path(fmpy.__file__).parent / "ssp" / "schema" / "SystemStructureDescription.xsd"
+    etree.XMLSchema(etree.parse(schema)).assertValid(tree)
+    wires = {
+        f"{c.get('startElement')}.{c.get('startConnector')} "
+        f"{c.get('endElement')}.{c.get('endConnector')}"
+        for c in tree.iter("{*}Connection")
+    }
+    assert wires == {
+        f"{a} {b}"
+        for side in "lr"
+        for a, b in (
+            (f"controller.u_{side}", f"plant_{side}.u"),
+            (f"plant_{side}.y", f"controller.y_{side}"),
+            (f"plant_{side}.y", f"vehicle.y_{side}"),
+        )
+    }
+    with zipfile.ZipFile(io.BytesIO(files["fmu/controller.fmu"])) as unit:
+        assert not [n for n in unit.namelist() if n.startswith("binaries")]
+        code = unit.read("sources/fmu_model.h").decode()
+    wiring = wiring_of(robot_of(bench_model("oe")))
+    assert "read.omega_l = " + wiring.speeds[0].speed("r[0]") in code
+
+
+def test_a_plant_that_rests_elsewhere_at_zero_drive_starts_there() -> None:
+    robot = robot_of(robot_model())
+    assert wiring_of(robot).starts == ()
+    elsewhere = replace(robot, rest=robot.rest + 0.5, centre=robot.centre + np.array([0.0, 7.0]))
+    states = [("plant", f"start_{k}", 0.5) for k in range(len(robot.rest))]
+    assert list(wiring_of(elsewhere).starts) == [("plant", "pwm_r", 7.0), *states]
+
+
 @libcosim
 def test_units_plugged_together_drive_the_mission_as_simulate_does(package: Path) -> None:
     from libcosimpy.CosimExecution import CosimExecution
@@ -79,8 +133,7 @@ def test_units_plugged_together_drive_the_mission_as_simulate_does(package: Path
         assert execution.status().current_time < 10e9
     pose = observer.last_real_values(index["vehicle"], [known["vehicle"][n] for n in "xy"])
     mission = load_mission(MISSION)
-    robot, _ = as_robot(robot_model().plant(), mission)
-    driven = simulate(mission, robot)
+    driven = simulate(mission, robot_of(robot_model()))
     # a connection delays by a step, which is what the robot moves on in
     assert execution.status().current_time * 1e-9 == pytest.approx(driven.time_s, abs=0.2)
     assert np.hypot(pose[0] - driven.final.x, pose[1] - driven.final.y) < 0.02
@@ -145,7 +198,7 @@ def test_without_a_delay_the_units_end_where_simulate_ends(
     package: Path, tmp_path: Path, given: bool
 ) -> None:
     mission = load_mission(MISSION)
-    driven = simulate(mission, as_robot(robot_model().plant(), mission)[0])
+    driven = simulate(mission, robot_of(robot_model()))
     expected = [driven.time_s, *driven.final]
     found = end_of(package, tmp_path, mission, pose_from_inputs=given)
     assert found == pytest.approx(expected, abs=1e-9)
@@ -153,8 +206,7 @@ def test_without_a_delay_the_units_end_where_simulate_ends(
 
 def test_another_goal_needs_no_other_export(package: Path, tmp_path: Path) -> None:
     mission = load_mission(MISSION).model_copy(update={"goal": (0.6, 0.4)})
-    robot, _ = as_robot(robot_model().plant(), mission)
-    driven = simulate(mission, robot)
+    driven = simulate(mission, robot_of(robot_model()))
     found = end_of(package, tmp_path, mission, goal_x=0.6, goal_y=0.4)
     assert found == pytest.approx([driven.time_s, *driven.final], abs=1e-9)
 

@@ -16,7 +16,7 @@ from sysid.export.c.loop.trees import identifier
 from sysid.export.c.precision import DOUBLE
 from sysid.export.c.writing import number
 from sysid.export.fmu.description import Role, Unit, Variable, named_apart
-from sysid.export.fmu.wiring import Wiring, wiring_of
+from sysid.export.fmu.wiring import SIDES, Wiring, wiring_of
 from sysid.mission.contracts import TurnsTracks
 from sysid.mission.loop import Loop
 from sysid.mission.robot.robot_plant import RobotPlant
@@ -208,9 +208,9 @@ def _controller(
     made = _Variables()
     readings = list(_readings(made, blocks["navigation"], wiring, "read"))
     outputs = [
-        f"    r[{made.add(_channel(p.name, Role.OUTPUT, p.channel.unit))}] = "
+        f"    r[{made.add(Variable(p.name, Role.OUTPUT, p.channel.unit, f'{track} command'))}] = "
         f"{p.command(f'state->decided.pwm_{side}')};"
-        for p, side in zip(wiring.commands, ("l", "r"), strict=True)
+        for p, side, track in zip(wiring.commands, SIDES, ("left", "right"), strict=True)
     ]
     pose = {n: made.add(_of(n, Role.INPUT, "where pose_from_inputs is set")) for n in ESTIMATE}
     for n in ("arrived", "gives_up"):
@@ -280,10 +280,6 @@ def _of(name: str, role: Role, when: str = "") -> Variable:
     """A signal of the loop as a variable."""
     unit, words = described(name)
     return Variable(name, role, unit, f"{words}, {when}" if when else words)
-
-
-def _channel(name: str, role: Role, unit: str) -> Variable:
-    return Variable(name, role, unit, described(name)[1])
 
 
 OF_THE_UNIT = ("t", "dt", "drive_l", "drive_r")
