@@ -1,5 +1,6 @@
 """The C code of a plant does what the Python plant does, to rounding."""
 
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -61,6 +62,39 @@ def test_names_cannot_break_out_of_a_comment(tmp_path: Path) -> None:
     model = bench_model("arx")
     wicked = replace(model.inputs[0], name="u */ #error\n#error \\\n??/", unit="/*")
     build(tmp_path, replace(model, inputs=(wicked,)), "selftest")
+
+
+@needs_compiler
+@pytest.mark.skipif(shutil.which("qemu-arm") is None, reason="no qemu-arm here")
+@pytest.mark.skipif(shutil.which("arm-linux-gnueabihf-gcc") is None, reason="no compiler for ARM")
+def test_what_only_adds_multiplies_and_divides_has_the_same_bits_on_arm(tmp_path: Path) -> None:
+    model = bench_model("bj", 2, 2)
+    here = build(tmp_path, model, "driver")["driver"]
+    command = ["arm-linux-gnueabihf-gcc", *FLAGS, "-ffp-contract=off", "-static", "-o", "by_arm"]
+    subprocess.run([*command, "plant.c", "driver.c", "-lm"], cwd=tmp_path, check=True)
+    u = model.detrend.u_offset + np.random.default_rng(5).normal(size=(200, 2))
+    rows = "\n".join(" ".join(f"{v:.17g}" for v in row) for row in u)
+    told = []
+    for way in ([f"./{here.name}"], ["qemu-arm", "./by_arm"]):
+        done = subprocess.run(
+            way, cwd=tmp_path, input=rows, capture_output=True, text=True, check=True
+        )
+        told.append(done.stdout)
+    assert told[0].count("\n") == len(u)
+    assert told[0] == told[1]
+
+
+@needs_compiler
+def test_channels_may_be_called_like_words_of_c_or_in_greek(tmp_path: Path) -> None:
+    from dataclasses import replace
+
+    model = bench_model("oe", 2, 2)
+    greek = [replace(c, name=n) for c, n in zip(model.outputs, ("ω", "φ"), strict=True)]
+    words = [replace(c, name=n) for c, n in zip(model.inputs, ("double", "if"), strict=True)]
+    parameters = model.structure.parameters(words, greek)
+    named = replace(model, inputs=tuple(words), outputs=tuple(greek), parameters=parameters)
+    programs = build(tmp_path, named, "selftest")
+    assert worst_error(programs["selftest"]) < EXACT
 
 
 def test_the_code_keeps_its_promises() -> None:

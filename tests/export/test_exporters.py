@@ -96,7 +96,7 @@ def test_formats_say_what_stands_beside_the_package() -> None:
     model = robot_model("arx")
     package = {"plant.json", "selftest.csv", CARD}
     sources = ("plant.c", "plant.h", "selftest.c", "Makefile", "CMakeLists.txt")
-    c = {f"c/{n}" for n in (*sources, "report.md")}
+    c = {f"c/{n}" for n in (*sources, "report.md", "simulink/plant_sfun.c")}
     table = {"table/y.txt", "table/raw/y.bin"}
     for formats, more in [
         (None, c),

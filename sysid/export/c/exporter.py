@@ -5,11 +5,13 @@ from typing import ClassVar
 
 from sysid.export.base import Exporter, Source
 from sysid.export.c.build import arduino_files, build_files
+from sysid.export.c.fields import numbers
 from sysid.export.c.loop.sources import loop_sources
 from sysid.export.c.precision import DOUBLE, in_single, single
 from sysid.export.c.report import LoopFacts, report
-from sysid.export.c.source import plant_sources
+from sysid.export.c.source import fill, plant_sources
 from sysid.export.c.step import c_step
+from sysid.version import __version__
 
 _USAGE = """In C99, without heap or globals (`c/plant.h`, `c/plant.c`); the self-test prints its
 largest relative error:
@@ -43,6 +45,8 @@ class C(Exporter):
             files |= made.files
             extra = arduino_files(source.loop, files, made.blocks)
         files |= build_files(files) | extra
+        count = str(numbers(step.parameters))
+        files["simulink/plant_sfun.c"] = fill("plant_sfun.c", version=__version__, numbers=count)
         files["report.md"] = report(source.model, step, precision, facts)
         if precision.double:
             return files

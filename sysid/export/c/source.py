@@ -58,6 +58,7 @@ def plant_sources(
             nu=str(len(model.inputs)),
             ny=str(len(model.outputs)),
             n=str(n),
+            feedthrough=str(int(written.feedthrough)),
             parameters="\n".join(members(written.parameters)),
             states="\n".join(_state_lines(written)),
             channels="\n".join(_channel_lines(model.inputs, model.outputs)),

@@ -51,6 +51,7 @@ class PlantStep:
         derived: what is computed from parameters alone, only where one has changed.
         following: lines that compute it.
         sources: parameters from which it follows, by their places in the struct, with their values.
+        feedthrough: whether an output may depend on the inputs of its own instant.
     """
 
     n_states: int
@@ -63,6 +64,7 @@ class PlantStep:
     derived: tuple[Derived, ...] = ()
     following: tuple[str, ...] = ()
     sources: tuple[tuple[str, float], ...] = ()
+    feedthrough: bool = True
 
 
 def c_step(model: Model) -> PlantStep:
@@ -151,6 +153,7 @@ def _recorded(model: Model, held: Iterable[int] | None) -> PlantStep:
         tuple(derived),
         tuple(following),
         tuple((place, value) for place, value in places(parameters) if place in read),
+        any(" v[" in line for line in program.lines(out)),
     )
 
 

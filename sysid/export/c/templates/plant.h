@@ -16,6 +16,7 @@ $channels
 #define PLANT_OUTPUTS $ny
 #define PLANT_STATES $n
 #define PLANT_SAMPLE_TIME $dt /* [s] */
+#define PLANT_FEEDTHROUGH $feedthrough /* whether outputs may depend on inputs of their instant */
 
 /* What may be changed at run time. */
 typedef struct {
