@@ -22,7 +22,7 @@ from sysid.estimation.recursive.live_state import (
     followed_by,
     pair_of,
     parameters_of,
-    slowest,
+    time_constant,
 )
 from sysid.estimation.recursive.order_choice import chosen_orders
 from sysid.structures.linear.arx import ARX
@@ -219,7 +219,9 @@ class LiveFit:
         before = step_responses(self._model_of(change.before))
         if self._changes:
             self._changes[-1] = followed_by(self._changes[-1], before)
-        numbers = tuple(Numbers(r.input, r.output, r.gain, None, slowest(r), None) for r in before)
+        numbers = tuple(
+            Numbers(r.input, r.output, r.gain, None, time_constant(r), None) for r in before
+        )
         self._changes.append(
             LiveChange(
                 time=(self._earlier + change.after) * self.dt,

@@ -32,7 +32,7 @@ class LivePair:
     Attributes:
         input, output: names.
         gain, time_constant: with their standard errors; beyond the dead zone where one is seen.
-            The time constant is that of the slowest visible mode, NaN where there is none [s].
+            The time constant of a response with several modes is the time to 63 % [s].
         unit: of the gain.
         dead_time: [s].
         dead_zone: of the input, where it is this output's drive and enough is known.
@@ -133,13 +133,18 @@ class LiveState:
         return {**found, "excitation_enough": self.enough}
 
 
-def slowest(response: StepResponse) -> Estimate:
-    """The slowest time constant of a response; NaN where it shows none."""
-    return response.time_constants[0] if response.time_constants else Estimate(np.nan, np.nan)
+def time_constant(response: StepResponse) -> Estimate:
+    """Of a response of one mode its time constant, of others the time to 63 % of a step.
+
+    The slowest of several modes says little of how fast a plant is: a zero beside it may take most
+    of it away.
+    """
+    only = len(response.time_constants) == 1 and response.oscillation is None
+    return response.time_constants[0] if only else response.rise
 
 
 def pair_of(r: StepResponse, zone: DeadZone | None) -> LivePair:
-    time = slowest(r)
+    time = time_constant(r)
     known = [abs(e.std_error) <= SETTLED * abs(e.value) for e in (r.gain, time)]
     shown = None if zone is None else Zone(zone.law, zone.value, zone.std_error, zone.seen)
     return LivePair(r.input, r.output, r.gain, time, r.unit, r.dead_time, shown, bool(all(known)))
@@ -151,7 +156,7 @@ def followed_by(change: LiveChange, now: Sequence[StepResponse]) -> LiveChange:
     numbers = []
     for n in change.numbers:
         r = after.get((n.input, n.output))
-        told = (None, None) if r is None else (r.gain, slowest(r))
+        told = (None, None) if r is None else (r.gain, time_constant(r))
         numbers.append(replace(n, gain_after=told[0], time_constant_after=told[1]))
     return replace(change, numbers=tuple(numbers))
 
