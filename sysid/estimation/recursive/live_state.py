@@ -144,6 +144,7 @@ def time_constant(response: StepResponse) -> Estimate:
 
 
 def pair_of(r: StepResponse, zone: DeadZone | None) -> LivePair:
+    """A pair as it is shown, with the dead zone of its input where that drives the output."""
     time = time_constant(r)
     known = [abs(e.std_error) <= SETTLED * abs(e.value) for e in (r.gain, time)]
     shown = None if zone is None else Zone(zone.law, zone.value, zone.std_error, zone.seen)
@@ -162,6 +163,7 @@ def followed_by(change: LiveChange, now: Sequence[StepResponse]) -> LiveChange:
 
 
 def parameters_of(model: Model) -> tuple[LiveParameter, ...]:
+    """The parameters of a model, with what is known of each."""
     unknown = {unvisited(d) for d in model.null_directions}
     found = []
     for p in model.parameter_table():
