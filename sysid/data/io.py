@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.bags.opening import is_bag
 from sysid.data.column_words import is_set_point, meaning
 from sysid.data.finding import Finding, Severity
 from sysid.data.joining.files import companion, joined
@@ -183,6 +184,11 @@ def _table(path: Path, options: ReadOptions) -> tuple[Table, tuple[Finding, ...]
     table, said, digest = log.table, log.findings, log.digest
     other = companion(options.join, path)
     if other is not None:
+        if is_bag(other):
+            raise UsageError(
+                f"{other.name} is a bag, which cannot be joined to a log: read it as the log, and "
+                "join the other file to it with `join`"
+            )
         table, of_other, more = joined(table, other, options)
         said = (*said, *of_other)
         digest.update(more)

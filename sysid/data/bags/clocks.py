@@ -178,15 +178,20 @@ def _doubt(stream: Stream) -> str:
 def _clocks(streams: Sequence[Stream]) -> list[tuple[list[Stream], Line]]:
     """The streams of each sender's clock with the line under their differences to the recorder."""
     groups: list[list[Stream]] = []
+    recorder: list[Stream] = []
     for stream in streams:
         own = line_under([stream])
         ends = stream.stamped[[0, -1]]
+        if np.all((own.at(ends) >= -EARLY) & (own.at(ends) <= LONGEST_WAY)):
+            recorder.append(stream)
+            continue
         for group in groups:
             if np.all(np.abs(own.at(ends) - line_under(group).at(ends)) < ONE_CLOCK):
                 group.append(stream)
                 break
         else:
             groups.append([stream])
+    groups = [recorder, *groups] if recorder else groups
     return [(group, line_under(group)) for group in groups]
 
 

@@ -29,6 +29,8 @@ EARLIEST = -0.2
 """A reading may seem to come before its command by this [s], where stamps disagree."""
 MOST = 6000
 """Readings that serve: more of them take longer and tell nothing new."""
+LEAST = 20
+"""Readings below which nothing is told."""
 SLOWEST = 5.0
 """Longest lag tried [s]: a slower plant's dead time is hidden in it."""
 AWAY = 1.0
@@ -133,7 +135,7 @@ def latencies(streams: Sequence[Timed], held: frozenset[str]) -> tuple[Latency, 
     """
     streams = _window(streams)
     commands = [s for s in streams if set(s.stream.names) <= held and len(s.t) > 1]
-    measured = [s for s in streams if s not in commands and len(s.t) > 20]
+    measured = [s for s in streams if s not in commands and len(s.t) > LEAST]
     row = max((s.step for s in streams if s.regular), default=np.inf)
     by_plant = [a for s in measured if (a := _answer(s, commands, held, row)) is not None]
     own = {a.topic: a for a in by_plant}
@@ -235,7 +237,9 @@ def dead_time(t: Array, y: Array, commands: Sequence[tuple[Array, Array]]) -> De
     """
     from scipy.optimize import least_squares
 
-    if not np.ptp(y) > 0.0:
+    known = t >= max(float(c[0]) for c, _ in commands)  # what was commanded before is not
+    t, y = t[known], y[known]
+    if len(t) < LEAST or not np.ptp(y) > 0.0:
         return None
     fit = _Lagged.of(t, y, commands)
     if fit is None:

@@ -1,6 +1,7 @@
 """Bags as logs: every form of recording, fields by path, clocks and rates of their own."""
 
 import sqlite3
+import sys
 from contextlib import closing
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 from recorded_robots import EPOCH, GAIN, MAP, RADIUS, TAU, WIDTH, Robot, Sender
 
 from sysid.data.bags.fields import reader, steps_of
+from sysid.data.bags.latency import dead_time
 from sysid.data.bags.writing import Messages, Outgoing, write_bag
 from sysid.data.io import ReadOptions, read_file, read_log
 from sysid.errors import DataError, SysidError, UsageError
@@ -222,3 +224,52 @@ def test_sqlite_without_definitions_reads_what_comes_with_ros(tmp_path: Path) ->
         base.commit()
     with pytest.raises(DataError, match="what a message of type my_robot/msg/Wheels holds"):
         read_log(file, ReadOptions(map=MAP))
+
+
+def test_commands_that_come_now_and_then_tell_the_dead_time() -> None:
+    """A closed form, y = Σ Δu_j (1 − e^{−(t − s_j − θ)/τ}); commands from 2 s on, rest before."""
+    rng = np.random.default_rng(4)
+    at, u = np.sort(rng.uniform(2.0, 38.0, 30)), rng.uniform(-1.0, 1.0, 30)
+    t = np.arange(0.0, 40.0, 0.02)
+    since = t[:, None] - at - 0.05
+    y = np.where(since > 0.0, 1.0 - np.exp(-since / 0.3), 0.0) @ np.diff(u, prepend=0.0)
+    found = dead_time(t, y + 0.005 * rng.standard_normal(len(t)), [(at, u[:, None])])
+    assert found is not None
+    assert abs(found.seconds - 0.05) <= 3.0 * found.std_error
+    assert found.std_error < 0.002
+    assert found.share > 0.99
+
+
+def test_a_clock_that_is_right_is_not_moved_with_one_that_is_wrong(tmp_path: Path) -> None:
+    robot = Robot(wheels=Sender(0.02, way=0.02), gyro=Sender(0.02, way=0.003, offset=0.08),
+                  length=8.0)  # fmt: skip
+    mapping = {**MAP, "turn": "/imu/data.angular_velocity.z"}
+    log = read_file(robot.write(tmp_path / "two.mcap"), ReadOptions(map=mapping))
+    moved = [f.sentence for f in log.findings if "comes from a clock" in f.sentence]
+    assert ["/imu/data: its" in text for text in moved] == [True]
+    assert "by header.stamp (20 ms before receipt)" in " ".join(log.notes)
+
+
+def test_without_the_extra_the_sentence_names_it(
+    recorded: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(UsageError, match=r"extra ros .* pip install 'sysid-workbench\[ros\]'"):
+        read_file(recorded, ReadOptions(map=MAP))
+    monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
+    with pytest.raises(UsageError, match="extra ros writes"):
+        write_bag(recorded.with_name("other.bag"), lambda make: ())
+
+
+def test_a_second_file_joins_a_bag_but_no_bag_a_file(recorded: Path, tmp_path: Path) -> None:
+    """The recorder's stamps count from 1970, as those of the other file do."""
+    t = EPOCH // 10**9 + 2.0 + 0.05 * np.arange(200)
+    rows = [f"{x:.3f},{20.0 + 0.1 * k:.2f}" for k, x in enumerate(t)]
+    table = tmp_path / "temperature.csv"
+    table.write_text("\n".join(["timestamp,temp_degC", *rows]) + "\n")
+    outputs = ("omega_l", "omega_r", "temp_degC")
+    record = read_log(recorded, ReadOptions(map=MAP, join=(str(table),), outputs=outputs))
+    assert record.y[0, 2] == pytest.approx(20.0, abs=0.21)  # its first row to the next of the log
+    assert np.diff(record.y[:, 2]) == pytest.approx(0.2, abs=0.01)
+    with pytest.raises(UsageError, match="is a bag, which cannot be joined"):
+        read_log(table, ReadOptions(join=(str(recorded),), inputs=("none",)))
