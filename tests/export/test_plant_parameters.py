@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from c_programs import build, driven, needs_compiler
+from c_programs import build, driven, needs_compiler, worst_error
 from hand_made import hand_made
 from plant_models import bench_model, robot_model
 
@@ -108,3 +108,18 @@ def test_a_long_row_of_numbers_is_an_array() -> None:
     found = {t.name: t.value for t in tunable_parameters(hand_made(structure, theta))}
     assert found["a[29]"] == theta[29]
     assert found["b2"] == 2.0
+
+
+@needs_compiler
+def test_coupled_outputs_of_high_order_have_their_coefficients_as_parameters(
+    tmp_path: Path,
+) -> None:
+    structure = ARX.from_orders({"na": [[8, 8], [8, 8]], "nb": 8, "nk": 1}, 2, 2)
+    theta = 0.02 * np.random.default_rng(0).normal(size=64)
+    model = hand_made(structure, theta)
+    lines = c_sources(model, make_selftest(model))["plant.c"].count("\n")
+    assert lines < 1000
+    names = [t.name for t in tunable_parameters(model)]
+    assert {n.partition("[")[0] for n in names} == {"coefficients"}
+    program = build(tmp_path, model, "selftest")["selftest"]
+    assert worst_error(program) < 1e-12

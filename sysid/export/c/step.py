@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,19 @@ OWN_WORDS = ("The numbers of these equations are constants: only the operating p
 MOST_TRIED = 64
 """Numbers of θ that are tried one by one where not all of them can be parameters together; a
 network has more, and what it does with one it does with all."""
+
+MOST_FOLLOWING = 500
+"""Lines up to which what follows from parameters alone is computed in C. More come from outputs of
+high order that act on each other, whose transfer functions have products of all coefficients."""
+
+COEFFICIENTS = "coefficients"
+"""The parameter that holds what would take more lines: the numbers of the transfer functions."""
+
+DERIVED = "state->derived"
+"""Where the state holds what follows from parameters alone."""
+
+_READ = re.compile(rf"{re.escape(DERIVED)}\[\d+\]|{STRUCT}\w+(?:\[\d+\])?")
+"""A number that a line reads of parameters, or of what follows from them."""
 
 UNWRITABLE = (ArithmeticError, AttributeError, LookupError, ModelError, TypeError, ValueError)
 """What a step raises that does with recording arrays what only numbers can do."""
@@ -75,7 +88,11 @@ def c_step(model: Model) -> PlantStep:
     """
     try:
         own = model.structure.c_step(model.theta)
-        return _recorded(model, ()) if own is None else _of_its_own(model, own)
+        if own is not None:
+            return _of_its_own(model, own)
+        step = _recorded(model, ())
+        long = len(step.following) > MOST_FOLLOWING
+        return (_of_coefficients(step) or _recorded(model, None)) if long else step
     except UNWRITABLE:
         pass  # perhaps only because some numbers are to be parameters
     every = range(len(theta_numbers(model)))
@@ -133,7 +150,7 @@ def _recorded(model: Model, held: Iterable[int] | None) -> PlantStep:
     moved, out = after.tolist(), y.tolist()
     lines, derived, following = program.parted([*moved, *out])
     head = [
-        f"const {'int' if d.truth else 'double'} {d.name} = state->derived[{k}]"
+        f"const {'int' if d.truth else 'double'} {d.name} = {DERIVED}[{k}]"
         f"{' != 0.0' if d.truth else ''};"
         for k, d in enumerate(derived)
     ]
@@ -154,6 +171,32 @@ def _recorded(model: Model, held: Iterable[int] | None) -> PlantStep:
         tuple(following),
         tuple((place, value) for place, value in places(parameters) if place in read),
         any(" v[" in line for line in program.lines(out)),
+    )
+
+
+def _of_coefficients(step: PlantStep) -> PlantStep | None:
+    """The same step with what its equations hold as parameters, in place of what that is made of.
+
+    None where a loop goes through parameters.
+    """
+    body = "\n".join(step.body)
+    if re.search(rf"{STRUCT}\w+\[(?!\d+\])", body):
+        return None
+    known = {f"{DERIVED}[{k}]": d.usual for k, d in enumerate(step.derived)}
+    known |= {f"{STRUCT}{p}": v for p, v in places(step.parameters)}
+    read = list(dict.fromkeys(_READ.findall(body)))
+    at = {name: f"{STRUCT}{COEFFICIENTS}[{k}]" for k, name in enumerate(read)}
+    words = "what the equations hold of the identified numbers"
+    values = tuple(known[name] for name in read)
+    outside = "\n".join([*step.entering, *step.starting])
+    kept = [f for f in step.parameters if f"{STRUCT}{f.name}" in _READ.findall(outside)]
+    return replace(
+        step,
+        parameters=(Field(COEFFICIENTS, "", words, len(values), values), *kept),
+        body=tuple(_READ.sub(lambda m: at[m[0]], line) for line in step.body),
+        derived=(),
+        following=(),
+        sources=(),
     )
 
 
