@@ -168,7 +168,7 @@ def truth_of(logs: Logs) -> dict[str, Any]:
         "style": case.style,
         "noise": case.noise,
         "floor": {"est": floor(logs.est), "val": floor(logs.val)},
-        "excess": excess(logs.val, case.integrating),
+        "excess": excess(logs.val, case.integrating, _rest(logs)),
         "pose_floor": _pose_floor(case.rig.pose),
         "pose_excess": pose_excess(logs.val, case.rig.lengths or (1.0, 1.0)),
     }
@@ -179,14 +179,15 @@ def floor(log: Log) -> list[float]:
     return [float(v) for v in np.sqrt(np.mean((log.reading - log.clean) ** 2, axis=0))]
 
 
-def excess(log: Log, integrating: bool = False) -> list[float]:
+def excess(log: Log, integrating: bool = False, level: float = 0.0) -> list[float]:
     """RMS error of the best line of first order through each clean reading, from its command.
 
     Args:
         log: a drive.
         integrating: whether the readings are angles.
+        level: of the readings at rest.
     """
-    columns = zip(log.command.T, (log.clean - log.clean[0]).T, strict=False)
+    columns = zip(log.command.T, (log.clean - level).T, strict=False)
     return [_plain_error(u, y, integrating) for u, y in columns]
 
 
@@ -216,6 +217,11 @@ def _increments(pose: Array, rows: int) -> Array:
     c, s = np.cos(start), np.sin(start)
     x, y = change[:, 0], change[:, 1]
     return np.column_stack([c * x + s * y, c * y - s * x, change[:, 2]])
+
+
+def _rest(logs: Logs) -> float:
+    """A process rests at its surroundings, a drive at zero: what else it reads is an error."""
+    return float(logs.val.clean[0, 0]) if logs.case.process is not None else 0.0
 
 
 def _pose_floor(pose: PoseSensor | None) -> list[float]:

@@ -131,7 +131,7 @@ def other_width(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
     rig = seen_from_above(rig)
     body = replace(rig.machine.body, width=rig.machine.body.width * ratio)
     rig = replace(rig, machine=replace(rig.machine, body=body))
-    same = {"ratio": ratio}
+    same = {"ratio": 1.0 / ratio}
     sizes = {"ratio": ratio}
     return rig, Hidden("track-width", "wider than drawn", sizes, ("track-slip",), (), same)
 
