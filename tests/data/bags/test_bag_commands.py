@@ -130,10 +130,10 @@ def test_inspect_lists_a_bag_and_its_line_reads_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Robot(length=10.0).write(tmp_path / "run.mcap")
+    Robot(length=6.0).write(tmp_path / "run.mcap")
     found = run(capsys, "inspect", "run.mcap", "--json").document
     assert {t["name"]: t["count"] for t in found["topics"]} == {
-        "/cmd_drive": 100, "/imu/data": 100, "/joint_states": 500,
+        "/cmd_drive": 60, "/imu/data": 60, "/joint_states": 300,
     }  # fmt: skip
     wheels = found["topics"][2]["fields"]
     assert [f["path"] for f in wheels if f["moves"]] == ["velocity[wheel_right]",
