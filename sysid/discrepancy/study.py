@@ -178,10 +178,12 @@ class Study:
             return naming
         doubted = doubtful_slots(self.base, naming)
         final, intervals = intervals_of(self.base.search, naming.final, doubted)
-        if RULE.own_part * final.held_rmse > naming.final.held_rmse:
-            final = naming.final
-        intervals = {k: i.holding(float(final.q[k])) for k, i in intervals.items()}
-        return replace(naming, final=final, intervals=intervals)
+        for node in (final, naming.final):  # a ragged likelihood may lead away from what stands
+            held = {k: i.holding(float(node.q[k])) for k, i in intervals.items()}
+            found = replace(naming, final=node, intervals=held)
+            if weakest(self.base, found) is None:
+                break
+        return found
 
     def unexplained(self, naming: Naming) -> bool:
         """Whether the model after leaves structure, and errors far above the noise."""

@@ -10,6 +10,7 @@ from sysid.data.record import Array, Channel, Record
 from sysid.discrepancy.base_model import Base, full_drive, plain_base
 from sysid.discrepancy.findings import sentence_of
 from sysid.discrepancy.named_effects import NamedEffect, Value
+from sysid.discrepancy.policies import RULE
 from sysid.discrepancy.proof.acceptance import Number, against, doubtful_slots
 from sysid.discrepancy.search.evidence import Evidence
 from sysid.discrepancy.search.named_sets import Interval, Naming
@@ -51,6 +52,12 @@ def test_one_number_away_from_its_null_is_enough_and_a_limit_needs_its_upper_end
     assert against(CLEAR, [Number(0.01, 0.0, 0.1), AWAY]) == ""
     assert Number(0.9, 1e6, 0.0, Interval(0.8, 0.95)).away
     assert Number(0.3, 0.0, 9.0, Interval(0.1, 0.5)).away  # the likelihood knows better
+
+
+def test_one_alone_must_do_what_a_first_effect_must() -> None:
+    left_alone = replace(CLEAR, ratio=0.93)
+    assert against(left_alone, [AWAY]) == ""
+    assert "the held-out error by -7 %" in against(left_alone, [AWAY], RULE.held_out)
 
 
 def lagging(samples: int = 600) -> tuple[Array, Array]:

@@ -53,16 +53,17 @@ class Number:
         return not (low is None or low <= self.null) or not (high is None or high >= self.null)
 
 
-def against(evidence: Evidence, numbers: Sequence[Number]) -> str:
+def against(evidence: Evidence, numbers: Sequence[Number], needed: float = RULE.own_part) -> str:
     """What speaks against an accepted effect, in words after its name; empty where it stands.
 
     Args:
         evidence: of the final model against that without the effect.
         numbers: its free numbers; none where it is read off the data.
+        needed: what the held-out error must fall below, as a share of before.
     """
     if not evidence.delta_bic < RULE.bic:
         return f"its numbers cost more than they gain (ΔBIC {evidence.delta_bic:.3g})"
-    if not evidence.ratio < RULE.own_part:
+    if not evidence.ratio < needed:
         change = 100.0 * (evidence.ratio - 1.0)
         return f"in the final model it changes the held-out error by {change:+.0f} %"
     if not evidence.p_value < RULE.p:
@@ -74,8 +75,10 @@ def against(evidence: Evidence, numbers: Sequence[Number]) -> str:
 
 def weakest(base: Base, naming: Naming) -> Dropped | None:
     """The accepted effect that stands least, or None where all do."""
+    # one alone must do what a first effect must; beside others each keeps its own part
+    needed = base.search.needed if len(naming.named) == 1 else RULE.own_part
     found = [
-        (n, against(final_evidence(base, naming, n), numbers_of(base, naming, n)))
+        (n, against(final_evidence(base, naming, n), numbers_of(base, naming, n), needed))
         for n in naming.named
     ]
     failed = [(n, reason) for n, reason in found if reason]
