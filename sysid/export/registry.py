@@ -15,6 +15,7 @@ BUILT_IN = {
     "c": "c.exporter:C",
     "fmu": "fmu.exporter:Fmu",
     "fmu3": "fmu.exporter:Fmu3",
+    "ros": "ros.exporter:Ros",
 }
 """Module and class of the exporters that come with the package."""
 

@@ -143,6 +143,21 @@ class _Talk:
             time.sleep(0.02)
         self.refuse_two(topic)
 
+    def be_heard(self, topic: str, patience: float) -> None:
+        """Wait until a topic of ours has a listener: what is said before is lost.
+
+        Raises:
+            SilenceError: nobody listens.
+        """
+        until = time.monotonic() + patience
+        while not self.says[topic].get_num_connections():
+            if time.monotonic() > until:
+                raise SilenceError(
+                    f"nobody listens to {topic} within {patience:g} s: {self.other} must; "
+                    f"{self.starts}"
+                )
+            time.sleep(0.02)
+
     def end(self, said: bool) -> None:
         """Close; after a last word only when the other one has had the time to hear it."""
         until = time.monotonic() + (_LAST_WORDS if said else 0.0)
@@ -299,6 +314,7 @@ def robot_node(topic: str = REFERENCES, patience: float = 60.0) -> Iterator[Robo
     port = RobotPort(talk, topic)
     try:
         talk.meet(topic, patience)
+        talk.be_heard(ODOM, patience)
         yield port
     finally:
         talk.end(port.said_end)
@@ -328,6 +344,7 @@ def guidance_node(topic: str = REFERENCES, patience: float = 60.0) -> Iterator[G
     try:
         talk.meet(ODOM, patience)
         port.offer()
+        talk.be_heard(topic, patience)
         yield port
     finally:
         talk.end(port.said_end)

@@ -263,7 +263,17 @@ def _function_test(block: Block) -> str:
     return "\n".join(lines)
 
 
-def _closed(loop: Loop, blocks: dict[str, Block], precision: Precision) -> str:
+def robot_lines(loop: Loop, blocks: dict[str, Block]) -> dict[str, str]:
+    """What a loop in C is made of around its laws, by its place in a template.
+
+    Args:
+        loop: of a robot plant.
+        blocks: its laws.
+
+    Returns:
+        ``robot``: its struct and functions; ``navigation``, ``motion``: lines that give both their
+        inputs, of t, dt, omega[2] and held[2]; ``start_x`` …: where it begins.
+    """
     robot = loop.plant
     assert isinstance(robot, RobotPlant)
     read = {
@@ -274,17 +284,23 @@ def _closed(loop: Loop, blocks: dict[str, Block], precision: Precision) -> str:
         "drive_l": f"held[0] / {number(PWM_FULL_SCALE)}",
         "drive_r": f"held[1] / {number(PWM_FULL_SCALE)}",
     }
-    return fill(
-        "closed_loop.c",
+    of_robot = fill(
+        "robot.c",
         twins_words=" of each track" if robot.twins else "",
-        slack=number(precision.slack),
         copies="2" if robot.twins else "1",
         rest="\n".join(_rest(robot)),
         drive="\n".join(_drive(robot)),
-        navigation=_assigned("read", blocks["navigation"], read, 16),
-        motion=_assigned("rolled", blocks["motion"], read, 8),
-        **{f"start_{k}": number(v) for k, v in loop.scene.start._asdict().items()},
     )
+    return {
+        "robot": of_robot,
+        "navigation": _assigned("read", blocks["navigation"], read, 16),
+        "motion": _assigned("rolled", blocks["motion"], read, 8),
+        **{f"start_{k}": number(v) for k, v in loop.scene.start._asdict().items()},
+    }
+
+
+def _closed(loop: Loop, blocks: dict[str, Block], precision: Precision) -> str:
+    return fill("closed_loop.c", slack=number(precision.slack), **robot_lines(loop, blocks))
 
 
 def _rest(robot: RobotPlant) -> Iterator[str]:

@@ -1,0 +1,101 @@
+"""The format ``ros``: a catkin package of two nodes, one that guides and one that is the robot."""
+
+import re
+from collections.abc import Iterator, Mapping
+from importlib.resources import files
+from string import Template
+from typing import ClassVar
+
+from sysid.errors import ModelError
+from sysid.export.base import Exporter, Source
+from sysid.export.c.fields import Field
+from sysid.export.c.loop.drive import not_again
+from sysid.export.c.loop.sources import law_sources, robot_lines
+from sysid.export.c.precision import DOUBLE
+from sysid.export.c.source import plant_sources
+from sysid.export.c.step import c_step
+from sysid.export.c.writing import number
+from sysid.version import __version__
+
+_USAGE = """As two nodes of ROS 1, in a catkin package: link the folder `ros/` into the sources
+of a catkin workspace and build; `ros/README.md` tells the rest.
+"""
+
+_PLACES = {
+    "README.md": "README.md",
+    "package.xml": "package.xml",
+    "CMakeLists.txt": "CMakeLists.txt",
+    "mission.launch": "launch/mission.launch",
+    "guidance_node.cpp": "src/guidance_node.cpp",
+    "robot_node.cpp": "src/robot_node.cpp",
+}
+
+_CONTROLLER = {law: f"parameters_.{law}" for law in ("guidance", "control", "command")}
+_ROBOT = {law: f"{law}_p_" for law in ("control", "command", "navigation", "motion")}
+
+
+class Ros(Exporter):
+    """``package.xml``, two nodes in C++ and the C of the loop and of the plant."""
+
+    name: ClassVar[str] = "ros"
+    title: ClassVar[str] = "ROS package"
+
+    def files(self, source: Source) -> Mapping[str, str | bytes]:
+        """The package.
+
+        Raises:
+            ModelError: there is no mission, or its loop cannot be closed in C.
+        """
+        loop = source.loop
+        if loop is None:
+            raise ModelError(
+                "the format ros writes what drives the plant, too: name the mission that it drives"
+            )
+        blocks, laws = law_sources(loop)
+        why = not_again(loop, blocks)
+        if why:
+            raise ModelError(
+                "the mission cannot be driven by nodes in C++: "
+                + why.removeprefix("The mission ").partition(", so ")[0]
+            )
+        plant = plant_sources(
+            source.model, c_step(source.model), source.selftest, source.name, DOUBLE.plant
+        )
+        code = {n: t for n, t in {**plant, **laws}.items() if not n.startswith("selftest")}
+        package = "sysid_" + re.sub(r"[^a-z0-9]+", "_", source.name.lower()).strip("_")
+        values = robot_lines(loop, blocks) | {
+            "package": package,
+            "plant": source.name,
+            "version": __version__,
+            "timeout": number(loop.timeout),
+            "sources": " ".join(f"src/laws/{n}" for n in sorted(code) if n.endswith(".c")),
+        }
+        made = {f"src/laws/{name}": text for name, text in code.items()}
+        for template, place in _PLACES.items():
+            structs = _CONTROLLER if template.startswith("guidance") else _ROBOT
+            told = [
+                line
+                for law, struct in structs.items()
+                if law in blocks
+                for line in _told(law, struct, blocks[law].parameters)
+            ]
+            made[place] = _filled(template, {**values, "parameters": "\n".join(told)})
+        return dict(made)
+
+    def usage(self) -> str:
+        """How to build it."""
+        return _USAGE
+
+
+def _told(law: str, struct: str, parameters: tuple[Field, ...]) -> Iterator[str]:
+    """Lines that take the numbers of a law from the parameters of the node."""
+    for f in parameters:
+        for k in range(max(f.size, 1)):
+            place = f"{struct}.{f.name}" + (f"[{k}]" if f.size else "")
+            key = f"{law}/{f.name}" + (f"_{k}" if f.size else "")
+            yield f'        own.param("{key}", {place}, {place});'
+
+
+def _filled(template: str, values: Mapping[str, str]) -> str:
+    text = files("sysid.export.ros").joinpath("templates", template).read_text(encoding="utf-8")
+    return Template(text).substitute(values)
