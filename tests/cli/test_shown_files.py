@@ -45,6 +45,7 @@ def test_listed_files_are_written(
         "export",
         "simulate log.csv",
         "diagnose log.csv",
+        "fit --follow log.csv --idle 0.2",
     ):
         done = run(capsys, *shlex.split(line))
         assert done.code == 0, (line, done.err)

@@ -16,7 +16,7 @@ from sysid.export.package import package_files, write_package
 from sysid.plant.package import CARD, load_plant, read_package
 from sysid.workspace.store import Workspace
 
-THERE = "json, c, fmu, fmu3, table, broken"
+THERE = "json, c, fmu, fmu3, ros, table, broken"
 """Every format, two of other packages among them."""
 
 
@@ -75,9 +75,9 @@ def test_every_format_of_the_package_loads_and_is_called_what_it_calls_itself() 
         (
             ["fmi"],
             UsageError,
-            "there is no format 'fmi'; choose from json, c, fmu, fmu3, table, broken",
+            f"there is no format 'fmi'; choose from {THERE}",
         ),
-        ([" "], UsageError, "no format is named; choose from json, c, fmu, fmu3, table, broken"),
+        ([" "], UsageError, f"no format is named; choose from {THERE}"),
         (
             ["json", "broken"],
             UsageError,

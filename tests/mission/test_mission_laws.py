@@ -36,7 +36,8 @@ from sysid.mission.settings import ControlSettings
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission, load_mission
 
-LAWS = [(role, kind) for role in ROLES for kind in kinds(role)]
+LAWS = [(role, kind) for role in ROLES for kind in kinds(role) if kind != "multibody"]
+"""MuJoCo knows no other namespace: its runs go one by one."""
 
 
 @pytest.mark.parametrize(("role", "kind"), LAWS)

@@ -84,7 +84,9 @@ def test_the_bytes_depend_on_the_model_only(tmp_path: Path) -> None:
     assert first == again
     folder = write_package(robot_model(), tmp_path / "c", REPORT, "m")
     with zipfile.ZipFile(tmp_path / "a.zip") as archive:
-        built = {"c/Makefile", "c/CMakeLists.txt"}
+        built = {
+            f"c/{n}" for n in ("Makefile", "CMakeLists.txt", "report.md", "simulink/plant_sfun.c")
+        }
         assert set(archive.namelist()) == {CARD, MARK, *UNLISTED, *built}
         for name in archive.namelist():
             assert archive.read(name) == (folder / name).read_bytes()
