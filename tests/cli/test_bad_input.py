@@ -10,15 +10,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from bad_input_cases import assert_one_sentence
 from command_line import contents, robot_log, robot_signals, run, write_log
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from sysid_cli.app import main
 
 ROWS = "\n".join(f"{k * 0.1:.1f},{(k * 7) % 5},{(k * 3) % 11}" for k in range(40)) + "\n"
 """A log's body: t, u, y."""
-
-ORDERS = ("--structure", "arx", "--orders", "na=1 nb=1")
 
 
 @dataclass(frozen=True)
@@ -101,6 +98,7 @@ DAMAGE: dict[str, Callable[[Path], None]] = {
 HEAD = "t,u,y\n"
 
 FILES: dict[str, str | bytes] = {
+    "good.yaml": "goal: [1, 0]\n",
     "empty.csv": "",
     "blank.csv": "\n \n\n",
     "header.csv": HEAD,
@@ -376,8 +374,6 @@ CASES = (
     _broken("plant_list", "simulate {good.yaml}", "plant"),
 )
 
-FILES["good.yaml"] = "goal: [1, 0]\n"
-
 
 def _arguments(line: str, bench: Bench) -> list[str]:
     parts = re.findall(r"'([^']*)'|(\S+)", line)
@@ -392,18 +388,6 @@ def _arguments(line: str, bench: Bench) -> list[str]:
     ):
         words += ["--workspace", str(bench.workspace)]
     return words
-
-
-def assert_one_sentence(text: str, line: str) -> None:
-    """One line that a person can read: no traceback, nothing unforeseen, no loose end."""
-    assert text.endswith("\n"), line
-    assert text.count("\n") == 1, f"{line}: {text}"
-    assert "Traceback" not in text
-    assert "unexpected" not in text, text
-    sentence = text.strip()
-    assert re.search(r"[\w).`'’\]%…}\"+?]$", sentence), f"{line}: {sentence}"
-    assert len(sentence) > 20, sentence
-    assert "  " not in sentence, sentence
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda c: re.sub(r"[^\w.=-]+", " ", c.line).strip())
@@ -428,106 +412,3 @@ def test_bad_input_is_one_sentence_and_leaves_everything_as_it_was(
 def test_the_table_is_as_long_as_promised() -> None:
     assert len(CASES) >= 60
     assert len({c.line for c in CASES}) == len(CASES)
-
-
-CELL = st.one_of(
-    st.integers(-9, 9).map(str),
-    st.floats(-1e3, 1e3).map(lambda v: f"{v:.3g}"),
-    st.sampled_from(
-        ["", "nan", "inf", "-", "x", "1,5", '"', "1e400", "0x1", "é", "2024-01-01", " "]
-    ),
-)
-NAME = st.sampled_from(["t", "time", "u", "y", "pwm_l", "omega_l", "x", "", "u [V]", "y_ref", "k"])
-OPTION = st.sampled_from(
-    [
-        ("--ts", "0.1"),
-        ("--ts", "-"),
-        ("--resample", "fill"),
-        ("--resample", "split"),
-        ("--decimal", ","),
-        ("--delimiter", ";"),
-        ("--delimiter", "space"),
-        ("--input", "u"),
-        ("--output", "y,x"),
-        ("--time", "k"),
-        ("--unit", "y=rpm"),
-        ("--pwm-max", "255"),
-        ("--pwm-max", "1e-400"),
-    ]
-)
-FIT_OPTION = st.sampled_from(
-    [
-        ("--split", "0.7"),
-        ("--split", "0.001"),
-        ("--skip", "3"),
-        ("--skip", "99999"),
-        ("--horizon", "2"),
-        ("--detrend", "linear"),
-        ("--stable",),
-        ("--robust",),
-        ("--fix", "a1=0"),
-        ("--bound", "b1=-1:1"),
-        ("--initial-state", "zero"),
-        ("--orders", "na=1:2 nb=0:1"),
-        ("--orders", "na=1 nb=1 nk=0"),
-    ]
-)
-
-
-@st.composite
-def csv_texts(draw: st.DrawFn) -> str:
-    """Small tables that are almost logs: mostly numbers, some surprises."""
-    sep = draw(st.sampled_from([",", ",", ";", "\t", " "]))
-    names = draw(st.lists(NAME, min_size=1, max_size=4))
-    seed, count = draw(st.integers(0, 9)), draw(st.integers(0, 40))
-    body = np.random.default_rng(seed).integers(-9, 9, size=(count, len(names))).astype(str)
-    if count and names[0] in ("t", "time", "k"):
-        body[:, 0] = np.arange(count)
-    rows = [list(row) for row in body]
-    for _ in range(draw(st.integers(0, 2)) if rows else 0):
-        row = rows[draw(st.integers(0, count - 1))]
-        row[draw(st.integers(0, len(row) - 1))] = draw(CELL)
-    return "\n".join(sep.join(r) for r in [names, *rows]) + draw(st.sampled_from(["", "\n"]))
-
-
-def _survives(capsys: pytest.CaptureFixture[str], *words: object) -> None:
-    result = run(capsys, *words)
-    assert result.code in (0, 1, 2)
-    assert "Traceback" not in result.err
-    assert "unexpected" not in result.err, (words, result.err)
-    if result.code and words[0] == "fit":
-        assert_one_sentence(result.err, str(words))
-        assert result.out == ""
-
-
-FUZZ = settings(
-    max_examples=60,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
-
-
-@FUZZ
-@given(text=csv_texts(), options=st.lists(OPTION, max_size=2))
-def test_no_text_breaks_inspect(
-    text: str, options: list[tuple[str, ...]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log = tmp_path / "any.csv"
-    log.write_text(text, encoding="utf-8")
-    _survives(capsys, "inspect", log, *(w for o in options for w in o))
-
-
-@FUZZ
-@given(text=csv_texts(), options=st.lists(st.one_of(OPTION, FIT_OPTION), max_size=3))
-def test_no_text_and_no_option_breaks_fit(
-    text: str, options: list[tuple[str, ...]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log = tmp_path / "any.csv"
-    log.write_text(text, encoding="utf-8")
-    words = [w for o in options for w in o]
-    given_orders = () if "--orders" in words else ("--orders", "na=1 nb=1")
-    _survives(
-        capsys, "fit", log, "--structure", "arx", *given_orders, *words,
-        "--workspace", tmp_path / "w", "--jobs", 1,
-    )  # fmt: skip
