@@ -65,7 +65,7 @@ def _row(e: Effect) -> list[str]:
         f"`{e.id}`",
         e.equation,
         numbers,
-        f"{e.sentence} {e.looks_like}",
+        " ".join([e.sentence, *(law.sentence for law in e.laws if law.sentence), e.looks_like]),
         ties,
         undone,
     ]

@@ -66,9 +66,12 @@ def values_of(
     covariance = covariance_of(base, node) if node.free else np.zeros((0, 0))
     at = {slot: i for i, slot in enumerate(node.free)}
     numbers = {p.name: p for p in effect(id).parameters} if id != CHANGED.id else {}
+    acting = _acting(base, node, id)
     found = []
     for k in m.of(id):
         slot = m.slots[k]
+        if acting and slot.name not in acting:
+            continue
         tag = "" if slot.track < 0 else f"[{names[slot.track]}]"
         if k not in at and id != CHANGED.id and node.q[k] == slot.null and slot.track >= 0:
             continue
@@ -100,6 +103,14 @@ def values_of(
                 scaled = None if error is None else error * full
                 found.append(Value(name, value * full, scaled, channel.unit))
     return tuple(found)
+
+
+def _acting(base: Base, node: Node, id: str) -> tuple[str, ...]:
+    """Parameters of the law that acts; none where an effect has but one."""
+    if id == CHANGED.id or not effect(id).laws:
+        return ()
+    chosen = base.search.model.chosen(effect(id), node.q)
+    return (*chosen, *effect(id).searched(chosen))
 
 
 def _in_file(base: Base, value: Value, track: int) -> Value | None:

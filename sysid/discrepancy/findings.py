@@ -58,13 +58,20 @@ def named_effect(
 
 def sentence_of(e: Effect, values: Sequence[Value], ties: Sequence[str]) -> str:
     """What an effect is, by the sign of its number, and how large; what it cannot be told from."""
-    text = _by_sign(e, values)
+    text = " ".join(s for s in (_by_sign(e, values), _law_in_words(e, values)) if s)
     values = [v.in_log_units for v in values]
     known = [v for v in values if v.std_error is not None or v.interval is not None][:4]
     shown = [v for v in (*known, *(v for v in values if not v.visited)) if v.words]
     if shown:
         text += f" Here {', '.join(f'{v.name} {v.shown}' for v in shown)}."
     return text + (f" This log cannot tell it from {', '.join(ties)}." if ties else "")
+
+
+def _law_in_words(e: Effect, values: Sequence[Value]) -> str:
+    """The law that acts; a choice that is not among the values is at its null value."""
+    chosen = {p.name: p.null for p in e.parameters if p.choice}
+    law = e.law(chosen | {v.name.partition("[")[0]: v.value for v in values if v.visited})
+    return "" if law is None else law.sentence
 
 
 def _by_sign(e: Effect, values: Sequence[Value]) -> str:

@@ -1,7 +1,7 @@
 """Effect: one physical phenomenon as one pure step that does nothing at its null value."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
@@ -62,6 +62,7 @@ class Context:
         turned: angle of the wheel, integrated from its speed [rad].
         counted: angle integrated from the readings before this one [rad].
         holds: torque with which dry friction holds a track that stands.
+        gain: K, steady speed at full drive.
     """
 
     dt: float
@@ -75,6 +76,7 @@ class Context:
     turned: Signal
     counted: Signal
     holds: Signal
+    gain: Signal = 1.0
 
 
 @dataclass(frozen=True)
@@ -144,21 +146,26 @@ InNumbers = Callable[[float, float, int], str]
 """(value, standard error, side: 0 left, 1 right, −1 both) → sentence."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Law:
-    """One of several ways in which an effect between tracks and ground shows.
+    """One of several ways in which an effect shows.
 
     Attributes:
         parameters: its numbers; those of the other laws do nothing.
-        in_numbers: the sentence with its first number.
+        in_numbers: between tracks and ground, the sentence with its first number.
         as_radius: whether a smaller radius of both tracks does just the same.
         as_lag: whether readings that come late do nearly the same.
+        choices: in the chain, the values of the effect's parameters with ``choice`` that stand
+            for this law; each law has some of the starts.
+        sentence: in the chain, what it is in plain words, after the effect's own.
     """
 
     parameters: tuple[str, ...]
-    in_numbers: InNumbers
+    in_numbers: InNumbers | None = None
     as_radius: bool = False
     as_lag: bool = False
+    choices: Mapping[str, float] = field(default_factory=dict)
+    sentence: str = ""
 
 
 def nothing(
@@ -220,7 +227,9 @@ class Effect:
             of an ``edge``, as the end of a sentence.
         length: between tracks and ground, the length that its parameter scales; None for none.
         in_numbers: between tracks and ground, the sentence with its number.
-        laws: between tracks and ground, its laws where it has several, each told by itself.
+        laws: its laws where it has several, the simplest first. Between tracks and ground each is
+            told by itself. In the chain one acts at a time: the data choose, and a later one only
+            where it is worth more than its numbers cost.
     """
 
     id: str
@@ -256,3 +265,14 @@ class Effect:
     length: Length | None = None
     in_numbers: InNumbers | None = None
     laws: tuple[Law, ...] = ()
+
+    def law(self, chosen: Mapping[str, float]) -> Law | None:
+        """The law of the chain that values of its choices stand for; None where it has none."""
+        fits = (x for x in self.laws if x.choices and x.choices.items() <= chosen.items())
+        return next(fits, None)
+
+    def searched(self, chosen: Mapping[str, float]) -> tuple[str, ...]:
+        """Parameters that a search moves: all but choices and what belongs to other laws."""
+        law = self.law(chosen)
+        names = tuple(p.name for p in self.parameters if not p.choice)
+        return names if law is None else tuple(n for n in names if n in law.parameters)

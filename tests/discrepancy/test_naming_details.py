@@ -116,7 +116,7 @@ def test_a_gap_is_found_though_runs_change_with_it_by_jumps(inertia: float, coas
         for name, value in (("gap", 0.3), ("inertia", 0.8), ("coast", 0.4)):
             start[m.place["backlash", name, i]] = value
     core = tuple(k for k, slot in enumerate(m.slots) if slot.owner == "core")
-    free = (*core, *free_slots(m, about("backlash"), range(2)))
+    free = (*core, *free_slots(m, about("backlash"), m.null, range(2)))
     q, _ = refined(m, start[None], [free], prepare([r], FULL, 1), 20, unknown=(0,))
     gaps = [q[0][m.place["backlash", "gap", i]] for i in range(2)]
     # between two jumps every gap fits as well: 45 reversals leave some hundredths of a rad

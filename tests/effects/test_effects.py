@@ -135,7 +135,7 @@ STEADY = {
     "input-saturation": ({"plus": 0.4, "minus": 0.4}, 0.9, GAIN * 0.4),
     "concave-gain": ({"kappa": 0.3}, 0.5, GAIN * 0.5 * 0.85),
     "direction-asymmetry": ({"rho": 0.8}, -0.5, -GAIN * 0.4),
-    "supply-sag": ({"sag": 0.2}, 0.5, GAIN * 0.5 * 0.9),
+    "supply-sag": ({"sag": 0.2, "emf": 0.0, "current": 0.0}, 0.5, GAIN * 0.5 * 0.9),
     "coulomb-friction": ({"level": 3.0}, 0.5, GAIN * 0.5 - 3.0),
     "quadratic-drag": ({"drag": 0.1}, 0.5, (np.sqrt(1.0 + 4 * 0.1 * 10.0) - 1.0) / 0.2),
     "load-bias": ({"load": 1.0}, 0.5, GAIN * 0.5 - 1.0),
@@ -225,7 +225,7 @@ def test_slip_shortens_turns_only() -> None:
 
 def test_an_augmented_structure_steps_as_it_simulates_and_survives_json() -> None:
     s = Augmented(1, 2, (20000.0, 20000.0), DT, ("dead-zone", "supply-sag"))
-    theta = np.array([GAIN, -POLE, 21.0, -POLE, 0.1, 0.12, 0.0, 0.15, 0.1, 0.02, 0.2])
+    theta = np.array([GAIN, -POLE, 21.0, -POLE, 0.1, 0.12, 0.0, 0.15, 0.1, 0.02, 0.2, 0.0, 0.0])
     u = 20000.0 * commands(5)
     run_all = s.simulate(theta, u)
     again = Augmented.from_json(s.to_json())

@@ -142,7 +142,12 @@ def _shapes(
     owners = {model.slots[s].owner for s in jumps}
     found = [q]
     for e in (e for e in model.effects if e.id in owners):
-        sets = [{k: v for k, v in start.items() if k in smooth} for start in model.starts(e)]
+        law = e.law(model.chosen(e, q))
+        sets = [
+            {k: v for k, v in start.items() if k in smooth}
+            for start in model.starts(e)
+            if e.law({model.slots[k].name: v for k, v in start.items()}) is law
+        ]
         for values in {tuple(sorted(s.items())) for s in sets}:
             row = q.copy()
             for k, v in values:

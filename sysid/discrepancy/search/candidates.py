@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,8 +126,8 @@ class CandidateSearch:
     ) -> list[Judged]:
         """Every effect added to a node, the most promising fitted in full, most likely first.
 
-        All starts take a few steps, the best start of each effect some more, and only the effects
-        that then lead are fitted to the end.
+        All starts take a few steps, the best start of each law of an effect some more, and only the
+        effects that then lead are fitted to the end, of which each keeps one law.
         """
         errors = np.nan_to_num(self.data.y - self.model.run(node.q, self.data)[0])
         now = np.sum((self.data.weight * errors) ** 2, axis=0)
@@ -148,19 +149,28 @@ class CandidateSearch:
             q[core], cost[core] = self._search(
                 node, q[core], [owners[k] for k in core], BUDGET.full_steps
             )
-        tried = list({e.id: e for e in owners}.values())
-        rows = [[k for k, e in enumerate(owners) if e.id == t.id] for t in tried]
+        ways = [(e.id, self._law(e, row)) for e, row in zip(owners, lanes, strict=True)]
+        # one effect after the other, the laws of each in its own order: the simplest first
+        ids = list(dict.fromkeys(e.id for e in owners))
+        groups = sorted(dict.fromkeys(ways), key=lambda w: (ids.index(w[0]), w[1]))
+        rows = [[k for k, w in enumerate(ways) if w == way] for way in groups]
+        tried = [owners[r[0]] for r in rows]
         starts = [self._joined(q[r], cost[r], t) for r, t in zip(rows, tried, strict=True)]
         q, cost = self._search(node, np.array(starts), tried, BUDGET.more_steps)
         promising = [k for k in range(len(tried)) if np.any(cost[k] < BUDGET.promising * now)]
         order = sorted(promising, key=lambda k: float(np.sum(np.log(cost[k] + 1e-300))))
         if not order:
             return []
-        kept, at = order[:most], {t.id: k for k, t in enumerate(tried)}
-        alike = [at[t] for k in kept[:2] for t in about(tried[k].id).ties if t in at]
+        leading = list(dict.fromkeys(tried[k].id for k in order))
+        alike = [t for id in leading[:2] for t in about(id).ties]
         if not node.effects:
-            alike += [k for k in promising if tried[k].id in self.stepwise]
-        kept += [k for k in dict.fromkeys(alike) if k not in kept]
+            alike += [tried[k].id for k in promising if tried[k].id in self.stepwise]
+        wanted = (*leading[:most], *alike)
+        # a law that is slow to start may be the one that suffices: all laws of an effect are kept
+        kept = sorted(
+            (k for k in range(len(tried)) if tried[k].id in wanted),
+            key=lambda k: (wanted.index(tried[k].id), k),
+        )
         chosen = [tried[k] for k in kept]
         far = range(BUDGET.leading if node.effects else len(kept))
         full, cost = self._search(node, q[kept], chosen, BUDGET.full_steps, far)
@@ -175,7 +185,12 @@ class CandidateSearch:
             )
             for n in nodes
         ]
-        return sorted(judged, key=lambda j: -j.score)
+        return sorted(_simplest(judged), key=lambda j: -j.score)
+
+    def _law(self, e: Effect, q: Array) -> int:
+        """Which law of an effect a lane has chosen; 0 where the effect has but one."""
+        law = e.law(self.model.chosen(e, q))
+        return 0 if law is None else e.laws.index(law)
 
     def _search(
         self,
@@ -186,7 +201,10 @@ class CandidateSearch:
         unknown: Sequence[int] = (),
     ) -> tuple[Array, Array]:
         every = range(self.model.tracks)
-        free = [(*node.free, *free_slots(self.model, e, every)) for e in owners]
+        free = [
+            (*node.free, *free_slots(self.model, e, row, every))
+            for e, row in zip(owners, q, strict=True)
+        ]
         if self.stepwise & set(node.effects):  # found already, and polished when kept
             free = [tuple(k for k in f if not self.model.slots[k].stepwise) for f in free]
         if steps < BUDGET.full_steps:
@@ -202,16 +220,18 @@ class CandidateSearch:
             (k, j)
             for k, a in enumerate(chosen)
             for j, b in enumerate(chosen)
-            if k != j and (b.id in a.ties or a.id in b.ties)
+            if b.id in a.ties or a.id in b.ties
         ]
         if not pairs:
             return q
         starts = []
         for k, j in pairs:
             row = q[j].copy()
+            mine = free_slots(self.model, chosen[k], q[k], range(self.model.tracks))
             theirs = {(s.name, s.track): q[j, i] for i, s in self._slots_of(chosen[j])}
             for i, s in self._slots_of(chosen[k]):
-                row[i] = float(np.clip(theirs.get((s.name, s.track), q[k, i]), s.lower, s.upper))
+                other = theirs.get((s.name, s.track), q[k, i]) if i in mine else q[k, i]
+                row[i] = float(np.clip(other, s.lower, s.upper)) if i in mine else other
             for i, s in self._slots_of(chosen[j]):
                 row[i] = s.null
             starts.append(row)
@@ -235,13 +255,14 @@ class CandidateSearch:
 
     def _trimmed(self, before: Node, e: Effect, q: Array) -> Node:
         """The effect kept on the tracks that it serves; the others stay as they were."""
-        free = (*before.free, *free_slots(self.model, e, range(self.model.tracks)))
+        mine = partial(free_slots, self.model, e, q)
+        free = (*before.free, *mine(range(self.model.tracks)))
         node = replace(self.node((*before.effects, e.id), q, free), excluded=before.excluded)
         if e.shared or self.model.tracks == 1:
             return node
         samples = effective_samples(node.errors.estimation)
         (v0, _), (v1, _) = before.errors.mean_squares(), node.errors.mean_squares()
-        cost = len(free_slots(self.model, e, [0])) * np.log(samples)
+        cost = len(mine([0])) * np.log(samples)
         gain = samples * np.log((v0 + 1e-300) / (v1 + 1e-300))
         served = (gain > cost) & (v1 < RULE.own_part * v0)
         if any(self.model.slots[k].track < 0 for k in before.free):
@@ -253,7 +274,7 @@ class CandidateSearch:
         for k, slot in enumerate(self.model.slots):
             if slot.track >= 0 and not served[slot.track]:
                 out[k] = before.q[k]
-        free = (*before.free, *free_slots(self.model, e, np.flatnonzero(served).tolist()))
+        free = (*before.free, *mine(np.flatnonzero(served).tolist()))
         if self.model.coupled(out, free):  # what one track loses, the other feels
             rows, _ = refined(self.model, out[None], [free], self.data, BUDGET.polish)
             out = rows[0]
@@ -317,6 +338,16 @@ class CandidateSearch:
         rest = tuple(i for i in node.effects if i != id)
         found, _ = refined(self.model, q[None], [free], self.data, BUDGET.polish)
         return self.node(rest, found[0], free)
+
+
+def _simplest(judged: Sequence[Judged]) -> list[Judged]:
+    """One law of each effect: the first, or a later one that is worth its numbers for certain."""
+    found: dict[str, Judged] = {}
+    for j in judged:
+        now = found.get(j.id)
+        if now is None or j.score > now.score - RULE.bic:
+            found[j.id] = j
+    return list(found.values())
 
 
 def common_samples(nodes: Sequence[Node]) -> Array:

@@ -245,12 +245,12 @@ def _waves(angle: Array, errors: Array, weight: Array) -> list[tuple[float, floa
     return found
 
 
-def free_slots(model: SuperModel, e: Effect, tracks: Sequence[int]) -> tuple[int, ...]:
-    """Slots of an effect that a search moves, on some of the tracks."""
-    fixed = {p.name for p in e.parameters if p.choice}
+def free_slots(model: SuperModel, e: Effect, q: Array, tracks: Sequence[int]) -> tuple[int, ...]:
+    """Slots of an effect that a search moves on some of the tracks, by the law that ``q`` chose."""
+    moved = e.searched(model.chosen(e, q))
     return tuple(
         k
         for k in model.of(e.id)
-        if model.slots[k].name not in fixed
+        if model.slots[k].name in moved
         and (model.slots[k].track < 0 or model.slots[k].track in tracks)
     )

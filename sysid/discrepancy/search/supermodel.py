@@ -259,14 +259,28 @@ class SuperModel:
         found = []
         for k in range(max(len(p.starts) for p in e.parameters)):
             values = {}
+            chosen = {p.name: p.starts[min(k, len(p.starts) - 1)] for p in e.parameters if p.choice}
+            acting = {*chosen, *e.searched(chosen)}
             for i in (-1,) if e.shared else range(self.tracks):
                 for p in e.parameters:
                     at = self.place[e.id, p.name, i]
+                    if p.name not in acting:
+                        values[at] = self.slots[at].null
+                        continue
                     share = p.starts[min(k, len(p.starts) - 1)]
                     size = max(abs(s) for s in p.starts) or 1.0
                     values[at] = share * self.slots[at].scale / size
             found.append(values)
         return found
+
+    def chosen(self, e: Effect, q: Array) -> dict[str, float]:
+        """The choices of an effect in a lane, those of the first track on which it acts."""
+        names = [p.name for p in e.parameters if p.choice]
+        for i in (-1,) if e.shared else range(self.tracks):
+            at = [self.place[e.id, p.name, i] for p in e.parameters]
+            if any(q[k] != self.slots[k].null for k in at):
+                return {n: float(q[self.place[e.id, n, i]]) for n in names}
+        return {p.name: p.null for p in e.parameters if p.choice}
 
     def _unpack(self, jnp: Any, q: Any) -> tuple[Core, dict[str, dict[str, Any]]]:
         place, tracks, order = self.place, self.tracks, self.order

@@ -151,6 +151,7 @@ def step_with(
             sample.turned,
             sample.counted,
             holds,
+            core.gain,
         )
         for effect in effects:
             if effect.place is place:
