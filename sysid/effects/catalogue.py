@@ -2,7 +2,17 @@
 
 from functools import cache
 
-from sysid.effects import actuator, motor, samples, sensor, vehicle
+from sysid.effects import (
+    actuator,
+    coupling,
+    friction,
+    motor,
+    ripple,
+    samples,
+    sensor,
+    transmission,
+    vehicle,
+)
 from sysid.effects.base import Effect, Place, nothing
 from sysid.effects.conformance import fault
 from sysid.effects.programmes import LEVELS, REPEAT
@@ -24,9 +34,12 @@ CHANGED = Effect(
 )
 """Competes with the effects when a model is given; it changes the model's own core."""
 
+STAGES = (actuator, coupling, friction, motor, transmission, ripple, sensor, vehicle)
+"""Where effects with a step are, in the order in which they act within a place of the chain."""
+
 _WITHOUT_STEP = {e.id: e for e in (CHANGED, *samples.EFFECTS)}
 
-LEVEL = motor.LOAD_BIAS
+LEVEL = friction.LOAD_BIAS
 """What gives a base a level of its own, where zero of the log is no physical zero."""
 
 
@@ -49,8 +62,7 @@ def catalogue() -> dict[str, Effect]:
     Raises:
         UsageError: an effect of another package cannot be used.
     """
-    found = {e.id: e for e in (*actuator.EFFECTS, *motor.EFFECTS, *sensor.EFFECTS)}
-    found |= {e.id: e for e in vehicle.EFFECTS}
+    found = {e.id: e for stage in STAGES for e in stage.EFFECTS}
     for point in points("sysid.effects").values():
         effect = loaded(point, "effect")
         if not isinstance(effect, Effect):

@@ -1,0 +1,163 @@
+"""Resistance to motion: dry, viscous, of the air, and a load that is always there.
+
+Torque is counted in units of steady speed: τ ω̇ = T − ω with T = K d.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from sysid.effects import inverses
+from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, State
+from sysid.effects.programmes import COASTING, LEVELS, RAMPS, RESTS, STAIRCASE
+
+P = Mapping[str, Signal]
+
+
+def _sticking(xp: Any, torque: Signal, level: Signal, c: Context) -> Signal:
+    """Torque after dry friction of ``level``, implicit in time, so that it sticks exactly.
+
+    ω⁺ = ω_free + b T; friction takes from T what would bring ω⁺ to zero, at most ``level``.
+    """
+    to_stop = torque + c.w_free / c.b
+    return torque - xp.minimum(xp.maximum(to_stop, -level), level)
+
+
+def _coulomb(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    return _sticking(xp, torque, p["level"], c), s
+
+
+def _stiction(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    slow = xp.exp(-((c.w / p["speed"]) ** 2))
+    return _sticking(xp, torque, p["level"] + p["excess"] * slow, c), s
+
+
+def _amid(torque: Signal, c: Context) -> Signal:
+    """Speed in the middle of a step under a torque."""
+    return 0.5 * (c.w + c.w_free + c.b * torque)
+
+
+def _drag(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    # resistance at the speed amid the step, predicted with that at its start: second order
+    w = _amid(torque - p["drag"] * c.w * xp.abs(c.w), c)
+    return torque - p["drag"] * w * xp.abs(w), s
+
+
+def _bias(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    return torque - p["load"], s
+
+
+def _viscous(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    more = p["ratio"] - 1.0
+    w = _amid(torque - more * xp.minimum(c.w, 0.0), c)
+    return torque - more * xp.minimum(w, 0.0), s
+
+
+LOAD_BIAS = Effect(
+    "load-bias",
+    "motor",
+    Place.TORQUE,
+    "T → T − b",
+    "A constant load pulls one way.",
+    "Without command it creeps, or equal commands of either sign reach different speeds.",
+    "Equal steps in both directions and rests.",
+    (EffectParameter("load", "speed", 0.0, -0.8, 0.8, (0.05, -0.05), "speed"),),
+    _bias,
+    inverse=inverses.against_bias,
+    ties=("sensor-bias",),
+    programmes=(RESTS, COASTING),
+    level=True,
+)
+
+EFFECTS = (
+    Effect(
+        "quadratic-drag",
+        "motor",
+        Place.TORQUE,
+        "T → T − q ω|ω|",
+        "Resistance grows with the square of speed.",
+        "High speeds fall short, and settle faster than low ones.",
+        "Steps at many levels.",
+        (EffectParameter("drag", "1/speed", 0.0, 0.0, 2.0, (0.15, 0.5), "speed"),),
+        _drag,
+        inverse=inverses.against_drag,
+        ties=("concave-gain",),
+        rare=True,
+        programmes=(LEVELS, COASTING),
+    ),
+    Effect(
+        "viscous-asymmetry",
+        "motor",
+        Place.TORQUE,
+        "viscous term × ratio for ω < 0",
+        "Viscous resistance differs between the directions.",
+        "One direction is both slower and quicker to settle.",
+        "Steps of equal size in both directions.",
+        (EffectParameter("ratio", "", 1.0, 0.4, 2.5, (0.85, 1.2), "one"),),
+        _viscous,
+        inverse=inverses.against_viscous,
+        programmes=(LEVELS, COASTING),
+        reverses=True,
+    ),
+    LOAD_BIAS,
+    Effect(
+        "coulomb-friction",
+        "motor",
+        Place.TORQUE,
+        "T → T − c sign ω; sticks while |T| ≤ c",
+        "Dry friction: a constant resistance while moving, standstill below it.",
+        "It stands at small commands and stops sooner than it should.",
+        "A slow staircase through zero, and coasting from speed.",
+        (
+            EffectParameter(
+                "level",
+                "speed",
+                0.0,
+                0.0,
+                3.0,
+                (0.05, 0.15, 0.3),
+                "speed",
+                kinks=True,
+                as_command=True,
+            ),
+        ),
+        _coulomb,
+        inverse=inverses.against_coulomb,
+        holds=lambda p: p["level"],
+        ties=("stiction", "dead-zone"),
+        programmes=(STAIRCASE, COASTING, RAMPS),
+        weakens=True,
+    ),
+    Effect(
+        "stiction",
+        "motor",
+        Place.TORQUE,
+        "T → T − (c + c_s e^{−(ω/v)²}) sign ω",
+        "It takes more to break away than to keep moving.",
+        "It starts with a jump at a higher command than the one at which it stops.",
+        "Slow ramps up from rest and down to rest.",
+        (
+            EffectParameter(
+                "level",
+                "speed",
+                0.0,
+                0.0,
+                3.0,
+                (0.04, 0.1),
+                "speed",
+                kinks=True,
+                at_null=True,
+                as_command=True,
+            ),
+            EffectParameter(
+                "excess", "speed", 0.0, 0.0, 1.5, (0.08, 0.15), "speed", kinks=True, as_command=True
+            ),
+            EffectParameter("speed", "speed", 0.1, 0.01, 0.35, (0.05, 0.15), "speed", kinks=True),
+        ),
+        _stiction,
+        inverse=inverses.against_stiction,
+        holds=lambda p: p["level"] + p["excess"],
+        ties=("coulomb-friction",),
+        programmes=(RAMPS, STAIRCASE),
+        weakens=True,
+    ),
+)
