@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from sysid.mission.contracts import Guidance, GuidanceInputs, Limits, Pose, References, Scene, State
-from sysid.mission.traits import GuidanceAdvice, GuidanceTraits
+from sysid.mission.contracts import GuidanceInputs, Limits, Pose, References, Scene, State
+from sysid.mission.guidance.around_law import AroundLaw
 from sysid.vehicle.kinematics import Real, wrap_angle
 
 SAME = 1e-9
@@ -29,33 +29,13 @@ class FeasibleState(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Feasible:
+class Feasible(AroundLaw):
     """A law whose references stay within ``scene.limits``.
 
     The reference of speed never exceeds the limit and changes no faster than the acceleration
     allows; that of yaw turns the short way, no faster than the yaw rate and its acceleration allow,
     and brakes in time.
-
-    Attributes:
-        law: from a pose to references.
     """
-
-    law: Guidance
-
-    @property
-    def reach(self) -> float:
-        """The law's."""
-        return self.law.reach
-
-    @property
-    def advice(self) -> GuidanceAdvice:
-        """The law's."""
-        return self.law.advice
-
-    @property
-    def traits(self) -> GuidanceTraits:
-        """The law's."""
-        return self.law.traits
 
     def start(self, scene: Scene, xp: Any) -> FeasibleState:
         """At rest in the start heading."""

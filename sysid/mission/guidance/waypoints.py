@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sysid.mission.contracts import Guidance, GuidanceInputs, Point, Pose, References, Scene, State
+from sysid.mission.contracts import GuidanceInputs, Point, Pose, References, Scene, State
+from sysid.mission.guidance.around_law import AroundLaw
 from sysid.mission.guidance.states import chosen, pick
-from sysid.mission.traits import GuidanceAdvice, GuidanceTraits
 from sysid.vehicle.kinematics import Real
 
 
@@ -22,32 +22,12 @@ class LegState(NamedTuple):
 
 
 @dataclass(frozen=True)
-class PassingWaypoints:
+class PassingWaypoints(AroundLaw):
     """A law that is given one waypoint after the other as its goal, and then the goal.
 
     A waypoint is passed where the law calls it reached; there the law starts anew towards the next
     one, with any turn on the spot that it begins with.
-
-    Attributes:
-        law: from a pose to one goal.
     """
-
-    law: Guidance
-
-    @property
-    def reach(self) -> float:
-        """The law's."""
-        return self.law.reach
-
-    @property
-    def advice(self) -> GuidanceAdvice:
-        """The law's."""
-        return self.law.advice
-
-    @property
-    def traits(self) -> GuidanceTraits:
-        """The law's."""
-        return self.law.traits
 
     def start(self, scene: Scene, xp: Any) -> LegState:
         """The law on its way to the first waypoint."""
