@@ -62,8 +62,6 @@ class VerdictRule:
         certain: structure as sure as this misses something, however little of it is foretold.
         slight: structure that holds less of the errors beyond the noise is no missing effect.
         loud: errors beyond this multiple of the noise of the readings are more than noise.
-        most_of_gap: names between tracks and ground that together close less of the gap [%] are not
-            the cause and are withdrawn: of the few increments most rest, and a stand-in bends them.
         nearly_all: less of the gap [%] closed, and what remains is described.
         minor: an effect that would close less of the gap [%] is too small to matter.
         follows: a model with a lower free-run fit on held-out data [%] follows nothing: its errors
@@ -77,7 +75,6 @@ class VerdictRule:
     certain: float = 1e-6
     slight: float = 0.15
     loud: float = 1.5
-    most_of_gap: float = 80.0
     nearly_all: float = 90.0
     minor: float = 1.0
     follows: float = 40.0

@@ -158,6 +158,8 @@ class Law:
         choices: in the chain, the values of the effect's parameters with ``choice`` that stand
             for this law; each law has some of the starts.
         sentence: in the chain, what it is in plain words, after the effect's own.
+        of_changes: whether it loses way while the vehicle speeds up or slows down, as another law
+            of the effect does in another manner.
     """
 
     parameters: tuple[str, ...]
@@ -166,6 +168,7 @@ class Law:
     as_lag: bool = False
     choices: Mapping[str, float] = field(default_factory=dict)
     sentence: str = ""
+    of_changes: bool = False
 
 
 def nothing(

@@ -25,7 +25,7 @@ class Ground:
     Attributes:
         effects: ids; they act in the catalogue's order, slip before radii before width.
         parameters: effect → parameter → value of the left and of the right track, (2,); numbers
-            that the tracks share stand twice.
+            that the tracks share stand twice, and those that are left out do nothing.
 
     Raises:
         UsageError: an id is no effect of the vehicle.
@@ -43,7 +43,10 @@ class Ground:
             if effect(id).place is not Place.POSE:
                 raise UsageError(f"{id} does not act between the tracks and the ground")
         ordered = tuple(id for id in catalogue() if id in self.effects)
+        nulls = {id: {p.name: np.full(2, p.null) for p in effect(id).parameters} for id in ordered}
+        whole = {id: {**nulls[id], **self.parameters[id]} for id in ordered}
         object.__setattr__(self, "effects", ordered)
+        object.__setattr__(self, "parameters", whole)
 
     def __bool__(self) -> bool:
         return bool(self.effects)

@@ -3,6 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
+from sysid.data.filtering import lfilter
 from sysid.effects.base import Signal
 
 SHORTEST = 1e-12
@@ -27,3 +30,12 @@ def lagging(xp: Any, p: Mapping[str, Signal], dt: float, kept: Signal) -> dict[s
     decay = xp.exp(-x)
     ramp = (1.0 - decay) / x
     return {"decay": decay, "earlier": ramp - decay, "now": 1.0 - ramp}
+
+
+def followed(signal: Signal, lag: float, dt: float) -> Signal:
+    """What follows a record's signals (N, …) with a lag [s], from rest or steady motion, (N, …)."""
+    if lag <= 0.0:
+        return signal
+    k = lagging(np, {"lag": lag}, dt, 0.0)
+    before = (k["decay"] + k["earlier"]) * signal[:1]
+    return lfilter([k["now"], k["earlier"]], [1.0, -k["decay"]], signal, axis=0, zi=before)[0]

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.filtering import lfilter
 from sysid.effects.base import (
     Context,
     Effect,
@@ -19,7 +18,7 @@ from sysid.effects.base import (
     Signal,
     State,
 )
-from sysid.effects.lag import lagging
+from sysid.effects.lag import followed, lagging
 from sysid.effects.programmes import LEVELS, REVERSALS, TURNS
 
 P = Mapping[str, Signal]
@@ -55,16 +54,48 @@ def _both(w: Signal) -> Signal:
     return 0.5 * (w[..., :1] + w[..., 1:])
 
 
+INSTANT = 1e-9
+"""Seconds for each rad/s in which a ground that never lets go carries a side along [s²/rad]."""
+
+
+def _longitudinal_constants(
+    xp: Any, p: Mapping[str, Signal], dt: float, kept: Signal
+) -> dict[str, Signal]:
+    """What a lag needs, and by how much the ground carries a side along in a sample [rad/s]."""
+    return {**lagging(xp, p, dt, kept), "reach": dt / xp.maximum(p["spin"], INSTANT)}
+
+
 def _longitudinal(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    # s: speeds that follow, speeds they follow
-    way = _lost(xp, w, p)
+    # s: speeds that follow, speeds they follow, speeds that the ground has carried the sides to
+    carried = xp.clip(w, s[2] - p["reach"], s[2] + p["reach"])
+    way = _lost(xp, carried, p)
     follows = p["decay"] * s[0] + p["earlier"] * s[1] + p["now"] * way
-    return way + _both(follows - way), (follows, way)
+    return way + _both(follows - way), (follows, way, carried)
+
+
+def _lag(p: P) -> float:
+    """The lag of both tracks [s]."""
+    return float(np.ravel(p["lag"])[0])
 
 
 def _longitudinal_record(w: Signal, p: P, dt: float) -> Signal:
-    way = _lost(np, w, p)
-    return way + _both(_followed(way, p, dt) - way)
+    way = _lost(np, _carried(w, float(np.ravel(p["spin"])[0]), dt), p)
+    return way + _both(followed(way, _lag(p), dt) - way)
+
+
+def _carried(w: Signal, spin: float, dt: float) -> Signal:
+    """Speeds to which the ground carries both sides of a record, (N, 2): no faster than it can."""
+    reach = dt / max(spin, INSTANT)
+    out = np.array(w, dtype=np.float64)
+    for side in out.T:
+        (jumps,) = np.nonzero(np.abs(np.diff(side)) > reach)
+        k = 1
+        for jump in (jumps + 1).tolist():
+            k = max(k, jump)
+            while k < len(side) and abs(side[k] - side[k - 1]) > reach:
+                side[k] = side[k - 1] + np.copysign(reach, side[k] - side[k - 1])
+                k += 1
+    return out
 
 
 def _scrub(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
@@ -74,18 +105,8 @@ def _scrub(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, Stat
 
 
 def _scrub_record(w: Signal, p: P, dt: float) -> Signal:
-    late = _followed(w, p, dt) - w
+    late = followed(w, _lag(p), dt) - w
     return w + late - _both(late)
-
-
-def _followed(w: Signal, p: P, dt: float) -> Signal:
-    """What follows the speeds of a record with the lag of both tracks, (N, 2)."""
-    lag = float(np.ravel(p["lag"])[0])
-    if lag <= 0.0:
-        return w
-    k = lagging(np, {"lag": lag}, dt, 0.0)
-    before = (k["decay"] + k["earlier"]) * w[:1]
-    return lfilter([k["now"], k["earlier"]], [1.0, -k["decay"]], w, axis=0, zi=before)[0]
 
 
 def _share_in_numbers(value: float, error: float, side: int) -> str:
@@ -99,6 +120,13 @@ def _growth_in_numbers(value: float, error: float, side: int) -> str:
     return (
         "Wheels or tracks slip more the faster they turn: at 10 rad/s they lose "
         f"{1000 * value:.3g} ± {1000 * error:.2g} % of their way; no radius does that."
+    )
+
+
+def _spin_in_numbers(value: float, error: float, side: int) -> str:
+    return (
+        "Wheels or tracks spin and slide where they change their speed faster than the ground can "
+        f"carry the vehicle along: by {1.0 / value:.3g} ± {error / value**2:.2g} rad/s each second."
     )
 
 
@@ -190,7 +218,7 @@ EFFECTS = (
         "longitudinal-slip",
         "vehicle",
         Place.POSE,
-        "v → v(1 − i − j|ω|), λ v̇′ = v − v′",
+        "|v̇_L|, |v̇_R| ≤ r/σ, v → v(1 − i − j|ω|), λ v̇′ = v − v′",
         "Wheels or tracks slip in straight drive, too: on ice, in loose soil, under load.",
         "The way falls short of what the wheels say, in turns and in straight runs alike.",
         "Straight runs at several speeds with hard starts and stops, with a measured radius; the "
@@ -199,17 +227,21 @@ EFFECTS = (
             EffectParameter("share", "", 0.0, 0.0, 0.9, (0.1,), "one"),
             EffectParameter("growth", "s/rad", 0.0, 0.0, 0.2, (0.01,), "one", at_null=True),
             EffectParameter("lag", "s", 0.0, 0.0, 2.0, (0.1,), "one", at_null=True),
+            EffectParameter(
+                "spin", "s²/rad", 0.0, 0.0, 1.0, (0.005, 0.015, 0.04, 0.12), "one", at_null=True
+            ),
         ),
         _longitudinal,
-        lagging,
-        states=2,
+        _longitudinal_constants,
+        states=3,
         on_record=_longitudinal_record,
         shared=True,
         programmes=(LEVELS, REVERSALS),
         laws=(
             Law(("share",), _share_in_numbers, as_radius=True),
             Law(("growth",), _growth_in_numbers),
-            Law(("lag",), _load_in_numbers, as_lag=True),
+            Law(("lag",), _load_in_numbers, as_lag=True, of_changes=True),
+            Law(("spin",), _spin_in_numbers, of_changes=True),
         ),
     ),
     Effect(

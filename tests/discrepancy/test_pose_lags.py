@@ -73,7 +73,9 @@ def test_a_pose_that_is_filtered_is_no_effect() -> None:
             out[k] = keep * out[k - 1] + (1.0 - keep) * pose[k]
         return out
 
-    assert not told({s: filtered(p) for s, p in rolling().items()}).effects
+    found = told({s: filtered(p) for s, p in rolling().items()})
+    assert not found.effects
+    assert any("its readings are smoothed" in w for w in found.warnings)
 
 
 def test_a_light_vehicle_with_grip_has_no_effect() -> None:

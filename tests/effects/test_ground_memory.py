@@ -19,6 +19,7 @@ GROUNDS = {
         "share": np.full(2, 0.1),
         "growth": np.full(2, 0.005),
         "lag": np.full(2, 0.2),
+        "spin": np.full(2, 0.03),
     },
 }
 
@@ -56,6 +57,16 @@ def test_slip_in_straight_drive_takes_its_share_of_way_and_turn() -> None:
     ground = Ground(("longitudinal-slip",), {"longitudinal-slip": numbers})
     np.testing.assert_allclose(ground(10.0, 10.0), (8.0, 8.0))
     np.testing.assert_allclose(ground(-4.0, 4.0), (-3.44, 3.44))
+
+
+def test_a_ground_carries_each_side_along_no_faster_than_it_can() -> None:
+    ground = Ground(("longitudinal-slip",), {"longitudinal-slip": {"spin": np.full(2, 0.05)}})
+    omega = np.concatenate([np.zeros((1, 2)), np.tile([3.0, 8.0], (20, 1)), np.zeros((20, 2))])
+    rolled = ground.rolled(omega, DT)
+    gained = np.diff(rolled, axis=0) / DT
+    np.testing.assert_allclose(np.abs(gained).max(axis=0), 20.0)
+    assert rolled[:21].max(axis=0) == pytest.approx([3.0, 8.0])
+    assert rolled[-1] == pytest.approx([0.0, 0.0])
 
 
 def test_a_ground_that_remembers_asks_for_the_time_between_samples() -> None:

@@ -20,7 +20,7 @@ import numpy as np
 from sysid.data.record import Array, Record
 from sysid.discrepancy.gap import Gap
 from sysid.discrepancy.named_effects import NamedEffect, Value
-from sysid.discrepancy.policies import POSE, RULE, VERDICT
+from sysid.discrepancy.policies import POSE, RULE
 from sysid.discrepancy.pose.evidence import (
     PoseResiduals,
     apart,
@@ -107,11 +107,19 @@ class PoseDiagnosis:
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """An accepted candidate with what it was compared to."""
+    """An accepted candidate with what it was compared to.
+
+    Attributes:
+        candidate: what it is.
+        evidence: what speaks for it.
+        ties: what cannot be told from it.
+        told: whether it is claimed; not where it only stands beside the others.
+    """
 
     candidate: Candidate
     evidence: Evidence
     ties: tuple[Candidate, ...]
+    told: bool = True
 
 
 def diagnose_pose(
@@ -167,62 +175,76 @@ def _diagnosed(
         return PoseSearch(first, second, always, known)
 
     first = _searched(search(noise))
-    second = replace(noise, factor=_factor(first[2]))
+    second = replace(noise, beyond=_beyond(first[3], noise))
     return _pose_diagnosis(*_searched(search(second)), estimate)
 
 
-_Found = tuple[PoseSearch, Fitted, Fitted, list[_Step], tuple[tuple[str, float], ...]]
+_Found = tuple[PoseSearch, Fitted, list[_Step], Fitted, tuple[tuple[str, float], ...]]
 
 
 def _searched(search: PoseSearch) -> _Found:
-    """(search, before, after, steps, ranking); no steps where they leave most of the gap."""
+    """(search, before, after, steps, ranking); what the steps leave is told beside them."""
     base = search.fit(())
-    steps, final, ranking = _grown(search, base)
-    floor = search.estimation.noise.floor
-    gap = pose_gap(held_pairs(search, [s.candidate for s in steps]), floor)
-    if gap.closed_percent < VERDICT.most_of_gap:
-        steps, final = [], base
-    return search, base, final, steps, ranking
+    return search, base, *_grown(search, base)
 
 
-def _factor(final: Fitted) -> Array:
-    """By how much the errors that are left exceed the noise, increment by increment, (3,).
+def _beyond(final: Fitted, noise: Noise) -> Array:
+    """Variance of the errors that are left beyond the noise, increment by increment, (3,).
 
     Speeds that change between samples, or noise with a memory, are in no reading's third
     differences. A channel that holds more than its noise must not outweigh the others.
     """
-    white = np.concatenate([*final.white.estimation, *final.white.held])
-    return np.asarray(np.maximum(np.mean(white**2, axis=0), 1.0))
+    left = np.concatenate([*final.errors.estimation, *final.errors.held])
+    return np.asarray(noise.floor**2 * np.maximum(np.mean(left**2, axis=0) - 1.0, 0.0))
 
 
 def _fewest(*parts: Sequence[Track]) -> int:
     return min(sum(len(t.starts) for t in part) for part in parts)
 
 
-def _grown(
-    search: PoseSearch, base: Fitted
-) -> tuple[list[_Step], Fitted, tuple[tuple[str, float], ...]]:
-    """One candidate after the other while the rule accepts; an effect before what it ties with."""
+_Grown = tuple[list[_Step], Fitted, tuple[tuple[str, float], ...]]
+
+
+def _grown(search: PoseSearch, base: Fitted) -> _Grown:
+    """What is accepted one after the other; the likeliest first one may be a stand-in.
+
+    Turns on the spot fall short by slip as by another width, and which it is may show only beside
+    what comes after: so the effects that tie with the first are tried in its place, too.
+    """
+    found = _grown_from(search, base, "")
+    if not found[0]:
+        return found
+    first = found[0][0].candidate.id
+    rivals = effect(first).ties if first else ()
+    others = [_grown_from(search, base, id) for id in rivals]
+    return min([found, *(o for o in others if o[0])], key=lambda o: _score(o[1]))
+
+
+def _grown_from(search: PoseSearch, base: Fitted, instead: str) -> _Grown:
+    """One candidate after the other while the rule accepts; an effect before what it ties with.
+
+    Args:
+        search: the fits.
+        base: without effects.
+        instead: effect that comes first; empty for the best one.
+    """
     chosen: list[Candidate] = []
     steps: list[_Step] = []
     ranking: tuple[tuple[str, float], ...] = ()
     current = base
-    while sum(bool(c.id) for c in chosen) < POSE.most_effects:
+    while sum(s.told and bool(s.candidate.id) for s in steps) < POSE.most_effects:
         rivals = [c for c in every_candidate() if _allowed(c, search, chosen)]
-        fits = [(c, search.fit([*chosen, c])) for c in rivals]
+        fits = [(c, search.fit([*chosen, c], current)) for c in rivals]
         fits.sort(key=lambda item: _score(item[1]))
         if not steps:
             ranking = _ranking(base, fits)
-        judged = [
-            (c, f, evidence_of(current, f, len(rivals)))
-            for c, f in fits
-            if not f.at_bound and _away(c, f) and _large_enough(c, f, search)
-        ]
         passed = [
             (c, f, e)
-            for c, f, e in judged
-            if e.accepted and not (steps and _late(e)) and _beyond_others(c, search, chosen)
+            for c, f, e in _judged(search, current, fits)
+            if _stands(c, f, e, search, chosen)
         ]
+        if instead and not steps:
+            passed = [p for p in passed if p[0].id == instead]
         if not passed:
             break
         first = passed[0]
@@ -233,15 +255,38 @@ def _grown(
         ]
         best, fitted, evidence = next((p for p in close if p[0].id), first)
         ties = tuple(c for c, _, _ in close if c.id != best.id)
-        steps.append(_Step(best, evidence, ties))
+        steps.append(_Step(best, evidence, ties, not _short(best, fitted, search)))
         chosen.append(best)
         current = fitted
-    for step in steps[:-1]:
+    for step in steps:
         rest = [c for c in chosen if c is not step.candidate]
         without = search.fit(rest)
-        if not evidence_of(without, current, len(every_candidate())).significant:
+        asked_for = evidence_of(without, current, len(every_candidate())).significant
+        if not (asked_for and _away(step.candidate, current)):
             chosen, current = rest, without
-    return [s for s in steps if s.candidate in chosen], current, ranking
+    kept = [
+        replace(s, told=s.told and not _short(s.candidate, current, search))
+        for s in steps
+        if s.candidate in chosen
+    ]
+    return kept, current, ranking
+
+
+def _judged(
+    search: PoseSearch, current: Fitted, fits: Sequence[tuple[Candidate, Fitted]]
+) -> list[tuple[Candidate, Fitted, Evidence]]:
+    """What speaks for each candidate whose numbers mean something."""
+    return [
+        (c, f, evidence_of(current, f, len(fits)))
+        for c, f in fits
+        if not _stuck(c, f) and _away(c, f) and _large_enough(c, f)
+    ]
+
+
+def _stuck(c: Candidate, fitted: Fitted) -> bool:
+    """Whether a candidate's number ended on a bound, or that of another one which is not nothing:
+    what a candidate makes needless goes to its null value, and goes in the end."""
+    return any(k in c.slots or fitted.q[k] != every_slot()[k].null for k in fitted.at_bound)
 
 
 def _away(c: Candidate, fitted: Fitted) -> bool:
@@ -252,6 +297,26 @@ def _away(c: Candidate, fitted: Fitted) -> bool:
     )
 
 
+def _stands(
+    c: Candidate, f: Fitted, e: Evidence, search: PoseSearch, chosen: Sequence[Candidate]
+) -> bool:
+    """Whether the rule accepts a candidate.
+
+    Of a lag shorter than the sampling leaves open nothing is claimed: it stands beside the effects
+    where the likelihood asks for it, so that no effect makes up for it.
+    """
+    later = bool(chosen)
+    if _short(c, f, search):
+        return later and e.significant
+    return e.accepted and not (later and _late(e)) and _beyond_others(c, search, chosen)
+
+
+def _short(c: Candidate, f: Fitted, search: PoseSearch) -> bool:
+    """Whether a candidate is a lag so short that the sampling may make it."""
+    lag = c in lags() or (c.law is not None and c.law.as_lag)
+    return lag and abs(float(f.q[c.slots[0]])) <= POSE.between * search.estimation.tracks[0].dt
+
+
 def _late(evidence: Evidence) -> bool:
     """Whether a later effect gains too little: most small late gains are chance."""
     return evidence.t < POSE.late_t or evidence.ratio >= POSE.late_ratio
@@ -259,9 +324,10 @@ def _late(evidence: Evidence) -> bool:
 
 def _allowed(c: Candidate, search: PoseSearch, chosen: Sequence[Candidate]) -> bool:
     """Both radii and their common scale are two numbers together, not three; and slip at any speed
-    is one of them, which only a radius that is known tells."""
+    is one of them, which only a radius that is known tells. One law says what way is lost while
+    the vehicle speeds up."""
     taken = (*search.always, *chosen)
-    if c in taken:
+    if c in taken or (_of_changes(c) and any(_of_changes(x) for x in taken)):
         return False
     radii = [x for x in taken if x.length is Length.RADIUS or _as_radius(x)]
     if _as_radius(c):
@@ -269,18 +335,17 @@ def _allowed(c: Candidate, search: PoseSearch, chosen: Sequence[Candidate]) -> b
     return not (c.length is Length.RADIUS and len(radii) == 2)
 
 
+def _of_changes(c: Candidate) -> bool:
+    return c.law is not None and c.law.of_changes
+
+
 def _as_radius(c: Candidate) -> bool:
     return c.law is not None and c.law.as_radius
 
 
-def _large_enough(c: Candidate, fitted: Fitted, search: PoseSearch) -> bool:
-    """Whether a number is beyond what a ruler, or the sampling, leaves open."""
-    value = abs(float(fitted.q[c.slots[0]]))
-    if _as_radius(c):
-        return value > POSE.rolled
-    if c in lags() or (c.law is not None and c.law.as_lag):
-        return value > POSE.between * search.estimation.tracks[0].dt
-    return True
+def _large_enough(c: Candidate, fitted: Fitted) -> bool:
+    """Whether a number is beyond what a ruler leaves open."""
+    return not _as_radius(c) or abs(float(fitted.q[c.slots[0]])) > POSE.rolled
 
 
 def _beyond_others(c: Candidate, search: PoseSearch, chosen: Sequence[Candidate]) -> bool:
@@ -290,11 +355,13 @@ def _beyond_others(c: Candidate, search: PoseSearch, chosen: Sequence[Candidate]
         return True
     alike = lags() if c.law.as_lag else [x for x in lengths() if x.id]
     beside = [*chosen, *(x for x in alike if x not in (*search.always, *chosen))]
-    before, after = search.fit(beside), search.fit([*beside, c])
+    before = search.fit(beside, search.fit(chosen))
+    after = search.fit([*beside, c], before)
     return (
-        not after.at_bound
+        not _stuck(c, after)
         and _away(c, after)
-        and _large_enough(c, after, search)
+        and _large_enough(c, after)
+        and not _short(c, after, search)
         and evidence_of(before, after, len(every_candidate())).accepted
     )
 
@@ -322,17 +389,18 @@ def _ranking(
 def _pose_diagnosis(
     search: PoseSearch,
     base: Fitted,
-    final: Fitted,
     steps: Sequence[_Step],
+    final: Fitted,
     ranking: tuple[tuple[str, float], ...],
     estimate: GeometryEstimate | None,
 ) -> PoseDiagnosis:
     pairs = held_pairs(search, [s.candidate for s in steps])
+    beside = (*search.always, *(s.candidate for s in steps if not s.told))
     floor = search.estimation.noise.floor
     return PoseDiagnosis(
-        effects=tuple(_named(s, final) for s in steps if s.candidate.id),
-        ground=ground_of(final.q, search.always),
-        std_errors=_std_errors(final, search.always),
+        effects=tuple(_named(s, final) for s in steps if s.told and s.candidate.id),
+        ground=ground_of(final.q, beside),
+        std_errors=_std_errors(final, beside),
         candidates=ranking,
         gap=pose_gap(pairs, floor),
         whole=pose_gap(pairs, floor, everywhere=True),

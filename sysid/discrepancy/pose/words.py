@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 
+from sysid.discrepancy.policies import POSE
 from sysid.effects.base import Length
 from sysid.effects.catalogue import effect
 from sysid.estimation.vehicle.ground_fit import (
     BOTH_RADII,
     HEADING_LAG,
+    POSE_FILTER,
     POSE_LAG,
     SPEED_OFFSET,
     Candidate,
@@ -51,7 +53,7 @@ def warnings_of(
             f"{search.estimation.geometry.r:g} m: set vehicle.r in the mission."
             + ("" if search.radius_known else _or_slip(float(final.q[radius_slot()])))
         )
-    said += _late_readings(final, keys)
+    said += _late_readings(final, keys, search.estimation.tracks[0].dt)
     if SPEED_OFFSET in keys:
         left, right = (
             v for s, v in zip(every_slot(), final.q, strict=True) if s.owner == SPEED_OFFSET
@@ -79,6 +81,7 @@ _UNNAMED = {
     SPEED_OFFSET: "an offset of the speeds",
     POSE_LAG: "a pose that comes late",
     HEADING_LAG: "a heading that comes late",
+    POSE_FILTER: "a pose that is smoothed",
 }
 
 
@@ -93,19 +96,29 @@ def _or_slip(scale: float) -> str:
     )
 
 
-def _late_readings(final: Fitted, keys: set[str]) -> list[str]:
+def _late_readings(final: Fitted, keys: set[str], dt: float) -> list[str]:
     """What of the pose comes later than the speeds say, which is no effect."""
+    late = {
+        slot.owner: float(v)
+        for slot, v in zip(every_slot(), final.q, strict=True)
+        if slot.owner in keys and abs(v) > POSE.between * dt
+    }
     said = []
-    for key, what in ((POSE_LAG, "pose"), (HEADING_LAG, "heading")):
-        if key not in keys:
-            continue
-        value = next(v for s, v in zip(every_slot(), final.q, strict=True) if s.owner == key)
-        when = "later" if value > 0.0 else "earlier"
-        beside = "wheel speeds say" if key == POSE_LAG else "position does"
-        said.append(f"The {what} comes {abs(value):.3g} s {when} than the {beside}.")
-    if HEADING_LAG in keys:
+    for key, what, beside in _LATE:
+        if key in late:
+            when = "later" if late[key] > 0.0 else "earlier"
+            said.append(f"The {what} comes {abs(late[key]):.3g} s {when} than the {beside}.")
+    if HEADING_LAG in late:
         said[-1] += (
             " Whether its readings are late or the vehicle turns late, these logs do not tell: "
             "turns that start and stop while it drives would."
         )
+    if POSE_FILTER in late:
+        said.append(
+            f"The pose follows the wheel speeds with a lag of {late[POSE_FILTER]:.3g} s, in way "
+            "and turn alike: its readings are smoothed, or the vehicle itself moves so much later."
+        )
     return said
+
+
+_LATE = ((POSE_LAG, "pose", "wheel speeds say"), (HEADING_LAG, "heading", "position does"))

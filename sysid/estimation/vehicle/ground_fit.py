@@ -44,17 +44,18 @@ class Slot:
 
 BOTH_RADII = "both-radii"
 SPEED_OFFSET = "speed-offset"
-POSE_LAG, HEADING_LAG = "pose-lag", "heading-lag"
+POSE_LAG, HEADING_LAG, POSE_FILTER = "pose-lag", "heading-lag", "pose-filter"
 COMPETITORS = (
     Slot(BOTH_RADII, "scale", -1, 1.0, 0.5, 2.0, (0.95,)),
     *(Slot(SPEED_OFFSET, "offset", s, 0.0, -5.0, 5.0, (0.0,)) for s in (LEFT, RIGHT)),
     *(Slot(k, "delay", -1, 0.0, -1.0, 1.0, (0.0,)) for k in (POSE_LAG, HEADING_LAG)),
+    Slot(POSE_FILTER, "lag", -1, 0.0, 0.0, 2.0, (0.1,)),
 )
 """Numbers that compete with the effects, so that a radius that the geometry has wrong, a sensor
 that does not read zero at rest, or a pose whose readings, or whose headings, come later than the
-speeds lends its name to none."""
+speeds, or are smoothed, lends its name to none."""
 
-LAGS = (POSE_LAG, HEADING_LAG)
+LAGS = (POSE_LAG, HEADING_LAG, POSE_FILTER)
 
 
 @cache
@@ -138,7 +139,8 @@ def _of_effect(e: Effect) -> list[Candidate]:
 
 @cache
 def lags() -> tuple[Candidate, ...]:
-    """Readings of the pose that come late, which is nearly what an effect with a memory does."""
+    """Readings of the pose that come late or are smoothed, which is nearly what an effect with a
+    memory does."""
     return tuple(c for c in every_candidate() if c.key in LAGS)
 
 
@@ -188,22 +190,20 @@ class Fitted:
     """Numbers found for a set of candidates.
 
     Attributes:
-        keys: what was freed, in order of acceptance.
         q: every number, (slots,).
         covariance: of the free ones in the order of ``free``.
         free: indices of the free ones.
         errors: errors of the increments of both parts in units of their floor, (W, 3) a record.
         white: the same as independent ones of variance one.
-        at_bound: whether a number ended on its bound.
+        at_bound: the numbers that ended on a bound.
     """
 
-    keys: tuple[str, ...]
     q: Array
     covariance: Array
     free: tuple[int, ...]
     errors: Errors
     white: Errors
-    at_bound: bool
+    at_bound: tuple[int, ...]
 
     @property
     def cost(self) -> float:
@@ -268,7 +268,7 @@ class PoseProblem(Problem):
             geometry_of(q, self.geometry),
             q[list(_at(SPEED_OFFSET))],
         )
-        late = float(q[_at(POSE_LAG)[0]]), float(q[_at(HEADING_LAG)[0]])
+        late = tuple(float(q[_at(key)[0]]) for key in LAGS)
         return tuple(
             m - t.predicted(ground, geometry, offset, late)
             for m, t in zip(self._measured, self.tracks, strict=True)
@@ -325,7 +325,24 @@ class PoseSearch:
     always: tuple[Candidate, ...] = ()
     radius_known: bool = False
 
-    def fit(self, candidates: Sequence[Candidate]) -> Fitted:
+    @cached_property
+    def _fits(self) -> dict[frozenset[str], Fitted]:
+        return {}
+
+    def fit(self, candidates: Sequence[Candidate], near: Fitted | None = None) -> Fitted:
+        """The numbers of all candidates together, in whatever order; kept, as many are asked for
+        again.
+
+        Args:
+            candidates: what is free.
+            near: fit of some of them, where the search begins.
+        """
+        key = frozenset(c.key for c in candidates)
+        if key not in self._fits:
+            self._fits[key] = self._fitted(candidates, near)
+        return self._fits[key]
+
+    def _fitted(self, candidates: Sequence[Candidate], near: Fitted | None) -> Fitted:
         """The numbers of all candidates together, estimated anew.
 
         The standard errors come from the Jacobian and the known noise, or the errors left where
@@ -333,7 +350,6 @@ class PoseSearch:
         tracks slip more the faster they go, and for seconds at a time.
         """
         free = tuple(sorted(k for c in (*self.always, *candidates) for k in c.slots))
-        keys = tuple(c.key for c in candidates)
         slots = every_slot()
         mask = np.zeros(len(slots), dtype=bool)
         mask[list(free)] = True
@@ -344,14 +360,17 @@ class PoseSearch:
             upper=np.array([s.upper for s in slots]),
             max_evaluations=30,
         )
-        problem, tries = self.estimation.freeing(free), [len(slots[k].starts) for k in free]
+        problem, known = self.estimation.freeing(free), near.free if near is not None else ()
+        begun = mask.copy()
+        begun[list(known)] = False
+        first = nulls if near is None else np.where(mask, near.q, nulls)
         fits = [
             levenberg_marquardt(
                 problem,
-                np.where(mask, [s.starts[min(j, len(s.starts) - 1)] for s in slots], nulls),
+                np.where(begun, [s.starts[min(j, len(s.starts) - 1)] for s in slots], first),
                 how,
             )
-            for j in range(max(tries, default=1))
+            for j in range(max((len(slots[k].starts) for k in free if begun[k]), default=1))
         ]
         best = min(fits, key=lambda f: float(np.sum(f.residual**2)))
         J = best.jacobian[:, list(free)]
@@ -360,9 +379,9 @@ class PoseSearch:
         floor = self.estimation.noise.floor
         errors = Errors(*(tuple(e / floor for e in part) for part in parts))
         white = Errors(self.estimation.whitened(parts[0]), self.held.whitened(parts[1]))
-        bound = any(k in free for k in best.at_bound)
+        bound = tuple(k for k in best.at_bound if k in free)
         inverse = np.linalg.pinv(J.T @ J, hermitian=True) if free else np.zeros((0, 0))
         grown = with_memory(best.residual[:, None] * (J @ inverse), self.estimation.lengths)
         size = np.sqrt(np.maximum(grown / np.maximum(variance * np.diag(inverse), 1e-300), 1.0))
         covariance = variance * inverse * np.outer(size, size)
-        return Fitted(keys, best.p, covariance, free, errors, white, bound)
+        return Fitted(best.p, covariance, free, errors, white, bound)

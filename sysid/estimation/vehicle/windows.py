@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
 from sysid.effects.ground import Ground
-from sysid.vehicle.kinematics import Geometry, body_velocity, wrap_angle
+from sysid.effects.lag import followed
+from sysid.vehicle.kinematics import Geometry, body_velocity
 
 WINDOW = 2.0
 """Length of a window [s]."""
@@ -71,12 +72,16 @@ class Track:
     def measured(self, geometry: Geometry) -> Array:
         """Increments of the measured pose, (W, 3).
 
-        The turn is the one next to that of the wheels, so that a wrapped heading does no harm.
+        A wrapped heading is followed reading by reading, not window by window, in which robots that
+        skid may turn half a turn less than their wheels say; over holes the wheels lead it.
         """
         a, b = self.pose[self.starts], self.pose[self.starts + self.span]
         change = _turned_back(b[:, :2] - a[:, :2], a[:, 2])
-        rolled = self.predicted(Ground(), geometry)[:, 2]
-        turn = rolled + wrap_angle(b[:, 2] - a[:, 2] - rolled)
+        rolled = self.path(Ground(), geometry)[:, 2]
+        (there,) = np.nonzero(np.isfinite(self.pose[:, 2]))
+        heading = np.full(len(rolled), np.nan)
+        heading[there] = rolled[there] + np.unwrap(self.pose[there, 2] - rolled[there])
+        turn = heading[self.starts + self.span] - heading[self.starts]
         return np.column_stack([change, turn])
 
     def predicted(
@@ -84,7 +89,7 @@ class Track:
         ground: Ground,
         geometry: Geometry,
         offset: Array | None = None,
-        late: tuple[float, float] = (0.0, 0.0),
+        late: tuple[float, ...] = (0.0, 0.0, 0.0),
     ) -> Array:
         """Increments that the wheel speeds make, (W, 3).
 
@@ -92,10 +97,14 @@ class Track:
             ground: effects between tracks and ground.
             geometry: lengths of the vehicle.
             offset: of the speed sensors, taken off the readings, (2,) [rad/s].
-            late: by how much the pose comes later than the speeds, and its heading more [s].
+            late: by how much the pose comes later than the speeds, its heading more, and the time
+                constant with which all of it follows, (3,) [s].
         """
-        x, y, psi = self.path(ground, geometry, offset).T
-        if any(late):
+        path = self.path(ground, geometry, offset)
+        if late[2]:
+            path = followed(path, late[2], self.dt)
+        x, y, psi = path.T
+        if late[0] or late[1]:
             t = np.arange(len(psi)) * self.dt
             x, y = (np.interp(t - late[0], t, v) for v in (x, y))
             psi = np.interp(t - late[0] - late[1], t, psi)
@@ -151,7 +160,10 @@ class Noise:
             windows share what they overlap.
         geometry: lengths of the vehicle.
         tracks: whose windows set the floor.
-        factor: what all variances of an increment are multiplied by, (3,).
+        beyond: variances [m², m², rad²] of what neither readings nor noise of the speeds explains,
+            (3,): a ground that does not follow the wheels. How long that lasts nobody knows, so
+            that every window is taken to err by itself, and four times as much as it does, because
+            four windows share what they see.
     """
 
     end: Array
@@ -159,7 +171,7 @@ class Noise:
     yaw: float
     geometry: Geometry
     tracks: tuple[Track, ...]
-    factor: Array
+    beyond: Array
 
     def of_windows(self, track: Track) -> tuple[Array, Array]:
         """Variances by the heading at the start, and by the speeds, of every window, (W, 3)."""
@@ -171,7 +183,7 @@ class Noise:
 
     @cached_property
     def floor(self) -> Array:
-        """Standard deviation of a typical increment, without ``factor``, (3,)."""
+        """Standard deviation of a typical increment, without ``beyond``, (3,)."""
         parts = [sum(self.of_windows(t), 2.0 * self.end) for t in self.tracks]
         return np.asarray(np.maximum(np.sqrt(np.mean(np.concatenate(parts), axis=0)), 1e-9))
 
@@ -188,13 +200,14 @@ class Noise:
         factors = []
         for i in range(3):
             band = np.zeros((width + 1, len(first)))
-            band[0] = 2.0 * self.end[i] + start[:, i] + walk[:, i] + 1e-18
+            alone = OVERLAP * self.beyond[i] + 1e-18
+            band[0] = 2.0 * self.end[i] + start[:, i] + walk[:, i] + alone
             root = np.sqrt(walk[:, i])
             for k in range(1, width + 1):
                 later = first[k:] - first[:-k]
                 shared = root[k:] * root[:-k] * np.maximum(1.0 - later / span, 0.0)
                 band[k, : len(later)] = shared - self.end[i] * (later == span)
-            factors.append(cholesky_banded(self.factor[i] * band, lower=True))
+            factors.append(cholesky_banded(band, lower=True))
 
         def white(errors: Array) -> Array:
             columns = [
@@ -232,7 +245,7 @@ def increments_noise(tracks: Sequence[Track], geometry: Geometry) -> Noise:
         yaw=2.0 * (geometry.r / geometry.B) ** 2 * wheel,
         geometry=geometry,
         tracks=tuple(tracks),
-        factor=np.ones(3),
+        beyond=np.zeros(3),
     )
 
 
