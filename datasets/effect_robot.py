@@ -57,6 +57,10 @@ class Track:
     """θ_h of the heat θ_h dh/dt = d² − h [s]."""
     actuator_lag: float = 0.0
     """λ of the drive λ dd'/dt = d − d' [s]."""
+    dead_time: float = 0.0
+    """δ: what the bridge's dead time takes of the drive, by the sign of the current T − ω."""
+    current_limit: float = math.inf
+    """l: largest |T − ω| [rad/s]."""
     coupling: float = 0.0
     """g: T → T − g T_other."""
     load: float = 0.0

@@ -10,7 +10,7 @@ to rounding. Every effect is a number of its own that changes one place of the c
 nothing at its default. The chain of a track, in this order:
 
     command → delay → rate limit → dead zone → saturation → concave gain → weaker backward drive
-            → supply (sag, discharge) → heat → lag → T
+            → supply (sag, discharge) → heat → lag → dead time → current limit → T
     T − coupling − load − drag − friction → motor → gap → wheel
     wheel → lag → ripple, bias, noise, unsigned, clip → quantisation, dropouts → reading
 
@@ -219,10 +219,18 @@ class _Moving:
             d *= max(0.0, 1.0 - track.fade * self._heat / WARM)
         if track.actuator_lag <= 0.0:
             self._drive = d
-            return self._gain * d
+            return self._through_bridge(self._gain * d)
         change = (d - self._drive) * self._drive_share
         self._drive += change
-        return self._gain * (self._drive - 0.5 * change)
+        return self._through_bridge(self._gain * (self._drive - 0.5 * change))
+
+    def _through_bridge(self, torque: float) -> float:
+        """T behind the bridge, which looks at the current T − ω; a short has no dead time."""
+        current = size = torque - self.wheel
+        if torque != 0.0:
+            size = max(abs(current) - self._gain * self.track.dead_time, 0.0)
+        size = min(abs(size), self.track.current_limit)
+        return self.wheel + math.copysign(size, current)
 
     def step(self, torque: float, t: float) -> None:
         """Move motor and wheel by one fine step under ``torque``."""

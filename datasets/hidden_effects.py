@@ -79,6 +79,10 @@ RANGES: dict[str, HiddenEffect] = {
     "rate-limit": HiddenEffect("actuator", (Range("rate_limit", 0.6, 1.8, "1/s", kind="limit"),)),
     "actuator-lag": HiddenEffect("actuator", (Range("actuator_lag", *LAG),)),
     "supply-sag": HiddenEffect("actuator", (Range("sag", 0.25, 0.50),), where="robot"),
+    "dead-time": HiddenEffect("actuator", (Range("dead_time", 0.05, 0.15),)),
+    "current-limit": HiddenEffect(
+        "actuator", (Range("current_limit", 2.5, 7.0, "rad/s", kind="limit"),)
+    ),
     "battery-discharge": HiddenEffect(
         "actuator", (Range("discharge", 0.18, 0.40, "1/s", per="log"),), where="robot"
     ),
@@ -161,7 +165,7 @@ POSE = ("x", "y", "psi")
 KNOWN = ("none", *RANGES, *OUTSIDE)
 """What ``--effect`` understands."""
 
-LATER = ("inertial-coupling",)
+LATER = ("inertial-coupling", "dead-time", "current-limit")
 """Effects that came later: last in line for streams of chance, so that no other log changes."""
 
 STREAMS = (*(e for e in KNOWN if e not in LATER), *LATER)

@@ -4,14 +4,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from sysid.effects import inverses
-from sysid.effects.base import Context, Effect, EffectParameter, Law, Past, Place, Signal, State
+from sysid.effects.base import Context, Effect, EffectParameter, Past, Place, Signal, State
 from sysid.effects.programmes import (
     COASTING,
-    HOT,
     LEVELS,
     ONE_AND_OTHER,
     RAMPS,
-    REPEAT,
     REVERSALS,
     STAIRCASE,
     TOP,
@@ -57,23 +55,6 @@ def _lagging(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
 def _lag(xp: Any, x: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
     behind = x - s[0]
     return x - behind * p["short"], (s[0] + p["share"] * behind,)
-
-
-def _sag(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    load = xp.mean(xp.abs(c.drive), axis=-1, keepdims=True)
-    # a bridge takes the motor's current for the share d that it is on, and a motor the share
-    # v d − ε ω/K of its current at stall, ω amid the sample: a linear equation for v
-    d = torque / c.gain
-    share = p["sag"] / (1.0 - p["sag"])
-    speed = 0.5 * (c.w + c.w_free + c.b * torque) / c.gain
-    squares = xp.mean(d * d, axis=-1, keepdims=True)
-    returned = xp.mean(d * speed, axis=-1, keepdims=True)
-    left = (1.0 + share * p["emf"] * returned) / (1.0 + share * squares)
-    return torque * xp.where(p["current"] > 0.5, left, 1.0 - p["sag"] * load), s
-
-
-def _battery(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    return d * (1.0 - p["loss"] * c.t), s
 
 
 def _delay(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
@@ -226,54 +207,6 @@ EFFECTS = (
         inverse=inverses.out_of_direction,
         programmes=(LEVELS, COASTING),
         reverses=True,
-    ),
-    Effect(
-        "supply-sag",
-        "actuator",
-        Place.TORQUE,
-        "T → T(1 − s(|d_L| + |d_R|)/2), or T → v T with "
-        "1 − v = s/(1 − s)·(d_L i_L + d_R i_R)/2, i = v d − ε ω/K",
-        "The supply gives way under load, so one side slows when the other is driven.",
-        "A side is slower when the other one is driven too, whatever its direction.",
-        "One side at a constant command while the other steps.",
-        (
-            EffectParameter(
-                "sag", "", 0.0, 0.0, 0.9, (0.15, 0.35, 0.1, 0.35), "one", measured_as="sag"
-            ),
-            EffectParameter("emf", "", 0.0, 0.0, 1.0, (0.0, 0.0, 0.8, 0.8), at_limit=True),
-            EffectParameter("current", "", 0.0, 0.0, 1.0, (0.0, 0.0, 1.0, 1.0), choice=True),
-        ),
-        _sag,
-        laws=(
-            Law(("sag",), choices={"current": 0.0}),
-            Law(
-                ("sag", "emf"),
-                choices={"current": 1.0},
-                sentence="It falls with the current that both motors take, as by the resistance of "
-                "a battery: most when they start.",
-            ),
-        ),
-        shared=True,
-        ties=("concave-gain",),
-        programmes=(ONE_AND_OTHER, LEVELS),
-    ),
-    Effect(
-        "battery-discharge",
-        "actuator",
-        Place.COMMAND,
-        "d → d(1 − b t)",
-        "The battery empties: everything slows with time.",
-        "The same command reaches less speed late in the log.",
-        "The same sequence at the beginning and the end of a long run.",
-        (
-            EffectParameter(
-                "loss", "1/s", 0.0, 0.0, 0.02, (0.0005, 0.002), "one", measured_as="loss"
-            ),
-        ),
-        _battery,
-        inverse=inverses.charged,
-        shared=True,
-        programmes=(REPEAT, HOT),
     ),
     Effect(
         "rate-limit",

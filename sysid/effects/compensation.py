@@ -112,4 +112,5 @@ class Identified:
             turned=none,
             counted=none,
             holds=none,
+            gain=self.gain,
         )

@@ -48,6 +48,14 @@ def charged(xp: Any, d: Signal, p: P, c: Context) -> Signal:
     return d / xp.maximum(1.0 - p["loss"] * c.t, EMPTY)
 
 
+def through_dead_time(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
+    """T → T + δ K clip(i/ρ, ±1), i = T − ε ω; none where nothing is wanted."""
+    full = xp.abs(c.gain)
+    way = (torque - p["emf"] * c.w) / xp.maximum(p["ripple"] * full, 1e-9)
+    lost = p["share"] * full * xp.minimum(xp.maximum(way, -1.0), 1.0)
+    return torque + xp.where(torque == 0.0, 0.0, lost)
+
+
 def _onward(xp: Any, torque: Signal, c: Context) -> Signal:
     """The direction against which friction acts: that of the motion, at rest that of the torque.
 

@@ -149,6 +149,26 @@ def test_inertia_of_the_body_ties_the_tracks_together() -> None:
     np.testing.assert_allclose(omega[:, 1], 0.5 * (slow - fast), atol=0.11)
 
 
+def test_a_limited_current_caps_acceleration_and_no_speed() -> None:
+    omega = driven(held((0.5, DAY)), with_(current_limit=4.0)).omega[:, 0]
+    # dω/dt = l/τ = 16 rad/s² until T − ω = 4, then the plain motor's way
+    np.testing.assert_allclose(np.diff(omega[:7]), 16.0 * DT, rtol=1e-2)
+    assert omega[-1] == pytest.approx(K * 0.5)
+    small = held((0.19, 2.0))
+    np.testing.assert_array_equal(
+        driven(small, with_(current_limit=4.0)).omega, driven(small, with_()).omega
+    )
+
+
+def test_dead_time_takes_its_share_by_the_sign_of_the_current() -> None:
+    late = with_(dead_time=0.1)
+    assert settled(0.09, late) == 0.0
+    assert settled(0.5, late) == pytest.approx(K * 0.4)
+    # driven down the current has the other sign: it stays above what it was driven up to
+    omega = driven(held((0.9, DAY), (0.5, DAY)), late).omega[-1, 0]
+    assert omega == pytest.approx(K * 0.6)
+
+
 def test_a_battery_loses_its_share_each_second() -> None:
     run = driven(held((0.5, 40.0)), with_(), discharge=0.01)
     # A ramp down of K d b is followed τ late.

@@ -32,6 +32,8 @@ IDS = (
     "rate-limit",
     "actuator-lag",
     "supply-sag",
+    "dead-time",
+    "current-limit",
     "battery-discharge",
     "backlash",
     "coulomb-friction",

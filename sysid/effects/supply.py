@@ -1,0 +1,152 @@
+"""Effects of the battery and of the bridge between it and the motor.
+
+A motor's current counts as the torque that it makes, in units of steady speed: T − ε ω, where ε is
+the share of the viscous term that is the back-emf. At stall it is K d.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from sysid.effects import inverses
+from sysid.effects.base import Context, Effect, EffectParameter, Law, Place, Signal, State
+from sysid.effects.programmes import (
+    COASTING,
+    HOT,
+    LEVELS,
+    ONE_AND_OTHER,
+    REPEAT,
+    REVERSALS,
+    STAIRCASE,
+    TOP,
+)
+
+P = Mapping[str, Signal]
+
+
+def _sag(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    load = xp.mean(xp.abs(c.drive), axis=-1, keepdims=True)
+    # a bridge takes the motor's current for the share d that it is on, and a motor the share
+    # v d − ε ω/K of its current at stall, ω amid the sample: a linear equation for v
+    d = torque / c.gain
+    share = p["sag"] / (1.0 - p["sag"])
+    speed = 0.5 * (c.w + c.w_free + c.b * torque) / c.gain
+    squares = xp.mean(d * d, axis=-1, keepdims=True)
+    returned = xp.mean(d * speed, axis=-1, keepdims=True)
+    left = (1.0 + share * p["emf"] * returned) / (1.0 + share * squares)
+    return torque * xp.where(p["current"] > 0.5, left, 1.0 - p["sag"] * load), s
+
+
+def _current(torque: Signal, c: Context, emf: Signal) -> tuple[Signal, Signal]:
+    """A motor's current T − ε ω, ω amid the sample, and its slope in T."""
+    slope = 1.0 - 0.5 * c.b * emf
+    return slope * torque - 0.5 * emf * (c.w + c.w_free), slope
+
+
+def _limit(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    # the T whose own current, after what it does within the sample, is at the limit
+    current, slope = _current(torque, c, p["emf"])
+    kept = xp.minimum(xp.maximum(current, -p["limit"]), p["limit"])
+    return torque + (kept - current) / slope, s
+
+
+def _dead_time(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    # what is lost grows with the current up to the ripple, beyond which it is the whole share;
+    # the current is that which is left, so that no sample overshoots
+    full = xp.abs(c.gain)
+    lost = p["share"] * full
+    current, slope = _current(torque, c, p["emf"])
+    way = current / xp.maximum(p["ripple"] * full + slope * lost, 1e-9)
+    way = xp.minimum(xp.maximum(way, -1.0), 1.0)
+    return torque - xp.where(torque == 0.0, 0.0, lost * way), s
+
+
+def _battery(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    return d * (1.0 - p["loss"] * c.t), s
+
+
+EFFECTS = (
+    Effect(
+        "supply-sag",
+        "actuator",
+        Place.TORQUE,
+        "T → T(1 − s(|d_L| + |d_R|)/2), or T → v T with "
+        "1 − v = s/(1 − s)·(d_L i_L + d_R i_R)/2, i = v d − ε ω/K",
+        "The supply gives way under load, so one side slows when the other is driven.",
+        "A side is slower when the other one is driven too, whatever its direction.",
+        "One side at a constant command while the other steps.",
+        (
+            EffectParameter(
+                "sag", "", 0.0, 0.0, 0.9, (0.15, 0.35, 0.1, 0.35), "one", measured_as="sag"
+            ),
+            EffectParameter("emf", "", 0.0, 0.0, 1.0, (0.0, 0.0, 0.8, 0.8), at_limit=True),
+            EffectParameter("current", "", 0.0, 0.0, 1.0, (0.0, 0.0, 1.0, 1.0), choice=True),
+        ),
+        _sag,
+        laws=(
+            Law(("sag",), choices={"current": 0.0}),
+            Law(
+                ("sag", "emf"),
+                choices={"current": 1.0},
+                sentence="It falls with the current that both motors take, as by the resistance of "
+                "a battery: most when they start.",
+            ),
+        ),
+        shared=True,
+        ties=("concave-gain",),
+        programmes=(ONE_AND_OTHER, LEVELS),
+    ),
+    Effect(
+        "dead-time",
+        "actuator",
+        Place.TORQUE,
+        "T → T − δ K clip(i/ρ, ±1) while d ≠ 0, i = T − ε ω",
+        "Both switches of a leg of the bridge wait at each pulse: the sign of the current takes "
+        "voltage away.",
+        "It stands at small commands, and brakes harder than it pulls.",
+        "A slow staircase through zero, and reversals from speed.",
+        (
+            EffectParameter("share", "drive", 0.0, 0.0, 0.5, (0.04, 0.1, 0.04, 0.1), "drive"),
+            EffectParameter("emf", "", 1.0, 0.0, 1.0, (0.9, 0.9, 0.9, 0.9), at_limit=True),
+            EffectParameter("ripple", "", 0.0, 0.0, 0.3, (0.0, 0.0, 0.03, 0.03)),
+        ),
+        _dead_time,
+        inverse=inverses.through_dead_time,
+        ties=("dead-zone", "coulomb-friction", "stiction"),
+        programmes=(STAIRCASE, REVERSALS, COASTING),
+        weakens=True,
+    ),
+    Effect(
+        "current-limit",
+        "actuator",
+        Place.TORQUE,
+        "T → ε ω + clip(T − ε ω, ±l)",
+        "The bridge lets no more than some current through: acceleration is capped, speed is not.",
+        "After large steps speed changes in straight lines, up and down; small steps are not "
+        "affected.",
+        "Steps of very different size, and reversals from speed.",
+        (
+            EffectParameter("limit", "speed", 1e6, 0.03, 2.5, (0.2, 0.5, 1.0), "speed", kinks=True),
+            EffectParameter("emf", "", 1.0, 0.0, 1.0, (1.0, 1.0, 1.0), at_limit=True),
+        ),
+        _limit,
+        programmes=(TOP, REVERSALS),
+    ),
+    Effect(
+        "battery-discharge",
+        "actuator",
+        Place.COMMAND,
+        "d → d(1 − b t)",
+        "The battery empties: everything slows with time.",
+        "The same command reaches less speed late in the log.",
+        "The same sequence at the beginning and the end of a long run.",
+        (
+            EffectParameter(
+                "loss", "1/s", 0.0, 0.0, 0.02, (0.0005, 0.002), "one", measured_as="loss"
+            ),
+        ),
+        _battery,
+        inverse=inverses.charged,
+        shared=True,
+        programmes=(REPEAT, HOT),
+    ),
+)

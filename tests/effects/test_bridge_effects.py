@@ -1,0 +1,102 @@
+"""What battery and bridge do with a current, against equations of their own in small steps."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from sysid.data.record import Array
+from sysid.structures.augmented.structure import Augmented
+
+TAU, GAIN, PARTS = 0.25, 20.0, 40
+LEVELS = np.random.default_rng(7).uniform(-1.0, 1.0, (30, 2))
+LEVELS[0] = 0.0
+
+Torque = Callable[[Array, Array], Array]
+"""(drives, speeds) of both tracks → torques in units of steady speed."""
+
+
+def driven(effect: str, numbers: list[float], dt: float) -> tuple[Array, Array]:
+    """(drives, speeds) of two equal tracks with an effect that both have, (N, 2)."""
+    u = np.repeat(LEVELS, round(0.5 / dt), axis=0)
+    each = numbers if effect == "supply-sag" else numbers * 2
+    theta = np.array([GAIN, -float(np.exp(-dt / TAU))] * 2 + each)
+    return u, Augmented(1, 1, (1.0, 1.0), dt, (effect,)).simulate(theta, u)
+
+
+def fine(torque: Torque, u: Array, dt: float) -> Array:
+    """Speeds at the samples from τ ω̇ = T − ω in steps of dt/40, (N, 2)."""
+    w, found, h = np.zeros(2), [], dt / PARTS
+    for d in u:
+        found.append(w)
+        for _ in range(PARTS):
+            w = w + h / TAU * (torque(d, w) - w)
+    return np.array(found)
+
+
+def limited(d: Array, w: Array) -> Array:
+    """A winding whose current is held at 5 rad/s worth of torque; 0.9 of ω is the emf's."""
+    return 0.9 * w + np.clip(GAIN * d - 0.9 * w, -5.0, 5.0)
+
+
+def waiting(d: Array, w: Array) -> Array:
+    """Legs that take 8 % of the supply by the current's sign, less below a ripple of 2 %."""
+    free = GAIN * d - 0.85 * w
+    lost = 0.08 * GAIN * np.clip(free / (0.10 * GAIN), -1.0, 1.0)
+    return np.where(d == 0.0, GAIN * d, GAIN * d - lost)
+
+
+def sagging(d: Array, w: Array) -> Array:
+    """A battery of 0.3/0.7 of a motor's resistance over two: v = 1 − R Σ d i, i = v d − ε ω/K."""
+    wrong = [v - 1.0 + 0.3 / 0.7 * np.mean(d * (v * d - 0.9 * w / GAIN)) for v in (0.0, 1.0)]
+    return wrong[0] / (wrong[0] - wrong[1]) * GAIN * d  # a line in v
+
+
+@pytest.mark.parametrize(
+    ("effect", "numbers", "torque"),
+    [
+        ("current-limit", [5.0, 0.9], limited),
+        ("dead-time", [0.08, 0.85, 0.02], waiting),
+        ("supply-sag", [0.3, 0.9, 1.0], sagging),
+    ],
+)
+@pytest.mark.parametrize("dt", [0.02, 0.05])
+def test_it_is_the_answer_of_the_circuit(
+    effect: str, numbers: list[float], torque: Torque, dt: float
+) -> None:
+    u, found = driven(effect, numbers, dt)
+    exact, plain = fine(torque, u, dt), fine(lambda d, w: GAIN * d, u, dt)
+    # the current amid a sample stands for the whole of it
+    assert np.max(np.abs(found - exact)) < 0.05 * np.max(np.abs(plain - exact))
+
+
+def test_a_limit_on_the_current_caps_acceleration_and_no_speed() -> None:
+    _, held = driven("current-limit", [5.0, 1.0], 0.02)
+    u, free = driven("current-limit", [1e6, 1.0], 0.02)
+    rise = np.max(np.abs(np.diff(held, axis=0)))
+    assert rise == pytest.approx(5.0 * 0.02 / TAU, rel=0.01)
+    assert np.max(np.abs(np.diff(free, axis=0))) > 3.0 * rise
+    small = 0.2 * u
+    theta = np.array([GAIN, -float(np.exp(-0.02 / TAU)), GAIN, -float(np.exp(-0.02 / TAU))])
+    limited_too = Augmented(1, 1, (1.0, 1.0), 0.02, ("current-limit",))
+    plain = Augmented(1, 1, (1.0, 1.0), 0.02)
+    # steps of less than the limit are the plain motor's
+    np.testing.assert_allclose(
+        limited_too.simulate(np.array([*theta, 9.0, 1.0, 9.0, 1.0]), small),
+        plain.simulate(theta, small),
+        atol=1e-9,
+    )
+
+
+def test_dead_time_does_nothing_at_rest_and_holds_a_motor_under_small_commands() -> None:
+    u = np.repeat([0.0, 0.05, 0.5, 0.0], 100)
+    dt, kept = 0.05, float(np.exp(-0.05 / TAU))
+    motor = Augmented(1, 1, (1.0,), dt, ("dead-time",))
+    y = motor.simulate(np.array([GAIN, -kept, 0.08, 0.9, 0.0]), u[:, None])[:, 0]
+    plain = Augmented(1, 1, (1.0,), dt).simulate(np.array([GAIN, -kept]), u[:, None])[:, 0]
+    np.testing.assert_allclose(y[:200], 0.0, atol=1e-12)
+    # in steady motion the current is what is left of the viscous share: all of it, or the dead time
+    assert y[299] == pytest.approx(0.5 * GAIN - 0.08 * GAIN, rel=1e-3)
+    # the short at a command of zero has no dead time: it falls as the plain motor does
+    fall = y[301:320] / y[300]
+    np.testing.assert_allclose(fall, plain[301:320] / plain[300], atol=1e-9)
