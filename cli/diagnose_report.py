@@ -29,6 +29,7 @@ def show(
         render.say(size_sentence(found))
     _where(found)
     _what(found)
+    _logs(found)
     _added(found, before, after)
     _shrunk(found)
     for sentence in found.warnings:
@@ -93,6 +94,19 @@ def _what(found: "Diagnosis") -> None:
     if found.candidates:
         best = (f"{id} {score_words(s)}" for id, s in found.candidates[:_MOST])
         render.say(f"Tried first, by score: {', '.join(best)}.", "dim")
+
+
+def _logs(found: "Diagnosis") -> None:
+    """What each of several logs shows, what is the same in all, and what differs."""
+    from sysid.discrepancy.several.words import sentences, table_of_logs
+
+    if not found.several.logs:
+        return
+    _section("Logs")
+    heads, rows = table_of_logs(found.several)
+    render.table(heads, rows)
+    for sentence in sentences(found.several):
+        render.say(sentence)
 
 
 def _added(found: "Diagnosis", before: str, after: str) -> None:

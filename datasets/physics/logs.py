@@ -2,7 +2,8 @@
 
 ``est.csv`` and ``val.csv`` are two drives of one machine with other commands; ``truth.json`` says
 what is in it. Streams of a seed: 0 the machine and its causes, 1 and 2 commands, 11 and 12 noise,
-21 and 22 the pose, 31 and 32 the clocks, 41 and 42 lost lines, for the two logs.
+21 and 22 the pose, 31 and 32 the clocks, 41 and 42 lost lines, for the two logs. ``driven`` makes
+more logs of the machine, under commands of any other kind.
 """
 
 import json
@@ -112,6 +113,11 @@ def make(case: Case) -> Logs:
     return Logs(case, _drive(case, 1, case.duration), _drive(case, 2, VALIDATION * case.duration))
 
 
+def first_log(case: Case) -> Log:
+    """The first drive of a case: est.csv."""
+    return _drive(case, 1, case.duration)
+
+
 def write(logs: Logs, folder: Path) -> list[Path]:
     """Write est.csv, val.csv and truth.json.
 
@@ -169,7 +175,7 @@ def truth_of(logs: Logs) -> dict[str, Any]:
         "noise": case.noise,
         "floor": {"est": floor(logs.est), "val": floor(logs.val)},
         "excess": excess(logs.val, case.integrating, _rest(logs)),
-        "pose_floor": _pose_floor(case.rig.pose),
+        "pose_floor": pose_floor(case.rig.pose),
         "pose_excess": pose_excess(logs.val, case.rig.lengths or (1.0, 1.0)),
     }
 
@@ -224,7 +230,8 @@ def _rest(logs: Logs) -> float:
     return float(logs.val.clean[0, 0]) if logs.case.process is not None else 0.0
 
 
-def _pose_floor(pose: PoseSensor | None) -> list[float]:
+def pose_floor(pose: PoseSensor | None) -> list[float]:
+    """RMS of what the noise of a pose does to way [m] and turn [rad] of two seconds."""
     if pose is None:
         return []
     # x and y at both ends, and the heading at both
@@ -260,10 +267,22 @@ def generator(case: Case, stream: int) -> np.random.Generator:
 def _drive(case: Case, which: int, duration: float) -> Log:
     if case.process is not None:
         return _process(case, case.process, which, duration)
+    dt = 1.0 / case.rig.telemetry.rate
+    rows, drives = round(duration / dt), len(case.rig.machine.drives)
+    return driven(case, which, SCHEDULES[case.style](generator(case, which), rows, dt, drives))
+
+
+def driven(case: Case, which: int, wanted: Array) -> Log:
+    """One drive of a case's machine under given commands.
+
+    Args:
+        case: whose machine, clocks and noise.
+        which: of its logs, from 1: each has noise and jitter of its own.
+        wanted: commands in −1 … 1 at the rate of the log, (N, drives).
+    """
     rig, columns = case.rig, case.columns or ROBOT
     dt = 1.0 / rig.telemetry.rate
-    rows, drives = round(duration / dt), len(rig.machine.drives)
-    wanted = SCHEDULES[case.style](generator(case, which), rows, dt, drives)
+    rows, drives = wanted.shape
     closed = rig.machine.controller != Controller()
     scale = np.array([f for _, f in columns.inputs[:drives]])
     if not closed:  # what is logged is what was sent

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from sysid_datasets.physics import actuator_causes, motor_causes, sensor_causes
 from sysid_datasets.physics.causes import CAUSES, WITH_BODY
-from sysid_datasets.physics.hidden import Hidden, timed
+from sysid_datasets.physics.hidden import Cause, Hidden, timed
 from sysid_datasets.physics.logs import Case
 from sysid_datasets.physics.noises import NOISES
 from sysid_datasets.physics.others import MACHINES, OUTSIDE, single_drive
@@ -52,6 +52,19 @@ def singles(suite: str, seed: int, rng: np.random.Generator, factor: float = 1.0
 def small(suite: str, seed: int, rng: np.random.Generator) -> Case:
     """The same, 0.4 times as large: many are below what the log can show."""
     return singles(suite, seed, rng, SMALL)
+
+
+def tied(effect: str, rival: str, seed: int) -> Case:
+    """One cause of an effect that many logs cannot tell from its rival, of ordinary size.
+
+    Causes that are right by either name are left out, unless an effect has no other.
+    """
+    suite = f"{effect}/{rival}"
+    rng = np.random.Generator(np.random.PCG64([*suite.encode(), seed, 0]))
+    rig = Rig(plain_machine(rng))
+    drawn = [c(np.random.default_rng(0), rig, 1.0)[1] for c in CAUSES[effect]]
+    mine = [c for c, h in zip(CAUSES[effect], drawn, strict=True) if rival not in h.also]
+    return _hidden_case(suite, seed, rng, (effect,), causes=tuple(mine) or CAUSES[effect][:1])
 
 
 def pairs(suite: str, seed: int, rng: np.random.Generator) -> Case:
@@ -146,14 +159,20 @@ def _clash(some: tuple[str, ...]) -> bool:
 
 
 def _hidden_case(
-    suite: str, seed: int, rng: np.random.Generator, effects: tuple[str, ...], factor: float = 1.0
+    suite: str,
+    seed: int,
+    rng: np.random.Generator,
+    effects: tuple[str, ...],
+    factor: float = 1.0,
+    causes: tuple[Cause, ...] = (),
 ) -> Case:
+    """A case with a cause of each effect; of ``causes`` where these are given."""
     rig = Rig(plain_machine(rng))
     hidden: list[Hidden] = []
     # a body first: it is made for the plain drives
     for effect in sorted(effects, key=lambda e: e not in WITH_BODY):
-        causes = CAUSES[effect]
-        rig, found = causes[int(rng.integers(len(causes)))](rng, rig, factor)
+        some = causes or CAUSES[effect]
+        rig, found = some[int(rng.integers(len(some)))](rng, rig, factor)
         hidden.append(found)
     styles = next((h.styles for h in hidden if h.styles), OPEN_STYLES)
     return Case(

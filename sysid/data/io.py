@@ -100,7 +100,7 @@ def read_files(
     first = logs[0].records[0]
     agreed = [logs[0]]
     for log in logs[1:]:
-        _same_kind(log.records[0], first)
+        require_same_kind(log.records[0], first)
         records = tuple(replace(r, dt=first.dt) for r in log.records)
         agreed.append(replace(log, records=records))
     return tuple(agreed)
@@ -384,7 +384,12 @@ def _names(file: str, grid: Grid) -> list[str]:
     return [file] if n == 1 else [f"{file} part {i + 1}" for i in range(n)]
 
 
-def _same_kind(record: Record, first: Record) -> None:
+def require_same_kind(record: Record, first: Record) -> None:
+    """Refuse a record whose channels, units or sample time are not those of another.
+
+    Raises:
+        DataError: they are not.
+    """
     for what, mine, theirs in (
         ("inputs", record.input_names, first.input_names),
         ("outputs", record.output_names, first.output_names),

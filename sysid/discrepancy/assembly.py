@@ -21,8 +21,10 @@ from sysid.discrepancy.proof.localise import Region, leading, localise
 from sysid.discrepancy.samples import inspect_samples
 from sysid.discrepancy.search.detectable import detectable
 from sysid.discrepancy.search.named_sets import Named, Naming, Node
+from sysid.discrepancy.several.constancy import several_logs
 from sysid.discrepancy.study import Outcome, Study, held_runs
 from sysid.discrepancy.verdict import Remaining, story, undecided, verdict_of
+from sysid.effects.by_log import BY_LOG
 from sysid.effects.catalogue import CHANGED, about, chain_effects, ground_effects
 from sysid.effects.samples import DROPOUTS, QUANTISATION
 from sysid.errors import SysidError
@@ -50,7 +52,7 @@ def assembled(found: Outcome, model: Model | None, pose: PoseDiagnosis | None) -
     remaining = Remaining(after, study.gap(naming), leading(left, base.parts.held[0].output_names))
     samples = inspect_samples(base.parts.estimation)
     effects = (
-        *(_named(study, naming, n, remaining, left) for n in naming.named),
+        *(_named(study, naming, n, remaining, left) for n in _proven(naming)),
         *_of_pose(pose),
         *findings.sample_effects(samples),
     )
@@ -91,7 +93,13 @@ def assembled(found: Outcome, model: Model | None, pose: PoseDiagnosis | None) -
         warnings=_warnings(study, naming, pose, samples.hidden),
         traces=traces,
         geometry=pose.geometry if pose is not None else None,
+        several=several_logs(study, naming),
     )
+
+
+def _proven(naming: Naming) -> tuple[Named, ...]:
+    """Accepted effects, without what only differs between logs."""
+    return tuple(n for n in naming.named if n.id not in BY_LOG)
 
 
 def _named(
@@ -136,7 +144,7 @@ def _models(
     base = study.base
     before = model if model is not None else model_of(base, naming.base)
     on_ground = pose is not None and bool(pose.effects)
-    if not (naming.named or on_ground):
+    if not (_proven(naming) or on_ground):
         return before, before
     after = model_of(base, naming.final, naming.intervals)
     if pose is not None and on_ground:
@@ -200,7 +208,7 @@ def _next(study: Study, naming: Naming, unseen: dict[str, float | None]) -> tupl
     base, first = study.base, study.base.parts.estimation[0]
     found = [
         experiment_between(base.search, n.rivals, study.floor, base.scales, base.delay)
-        for n in naming.named
+        for n in _proven(naming)
         if len(n.rivals) > 1 and CHANGED.id not in n.rivals
     ]
     vehicle = {e.id for e in ground_effects()}

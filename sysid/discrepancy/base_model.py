@@ -13,10 +13,12 @@ from sysid.data.record import Array, Record
 from sysid.discrepancy.integrating import rates, step_of
 from sysid.discrepancy.policies import RULE
 from sysid.discrepancy.samples import inspect_samples
+from sysid.discrepancy.search.logs import logs_of
 from sysid.discrepancy.search.named_sets import Node
 from sysid.discrepancy.search.naming import NamingSearch
 from sysid.discrepancy.search.supermodel import SuperModel
-from sysid.effects.base import Effect
+from sysid.effects.base import Effect, Place
+from sysid.effects.by_log import for_logs
 from sysid.errors import DataError, ModelError
 from sysid.estimation.assessment.figures import Start, outputs
 from sysid.estimation.selection.contest import run_contest
@@ -128,6 +130,7 @@ def plain_base(
         words = f"output error of order {order} with {late} of delay"
         words += " and a level" if level else ""
         words += f" for the rate of the output, which integrates, every {first.dt:.3g} s" * on_rate
+    effects = _with_logs(effects, parts, level)
     model = SuperModel(effects, order, first.ny, typical_speed(estimation), first.dt)
     in_loop = in_closed_loop(own_rate(estimation))
     search = NamingSearch(
@@ -175,6 +178,7 @@ def given_base(
     }
     if not all(np.isfinite(v).all() for v in runs.values()):
         raise ModelError("the model runs away on this log; look at sysid compare")
+    effects = _with_logs(effects, parts, level=False)
     plain = SuperModel(effects, 1, first.ny, typical_speed(estimation), first.dt)
     copies = [replace(r, y=runs[id(r)]) for r in parts.estimation]
     search = NamingSearch(plain, copies, copies, scales, 1)
@@ -206,6 +210,17 @@ def given_base(
     node = found.node((), q, ())
     words = f"the {model.structure.name} model, as it is"
     return Base(parts, found, node, np.ones(first.nu), 1, False, words, in_loop, given=given)
+
+
+def _with_logs(effects: Sequence[Effect], parts: Parts, level: bool) -> tuple[Effect, ...]:
+    """Effects, and what may differ between logs where they are searched on several.
+
+    That acts on the torque before anything else does: friction feels the load.
+    """
+    logs = logs_of(parts.estimation, parts.held)
+    mine = for_logs(len(logs.names), level) if len(set(logs.estimation)) > 1 else ()
+    before = [e for e in effects if e.place is Place.COMMAND]
+    return (*before, *mine, *(e for e in effects if e.place is not Place.COMMAND))
 
 
 def _start(model: Model, record: Record) -> Start:

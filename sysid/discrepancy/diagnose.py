@@ -15,6 +15,7 @@ from sysid.discrepancy.diagnosis import Diagnosis
 from sysid.discrepancy.given_model import around_model
 from sysid.discrepancy.pose.diagnosis import PoseDiagnosis, diagnose_pose
 from sysid.discrepancy.proof.mission import prove_on_mission
+from sysid.discrepancy.search.logs import require_one_machine
 from sysid.discrepancy.search.naming import Progress
 from sysid.discrepancy.study import Study, noise_of
 from sysid.effects.catalogue import chain_effects
@@ -68,6 +69,7 @@ def diagnose(
     started = time.perf_counter()
     _require_enough(estimation, held)
     require_apart(estimation, held or ())
+    require_one_machine((*estimation, *(held or ())))
     say = progress or (lambda text, share: None)
     say("the model before", 0.02)
     effects = within(chain_effects(), measured or {})
@@ -78,7 +80,7 @@ def diagnose(
     study = Study(base, noise_of(base), full_drive(estimation), seed)
     say("is there anything to explain?", 0.06)
     if model is None:
-        found = study.searched(effects, say)
+        found = study.searched(base.search.model.effects, say)
     else:
         found = around_model(model, study, estimation, held, say)
     say("the proof", 0.72)

@@ -9,6 +9,7 @@ from sysid.discrepancy.named_effects import Dropped, NamedEffect
 from sysid.discrepancy.proof.left_over import LeftOver
 from sysid.discrepancy.proof.localise import Region
 from sysid.discrepancy.proof.model_error import ResidualVerdict
+from sysid.discrepancy.several_logs import ONE_LOG, SeveralLogs
 from sysid.effects.samples import DROPOUTS, HELD_TELEMETRY, QUANTISATION
 from sysid.estimation.vehicle.geometry import GeometryEstimate
 from sysid.structures.model import Model
@@ -100,6 +101,7 @@ class Diagnosis:
         undecided: why nothing is named although the errors are far above the noise of the readings;
             empty elsewhere.
         dropped: effects that were found and do not stand, with the evidence against each.
+        several: what several logs say together; empty for one.
         left_over: size of the errors of the model after beyond the noise, where they are
             structured: what has no name.
     """
@@ -130,6 +132,7 @@ class Diagnosis:
     dropped: tuple[Dropped, ...] = ()
     left_over: LeftOver | None = None
     reading: tuple[str, ...] = ()
+    several: SeveralLogs = ONE_LOG
 
     @property
     def grown(self) -> bool:
@@ -152,6 +155,7 @@ class Diagnosis:
             "minor": list(self.minor),
             "dropped": [d.to_json() for d in self.dropped],
             "left_over": None if self.left_over is None else self.left_over.to_json(),
+            **self.several.to_json(),
             "candidates": [{"id": k, "score": v} for k, v in self.candidates],
             "where": [r.to_json() for r in self.where],
             "where_after": [r.to_json() for r in self.where_after],

@@ -34,7 +34,8 @@ def around_model(
         plainest = _plainest(study, estimation, held, say)
         if plainest is not None:
             return plainest
-    effects = chain_effects() if absorbed else (*chain_effects(), CHANGED)
+    effects = study.base.search.model.effects
+    effects = effects if absorbed else (*effects, CHANGED)
     found = study.searched(effects, say)
     named = [n.id for n in found.naming.named]
     if absorbed or (len(named) == 1 and not study.unexplained(found.naming)):
@@ -51,16 +52,15 @@ def _plainest(
     doubted: Study, estimation: Sequence[Record], held: Sequence[Record] | None, say: Progress
 ) -> Outcome | None:
     """Effects on the plainest base, where they explain more than the doubted model; else None."""
-    effects = chain_effects()
     try:
-        base = plain_base(estimation, held, effects)
+        base = plain_base(estimation, held, chain_effects())
     except SysidError:
         return None
     sizes = [[len(e) for e in b.node.errors.held] for b in (base, doubted.base)]
     if sizes[0] != sizes[1]:
         return None  # an output that integrates: other samples
     study = replace(doubted, base=base)
-    found = study.searched(effects, say)
+    found = study.searched(base.search.model.effects, say)
     if not study.explains_more(found.naming, doubted.base.node):
         return None
     return replace(found, study=replace(study, doubted=doubted))

@@ -63,6 +63,7 @@ class Context:
         counted: angle integrated from the readings before this one [rad].
         holds: torque with which dry friction holds a track that stands.
         gain: K, steady speed at full drive.
+        log: which of several logs the sample belongs to, from 0.
     """
 
     dt: float
@@ -77,6 +78,7 @@ class Context:
     counted: Signal
     holds: Signal
     gain: Signal = 1.0
+    log: Signal = 0.0
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from sysid.effects import (
     vehicle,
 )
 from sysid.effects.base import Effect, Place, nothing
+from sysid.effects.by_log import BY_LOG
 from sysid.effects.conformance import fault
 from sysid.effects.programmes import LEVELS, REPEAT
 from sysid.errors import UsageError
@@ -77,11 +78,13 @@ def catalogue() -> dict[str, Effect]:
 
 
 def effect(id: str) -> Effect:
-    """The effect called ``id``.
+    """The effect called ``id``, what differs between logs included.
 
     Raises:
         UsageError: there is none of that name.
     """
+    if id in BY_LOG:
+        return BY_LOG[id]
     if id not in catalogue():
         raise UsageError(f"no effect {id!r}; the catalogue holds {', '.join(catalogue())}")
     return catalogue()[id]

@@ -8,6 +8,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.discrepancy.diagnosis import Diagnosis, Experiment
+from sysid.discrepancy.several.words import sentences, table_of_logs
 from sysid.report import diagnosis_bars, diagnosis_drawing, diagnosis_picture, style
 from sysid.report import diagnosis_words as words
 from sysid.report.layout import NARROW, NARROWEST_WIDE, WIDE, Layout
@@ -46,6 +47,8 @@ def diagnosis_page(found: Diagnosis, before: str, after: str) -> str:
         moved=words.moved(found),
         regions=words.leading_regions(found, 10),
         logs=_logs(found),
+        log_table=table_of_logs(found.several) if found.several.logs else (),
+        log_sentences=sentences(found.several),
         before=before,
         after=after,
         picture=_pictures(found),

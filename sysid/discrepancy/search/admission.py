@@ -6,10 +6,12 @@ from numpy.typing import NDArray
 from sysid.data.record import Array
 from sysid.discrepancy.policies import RULE
 from sysid.discrepancy.search.evidence import difference
+from sysid.discrepancy.search.logs import Logs
 from sysid.discrepancy.search.named_sets import Node
 from sysid.discrepancy.search.supermodel import Slot, SuperModel
 from sysid.effects.base import StartsFrom
 from sysid.effects.catalogue import CHANGED, about
+from sysid.fitting.holdout import Errors
 
 
 def beyond_a_sample(model: SuperModel, id: str, q: Array) -> NDArray[np.bool_]:
@@ -56,11 +58,37 @@ def admissible(model: SuperModel, origin: Array, node: Node) -> bool:
     return all(a for a, _ in inside) and any(b for _, b in inside)
 
 
-def tied(best: Node, other: Node) -> bool:
-    """Whether the data cannot tell two models apart."""
-    t, ratio = difference(best.errors, other.errors)
+def tied(best: Node, other: Node, logs: Logs | None = None) -> bool:
+    """Whether the data cannot tell two models apart.
+
+    One log that can is enough, unless another one says the opposite: of a short run that was made
+    to tell them apart, a long log that cannot would leave nothing.
+    """
     a, b = best.effects[-1], other.effects[-1]
     known = b in about(a).ties or a in about(b).ties
+    if _close(best.errors, other.errors, known):
+        if logs is None or len(set(logs.estimation)) < 2:
+            return True
+        parts = [_of_log(best.errors, other.errors, logs, k) for k in sorted(set(logs.estimation))]
+        told = any(not _close(mine, theirs, known) for mine, theirs in parts)
+        return not told or any(not _close(theirs, mine, known) for mine, theirs in parts)
+    return False
+
+
+def _close(best: Errors, other: Errors, known: bool) -> bool:
+    """Whether errors of two models differ by little, or by chance, in favour of the first."""
+    t, ratio = difference(best, other)
     return ratio < (RULE.known_tie if known else RULE.tie) or (
         t < RULE.t and ratio < RULE.chance_tie
     )
+
+
+def _of_log(mine: Errors, theirs: Errors, logs: Logs, k: int) -> tuple[Errors, Errors]:
+    """The errors of two models on one log."""
+
+    def only(errors: Errors) -> Errors:
+        parts = zip((errors.estimation, errors.held), (logs.estimation, logs.held), strict=True)
+        a, b = (tuple(e for e, i in zip(p, of, strict=True) if i == k) for p, of in parts)
+        return Errors(a, b)
+
+    return only(mine), only(theirs)

@@ -16,6 +16,7 @@ from sysid.discrepancy.search.evidence import (
     compare_errors,
     effective_samples,
 )
+from sysid.discrepancy.search.logs import logs_of
 from sysid.discrepancy.search.named_sets import Judged, Node
 from sysid.discrepancy.search.starts import free_slots, starts_of
 from sysid.discrepancy.search.supermodel import (
@@ -25,6 +26,7 @@ from sysid.discrepancy.search.supermodel import (
     prepare,
 )
 from sysid.effects.base import Effect, StartsFrom
+from sysid.effects.by_log import BY_LOG, number_of
 from sysid.effects.catalogue import LEVEL, about
 from sysid.fitting.holdout import Errors
 
@@ -58,9 +60,10 @@ class CandidateSearch:
         self.model, self.level, self.needed = model, level, needed
         self.estimation, self.held = tuple(estimation), tuple(held)
         mine, theirs = weights if weights is not None else (None, None)
-        self.data = prepare(self.estimation, scales, delay, mine)
+        self.logs = logs_of(self.estimation, self.held)
+        self.data = prepare(self.estimation, scales, delay, mine, logs=self.logs.estimation)
         rows = len(self.data.drive)
-        self.held_data = prepare(self.held, scales, delay, theirs, rows)
+        self.held_data = prepare(self.held, scales, delay, theirs, rows, self.logs.held)
         owners = ("core", LEVEL.id) if level else ("core",)
         core = tuple(k for k, s in enumerate(model.slots) if s.owner in owners)
         self.core = () if fixed_core else core
@@ -92,9 +95,18 @@ class CandidateSearch:
         return data.split(np.where(data.weight > 0.0, data.y - run, np.nan))
 
     def in_phase(self, q: Array, effects: Sequence[str]) -> Array:
-        """A wave's phase belongs to a record: turned to suit the held-out one."""
+        """What belongs to a log suits the held-out ones: a wave's phase, and their own numbers."""
         if self.held == self.estimation:
             return q
+        own = [
+            self.model.place[id, number_of(k), i]
+            for id in BY_LOG
+            for k in self.logs.judging
+            for i in range(self.model.tracks)
+            if id in effects
+        ]
+        if own:
+            q = search(self.model, q[None], [own], self.held_data, BUDGET.more_steps)[0][0]
         for id in effects:
             wave = about(id).wave
             if wave is not None:

@@ -18,6 +18,7 @@ from sysid.discrepancy.search.named_sets import (
 )
 from sysid.discrepancy.search.starts import repeats_at_top
 from sysid.effects.base import Effect, StartsFrom
+from sysid.effects.by_log import BY_LOG
 from sysid.effects.catalogue import about
 
 Progress = Callable[[str, float], None]
@@ -163,7 +164,7 @@ class NamingSearch(CandidateSearch):
             j
             for j in passed
             if alike(top.node.errors, j.node.errors)
-            or (j.id in about(top.id).ties and about(top.id).rare and tied(top.node, j.node))
+            or (j.id in about(top.id).ties and about(top.id).rare and self.tied(top.node, j.node))
         ]
         lead = min(
             close,
@@ -237,12 +238,17 @@ class NamingSearch(CandidateSearch):
                 for j in judged
                 if j.id != id
                 and j.evidence.accepted
+                and j.id not in BY_LOG  # what is the same in all logs is a case of it
                 and self.admissible(j.node)
-                and tied(mine.node, j.node)
+                and self.tied(mine.node, j.node)
             )
             rivals = {id: mine.node} | {j.id: j.node for j in judged if j.id in (id, *ties)}
             named.append(Named(id, mine.evidence, ties, mine.node.touched, rivals, rest))
         return tuple(named)
+
+    def tied(self, best: Node, other: Node) -> bool:
+        """Whether no log can tell two models apart."""
+        return tied(best, other, self.logs)
 
     def dropped(self, naming: Naming, id: str) -> Naming:
         """Without one of the accepted effects: what is left is fitted and judged again."""

@@ -87,6 +87,7 @@ class Data:
         reset: 1 at a record's start, (M,).
         first: row of the record's start, (M,).
         weight: 0 where a sample does not count, (M, tracks).
+        log: which of several logs a row belongs to, from 0, (M, 1).
         lengths: samples of each record.
         noise: noise of the readings (see ``noise_floor``), (tracks,).
     """
@@ -99,6 +100,7 @@ class Data:
     reset: Array
     first: NDArray[np.int64]
     weight: Array
+    log: Array
     lengths: tuple[int, ...]
     noise: Array
 
@@ -107,7 +109,7 @@ class Data:
         """What the compiled functions take, handed over once."""
         from sysid.fitting.compiled import jax_module
 
-        names = ("drive", "y", "moving", "counted", "t", "reset", "first")
+        names = ("drive", "y", "moving", "counted", "t", "reset", "first", "log")
         return {name: jax_module().device_put(getattr(self, name)) for name in names}
 
     def split(self, whole: Array) -> tuple[Array, ...]:
@@ -130,6 +132,7 @@ def prepare(
     delay: int,
     weights: Sequence[Array] | None = None,
     least: int = 0,
+    logs: Sequence[int] | None = None,
 ) -> Data:
     """Stack records.
 
@@ -139,6 +142,7 @@ def prepare(
         delay: whole samples of dead time.
         weights: weight of each sample of each record, (N, tracks).
         least: rows at least, so that two parts of the data share one compilation.
+        logs: which of several logs each record belongs to; all to the first when None.
     """
     drive: list[Array] = []
     before: list[Array] = []
@@ -156,6 +160,7 @@ def prepare(
     reset = np.zeros(total)
     reset[_starts(lengths)] = 1.0
     weight = [np.ones(r.y.shape) for r in records] if weights is None else list(weights)
+    of = [0] * len(records) if logs is None else logs
     pad = max(padded_length(total), least) - total
 
     def stacked(parts: Sequence[Array]) -> Array:
@@ -171,6 +176,7 @@ def prepare(
         np.concatenate([reset, np.zeros(pad)]),
         np.concatenate([first, np.full(pad, total - 1)]).astype(np.int64),
         stacked(weight),
+        stacked([np.full((n, 1), float(k)) for n, k in zip(lengths, of, strict=True)]),
         lengths,
         noise_floor(records),
     )
@@ -310,7 +316,8 @@ class SuperModel:
             core, raw = self._unpack(jnp, q)
             parameters = with_constants(jnp, self.effects, core, raw, dt)
             nothing = jnp.zeros_like(data["drive"])
-            whole = Sample(data["drive"], data["drive"], data["t"], nothing, data["counted"])
+            drive, t, counted, log = (data[name] for name in ("drive", "t", "counted", "log"))
+            whole = Sample(drive, drive, t, nothing, counted, log)
 
             rows, first = jnp.arange(len(data["first"]))[:, None], data["first"][:, None]
 
@@ -322,16 +329,17 @@ class SuperModel:
             acting = over_time(jnp, before, parameters, data["drive"], past, whole, dt)
 
             def body(state: Any, x: tuple[Any, ...]) -> tuple[Any, Any]:
-                drive, now, t, y, moving, reset = x
+                drive, now, t, y, moving, reset, log = x
                 w = first_speed(after, parameters, y)
                 fresh = rest_state(jnp, inside, core, w, moving * now)
                 state = jax.tree.map(lambda a, b: jnp.where(reset > 0.0, a, b), fresh, state)
-                sample = Sample(drive, now, t, 0.0 * y, 0.0 * y)
+                sample = Sample(drive, now, t, 0.0 * y, 0.0 * y, log)
                 return step_with(jnp, inside, core, parameters, state, sample, dt)
 
             zero = jnp.zeros(tracks)
             start = rest_state(jnp, inside, core, zero, zero)
-            x = (data["drive"], acting, data["t"], data["y"], data["moving"], data["reset"])
+            names = ("t", "y", "moving", "reset", "log")
+            x = (data["drive"], acting, *(data[name] for name in names))
             read = jax.lax.scan(body, start, x)[1]
             sums = dt * (jnp.cumsum(read, axis=0) - 0.5 * read)
             whole = replace(whole, turned=sums - sums[data["first"]])

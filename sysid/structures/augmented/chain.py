@@ -103,6 +103,7 @@ class Sample:
         acting: what the effects outside this step have made of it.
         t: time [s].
         turned, counted: angles of the wheels from their speeds and from the readings [rad].
+        log: which of several logs it belongs to, from 0.
     """
 
     drive: Signal
@@ -110,6 +111,7 @@ class Sample:
     t: Signal
     turned: Signal
     counted: Signal
+    log: Signal = 0.0
 
 
 def step_with(
@@ -152,6 +154,7 @@ def step_with(
             sample.counted,
             holds,
             core.gain,
+            sample.log,
         )
         for effect in effects:
             if effect.place is place:
@@ -190,7 +193,7 @@ def over_time(
     """
     nothing = 0.0 * signal
     angles = (sample.turned, sample.counted)
-    context = Context(dt, sample.t, *(nothing,) * 5, sample.drive, *angles, nothing)
+    context = Context(dt, sample.t, *(nothing,) * 5, sample.drive, *angles, nothing, log=sample.log)
     for effect in effects:
         if effect.on_past is not None:
             signal = effect.on_past(xp, signal, past, parameters[effect.id], context)

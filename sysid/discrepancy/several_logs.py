@@ -1,0 +1,198 @@
+"""Nouns of a diagnosis of several logs: what each shows, what is the same, what differs."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+PRESENT, ABSENT, HIDDEN = "present", "absent", "not-shown"
+"""What a log says of an effect: it shows it; it would show it and does not; it cannot show it."""
+
+
+@dataclass(frozen=True)
+class LogNumber:
+    """A number as one log alone has it.
+
+    Attributes:
+        name: with its output in brackets.
+        value: None where the log alone does not tell it.
+        std_error: the same.
+        unit: of both.
+    """
+
+    name: str
+    value: float | None
+    std_error: float | None
+    unit: str
+
+    @property
+    def words(self) -> str:
+        """Value and error; a dash where there is none."""
+        if self.value is None:
+            return "–"
+        unit = f" {self.unit}" if self.unit not in ("", "1") else ""
+        if self.std_error is None:
+            return f"{self.value:.4g}{unit}"
+        return f"{self.value:.4g} ± {self.std_error:.2g}{unit}"
+
+    def to_json(self) -> dict[str, Any]:
+        """{name, value, std_error, unit}."""
+        return {
+            "name": self.name,
+            "value": self.value,
+            "std_error": self.std_error,
+            "unit": self.unit,
+        }
+
+
+@dataclass(frozen=True)
+class LogEffect:
+    """What one log shows of one effect.
+
+    Attributes:
+        id: of the effect.
+        state: ``present``, ``absent`` or ``not-shown``.
+        numbers: the log's own.
+        error_ratio: RMS error of the log with the effect over that without it; None where that
+            was not measured.
+    """
+
+    id: str
+    state: str
+    numbers: tuple[LogNumber, ...]
+    error_ratio: float | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """{state, parameters, error_ratio}."""
+        return {
+            "state": self.state,
+            "parameters": [n.to_json() for n in self.numbers],
+            "error_ratio": self.error_ratio,
+        }
+
+
+@dataclass(frozen=True)
+class LogView:
+    """One log beside the others.
+
+    Attributes:
+        name: of the log.
+        judges: whether it only judged.
+        effects: what it shows of each effect that was found.
+        base: gain and time constant of each output as the log alone has them.
+        noise: noise of each output in this log, by name.
+    """
+
+    name: str
+    judges: bool
+    effects: tuple[LogEffect, ...]
+    base: tuple[LogNumber, ...]
+    noise: dict[str, float]
+
+    def to_json(self) -> dict[str, Any]:
+        """{name, judges, effects: {id: …}, base, noise}."""
+        return {
+            "name": self.name,
+            "judges": self.judges,
+            "effects": {e.id: e.to_json() for e in self.effects},
+            "base": [n.to_json() for n in self.base],
+            "noise": self.noise,
+        }
+
+
+@dataclass(frozen=True)
+class Constancy:
+    """Whether a number is the same in all logs that tell it.
+
+    Attributes:
+        owner: effect, or ``base``.
+        name, unit: of the number.
+        value, std_error: weighted mean over the logs.
+        chi_squared, degrees: Σ((value_k − mean)/error_k)², and the logs less one.
+        p_value: chance of as much or more if it is the same.
+        same: whether it is, at 1 % over all numbers tested.
+        sentence: in words.
+    """
+
+    owner: str
+    name: str
+    unit: str
+    value: float
+    std_error: float
+    chi_squared: float
+    degrees: int
+    p_value: float
+    same: bool
+    sentence: str
+
+    def to_json(self) -> dict[str, Any]:
+        """As ``diagnosis.json`` holds it."""
+        return {
+            "owner": self.owner,
+            "name": self.name,
+            "unit": self.unit,
+            "value": self.value,
+            "std_error": self.std_error,
+            "chi_squared": self.chi_squared,
+            "degrees": self.degrees,
+            "p_value": self.p_value,
+            "same": self.same,
+            "sentence": self.sentence,
+        }
+
+
+@dataclass(frozen=True)
+class Difference:
+    """What differs between logs and is no effect: admitted by the rule that effects are, too.
+
+    Attributes:
+        id: ``gain-by-log`` or ``load-by-log``.
+        channels: outputs on which it shows.
+        numbers: of each log (its place in ``logs``), for each output.
+        p_value: chance of its gain among all that was tried.
+        explains_percent: share of the gap that it closes.
+        sentence: in words.
+    """
+
+    id: str
+    channels: tuple[str, ...]
+    numbers: dict[str, tuple[LogNumber, ...]]
+    p_value: float
+    explains_percent: float
+    sentence: str
+
+    def to_json(self) -> dict[str, Any]:
+        """As ``diagnosis.json`` holds it."""
+        return {
+            "id": self.id,
+            "channels": list(self.channels),
+            "logs": {k: [n.to_json() for n in v] for k, v in self.numbers.items()},
+            "p_value": self.p_value,
+            "explains_percent": self.explains_percent,
+            "sentence": self.sentence,
+        }
+
+
+@dataclass(frozen=True)
+class SeveralLogs:
+    """What several logs say together; empty for one.
+
+    Attributes:
+        logs: each log.
+        constancy: each number that two logs tell.
+        differences: what differs and is no effect.
+    """
+
+    logs: tuple[LogView, ...] = ()
+    constancy: tuple[Constancy, ...] = ()
+    differences: tuple[Difference, ...] = field(default=())
+
+    def to_json(self) -> dict[str, Any]:
+        """{logs, constancy, differences}."""
+        return {
+            "logs": [v.to_json() for v in self.logs],
+            "constancy": [c.to_json() for c in self.constancy],
+            "differences": [d.to_json() for d in self.differences],
+        }
+
+
+ONE_LOG = SeveralLogs()
+"""What one log says of several."""
