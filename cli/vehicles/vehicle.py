@@ -45,12 +45,16 @@ def vehicle(
     urdf: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the vehicle as a URDF.")
     ] = None,
+    mjcf: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the vehicle as a MuJoCo model.")
+    ] = None,
     json: reading.Json = False,
 ) -> None:
     """Say what the wheels of a vehicle let it do, and turn motions into wheel speeds and back."""
     targets.check_picture(plot)
-    if urdf is not None:
-        targets.check(urdf, "--urdf", new_folder=False)
+    for target, option in ((urdf, "--urdf"), (mjcf, "--mjcf")):
+        if target is not None:
+            targets.check(target, option, new_folder=False)
     from sysid.vehicle.wheels.description import load_vehicle
     from sysid.vehicle.wheels.summary import forward_document, inverse_document, summary
 
@@ -63,7 +67,12 @@ def vehicle(
     if speeds is not None:
         told = _by_name(speeds, "--speeds", [w.name for w in found.wheels if w.kind != "caster"])
         facts["forward"] = forward_document(found, found.forward(told or {}, at))
-    _write(found, facts, plot, urdf)
+    if plot is not None:
+        from .vehicle_picture import draw
+
+        draw(plot, found, facts)
+        facts["plot"] = plot
+    _write(found, facts, {"urdf": urdf, "mjcf": mjcf})
     if json:
         render.document(facts)
     else:
@@ -72,19 +81,17 @@ def vehicle(
         show(facts)
 
 
-def _write(found: "Vehicle", facts: dict[str, Any], plot: Path | None, urdf: Path | None) -> None:
-    """The files that were asked for."""
-    if plot is not None:
-        from .vehicle_picture import draw
+def _write(found: "Vehicle", facts: dict[str, Any], files: Mapping[str, Path | None]) -> None:
+    """The files that were asked for, and their places among the facts."""
+    from sysid.data.files import write_atomic
+    from sysid.vehicle.wheels.mjcf_writing import mjcf_text
+    from sysid.vehicle.wheels.urdf_writing import urdf_text
 
-        draw(plot, found, facts)
-        facts["plot"] = plot
-    if urdf is not None:
-        from sysid.data.files import write_atomic
-        from sysid.vehicle.wheels.urdf_writing import urdf_text
-
-        write_atomic(urdf, urdf_text(found))
-        facts["urdf"] = urdf
+    text = {"urdf": urdf_text, "mjcf": mjcf_text}
+    for kind, path in files.items():
+        if path is not None:
+            write_atomic(path, text[kind](found))
+            facts[kind] = path
 
 
 def _steered(found: "Vehicle") -> list[str]:

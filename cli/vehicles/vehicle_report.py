@@ -41,7 +41,7 @@ def show(facts: dict[str, Any]) -> None:
             shown(facts[key])
     for note in facts["notes"]:
         render.warn(f"! {note}")
-    for key, word in (("plot", "Picture"), ("urdf", "URDF")):
+    for key, word in (("plot", "Picture"), ("urdf", "URDF"), ("mjcf", "MuJoCo model")):
         if key in facts:
             render.say(f"{word}: {facts[key]}")
 

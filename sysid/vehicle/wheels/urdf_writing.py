@@ -12,13 +12,10 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.vehicle.wheels.body import MassProperties
-from sysid.vehicle.wheels.vehicle import Vehicle, wheel_properties, wheel_width
+from sysid.vehicle.wheels.vehicle import FORK, Vehicle, wheel_properties, wheel_width
 from sysid.vehicle.wheels.wheel import Wheel
 
 BASE = "base_link"
-
-_FORK = 0.01
-"""Share of a steered wheel's mass that its fork takes: simulators refuse parts without a mass."""
 
 _NO_LIMIT = 'effort="1000000.0"'
 """URDF asks for a limit of effort wherever there is another limit; 0 would block the joint."""
@@ -70,7 +67,7 @@ def _wheel(wheel: Wheel) -> list[str]:
     cylinder = f'<cylinder radius="{wheel.r!r}" length="{wheel_width(wheel)!r}"/>'
     shape = _shape(cylinder, (0.0, 0.0, 0.0), f"{math.pi / 2!r} 0 0")  # its axis along y
     straight = wheel.model_copy(update={"heading": 0.0, "angle": 0.0})
-    own, fork = wheel_properties(straight), _FORK if parent != BASE else 0.0
+    own, fork = wheel_properties(straight), FORK if parent != BASE else 0.0
     if own is not None:
         shape += _inertial(_share(own, 1.0 - fork, np.zeros(3)))
     speed = "" if wheel.max_speed is None else f' velocity="{wheel.max_speed!r}"'
@@ -100,7 +97,7 @@ def _steering(wheel: Wheel) -> list[str]:
         joint.append(f'    <limit lower="{low!r}" upper="{high!r}" {free}/>')
     own = wheel_properties(wheel.model_copy(update={"heading": 0.0, "angle": 0.0}))
     middle = np.array([-wheel.offset, wheel.side, 0.0])
-    mass = _inertial(_share(own, _FORK, middle)) if own is not None else []
+    mass = _inertial(_share(own, FORK, middle)) if own is not None else []
     return [
         *_element("link", link, mass),
         *_element("joint", f"{wheel.name}_steering", joint, f' type="{kind}"'),

@@ -28,6 +28,9 @@ AXES: Mapping[str, tuple[float, float, float]] = {
 }
 """The unit twists: 1 m/s forward, 1 m/s to the left, 1 rad/s counter-clockwise."""
 
+FORK = 0.01
+"""Share of a steered wheel's mass that its fork takes: simulators refuse parts without a mass."""
+
 MASS_TOLERANCE = 1e-3
 """Share by which masses of parts may miss that of the whole: kitchen scales and rounding."""
 
