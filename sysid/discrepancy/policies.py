@@ -133,6 +133,8 @@ class SearchBudget:
         polish: steps of a model that is kept.
         coarse: gain of a step, as a share of the cost, at which candidates rest.
         leading: effects that lead so far are searched with most care where slopes say little.
+        law: a law of an effect is fitted in full while its cost is within this multiple of that of
+            its best one.
         promising: a candidate is fitted in full when its first steps bring some track's cost below
             this share.
         phases: phases of a wave that are tried on a record of its own: one in 15 degrees.
@@ -148,6 +150,7 @@ class SearchBudget:
     polish: int = 30
     coarse: float = 1e-4
     leading: int = 4
+    law: float = 1.5
     promising: float = 0.95
     phases: int = 24
 

@@ -1,4 +1,4 @@
-"""Effects of the motor and its driver.
+"""Effects of the motor and its driver: warm, and letting go instead of braking.
 
 Torque is counted in units of steady speed: τ ω̇ = T − ω with T = K d.
 """
@@ -6,7 +6,7 @@ Torque is counted in units of steady speed: τ ω̇ = T − ω with T = K d.
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, State
+from sysid.effects.base import Context, Effect, EffectParameter, Law, Place, Signal, State
 from sysid.effects.programmes import COASTING, HOT, LEVELS, REPEAT
 
 P = Mapping[str, Signal]
@@ -33,14 +33,24 @@ def _coast(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, Stat
 LETS_GO = 1e5
 """Decay rates beyond this are no freewheeling at all."""
 
+FALLS, FALLS_TO_DRIVE, OUTRUNS, AT_ZERO, ONE_WAY = (float(k) for k in range(5))
+"""Values of ``released``: when the driver lets go, and until when."""
+
 
 def _rolling(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
     fade = kept ** p["viscous"]
+    when, acts = p["released"], 1.0 * (p["rate"] < LETS_GO)
+    falls = acts * (when < OUTRUNS - 0.5)
+    outruns = acts * (xp.abs(when - OUTRUNS) < 0.5)
+    # shares of 0 or 1, not choices: they make the compiled step a quarter faster
     return {
         "fade": fade,
         "drop": p["rate"] * dt * xp.sqrt(fade),
-        "outrun": 1.0 * (p["overrun"] > 0.5) * (p["rate"] < LETS_GO),
-        "falling": 1.0 * (p["overrun"] <= 0.5) * (p["rate"] < LETS_GO),
+        "falls": falls,
+        "at_zero": falls + acts * (xp.abs(when - AT_ZERO) < 0.5),
+        "outruns": outruns,
+        "one_way": acts * (when > ONE_WAY - 0.5),
+        "caught": outruns + acts * (xp.abs(when - FALLS_TO_DRIVE) < 0.5),
     }
 
 
@@ -49,16 +59,20 @@ def _freewheel(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, 
     falls = (c.drive * s[0] > 0.0) & (xp.abs(c.drive) < xp.abs(s[0]))
     speed, side = xp.abs(c.w), xp.sign(c.w)
     ahead = c.torque * side  # the drive's speed in the direction of motion
-    # shares of 0 or 1, not choices: they make the compiled step a quarter faster
-    outruns = xp.where((ahead >= 0.0) & (ahead < speed), p["outrun"], 0.0)
-    released = xp.where((c.drive == 0.0) | falls, p["falling"], 0.0)
+    released = xp.where(c.drive == 0.0, p["at_zero"], xp.where(falls, p["falls"], 0.0))
+    released = released + xp.where((ahead >= 0.0) & (ahead < speed), p["outruns"], 0.0)
     rolling = xp.maximum(speed * p["fade"] - p["drop"], ahead * p["caught"])
     rolling = xp.maximum(rolling, 0.0)
-    return w + (outruns + released) * (side * rolling - w), (c.drive + 0.0 * s[0],)
+    # a current of one sign pulls and never brakes: of rolling and driving the faster one is left
+    slower = xp.where(ahead >= 0.0, p["one_way"], 0.0) * xp.maximum(rolling - side * w, 0.0)
+    return w + released * (side * rolling - w) + side * slower, (c.drive + 0.0 * s[0],)
 
 
 def _last_command(w: Signal, d: Signal) -> State:
     return (d + 0.0 * w,)
+
+
+_NUMBERS = ("rate", "viscous")
 
 
 EFFECTS = (
@@ -97,20 +111,38 @@ EFFECTS = (
         "freewheel",
         "motor",
         Place.SPEED,
-        "ω̇ = −r sign ω − β ω/τ while the command is 0 or falls (or while the wheel outruns it), "
-        "down to 0 (or until the drive catches it)",
-        "The driver lets go instead of braking: near-linear decay.",
-        "Falls are straight lines, rises are exponentials.",
-        "Steps to zero from several speeds.",
+        "ω̇ = −r sign ω − β ω/τ while the command is 0, or falls, too (or while the wheel outruns "
+        "it), down to 0 (or until the drive catches it); with a current of one sign the slower "
+        "fall of this and τ ω̇ = T − ω",
+        "The driver lets go instead of braking.",
+        "Falls are nearly straight lines, or longer than rises; rises are exponentials.",
+        "Steps to zero from several speeds, and steps down to lower ones.",
         (
             EffectParameter(
-                "rate", "speed/s", 1e6, 0.02, 100.0, (0.4, 1.0, 3.0) * 3, "speed", kinks=True
+                "rate",
+                "speed/s",
+                1e6,
+                0.001,
+                100.0,
+                (0.4, 1.0, 3.0) * 3 + (0.8, 0.05) * 2,
+                "speed",
+                kinks=True,
+                at_limit=True,
             ),
+            EffectParameter("viscous", "", 0.0, 0.0, 0.6, (0.0,) * 9 + (0.0, 0.15) * 2, "one"),
             EffectParameter(
-                "overrun", "", 0.0, 0.0, 1.0, (0.0,) * 3 + (1.0,) * 3 + (0.0,) * 3, choice=True
+                "released",
+                "",
+                FALLS,
+                FALLS,
+                ONE_WAY,
+                (FALLS,) * 3
+                + (OUTRUNS,) * 3
+                + (FALLS_TO_DRIVE,) * 3
+                + (AT_ZERO,) * 2
+                + (ONE_WAY,) * 2,
+                choice=True,
             ),
-            EffectParameter("caught", "", 0.0, 0.0, 1.0, (0.0,) * 3 + (1.0,) * 6, choice=True),
-            EffectParameter("viscous", "", 0.0, 0.0, 0.6, (0.0,), "one"),
         ),
         _freewheel,
         _rolling,
@@ -118,5 +150,34 @@ EFFECTS = (
         at_rest=_last_command,
         ties=("coast-asymmetry",),
         programmes=(COASTING, LEVELS),
+        laws=(
+            Law(
+                _NUMBERS,
+                choices={"released": FALLS},
+                sentence="It does so at a command of zero and after a command that falls.",
+            ),
+            Law(
+                _NUMBERS,
+                choices={"released": FALLS_TO_DRIVE},
+                sentence="It does so at a command of zero and after a command that falls, until "
+                "the drive catches it.",
+            ),
+            Law(
+                _NUMBERS,
+                choices={"released": OUTRUNS},
+                sentence="It does so while the wheel outruns the drive, until that catches it.",
+            ),
+            Law(
+                _NUMBERS,
+                choices={"released": AT_ZERO},
+                sentence="It does so at a command of zero only, as if all switches opened then.",
+            ),
+            Law(
+                _NUMBERS,
+                choices={"released": ONE_WAY},
+                sentence="Its current flows one way only, as through the diode of a bridge of one "
+                "quadrant: it pulls and never brakes, but against a reversal.",
+            ),
+        ),
     ),
 )

@@ -6,14 +6,26 @@ import numpy as np
 import pytest
 
 from sysid.data.record import Array
+from sysid.effects.motor import AT_ZERO, ONE_WAY
 from sysid.structures.augmented.structure import Augmented
 
 TAU, GAIN, PARTS = 0.25, 20.0, 40
 LEVELS = np.random.default_rng(7).uniform(-1.0, 1.0, (30, 2))
-LEVELS[0] = 0.0
+LEVELS[0] = LEVELS[7] = LEVELS[12] = LEVELS[13] = 0.0
 
 Torque = Callable[[Array, Array], Array]
 """(drives, speeds) of both tracks → torques in units of steady speed."""
+
+
+def open_at_zero(d: Array, w: Array) -> Array:
+    """All switches open at a command of zero: a tenth of the viscous term is the bearings'."""
+    return np.where(d == 0.0, 0.9 * w, GAIN * d)
+
+
+def one_way(d: Array, w: Array) -> Array:
+    """The current has the sign of the command, or there is none."""
+    side = np.sign(d)
+    return 0.9 * w + side * np.maximum(side * (GAIN * d - 0.9 * w), 0.0)
 
 
 def driven(effect: str, numbers: list[float], dt: float) -> tuple[Array, Array]:
@@ -58,6 +70,8 @@ def sagging(d: Array, w: Array) -> Array:
         ("current-limit", [5.0, 0.9], limited),
         ("dead-time", [0.08, 0.85, 0.02], waiting),
         ("supply-sag", [0.3, 0.9, 1.0], sagging),
+        ("freewheel", [0.0, 0.1, AT_ZERO], open_at_zero),
+        ("freewheel", [0.0, 0.1, ONE_WAY], one_way),
     ],
 )
 @pytest.mark.parametrize("dt", [0.02, 0.05])

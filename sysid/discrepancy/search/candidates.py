@@ -169,20 +169,9 @@ class CandidateSearch:
         tried = [owners[r[0]] for r in rows]
         starts = [self._joined(q[r], cost[r], t) for r, t in zip(rows, tried, strict=True)]
         q, cost = self._search(node, np.array(starts), tried, BUDGET.more_steps)
-        promising = [k for k in range(len(tried)) if np.any(cost[k] < BUDGET.promising * now)]
-        order = sorted(promising, key=lambda k: float(np.sum(np.log(cost[k] + 1e-300))))
-        if not order:
+        kept = self._shortlist(node, tried, cost, now, most)
+        if not kept:
             return []
-        leading = list(dict.fromkeys(tried[k].id for k in order))
-        alike = [t for id in leading[:2] for t in about(id).ties]
-        if not node.effects:
-            alike += [tried[k].id for k in promising if tried[k].id in self.stepwise]
-        wanted = (*leading[:most], *alike)
-        # a law that is slow to start may be the one that suffices: all laws of an effect are kept
-        kept = sorted(
-            (k for k in range(len(tried)) if tried[k].id in wanted),
-            key=lambda k: (wanted.index(tried[k].id), k),
-        )
         chosen = [tried[k] for k in kept]
         far = range(BUDGET.leading if node.effects else len(kept))
         full, cost = self._search(node, q[kept], chosen, BUDGET.full_steps, far)
@@ -198,6 +187,34 @@ class CandidateSearch:
             for n in nodes
         ]
         return sorted(_simplest(judged), key=lambda j: -j.score)
+
+    def _shortlist(
+        self, node: Node, tried: Sequence[Effect], cost: Array, now: Array, most: int
+    ) -> list[int]:
+        """Which of the effects that took their first steps are fitted in full, the likeliest first.
+
+        Args:
+            node: what they are added to.
+            tried: the effects, one law after the other.
+            cost: of each, (laws, tracks).
+            now: without them, (tracks,).
+            most: effects at most, besides those that are alike.
+        """
+        promising = [k for k in range(len(tried)) if np.any(cost[k] < BUDGET.promising * now)]
+        order = sorted(promising, key=lambda k: float(np.sum(np.log(cost[k] + 1e-300))))
+        leading = list(dict.fromkeys(tried[k].id for k in order))
+        alike = [t for id in leading[:2] for t in about(id).ties]
+        if not node.effects:
+            alike += [tried[k].id for k in promising if tried[k].id in self.stepwise]
+        wanted = (*leading[:most], *alike)
+        sums = cost.sum(axis=1)
+        least: dict[str, float] = {}
+        for e, own in zip(tried, sums.tolist(), strict=True):
+            least[e.id] = min(own, least.get(e.id, np.inf))
+        kept = [
+            k for k, e in enumerate(tried) if e.id in wanted and sums[k] <= BUDGET.law * least[e.id]
+        ]
+        return sorted(kept, key=lambda k: (wanted.index(tried[k].id), k))
 
     def _law(self, e: Effect, q: Array) -> int:
         """Which law of an effect a lane has chosen; 0 where the effect has but one."""
