@@ -50,11 +50,27 @@ def experiment_between(
         apart = _apart(search, list(tied.values()), programme.rows, floor, (scales, delay))
         if apart > least * 1.1:
             best, least = programme, apart
+    hand = next((about(id).by_hand for id in ids if about(id).by_hand), "")
+    if hand and 0.0 <= least < FAINT:
+        return Experiment(
+            f"To tell {_listed(ids)} apart no command helps: the models would differ by "
+            f"{least:.1g} times the noise. {hand}",
+            ids,
+            (),
+            (),
+        )
     purpose = f"To tell {_listed(ids)} apart: {_lower(_words(best, record))}"
     if least >= 0.0:
         clear = "clear" if least > CLEAR else "enough" if least > FAINT else "hardly enough"
         purpose += f" The models then differ by {least:.2g} times the noise, which is {clear}."
     return _written(purpose, ids, best.rows, record, scales)
+
+
+def experiment_on_ground(ids: tuple[str, ...], record: Record, scales: Array) -> Experiment:
+    """The schedule that the catalogue lists first for a tie between tracks and ground."""
+    programme = about(ids[0]).programmes[0]
+    purpose = f"To tell {_listed(ids)} apart: {_lower(_words(programme, record))}"
+    return _written(purpose, ids, programme.rows, record, scales)
 
 
 def next_experiments(

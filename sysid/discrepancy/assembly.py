@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from sysid.data.checks.quality import inspect_records
 from sysid.discrepancy import findings
-from sysid.discrepancy.advise import experiment_between, next_experiments
+from sysid.discrepancy.advise import experiment_between, experiment_on_ground, next_experiments
 from sysid.discrepancy.augment import model_of
 from sysid.discrepancy.diagnosis import OF_THE_LOG, Diagnosis, Experiment, Trace
 from sysid.discrepancy.following import ASTRAY, not_followed
@@ -83,7 +83,7 @@ def assembled(found: Outcome, model: Model | None, pose: PoseDiagnosis | None) -
         where_after=left,
         gap=gap,
         detectable=unseen,
-        next_experiments=_next(study, naming, unseen),
+        next_experiments=_next(study, naming, pose, unseen),
         before=old,
         after=new,
         residuals=tuple(
@@ -204,12 +204,19 @@ def _unseen(
     return found
 
 
-def _next(study: Study, naming: Naming, unseen: dict[str, float | None]) -> tuple[Experiment, ...]:
+def _next(
+    study: Study, naming: Naming, pose: PoseDiagnosis | None, unseen: dict[str, float | None]
+) -> tuple[Experiment, ...]:
     base, first = study.base, study.base.parts.estimation[0]
     found = [
         experiment_between(base.search, n.rivals, study.floor, base.scales, base.delay)
         for n in _proven(naming)
         if len(n.rivals) > 1 and CHANGED.id not in n.rivals
+    ]
+    found += [
+        experiment_on_ground((e.id, *e.indistinguishable), first, study.scales)
+        for e in (pose.effects if pose is not None else ())
+        if e.indistinguishable
     ]
     vehicle = {e.id for e in ground_effects()}
     blind = [id for id, size in unseen.items() if size is None and id not in vehicle]

@@ -17,6 +17,7 @@ from sysid.discrepancy.pose.diagnosis import PoseDiagnosis, diagnose_pose
 from sysid.discrepancy.proof.mission import prove_on_mission
 from sysid.discrepancy.search.logs import require_one_machine
 from sysid.discrepancy.search.naming import Progress
+from sysid.discrepancy.several.ground import with_ground
 from sysid.discrepancy.study import Study, noise_of
 from sysid.effects.catalogue import chain_effects
 from sysid.effects.measured import Measured, within
@@ -88,6 +89,9 @@ def diagnose(
         geometry = load_mission(mission).vehicle.given_geometry
     pose_diagnosis = _pose(base, geometry)
     result = assembled(found, model, pose_diagnosis)
+    every = (*base.parts.estimation, *base.parts.held)
+    several = with_ground(result.several, every, base.search.logs, pose_diagnosis, geometry)
+    result = replace(result, several=several)
     if geometry is not None and pose_diagnosis is None and mission is None:
         result = replace(result, warnings=(*result.warnings, NO_POSE))
     if mission is not None:

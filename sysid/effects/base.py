@@ -211,6 +211,8 @@ class Effect:
         inverse: how the command, or the torque, is chosen so that what is wanted is left of it;
             None where that is not possible, or not without knowing what comes.
         ties: effects that many logs cannot tell from it.
+        by_hand: what tells it from its ties where no command can, and what is then seen; empty
+            where commands suffice.
         rare: whether one of these is rather named where a log cannot tell.
         couples: whether it ties tracks to each other: a single one cannot have it, and the search
             moves the numbers of all tracks together, because those of one change the others' runs.
@@ -256,6 +258,7 @@ class Effect:
     undone: Callable[[Signal, Mapping[str, Signal]], Signal] | None = None
     inverse: Inverse | None = None
     ties: tuple[str, ...] = ()
+    by_hand: str = ""
     rare: bool = False
     couples: bool = False
     opposite: str = ""

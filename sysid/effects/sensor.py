@@ -42,6 +42,9 @@ EFFECTS = (
         lagging,
         states=2,
         ties=("actuator-lag",),
+        by_hand="Two lags in a row can change places. Measure the speed in another way as well "
+        "(a pose in the log, a camera), or turn the wheel by hand: only a lag of the sensor is "
+        "seen there.",
         programmes=(REVERSALS, TOP),
         beyond_a_sample=True,
     ),
@@ -85,6 +88,9 @@ EFFECTS = (
         _bias,
         undone=lambda y, p: y - p["bias"],
         ties=("load-bias",),
+        by_hand="A load and a zero point shift every reading alike. Hold the wheel for some "
+        "seconds while the log runs: what is read then is the zero point, what is gone was the "
+        "load.",
         programmes=(RESTS, COASTING),
         level=True,
     ),

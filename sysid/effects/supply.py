@@ -22,6 +22,10 @@ from sysid.effects.programmes import (
 
 P = Mapping[str, Signal]
 
+LEAST_EMF = 0.3
+"""A limit of a current with a smaller share of back-emf is a limit of the command: a motor that is
+worth its name turns most of its steady torque against its own voltage."""
+
 
 def _sag(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
     load = xp.mean(xp.abs(c.drive), axis=-1, keepdims=True)
@@ -126,9 +130,10 @@ EFFECTS = (
         "Steps of very different size, and reversals from speed.",
         (
             EffectParameter("limit", "speed", 1e6, 0.03, 2.5, (0.2, 0.5, 1.0), "speed", kinks=True),
-            EffectParameter("emf", "", 1.0, 0.0, 1.0, (1.0, 1.0, 1.0), at_limit=True),
+            EffectParameter("emf", "", 1.0, LEAST_EMF, 1.0, (1.0, 1.0, 1.0)),
         ),
         _limit,
+        ties=("input-saturation",),
         programmes=(TOP, REVERSALS),
     ),
     Effect(

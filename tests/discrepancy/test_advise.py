@@ -60,6 +60,20 @@ def test_effects_that_cannot_be_shown_share_schedules() -> None:
     assert next_experiments(RECORD, SCALES, ["no-such-effect"]) == ()
 
 
+def test_where_no_command_helps_it_is_said_what_does() -> None:
+    effects = tuple(effect(i) for i in ("actuator-lag", "sensor-lag"))
+    base = plain_base([RECORD], [RECORD], effects)
+    model, node = base.search.model, base.node
+    rows = [node.q.copy(), node.q.copy()]
+    for q, e in zip(rows, effects, strict=True):
+        q[list(model.of(e.id))] = 0.2
+    tied = {e.id: replace(node, q=q) for e, q in zip(effects, rows, strict=True)}
+    found = experiment_between(base.search, tied, np.array([SIGMA, SIGMA]), SCALES, base.delay)
+    assert found.rows == ()
+    assert "no command helps" in found.purpose
+    assert "turn the wheel by hand" in found.purpose
+
+
 def test_a_tie_gets_the_schedule_on_which_the_models_differ_most() -> None:
     effects = tuple(effect(i) for i in ("supply-sag", "concave-gain", "cross-coupling"))
     ordered = [e for e in catalogue().values() if e in effects]

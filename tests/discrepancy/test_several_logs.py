@@ -4,21 +4,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pose_cases import driven, ground, wandering
 
 from sysid.data.record import Array, Channel, Record
 from sysid.discrepancy.base_model import full_drive, plain_base
 from sysid.discrepancy.diagnose import diagnose
+from sysid.discrepancy.pose.diagnosis import diagnose_pose
 from sysid.discrepancy.search.admission import tied
 from sysid.discrepancy.search.logs import logs_of
 from sysid.discrepancy.search.named_sets import Node
 from sysid.discrepancy.several.constancy import several_logs
+from sysid.discrepancy.several.ground import with_ground
 from sysid.discrepancy.several.words import sentences, table_of_logs
-from sysid.discrepancy.several_logs import ABSENT, HIDDEN, PRESENT, SeveralLogs
+from sysid.discrepancy.several_logs import ABSENT, HIDDEN, PRESENT, LogView, SeveralLogs
 from sysid.discrepancy.study import Study, noise_of
 from sysid.effects.catalogue import chain_effects
 from sysid.errors import DataError
 from sysid.fitting.holdout import Errors
 from sysid.structures.augmented.structure import Augmented
+from sysid.vehicle.kinematics import Geometry
 
 NOISE, ZONE = 0.05, 0.15
 FULL = (Channel("volts", "V"),), (Channel("omega", "rad/s"),)
@@ -146,3 +150,22 @@ def test_a_short_log_that_was_made_for_it_breaks_a_tie_that_a_long_one_cannot() 
 def test_logs_that_contradict_each_other_break_no_tie() -> None:
     logs = logs_of([log("a.csv", 1), log("b.csv", 2)], [log("a.csv", 1), log("b.csv", 2)])
     assert tied(node("actuator-lag", [1.0, 1.3]), node("sensor-lag", [1.06, 1.0]), logs)
+
+
+# Between tracks and ground ------------------------------------------------------------------------
+
+
+def test_another_ground_is_seen_as_another_width_and_a_short_log_cannot_tell() -> None:
+    speeds = wandering(300)
+    lab, carpet = (driven(speeds, ground("track-width", r), seed=3) for r in (0.8, 0.6))
+    named = {"lab.csv": lab, "carpet.csv": carpet, "short.csv": lab.rows(0, 20)}
+    logs = [replace(r, name=n, sha256=n) for n, r in named.items()]
+    pose = diagnose_pose(logs[:1], (), Geometry())
+    several = SeveralLogs(tuple(LogView(n, False, (), (), {}) for n in named))
+    said = with_ground(several, logs, logs_of(logs, logs), pose, Geometry())
+    assert [v.effects[0].state for v in said.logs] == [PRESENT, PRESENT, HIDDEN]
+    (ratio,) = said.constancy
+    assert not ratio.same
+    seen = [v.effects[0].numbers[0].value for v in said.logs[:2]]
+    assert seen == pytest.approx([0.8, 0.6], abs=0.02)
+    assert "track-width ratio differs between logs" in " ".join(sentences(said))

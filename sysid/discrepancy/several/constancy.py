@@ -53,8 +53,7 @@ def several_logs(study: Study, naming: Naming) -> SeveralLogs:
     named = [n for n in naming.named if n.id not in BY_LOG]
     views = tuple(_view(base, naming, named, f) for f in fits)
     differences = tuple(_difference(study, naming, n) for n in naming.named if n.id in BY_LOG)
-    constancies = _constancies(views, [n.id for n in named])
-    return SeveralLogs(views, constancies, differences)
+    return SeveralLogs(views, constancies(views, [n.id for n in named]), differences)
 
 
 def _view(base: Base, naming: Naming, named: Sequence[Named], fit: LogFit) -> LogView:
@@ -123,7 +122,7 @@ def _base_numbers(base: Base, fit: LogFit) -> tuple[LogNumber, ...]:
     return tuple(found)
 
 
-def _constancies(views: Sequence[LogView], ids: Sequence[str]) -> tuple[Constancy, ...]:
+def constancies(views: Sequence[LogView], ids: Sequence[str]) -> tuple[Constancy, ...]:
     """Every number that two logs tell, of the effects and of the base."""
     rows: dict[tuple[str, str], list[tuple[str, LogNumber]]] = {}
     for v in views:

@@ -5,6 +5,8 @@ from sysid.discrepancy.several_logs import ABSENT, HIDDEN, PRESENT, LogNumber, S
 
 STATES = {PRESENT: "shows it", ABSENT: "shows that it is not there", HIDDEN: "cannot tell"}
 
+NOT_TOLD = LogNumber("", None, None, "")
+
 
 def table_of_logs(several: SeveralLogs) -> tuple[list[str], list[list[str]]]:
     """Heads and rows: a column for each log, a row for each effect, number and noise."""
@@ -30,12 +32,13 @@ def _numbers(
     """A row for each number that a log tells."""
     tested = {c.name: c for c in several.constancy if c.owner == owner}
     rows = []
-    for each in zip(*mine, strict=True):
+    for name in dict.fromkeys(n.name for some in mine for n in some):
+        each = [next((n for n in some if n.name == name), NOT_TOLD) for some in mine]
         if all(n.value is None for n in each):
             continue
-        test = tested.get(each[0].name)
+        test = tested.get(name)
         verdict = "" if test is None else f"{'yes' if test.same else 'no'} (p = {test.p_value:.2g})"
-        rows.append([each[0].name, *(n.words for n in each), verdict])
+        rows.append([name, *(n.words for n in each), verdict])
     return rows
 
 
