@@ -155,8 +155,8 @@ class NamingSearch(CandidateSearch):
 
     def _passing(self, judged: Sequence[Judged]) -> list[Judged]:
         """Accepted candidates, the most likely first; nearly equal ones by fewest numbers."""
-        passed = [j for j in judged if j.evidence.accepted and self.admissible(j.node)]
-        passed.sort(key=lambda j: -j.score)
+        passed = [j for j in judged if self._stands(j)]
+        passed = self._beside_sampling(judged, sorted(passed, key=lambda j: -j.score))
         if not passed:
             return []
         top = passed[0]
@@ -174,6 +174,24 @@ class NamingSearch(CandidateSearch):
         return [self._with_excluded(j, passed) for j in ordered[: BUDGET.beam]] + ordered[
             BUDGET.beam :
         ]
+
+    def _stands(self, j: Judged) -> bool:
+        return j.evidence.accepted and self.admissible(j.node)
+
+    def _beside_sampling(self, judged: Sequence[Judged], passed: Sequence[Judged]) -> list[Judged]:
+        """Candidates that also stand beside a shift of less than a sample, where one explains most.
+
+        Such a shift is how the log was sampled (a speed counted over a sample comes half of one
+        late) and is no effect, but what looks like it, as a steep rate limit does, is none either.
+        """
+        late = next(
+            (j for j in judged if not beyond_a_sample(self.model, j.id, j.node.q).any()), None
+        )
+        if late is None or not passed or passed[0].score > late.score:
+            return list(passed)
+        again = self.candidates(late.node, [about(j.id) for j in passed])
+        ids = {j.id for j in again if self._stands(j)}
+        return [j for j in passed if j.id in ids]
 
     def _with_excluded(self, mine: Judged, passed: Sequence[Judged]) -> Judged:
         same = tuple(
