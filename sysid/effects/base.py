@@ -29,10 +29,7 @@ class StartsFrom(Enum):
 
     LISTED = "the starting values of its parameters"
     CLIP_LEVEL = "the level at which readings pile up, for its first parameter"
-    WAVES = (
-        "the strongest waves of the errors over the wheel's angle, for its first four parameters: "
-        "cosine, sine, waves a rad, and 1 where the angle is the wheel's, 0 where the readings'"
-    )
+    WAVES = "the strongest waves of the errors over the wheel's angle, for its waves"
     SIGNS = "cores fitted to readings whose signs are recovered, which it is taken to have lost"
 
 
@@ -123,6 +120,27 @@ class EffectParameter:
     edge: int = 0
     as_command: bool = False
     measured_as: str = ""
+
+
+@dataclass(frozen=True)
+class Wave:
+    """A wave over the angle of the wheel, whose phase is another in every record.
+
+    Attributes:
+        cosine, sine: its parameters.
+        line: parameter of the waves a rad.
+        of_wheel: parameter of what the angle is integrated from: 1 for the wheel's speed, 0 for the
+            readings.
+        of_speed: whether they are shares of the speed.
+        of_torque: whether they are a resistance to the torque, which shows after the motor's lag.
+    """
+
+    cosine: str
+    sine: str
+    line: str = "per_turn"
+    of_wheel: str = "of_wheel"
+    of_speed: bool = False
+    of_torque: bool = False
 
 
 Step = Callable[[Any, Signal, State, Mapping[str, Signal], Context], tuple[Signal, State]]
@@ -228,8 +246,7 @@ class Effect:
             log was sampled (a difference over a sample is half of one late) and is not named.
         reverses: whether only commands of both signs can show it, so that an actuator without a
             negative side is not asked to.
-        wave: its parameters that are the cosine and the sine of a wave, whose phase is another in
-            every record; None for an effect without one.
+        waves: its waves over the wheel's angle; a law with one has it among its parameters.
         between_edges: what a log does not tell where no command lies between the possible places
             of an ``edge``, as the end of a sentence.
         length: between tracks and ground, the length that its parameter scales; None for none.
@@ -268,7 +285,7 @@ class Effect:
     level: bool = False
     beyond_a_sample: bool = False
     reverses: bool = False
-    wave: tuple[str, str] | None = None
+    waves: tuple[Wave, ...] = ()
     between_edges: str = ""
     length: Length | None = None
     in_numbers: InNumbers | None = None

@@ -155,13 +155,18 @@ def test_a_clip_behind_noise_is_no_saturated_command(tmp_path: Path) -> None:
 
 
 def test_a_name_whose_law_fits_in_part_says_how_much_is_left(tmp_path: Path) -> None:
-    """Cogging with dead bands: a ripple, but for its form, which no law of the catalogue has."""
+    """Cogging with dead bands: a torque over the angle of the two laws' places, but not their form.
+
+    Its first wave comes once in 3 rad, its fifth is all that the second law takes of the others.
+    """
     found = answer(tmp_path, "other-4", 501, "steps")
     assert found.verdict == "effects-found"
-    (ripple,) = found.effects
-    assert ripple.id == "speed-ripple"
+    load, ripple = found.effects
+    assert (load.id, ripple.id) == ("gravity-load", "speed-ripple")
+    lines = {v.name.partition("[")[0]: v.value for v in (*load.parameters, *ripple.parameters)}
+    assert (lines["per_turn"], lines["load_per_turn"]) == pytest.approx((1 / 3, 5 / 3), rel=0.01)
     assert ripple.explains_percent is not None
-    assert 20.0 < ripple.explains_percent < 80.0
+    assert 1.0 < ripple.explains_percent < 20.0
     assert "something else remains" in ripple.fit_words
     assert "is left" in found.story
 

@@ -46,6 +46,7 @@ IDS = (
     "cross-coupling",
     "inertial-coupling",
     "thermal-fade",
+    "gravity-load",
     "speed-ripple",
     "track-slip",
     "radius-mismatch",

@@ -6,7 +6,9 @@ import numpy as np
 from scipy.special import fdtrc
 
 from sysid.criteria.coloured import ar_fit
+from sysid.data.filtering import lfilter
 from sysid.data.record import Array
+from sysid.discrepancy.over_angle import over_angle, strongest_lines
 
 ORDER = 20
 """Coefficients of the noise's autoregression."""
@@ -19,8 +21,17 @@ LEVEL_PARTS = 6
 FEWEST_FREE = 10
 """Degrees of freedom that a variance needs to be compared with."""
 
-RIPPLES = np.arange(0.5, 20.0, 0.05)
-"""Waves per radian of the wheel that a ripple is looked for at."""
+RIPPLES = (0.5, 20.0)
+"""Waves per radian of the wheel that a ripple is looked for at, least and most."""
+
+LEVELS = 48
+"""Lines at which the size of a whitened wave is computed; between them it runs smoothly."""
+
+PEAKS = 6
+"""Highest lines of a spectrum that are computed exactly."""
+
+SHORTEST_WAY = 20.0
+"""A wheel that has turned less [rad] shows no ripple that is one for certain."""
 
 
 def orthonormal(columns: Array) -> Array:
@@ -80,25 +91,79 @@ def level_chance(e: Sequence[Array], own: Sequence[Array]) -> float:
 
 def ripple_chance(
     w: Array,
-    white: Callable[[Sequence[Array]], Array],
+    alpha: Array,
     angle: Sequence[Array],
+    factors: Sequence[Sequence[Array]],
     nuisance: Array,
 ) -> float:
-    """p-value of the highest ordinate over waves per radian, Bonferroni over those apart."""
+    """p-value of the highest ordinate over waves per radian, Bonferroni over those apart.
+
+    Args:
+        w: whitened errors of all parts, the first ``len(alpha) − 1`` of each left out.
+        alpha: the filter that whitened them.
+        angle: angle of each part [rad].
+        factors: of each kind of ripple, what the wave is multiplied by in each part.
+        nuisance: orthonormal columns that ``w`` holds nothing of.
+    """
     span = float(np.ptp(np.concatenate(angle)))
-    if span < 20.0:
+    if span < SHORTEST_WAY:
         return 1.0
-    best = 0.0
-    for part in np.array_split(RIPPLES, max(len(RIPPLES) // 64, 1)):
-        phase = [np.concatenate([a[:1], a[:-1]])[:, None] * part for a in angle]
-        c, s = white([np.cos(p) for p in phase]), white([np.sin(p) for p in phase])
-        c, s = c - nuisance @ (nuisance.T @ c), s - nuisance @ (nuisance.T @ s)
-        cc, ss, cs = np.sum(c * c, axis=0), np.sum(s * s, axis=0), np.sum(c * s, axis=0)
-        cw, sw = c.T @ w, s.T @ w
-        det = np.maximum(cc * ss - cs**2, 1e-9 * cc * ss + 1e-300)
-        best = max(best, float(np.max((ss * cw**2 - 2.0 * cs * cw * sw + cc * sw**2) / det)))
+    apart = max(2.0 * span * (RIPPLES[1] - RIPPLES[0]) / (2.0 * np.pi), 1.0)
     free = len(w) - nuisance.shape[1] - 2
-    rest = max(float(w @ w) - best, 1e-300)
-    one = float(fdtrc(2, free, best / 2.0 / (rest / free)))
-    apart = min(len(RIPPLES), 2.0 * span * float(np.ptp(RIPPLES)) / (2.0 * np.pi))
-    return min(1.0, apart * one)
+    chance = 1.0
+    for factor in factors:
+        waves = _Whitened(w, alpha, angle, factor, nuisance)
+        best = float(np.max(waves.ordinates(waves.peaks(span))))
+        rest = max(float(w @ w) - best, 1e-300)
+        chance = min(chance, float(fdtrc(2, free, best / 2.0 / (rest / free))))
+    return min(1.0, len(factors) * apart * chance)
+
+
+class _Whitened:
+    """Waves over the angle behind the filter that whitened the errors."""
+
+    def __init__(
+        self,
+        w: Array,
+        alpha: Array,
+        angle: Sequence[Array],
+        factor: Sequence[Array],
+        nuisance: Array,
+    ) -> None:
+        self.w, self.alpha, self.nuisance = w, alpha, nuisance
+        self.angle, self.factor = angle, factor
+
+    def peaks(self, span: float) -> Array:
+        """The lines at which the errors hold most of a wave, for its size."""
+        skip = len(self.alpha) - 1
+        ends = np.cumsum([len(a) - skip for a in self.angle])[:-1]
+        back = [
+            lfilter(self.alpha, [1.0], np.concatenate([np.zeros(skip), part])[::-1])[::-1]
+            for part in np.split(self.w, ends)
+        ]
+        signal = np.concatenate(back) * np.concatenate(self.factor)
+        lines, whole = over_angle(np.concatenate(self.angle), signal, RIPPLES[1])
+        some = np.geomspace(*RIPPLES, LEVELS)
+        sizes = np.interp(lines, some, self._sums(some)[0])
+        score = np.abs(whole) ** 2 / np.maximum(sizes, 1e-12 * np.max(sizes) + 1e-300)
+        return np.array(strongest_lines(lines, score, RIPPLES, span, PEAKS))
+
+    def _sums(self, lines: Array) -> tuple[Array, Array, Array]:
+        """Σc² + Σs², Σc²Σs² − (Σcs)², and what w holds of both, at each line."""
+        c, s = self._columns(np.cos, lines), self._columns(np.sin, lines)
+        cc, ss, cs = np.sum(c * c, axis=0), np.sum(s * s, axis=0), np.sum(c * s, axis=0)
+        cw, sw = c.T @ self.w, s.T @ self.w
+        return cc + ss, cc * ss - cs**2, ss * cw**2 - 2.0 * cs * cw * sw + cc * sw**2
+
+    def ordinates(self, lines: Array) -> Array:
+        """What a wave of each line explains of w, in units of its square."""
+        both, det, held = self._sums(lines)
+        return np.asarray(held / np.maximum(det, 1e-9 * both**2 + 1e-300))
+
+    def _columns(self, wave: Callable[[Array], Array], lines: Array) -> Array:
+        parts = [
+            lfilter(self.alpha, [1.0], wave(a[:, None] * lines) * f[:, None], axis=0)
+            for a, f in zip(self.angle, self.factor, strict=True)
+        ]
+        columns = np.concatenate([p[len(self.alpha) - 1 :] for p in parts])
+        return np.asarray(columns - self.nuisance @ (self.nuisance.T @ columns))

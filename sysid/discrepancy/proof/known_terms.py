@@ -1,7 +1,8 @@
 """What the errors of a simulation may depend on: functions of past commands and simulated speeds.
 
-No term holds a measured output, and a command enters only after it was given, so that reading
-noise can enter the terms through feedback alone, and then only noise of the past.
+Of measured outputs only past ones enter, and only as the angle that they count up to; a command
+enters only after it was given. So reading noise can enter the terms through feedback and through
+that angle alone, and then only noise of the past.
 
 A torque that a model lacks shows after the motor's lag: F(q) z is z through the lag of the
 simulation itself, z_F(t) = a z_F(t−1) + (1 − a) z(t−1), whose pole a is read off the simulation.
@@ -86,8 +87,8 @@ def known_terms(
     """
     about = drives_of(records, simulated, i, scales)
     parts = [
-        _terms(r.u / scales, s[:, i], r.dt, min(i, r.nu - 1), about)
-        for r, s in zip(records, simulated, strict=True)
+        _terms(r.u / scales, s[:, i], a, r.dt, min(i, r.nu - 1), about)
+        for r, s, a in zip(records, simulated, angles(records, simulated, i), strict=True)
     ]
     names = tuple(parts[0])
     whole = np.concatenate([np.column_stack([p[n] for n in names]) for p in parts])
@@ -98,7 +99,17 @@ def known_terms(
     return Terms(tuple(names[k] for k in keep), tuple(columns), sizes[keep])
 
 
-def _terms(d: Array, w: Array, dt: float, own: int, about: Drives) -> dict[str, Array]:
+def angles(records: Sequence[Record], simulated: Sequence[Array], i: int) -> list[Array]:
+    """Angle of output ``i``: readings before each, and half a sample of the simulated speed."""
+    return [
+        (np.cumsum(r.y[:, i]) - r.y[:, i] + 0.5 * s[:, i]) * r.dt
+        for r, s in zip(records, simulated, strict=True)
+    ]
+
+
+def _terms(
+    d: Array, w: Array, angle: Array, dt: float, own: int, about: Drives
+) -> dict[str, Array]:
     """Columns (N,) of one record by name."""
     a, top = about.pole, about.top
 
@@ -128,6 +139,8 @@ def _terms(d: Array, w: Array, dt: float, own: int, about: Drives) -> dict[str, 
         f"F({v} while it falls)": through(np.where(falls, w, 0.0)),
         f"F(sign {v} while {o} = 0)": through(np.where(np.abs(x) < 0.01, np.sign(w), 0.0)),
         f"F(sign {v} while it crawls)": through(turned),
+        f"F(cos ∫{v})": through(np.cos(angle)),
+        f"F(sin ∫{v})": through(np.sin(angle)),
         f"{v}": w,
         f"{v}·|{v}|": w * size,
         f"|{v}|": size,

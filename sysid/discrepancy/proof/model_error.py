@@ -29,7 +29,7 @@ from sysid.discrepancy.proof.error_tests import (
     orthonormal,
     ripple_chance,
 )
-from sysid.discrepancy.proof.known_terms import Terms, drives_of, known_terms
+from sysid.discrepancy.proof.known_terms import Terms, angles, drives_of, known_terms
 from sysid.errors import DataError
 
 FEWEST = 100
@@ -143,19 +143,15 @@ def error_structure(
             own = [s[:, i] for s in slopes]
         own = [_with_transient(z, records, simulated, i, scales) for z in own]
         kept = [_fresh(x[:, i]) or _stretches(y) for x, y in zip(errors, filled, strict=True)]
-        e, own, columns, angle = (
+        speeds = [s[:, i] for s in simulated]
+        e, own, columns, angle, speed = (
             [x[part] for x, parts in zip(whole, kept, strict=True) for part in parts]
-            for whole in (
-                filled,
-                own,
-                terms.columns,
-                [np.cumsum(r.y[:, i]) * r.dt for r in records],
-            )
+            for whole in (filled, own, terms.columns, angles(records, simulated, i), speeds)
         )
         total = sum(len(x) for x in e)
         if total < FEWEST:
             continue
-        p, strongest = _trial(e, own, Terms(terms.names, tuple(columns), terms.sizes), angle)
+        p, strongest = _trial(e, own, Terms(terms.names, tuple(columns), terms.sizes), angle, speed)
         if np.isnan(p):
             continue
         basis = orthonormal(np.concatenate(own))
@@ -235,7 +231,11 @@ def _stretches(e: Array) -> list[slice]:
 
 
 def _trial(
-    e: Sequence[Array], own: Sequence[Array], terms: Terms, angle: Sequence[Array]
+    e: Sequence[Array],
+    own: Sequence[Array],
+    terms: Terms,
+    angle: Sequence[Array],
+    speed: Sequence[Array],
 ) -> tuple[float, str]:
     """(p-value, strongest term) of one output; NaN where the terms are too many for the samples."""
     ends = np.cumsum([len(x) for x in e])[:-1]
@@ -258,7 +258,8 @@ def _trial(
     kept = np.flatnonzero(np.sum(X**2, axis=0) > 1e-6 * before)
     X = X[:, kept]
     p = f_test(w, X, nuisance.shape[1])
-    ripple = ripple_chance(w, white, angle, nuisance)
+    kinds = ([np.ones_like(s) for s in speed], speed)
+    ripple = ripple_chance(w, noise.alpha, angle, kinds, nuisance)
     single = (X.T @ w) ** 2 / np.sum(X**2, axis=0)
     strongest = terms.names[kept[int(np.argmax(single))]] if len(kept) else ""
     level = level_chance(e, own)

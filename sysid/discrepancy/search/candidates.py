@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ from sysid.discrepancy.search.supermodel import (
     SuperModel,
     prepare,
 )
-from sysid.effects.base import Effect, StartsFrom
+from sysid.effects.base import Effect, StartsFrom, Wave
 from sysid.effects.by_log import BY_LOG, number_of
 from sysid.effects.catalogue import LEVEL, about
 from sysid.fitting.holdout import Errors
@@ -108,19 +109,19 @@ class CandidateSearch:
         if own:
             q = search(self.model, q[None], [own], self.held_data, BUDGET.more_steps)[0][0]
         for id in effects:
-            wave = about(id).wave
-            if wave is not None:
-                q = self._turned(q, id, wave)
+            waves = about(id).waves
+            if waves:
+                q = self._turned(q, id, waves)
         return q
 
-    def _turned(self, q: Array, id: str, wave: tuple[str, str]) -> Array:
-        """The wave of an effect (its cosine and sine) in the phase of the held-out record."""
+    def _turned(self, q: Array, id: str, waves: Sequence[Wave]) -> Array:
+        """The wave of an effect, one a law, in the phase of the held-out record."""
         rows = np.repeat(q[None], BUDGET.phases, axis=0)
         for j in range(BUDGET.phases):
             turn = 2.0 * np.pi * j / BUDGET.phases
-            for i in range(self.model.tracks):
-                a = self.model.place[id, wave[0], i]
-                b = self.model.place[id, wave[1], i]
+            for wave, i in product(waves, range(self.model.tracks)):
+                a = self.model.place[id, wave.cosine, i]
+                b = self.model.place[id, wave.sine, i]
                 rows[j, a] = q[a] * np.cos(turn) - q[b] * np.sin(turn)
                 rows[j, b] = q[a] * np.sin(turn) + q[b] * np.cos(turn)
         data = self.held_data

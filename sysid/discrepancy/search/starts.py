@@ -4,9 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sysid.data.filtering import lfilter
 from sysid.data.record import Array
-from sysid.discrepancy.search.supermodel import Data, SuperModel
-from sysid.effects.base import Effect, StartsFrom
+from sysid.discrepancy.over_angle import over_angle, strongest_lines
+from sysid.discrepancy.search.supermodel import Data, Slot, SuperModel
+from sysid.effects.base import Effect, StartsFrom, Wave
 from sysid.effects.catalogue import CHANGED
 from sysid.structures.blocks.sign_recovery import LAGS, recovered
 
@@ -19,8 +21,8 @@ BELL_UP = 1.6
 REPEATED = 0.004
 """Share of the samples that must be exactly the largest reading, for a clip without noise."""
 
-LINES = np.geomspace(0.3, 20.0, 240)
-"""Waves a rad of wheel angle that are looked for in the errors."""
+RANKS = 2
+"""Waves over the angle that a search starts from, the strongest first."""
 
 
 def starts_of(
@@ -202,47 +204,68 @@ def repeats_at_top(y: Array) -> bool:
 
 
 def _from_waves(model: SuperModel, e: Effect, q: Array, errors: Array, data: Data) -> list[Array]:
-    """The strongest waves of the errors over the wheel's angle, track by track.
+    """The strongest waves of the errors over the wheel's angle, for each law, track by track.
 
     The angle comes from the readings, or from the model where the readings drift at rest.
     """
     run = data.y - errors
     simulated = (np.cumsum(run, axis=0) - 0.5 * run) * model.dt
     found = []
-    for of_wheel, angle in ((0.0, data.counted), (1.0, simulated)):
-        waves = [
-            _waves(angle[:, i], errors[:, i] * data.weight[:, i], data.weight[:, i])
-            for i in range(model.tracks)
-        ]
-        for rank in range(2):
-            row = q.copy()
+    for law in e.laws:
+        (wave,) = (w for w in e.waves if w.cosine in law.parameters)
+        for of_wheel, angle in ((0.0, data.counted + 0.5 * model.dt * run), (1.0, simulated)):
+            rows = [q.copy() for _ in range(RANKS if wave.line in law.parameters else 1)]
             for i in range(model.tracks):
-                line, cosine, sine = waves[i][rank]
-                numbers = (cosine, sine, line, of_wheel)
-                for p, value in zip(e.parameters, numbers, strict=True):
-                    row[model.place[e.id, p.name, i]] = value
-            found.append(row)
+                seen = _Seen(model, wave, q, data, run[:, i], i)
+                line = model.place[e.id, wave.line, i]
+                free = wave.line in law.parameters
+                lines = (
+                    seen.lines(angle[:, i], errors[:, i], model.slots[line])
+                    if free
+                    else [model.slots[line].null]
+                )
+                for row, n in zip(rows, lines, strict=True):
+                    cosine, sine = seen.fitted(n * angle[:, i], errors[:, i])
+                    numbers = {wave.cosine: cosine, wave.sine: sine, wave.line: n}
+                    numbers |= {wave.of_wheel: of_wheel, **law.choices}
+                    for name, value in numbers.items():
+                        row[model.place[e.id, name, i]] = value
+            found += rows
     return found
 
 
-def _waves(angle: Array, errors: Array, weight: Array) -> list[tuple[float, float, float]]:
-    """(waves a rad, cosine, sine) of the two strongest."""
-    total = max(float(np.sum(weight)), 1.0)
+class _Seen:
+    """How a wave of an effect shows in the readings of one track, to first order."""
 
-    def power(lines: Array) -> tuple[Array, Array, Array]:
-        turned = np.exp(1j * lines[:, None] * angle) @ errors * (2.0 / total)
-        return np.abs(turned), turned.real, turned.imag
+    def __init__(
+        self, model: SuperModel, wave: Wave, q: Array, data: Data, run: Array, i: int
+    ) -> None:
+        order = range(1, model.order + 1)
+        f = np.array([q[model.place["core", f"f{k}", i]] for k in order])
+        tail = np.array([q[model.place["core", f"b{k}", i]] for k in order[1:]])
+        self.a = np.concatenate([[1.0], f])
+        self.b = np.concatenate([[0.0, 1.0 + f.sum() - tail.sum()], tail])
+        self.torque = wave.of_torque
+        self.factor = run if wave.of_speed else np.ones_like(run)
+        self.weight = data.weight[:, i]
 
-    size, _, _ = power(LINES)
-    found = []
-    for _ in range(2):
-        best = LINES[int(np.argmax(size))]
-        fine = best * np.linspace(0.97, 1.03, 61)
-        at, c, s = power(fine)
-        k = int(np.argmax(at))
-        found.append((float(fine[k]), float(c[k]), float(s[k])))
-        size = np.where(np.abs(np.log(LINES / best)) < 0.1, 0.0, size)
-    return found
+    def lines(self, angle: Array, errors: Array, slot: Slot) -> list[float]:
+        """The strongest waves a rad."""
+        at = errors * self.weight
+        if self.torque:  # the torque that the errors ask for, a sample before
+            at = np.append(lfilter(self.a, [1.0], at)[1:], 0.0) * self.weight
+        lines, whole = over_angle(angle, at * self.factor, slot.upper)
+        span = float(np.ptp(angle))
+        return strongest_lines(lines, np.abs(whole), (slot.lower, slot.upper), span, RANKS)
+
+    def fitted(self, phase: Array, errors: Array) -> tuple[float, float]:
+        """Cosine and sine of a wave by least squares."""
+        both = np.column_stack([np.cos(phase), np.sin(phase)]) * self.factor[:, None]
+        if self.torque:
+            both = -lfilter(self.b, self.a, both, axis=0)
+        both = both * self.weight[:, None]
+        cosine, sine = np.linalg.lstsq(both, errors * self.weight, rcond=None)[0]
+        return float(cosine), float(sine)
 
 
 def free_slots(model: SuperModel, e: Effect, q: Array, tracks: Sequence[int]) -> tuple[int, ...]:

@@ -328,17 +328,22 @@ class SuperModel:
 
             acting = over_time(jnp, before, parameters, data["drive"], past, whole, dt)
 
-            def body(state: Any, x: tuple[Any, ...]) -> tuple[Any, Any]:
-                drive, now, t, y, moving, reset, log = x
-                w = first_speed(after, parameters, y)
-                fresh = rest_state(jnp, inside, core, w, moving * now)
-                state = jax.tree.map(lambda a, b: jnp.where(reset > 0.0, a, b), fresh, state)
-                sample = Sample(drive, now, t, 0.0 * y, 0.0 * y, log)
-                return step_with(jnp, inside, core, parameters, state, sample, dt)
-
             zero = jnp.zeros(tracks)
-            start = rest_state(jnp, inside, core, zero, zero)
-            names = ("t", "y", "moving", "reset", "log")
+
+            def body(carried: Any, x: tuple[Any, ...]) -> tuple[Any, Any]:
+                drive, now, t, y, moving, reset, counted, log = x
+                w = first_speed(after, parameters, y)
+                fresh = (rest_state(jnp, inside, core, w, moving * now), zero)
+                state, turned = jax.tree.map(
+                    lambda a, b: jnp.where(reset > 0.0, a, b), fresh, carried
+                )
+                speed = state[0][0]
+                sample = Sample(drive, now, t, turned, counted, log)
+                state, reading = step_with(jnp, inside, core, parameters, state, sample, dt)
+                return (state, turned + 0.5 * dt * (speed + state[0][0])), reading
+
+            start = (rest_state(jnp, inside, core, zero, zero), zero)
+            names = ("t", "y", "moving", "reset", "counted", "log")
             x = (data["drive"], acting, *(data[name] for name in names))
             read = jax.lax.scan(body, start, x)[1]
             sums = dt * (jnp.cumsum(read, axis=0) - 0.5 * read)
