@@ -89,6 +89,8 @@ class PoseRule:
         most_effects: as many at most; a pair of radii counts as two.
         rolled: a share of the way lost below this is no slip although the radius is given: what a
             wheel rolls on is less than what a ruler says by so much, as tyres sit lower.
+        lost: a share of the way that grows with the speed and stays below this at the highest one
+            is no slip: it is what speeds that bend between samples, and their noise, leave open.
         between: a lag below this share of a sample is how the log was sampled: a speed taken from
             counts of a sample comes half of one late.
         touched: a window counts as touched where an effect moves it by this share of the most.
@@ -107,6 +109,7 @@ class PoseRule:
 
     most_effects: int = 3
     rolled: float = 0.03
+    lost: float = 0.01
     between: float = 0.5
     touched: float = 1.0 / 3.0
     tied: float = 2.0

@@ -178,6 +178,7 @@ class Law:
         choices: in the chain, the values of the effect's parameters with ``choice`` that stand
             for this law; each law has some of the starts.
         sentence: in the chain, what it is in plain words, after the effect's own.
+        of_speed: whether its number is a share of the way for each rad/s of the wheels.
         of_changes: whether it loses way while the vehicle speeds up or slows down, as another law
             of the effect does in another manner.
     """
@@ -188,6 +189,7 @@ class Law:
     as_lag: bool = False
     choices: Mapping[str, float] = field(default_factory=dict)
     sentence: str = ""
+    of_speed: bool = False
     of_changes: bool = False
 
 

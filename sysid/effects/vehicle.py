@@ -239,7 +239,7 @@ EFFECTS = (
         programmes=(LEVELS, REVERSALS),
         laws=(
             Law(("share",), _share_in_numbers, as_radius=True),
-            Law(("growth",), _growth_in_numbers),
+            Law(("growth",), _growth_in_numbers, of_speed=True),
             Law(("lag",), _load_in_numbers, as_lag=True, of_changes=True),
             Law(("spin",), _spin_in_numbers, of_changes=True),
         ),

@@ -44,6 +44,17 @@ def _wrapped(record: Record) -> Array:
     return pose
 
 
+def test_logs_that_turn_where_they_begin_only_judge_each_other() -> None:
+    spin = Geometry().B / (2.0 * Geometry().r) * np.array([-1.0, 1.0])
+    ahead = np.full((60, 2), 8.0)
+    speeds = [np.concatenate([np.tile(w * spin, (15, 1)), ahead]) for w in (1.5, -1.0, -2.0, 1.2)]
+    logs = [driven(w, ground("track-width", 0.8), k) for k, w in enumerate(speeds)]
+    found = diagnose_pose(logs, (), Geometry())
+    assert found is not None
+    assert [e.id for e in found.effects] == ["track-width"]
+    assert found.effects[0].parameters[0].value == pytest.approx(0.8, abs=0.02)
+
+
 @pytest.mark.skipif(not DRIVES.is_dir(), reason=f"the measured drives are not at {DRIVES}")
 @pytest.mark.parametrize(
     ("file", "geometry"),

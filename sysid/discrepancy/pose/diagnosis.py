@@ -23,15 +23,12 @@ from sysid.discrepancy.named_effects import NamedEffect, Value
 from sysid.discrepancy.policies import POSE, RULE
 from sysid.discrepancy.pose.evidence import (
     PoseResiduals,
-    apart,
-    evidence_of,
     held_pairs,
     pose_gap,
     pose_residuals,
 )
+from sysid.discrepancy.pose.growth import Step, allowed, grown
 from sysid.discrepancy.pose.words import sentence_of, warnings_of
-from sysid.discrepancy.search.evidence import Evidence
-from sysid.effects.base import Length
 from sysid.effects.catalogue import effect
 from sysid.effects.ground import Ground
 from sysid.estimation.vehicle.geometry import GeometryEstimate, contradicted, in_one_frame
@@ -46,7 +43,6 @@ from sysid.estimation.vehicle.ground_fit import (
     every_candidate,
     every_slot,
     ground_of,
-    lags,
     lengths,
     radius_slot,
 )
@@ -62,6 +58,14 @@ from sysid.vehicle.kinematics import Geometry
 
 FEWEST = 6
 """Windows that each part must hold."""
+
+FEWEST_RECORDS = 4
+"""From so many records on they are parted as a whole, which loses no window to a border; two each,
+so that none stands for its part alone."""
+
+FEWEST_TURNS = 0.1
+"""Share of all turning that the records that judge must hold: a mission turns where it begins, and
+a straight way to the goal does not tell what that turn was worth."""
 
 BESIDE = 0.005
 """Share of a length that is uncertain at least where it is fitted together with effects: noise of
@@ -105,23 +109,6 @@ class PoseDiagnosis:
     geometry: GeometryEstimate | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class _Step:
-    """An accepted candidate with what it was compared to.
-
-    Attributes:
-        candidate: what it is.
-        evidence: what speaks for it.
-        ties: what cannot be told from it.
-        told: whether it is claimed; not where it only stands beside the others.
-    """
-
-    candidate: Candidate
-    evidence: Evidence
-    ties: tuple[Candidate, ...]
-    told: bool = True
-
-
 def diagnose_pose(
     estimation: Sequence[Record], held: Sequence[Record], geometry: Geometry | None = None
 ) -> PoseDiagnosis | None:
@@ -129,8 +116,8 @@ def diagnose_pose(
 
     Args:
         estimation: records that numbers are estimated on.
-        held: records that judge; where they hold too few windows, stretches of all records
-            estimate and judge in turn.
+        held: records that judge; where they hold too few windows, or hardly a turn, all records,
+            or stretches of them, estimate and judge in turn.
         geometry: lengths of the vehicle. Unless given, those of the thesis's robot, or estimated
             together with the effects where the pose contradicts those; what only another radius or
             track distance does is then no effect.
@@ -141,12 +128,10 @@ def diagnose_pose(
     channels = track_channels(estimation[0])
     if channels is None:
         return None
-    tracks, others = tracks_of(estimation, channels), tracks_of(held, channels)
-    if _fewest(tracks, others) < FEWEST:
-        both = (*estimation, *held)
-        tracks, others = tracks_of(both, channels, 0), tracks_of(both, channels, 1)
-    if _fewest(tracks, others) < FEWEST:
+    parts = _parted(estimation, held, channels)
+    if parts is None:
         return None
+    tracks, others = parts
     every, changed = in_one_frame((*tracks, *others))
     tracks, others = every[: len(tracks)], every[len(tracks) :]
     estimate = contradicted(every, Geometry()) if geometry is None else None
@@ -179,13 +164,13 @@ def _diagnosed(
     return _pose_diagnosis(*_searched(search(second)), estimate)
 
 
-_Found = tuple[PoseSearch, Fitted, list[_Step], Fitted, tuple[tuple[str, float], ...]]
+_Found = tuple[PoseSearch, Fitted, list[Step], Fitted, tuple[tuple[str, float], ...]]
 
 
 def _searched(search: PoseSearch) -> _Found:
     """(search, before, after, steps, ranking); what the steps leave is told beside them."""
     base = search.fit(())
-    return search, base, *_grown(search, base)
+    return search, base, *grown(search, base)
 
 
 def _beyond(final: Fitted, noise: Noise) -> Array:
@@ -198,189 +183,40 @@ def _beyond(final: Fitted, noise: Noise) -> Array:
     return np.asarray(noise.floor**2 * np.maximum(np.mean(left**2, axis=0) - 1.0, 0.0))
 
 
-def _fewest(*parts: Sequence[Track]) -> int:
+_Parts = tuple[tuple[Track, ...], tuple[Track, ...]]
+
+
+def _parted(
+    estimation: Sequence[Record], held: Sequence[Record], channels: tuple[int, int]
+) -> _Parts | None:
+    """What estimates and what judges: as given, else record by record in turn, else stretch by
+    stretch; None where there is too little in any way."""
+    both = (*estimation, *held)
+    parts = tracks_of(estimation, channels), tracks_of(held, channels)
+    if _serves(parts):
+        return parts
+    if len(both) >= FEWEST_RECORDS:
+        parts = tracks_of(both[::2], channels), tracks_of(both[1::2], channels)
+        if _serves(parts):
+            return parts
+    parts = tracks_of(both, channels, 0), tracks_of(both, channels, 1)
+    return parts if _fewest(parts) >= FEWEST else None
+
+
+def _serves(parts: _Parts) -> bool:
+    return _fewest(parts) >= FEWEST and _turns_judged(parts) >= FEWEST_TURNS
+
+
+def _fewest(parts: _Parts) -> int:
     return min(sum(len(t.starts) for t in part) for part in parts)
 
 
-_Grown = tuple[list[_Step], Fitted, tuple[tuple[str, float], ...]]
-
-
-def _grown(search: PoseSearch, base: Fitted) -> _Grown:
-    """What is accepted one after the other; the likeliest first one may be a stand-in.
-
-    Turns on the spot fall short by slip as by another width, and which it is may show only beside
-    what comes after: so the effects that tie with the first are tried in its place, too.
-    """
-    found = _grown_from(search, base, "")
-    if not found[0]:
-        return found
-    first = found[0][0].candidate.id
-    rivals = effect(first).ties if first else ()
-    others = [_grown_from(search, base, id) for id in rivals]
-    return min([found, *(o for o in others if o[0])], key=lambda o: _score(o[1]))
-
-
-def _grown_from(search: PoseSearch, base: Fitted, instead: str) -> _Grown:
-    """One candidate after the other while the rule accepts; an effect before what it ties with.
-
-    Args:
-        search: the fits.
-        base: without effects.
-        instead: effect that comes first; empty for the best one.
-    """
-    chosen: list[Candidate] = []
-    steps: list[_Step] = []
-    ranking: tuple[tuple[str, float], ...] = ()
-    current = base
-    while sum(s.told and bool(s.candidate.id) for s in steps) < POSE.most_effects:
-        rivals = [c for c in every_candidate() if _allowed(c, search, chosen)]
-        fits = [(c, search.fit([*chosen, c], current)) for c in rivals]
-        fits.sort(key=lambda item: _score(item[1]))
-        if not steps:
-            ranking = _ranking(base, fits)
-        passed = [
-            (c, f, e)
-            for c, f, e in _judged(search, current, fits)
-            if _stands(c, f, e, search, chosen)
-        ]
-        if instead and not steps:
-            passed = [p for p in passed if p[0].id == instead]
-        if not passed:
-            break
-        first = passed[0]
-        close = [
-            (c, f, e)
-            for c, f, e in passed
-            if apart(first[1], f) < POSE.tied or e.t**2 >= POSE.same_gain * first[2].t ** 2
-        ]
-        best, fitted, evidence = next((p for p in close if p[0].id), first)
-        ties = tuple(c for c, _, _ in close if c.id != best.id)
-        steps.append(_Step(best, evidence, ties, not _short(best, fitted, search)))
-        chosen.append(best)
-        current = fitted
-    for step in steps:
-        rest = [c for c in chosen if c is not step.candidate]
-        without = search.fit(rest)
-        asked_for = evidence_of(without, current, len(every_candidate())).significant
-        if not (asked_for and _away(step.candidate, current)):
-            chosen, current = rest, without
-    kept = [
-        replace(s, told=s.told and not _short(s.candidate, current, search))
-        for s in steps
-        if s.candidate in chosen
-    ]
-    return kept, current, ranking
-
-
-def _judged(
-    search: PoseSearch, current: Fitted, fits: Sequence[tuple[Candidate, Fitted]]
-) -> list[tuple[Candidate, Fitted, Evidence]]:
-    """What speaks for each candidate whose numbers mean something."""
-    return [
-        (c, f, evidence_of(current, f, len(fits)))
-        for c, f in fits
-        if not _stuck(c, f) and _away(c, f) and _large_enough(c, f)
-    ]
-
-
-def _stuck(c: Candidate, fitted: Fitted) -> bool:
-    """Whether a candidate's number ended on a bound, or that of another one which is not nothing:
-    what a candidate makes needless goes to its null value, and goes in the end."""
-    return any(k in c.slots or fitted.q[k] != every_slot()[k].null for k in fitted.at_bound)
-
-
-def _away(c: Candidate, fitted: Fitted) -> bool:
-    """Whether a candidate's numbers, or one of several, are away from doing nothing."""
-    return any(
-        abs(fitted.q[k] - every_slot()[k].null) > POSE.away * (fitted.std_error(k) or 0.0)
-        for k in c.slots
+def _turns_judged(parts: _Parts) -> float:
+    """Share of the squared turns of all windows that those which judge hold."""
+    first, second = (
+        sum(float(np.sum(t.measured(Geometry())[:, 2] ** 2)) for t in part) for part in parts
     )
-
-
-def _stands(
-    c: Candidate, f: Fitted, e: Evidence, search: PoseSearch, chosen: Sequence[Candidate]
-) -> bool:
-    """Whether the rule accepts a candidate.
-
-    Of a lag shorter than the sampling leaves open nothing is claimed: it stands beside the effects
-    where the likelihood asks for it, so that no effect makes up for it.
-    """
-    later = bool(chosen)
-    if _short(c, f, search):
-        return later and e.significant
-    return e.accepted and not (later and _late(e)) and _beyond_others(c, search, chosen)
-
-
-def _short(c: Candidate, f: Fitted, search: PoseSearch) -> bool:
-    """Whether a candidate is a lag so short that the sampling may make it."""
-    lag = c in lags() or (c.law is not None and c.law.as_lag)
-    return lag and abs(float(f.q[c.slots[0]])) <= POSE.between * search.estimation.tracks[0].dt
-
-
-def _late(evidence: Evidence) -> bool:
-    """Whether a later effect gains too little: most small late gains are chance."""
-    return evidence.t < POSE.late_t or evidence.ratio >= POSE.late_ratio
-
-
-def _allowed(c: Candidate, search: PoseSearch, chosen: Sequence[Candidate]) -> bool:
-    """Both radii and their common scale are two numbers together, not three; and slip at any speed
-    is one of them, which only a radius that is known tells. One law says what way is lost while
-    the vehicle speeds up."""
-    taken = (*search.always, *chosen)
-    if c in taken or (_of_changes(c) and any(_of_changes(x) for x in taken)):
-        return False
-    radii = [x for x in taken if x.length is Length.RADIUS or _as_radius(x)]
-    if _as_radius(c):
-        return search.radius_known and not radii
-    return not (c.length is Length.RADIUS and len(radii) == 2)
-
-
-def _of_changes(c: Candidate) -> bool:
-    return c.law is not None and c.law.of_changes
-
-
-def _as_radius(c: Candidate) -> bool:
-    return c.law is not None and c.law.as_radius
-
-
-def _large_enough(c: Candidate, fitted: Fitted) -> bool:
-    """Whether a number is beyond what a ruler leaves open."""
-    return not _as_radius(c) or abs(float(fitted.q[c.slots[0]])) > POSE.rolled
-
-
-def _beyond_others(c: Candidate, search: PoseSearch, chosen: Sequence[Candidate]) -> bool:
-    """Whether a law is there whatever does nearly the same is worth: readings of the pose that
-    come late for one with a memory; for slip in straight drive what only shortens turns."""
-    if c.law is None:
-        return True
-    alike = lags() if c.law.as_lag else [x for x in lengths() if x.id]
-    beside = [*chosen, *(x for x in alike if x not in (*search.always, *chosen))]
-    before = search.fit(beside, search.fit(chosen))
-    after = search.fit([*beside, c], before)
-    return (
-        not _stuck(c, after)
-        and _away(c, after)
-        and _large_enough(c, after)
-        and not _short(c, after, search)
-        and evidence_of(before, after, len(every_candidate())).accepted
-    )
-
-
-def _score(fitted: Fitted) -> float:
-    """N ln V + k ln N, to a digit that no search decides: what is the same thing said in two ways
-    (one radius smaller, the other larger, beside radii that are estimated) comes in order."""
-    n = sum(e.size for e in (*fitted.white.estimation, *fitted.white.held))
-    return round(n * math.log(max(fitted.cost, 1e-300)) + len(fitted.free) * math.log(n), 2)
-
-
-def _ranking(
-    base: Fitted, fits: Sequence[tuple[Candidate, Fitted]]
-) -> tuple[tuple[str, float], ...]:
-    found: dict[str, float] = {}
-    for c, f in fits:
-        if c.id:
-            found.setdefault(c.id, 1.0 - math.sqrt(f.cost / base.cost))
-    return tuple(found.items())
+    return second / max(first + second, 1e-300)
 
 
 # The findings ----------------------------------------------------------------------------------
@@ -389,7 +225,7 @@ def _ranking(
 def _pose_diagnosis(
     search: PoseSearch,
     base: Fitted,
-    steps: Sequence[_Step],
+    steps: Sequence[Step],
     final: Fitted,
     ranking: tuple[tuple[str, float], ...],
     estimate: GeometryEstimate | None,
@@ -429,7 +265,7 @@ def _beside(estimate: GeometryEstimate, final: Fitted) -> GeometryEstimate:
     return replace(estimate, geometry=Geometry(r, B), std_errors=(r_error, b_error))
 
 
-def _named(step: _Step, final: Fitted) -> NamedEffect:
+def _named(step: Step, final: Fitted) -> NamedEffect:
     c, e = step.candidate, step.evidence
     side = every_slot()[c.slots[0]].side
     tag = "" if side < 0 else ("[left]", "[right]")[side]
@@ -481,7 +317,7 @@ def _detectable(search: PoseSearch, final: Fitted) -> dict[str, float | None]:
         power = float(np.sum(J[:, c.slots[0]] ** 2))
         size: float | None = None
         # a length that is estimated hides it
-        if power > 0 and c not in search.always and _allowed(c, search, ()):
+        if power > 0 and c not in search.always and allowed(c, search, ()):
             seen = POSE.shown * math.sqrt(variance / power)
             needed = math.sqrt((RULE.held_out**-2 - 1.0) * variance * len(r) / power)
             slot = every_slot()[c.slots[0]]

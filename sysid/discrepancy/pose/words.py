@@ -108,10 +108,15 @@ def _late_readings(final: Fitted, keys: set[str], dt: float) -> list[str]:
         if key in late:
             when = "later" if late[key] > 0.0 else "earlier"
             said.append(f"The {what} comes {abs(late[key]):.3g} s {when} than the {beside}.")
-    if HEADING_LAG in late:
+    if late.get(HEADING_LAG, 0.0) > 0.0:
         said[-1] += (
             " Whether its readings are late or the vehicle turns late, these logs do not tell: "
             "turns that start and stop while it drives would."
+        )
+    elif HEADING_LAG in late:
+        said[-1] += (
+            " No reading comes early: the vehicle slides outwards in turns, so that its way "
+            "follows its heading, or the readings of its place are late."
         )
     if POSE_FILTER in late:
         said.append(

@@ -276,10 +276,18 @@ def track_channels(record: Record) -> tuple[int, int] | None:
 def tracks_of(
     records: Sequence[Record], channels: tuple[int, int], part: int | None = None
 ) -> tuple[Track, ...]:
-    """The records that have a pose, with the left and the right speed by index."""
+    """The records that have a pose, with the left and the right speed by index.
+
+    Args:
+        records: of one vehicle.
+        channels: outputs of the left and of the right track.
+        part: every other stretch only, from the first one on or from the second; in every other
+            record the other way round, because missions turn where they begin.
+    """
+    posed = [r for r in records if r.pose is not None and len(r)]
     found = [
-        Track(r.y[:, list(channels)], r.pose, r.dt, part)
-        for r in records
-        if r.pose is not None and len(r)
+        Track(r.y[:, list(channels)], r.pose, r.dt, part if part is None else (part + k) % 2)
+        for k, r in enumerate(posed)
+        if r.pose is not None
     ]
     return tuple(t for t in found if len(t.starts))
