@@ -22,9 +22,23 @@ from sysid.effects.programmes import (
 
 P = Mapping[str, Signal]
 
+USUAL_EMF = 0.85
+"""Share of the back-emf in the viscous term of a motor with its gear, until a log tells it: one
+under commands of a single size cannot, as it then acts like another gain."""
+
 LEAST_EMF = 0.3
 """A limit of a current with a smaller share of back-emf is a limit of the command: a motor that is
 worth its name turns most of its steady torque against its own voltage."""
+
+
+def _amid(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
+    """Where between its ends the speed of a sample stands for all of it.
+
+    The end feels torque of long ago less: ∫ e^{−(dt−t)/τ} ω dt/τ of a speed that settles.
+    """
+    x = xp.maximum(-xp.log(xp.maximum(kept, 1e-9)), 1e-3)
+    left = xp.exp(-x)
+    return {"amid": (1.0 - x * left / (1.0 - left)) / (1.0 - left)}
 
 
 def _sag(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
@@ -33,22 +47,22 @@ def _sag(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, S
     # v d − ε ω/K of its current at stall, ω amid the sample: a linear equation for v
     d = torque / c.gain
     share = p["sag"] / (1.0 - p["sag"])
-    speed = 0.5 * (c.w + c.w_free + c.b * torque) / c.gain
-    squares = xp.mean(d * d, axis=-1, keepdims=True)
-    returned = xp.mean(d * speed, axis=-1, keepdims=True)
-    left = (1.0 + share * p["emf"] * returned) / (1.0 + share * squares)
+    current, slope = _current(0.0 * torque, p, c)
+    drawn = xp.mean(d * d * slope, axis=-1, keepdims=True)
+    returned = xp.mean(d * current / c.gain, axis=-1, keepdims=True)
+    left = (1.0 - share * returned) / (1.0 + share * drawn)
     return torque * xp.where(p["current"] > 0.5, left, 1.0 - p["sag"] * load), s
 
 
-def _current(torque: Signal, c: Context, emf: Signal) -> tuple[Signal, Signal]:
+def _current(torque: Signal, p: P, c: Context) -> tuple[Signal, Signal]:
     """A motor's current T − ε ω, ω amid the sample, and its slope in T."""
-    slope = 1.0 - 0.5 * c.b * emf
-    return slope * torque - 0.5 * emf * (c.w + c.w_free), slope
+    slope = 1.0 - p["emf"] * p["amid"] * c.b
+    return slope * torque - p["emf"] * (c.w + p["amid"] * (c.w_free - c.w)), slope
 
 
 def _limit(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
     # the T whose own current, after what it does within the sample, is at the limit
-    current, slope = _current(torque, c, p["emf"])
+    current, slope = _current(torque, p, c)
     kept = xp.minimum(xp.maximum(current, -p["limit"]), p["limit"])
     return torque + (kept - current) / slope, s
 
@@ -58,7 +72,7 @@ def _dead_time(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Sig
     # the current is that which is left, so that no sample overshoots
     full = xp.abs(c.gain)
     lost = p["share"] * full
-    current, slope = _current(torque, c, p["emf"])
+    current, slope = _current(torque, p, c)
     way = current / xp.maximum(p["ripple"] * full + slope * lost, 1e-9)
     way = xp.minimum(xp.maximum(way, -1.0), 1.0)
     return torque - xp.where(torque == 0.0, 0.0, lost * way), s
@@ -67,6 +81,11 @@ def _dead_time(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Sig
 def _battery(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
     return d * (1.0 - p["loss"] * c.t), s
 
+
+_BY_CURRENT = (
+    "It falls with the current that both motors take, as by the resistance of a battery: most when "
+    "they start."
+)
 
 EFFECTS = (
     Effect(
@@ -80,20 +99,19 @@ EFFECTS = (
         "One side at a constant command while the other steps.",
         (
             EffectParameter(
-                "sag", "", 0.0, 0.0, 0.9, (0.15, 0.35, 0.1, 0.35), "one", measured_as="sag"
+                "sag", "", 0.0, 0.0, 0.9, (0.15, 0.35) + (0.1, 0.35) * 2, "one", measured_as="sag"
             ),
-            EffectParameter("emf", "", 0.0, 0.0, 1.0, (0.0, 0.0, 0.8, 0.8), at_limit=True),
-            EffectParameter("current", "", 0.0, 0.0, 1.0, (0.0, 0.0, 1.0, 1.0), choice=True),
+            EffectParameter("emf", "", USUAL_EMF, 0.0, 1.0, (USUAL_EMF,), at_limit=True),
+            EffectParameter(
+                "current", "", 0.0, 0.0, 2.0, (0.0, 0.0, 1.0, 1.0, 2.0, 2.0), choice=True
+            ),
         ),
         _sag,
+        _amid,
         laws=(
             Law(("sag",), choices={"current": 0.0}),
-            Law(
-                ("sag", "emf"),
-                choices={"current": 1.0},
-                sentence="It falls with the current that both motors take, as by the resistance of "
-                "a battery: most when they start.",
-            ),
+            Law(("sag",), choices={"current": 1.0}, sentence=_BY_CURRENT),
+            Law(("sag", "emf"), choices={"current": 2.0}, sentence=_BY_CURRENT),
         ),
         shared=True,
         ties=("concave-gain",),
@@ -114,6 +132,7 @@ EFFECTS = (
             EffectParameter("ripple", "", 0.0, 0.0, 0.3, (0.0, 0.0, 0.03, 0.03)),
         ),
         _dead_time,
+        _amid,
         inverse=inverses.through_dead_time,
         ties=("dead-zone", "coulomb-friction", "stiction"),
         programmes=(STAIRCASE, REVERSALS, COASTING),
@@ -124,15 +143,27 @@ EFFECTS = (
         "actuator",
         Place.TORQUE,
         "T → ε ω + clip(T − ε ω, ±l)",
-        "The bridge lets no more than some current through: acceleration is capped, speed is not.",
+        "The bridge lets no more than some current through, that of a motor held fast at a certain "
+        "command: acceleration is capped, speed is not.",
         "After large steps speed changes in straight lines, up and down; small steps are not "
         "affected.",
         "Steps of very different size, and reversals from speed.",
         (
-            EffectParameter("limit", "speed", 1e6, 0.03, 2.5, (0.2, 0.5, 1.0), "speed", kinks=True),
+            EffectParameter(
+                "limit",
+                "speed",
+                1e6,
+                0.03,
+                2.5,
+                (0.2, 0.5, 1.0),
+                "speed",
+                kinks=True,
+                as_command=True,
+            ),
             EffectParameter("emf", "", 1.0, LEAST_EMF, 1.0, (1.0, 1.0, 1.0)),
         ),
         _limit,
+        _amid,
         ties=("input-saturation",),
         programmes=(TOP, REVERSALS),
     ),

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import Field
 
 from sysid.data.record import PWM_FULL_SCALE
@@ -44,8 +45,9 @@ class Supply(Settings):
         return tuple(e for e in chain_effects() if any(v > 0.0 for v in self._measured(e).values()))
 
     def numbers(self, effect: Effect) -> dict[str, float]:
-        """Parameters of an effect, its null values where no key says them."""
-        return {p.name: p.null for p in effect.parameters} | self._measured(effect)
+        """Parameters of an effect, null values where no key says them, and what follows of them."""
+        found = {p.name: p.null for p in effect.parameters} | self._measured(effect)
+        return found | (effect.constants(np, found, 0.0, np.ones(1)) if effect.constants else {})
 
     def _measured(self, effect: Effect) -> dict[str, float]:
         return {

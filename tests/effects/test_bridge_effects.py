@@ -80,8 +80,8 @@ def test_it_is_the_answer_of_the_circuit(
 ) -> None:
     u, found = driven(effect, numbers, dt)
     exact, plain = fine(torque, u, dt), fine(lambda d, w: GAIN * d, u, dt)
-    # the current amid a sample stands for the whole of it
-    assert np.max(np.abs(found - exact)) < 0.05 * np.max(np.abs(plain - exact))
+    # one speed stands for those of the whole sample, and a limit is met within it
+    assert np.max(np.abs(found - exact)) < 0.04 * np.max(np.abs(plain - exact))
 
 
 def test_a_limit_on_the_current_caps_acceleration_and_no_speed() -> None:

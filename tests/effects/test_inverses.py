@@ -18,7 +18,8 @@ KEPT = 0.8
 def numbers(e: Effect, k: int) -> dict[str, np.ndarray]:
     """One of the starting values of an effect, a little apart on both tracks."""
     apart = np.array([1.0, 1.1])
-    return {p.name: p.starts[k % len(p.starts)] * apart for p in e.parameters}
+    found = {p.name: p.starts[k % len(p.starts)] * apart for p in e.parameters}
+    return found | (e.constants(np, found, 0.05, np.full(2, KEPT)) if e.constants else {})
 
 
 def steady(e: Effect, motion: np.ndarray, torque: np.ndarray) -> Context:
