@@ -43,14 +43,12 @@ TRIED = 40
 
 INSEPARABLE = {
     frozenset({"actuator-lag", "sensor-lag"}): "Two lags in a row commute: whichever comes first, "
-    "every command gives the same readings from a machine that is linear between them. What tells "
-    "them apart is another measurement of the speed: a pose in the log, or a wheel turned by hand.",
+    "every command gives the same readings from a machine that is linear between them.",
     frozenset({"load-bias", "sensor-bias"}): "On a machine without dry friction a constant load "
-    "and a zero point shift every reading alike, whatever is commanded; only the first instants of "
-    "a log that begins at standstill differ. What tells them apart is a wheel held by hand: a load "
-    "then reads nothing.",
+    "and a zero point shift every reading alike, whatever is commanded, and the speed at which a "
+    "log begins is read off it.",
 }
-"""Ties that no command resolves on a linear machine, and what does."""
+"""Ties that no command resolves on a linear machine, and why."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +62,7 @@ class Run:
         first, both: what was named from the first log and from both, ties joined by ``=``.
         proposed: whether the diagnosis of the first log proposed the experiment; else it saw no
             tie, and the experiment is the first that the catalogue lists for the true effect.
+        by_hand: whether the diagnosis said that no command helps, and what does.
         seconds: of both diagnoses.
         error: why there is no answer, else empty.
     """
@@ -76,6 +75,7 @@ class Run:
     first: tuple[str, ...] = ()
     both: tuple[str, ...] = ()
     proposed: bool = False
+    by_hand: bool = False
     seconds: float = 0.0
     error: str = ""
 
@@ -124,9 +124,11 @@ def run(tie: tuple[str, str], truth: str, seed: int) -> Run:
             paths = [Path(folder) / "first.csv", Path(folder) / "next.csv"]
             answer = _diagnosed(made, paths[:1], [first])
             rows, proposed = _schedule(answer, tie, truth, first)
+            hand = any(set(tie) <= set(e["effects"]) for e in _by_hand(answer))
             wanted = _sampled(rows, 1.0 / made.rig.telemetry.rate)
             both = _diagnosed(made, paths, [first, logs.driven(made, 3, wanted)])
-        found = replace(found, first=_named(answer), both=_named(both), proposed=proposed)
+        found = replace(found, first=_named(answer), both=_named(both))
+        found = replace(found, proposed=proposed, by_hand=hand)
     except Exception as error:  # a study goes on whatever one run does
         found = replace(plain, error=f"{type(error).__name__}: {error}".splitlines()[0][:200])
     return replace(found, seconds=round(time.perf_counter() - start, 1))
@@ -168,12 +170,18 @@ def _named(answer: dict[str, Any]) -> tuple[str, ...]:
     return tuple("=".join((e["id"], *e["indistinguishable"])) for e in answer["effects"])
 
 
+def _by_hand(answer: dict[str, Any]) -> list[dict[str, Any]]:
+    """What the diagnosis says that no command tells apart."""
+    return [e for e in answer["next_experiments"] if not e["schedule"]]
+
+
 def _schedule(
     answer: dict[str, Any], tie: tuple[str, str], truth: str, log: logs.Log
 ) -> tuple[Sequence[Sequence[float]], bool]:
     """The schedule for the tie (time [s], shares of full drive), and whether it was proposed."""
     for e in answer["next_experiments"]:
-        if set(tie) <= set(e["effects"]) and e["purpose"].startswith("To tell"):
+        for_tie = set(tie) <= set(e["effects"]) and e["purpose"].startswith("To tell")
+        if for_tie and e["schedule"]:
             return [(row[0], *(v / logs.FULL for v in row[1:])) for row in e["schedule"]], True
     largest = float(np.max(np.abs(log.command))) / logs.FULL
     rows = about(truth).programmes[0].rows
@@ -189,7 +197,7 @@ def _sampled(rows: Sequence[Sequence[float]], dt: float) -> NDArray[np.float64]:
 
 def report(runs: Sequence[Run], asked: str) -> str:
     """The page."""
-    open_ties = "\n".join(f"- `{'` = `'.join(sorted(t))}`: {why}" for t, why in INSEPARABLE.items())
+    open_ties = "\n".join(_open_tie(sorted(t), why) for t, why in INSEPARABLE.items())
     return "\n".join(
         [
             HEAD.format(runs=len(runs), asked=asked, shown=SHOWN),
@@ -212,6 +220,12 @@ def report(runs: Sequence[Run], asked: str) -> str:
     )
 
 
+def _open_tie(tie: Sequence[str], why: str) -> str:
+    """A tie that no command resolves: why, and what a diagnosis says helps."""
+    hand = next(about(e).by_hand for e in tie if about(e).by_hand)
+    return f'- `{"` = `".join(tie)}`: {why} The diagnosis says: "{hand}"'
+
+
 def without_cause() -> list[str]:
     """Effects in a tie that no machine of the twin has."""
     return sorted({e for tie in ties() for e in tie} - set(CAUSES))
@@ -232,6 +246,7 @@ def summary(runs: Sequence[Run]) -> str:
                 f"{sum(r.alone_before for r in some)}/{n}",
                 f"{sum(r.tied_before for r in some)}/{n}",
                 f"{sum(r.alone for r in some)}/{n}",
+                f"{sum(r.by_hand for r in some)}/{n}",
                 str(sum(r.others for r in some)),
                 f"{float(np.median([r.seconds for r in some])):.0f}",
             ]
@@ -241,10 +256,11 @@ def summary(runs: Sequence[Run]) -> str:
         rows.append(
             ["all that a command can resolve", "", ""]
             + [f"{sum(getattr(r, k) for r in mine)}/{len(mine)}" for k in MARKS]
-            + [str(sum(r.others for r in mine)), ""]
+            + ["", str(sum(r.others for r in mine)), ""]
         )
     headers = ["tie", "truth", "separable", "alone, first log", "tied, first log"]
-    return table([*headers, "alone, both logs", "other names", "median s"], rows, "lll" + "r" * 5)
+    headers += ["alone, both logs", "said: by hand", "other names", "median s"]
+    return table(headers, rows, "lll" + "r" * 6)
 
 
 MARKS = ("alone_before", "tied_before", "alone")
@@ -330,7 +346,8 @@ HEAD = """# What the log of the proposed next experiment resolves
 shows it: the best plain line misses by {shown:g} times the noise or more. It is diagnosed alone;
 then together with a second log, of the schedule that this diagnosis proposed for the tie, or of
 the first that the catalogue lists where it saw no tie. *Alone*: the true effect is named first and
-not in a tie; *other names*: further entries beside it.
+not in a tie; *by hand*: the diagnosis of the first log said that no command tells them apart, and
+what does; *other names*: further entries beside the true one.
 """
 
 if __name__ == "__main__":

@@ -7,6 +7,15 @@ PRESENT, ABSENT, HIDDEN = "present", "absent", "not-shown"
 """What a log says of an effect: it shows it; it would show it and does not; it cannot show it."""
 
 
+SURE = 1e-6
+"""Chances below this are told as such."""
+
+
+def chance(p: float) -> str:
+    """A p-value in words."""
+    return f"p < {SURE:g}" if p < SURE else f"p = {p:.2g}"
+
+
 @dataclass(frozen=True)
 class LogNumber:
     """A number as one log alone has it.

@@ -27,8 +27,8 @@ USUAL_EMF = 0.85
 under commands of a single size cannot, as it then acts like another gain."""
 
 LEAST_EMF = 0.3
-"""A limit of a current with a smaller share of back-emf is a limit of the command: a motor that is
-worth its name turns most of its steady torque against its own voltage."""
+"""A smaller share of back-emf makes a current of the command alone: a limit of the current is then
+one of the command, and a dead time a dead zone."""
 
 
 def _amid(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
@@ -128,7 +128,7 @@ EFFECTS = (
         "A slow staircase through zero, and reversals from speed.",
         (
             EffectParameter("share", "drive", 0.0, 0.0, 0.5, (0.04, 0.1, 0.04, 0.1), "drive"),
-            EffectParameter("emf", "", 1.0, 0.0, 1.0, (0.9, 0.9, 0.9, 0.9), at_limit=True),
+            EffectParameter("emf", "", 1.0, LEAST_EMF, 1.0, (0.9, 0.9, 0.9, 0.9)),
             EffectParameter("ripple", "", 0.0, 0.0, 0.3, (0.0, 0.0, 0.03, 0.03)),
         ),
         _dead_time,

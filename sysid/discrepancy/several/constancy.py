@@ -24,6 +24,7 @@ from sysid.discrepancy.several_logs import (
     LogNumber,
     LogView,
     SeveralLogs,
+    chance,
 )
 from sysid.discrepancy.study import Study
 from sysid.effects.by_log import BY_LOG, GAIN_BY_LOG, number_of
@@ -152,10 +153,10 @@ def _constancy(owner: str, told: Sequence[tuple[str, LogNumber]], tests: int) ->
     if same:
         all_ = LogNumber(first.name, mean, error, first.unit).words
         logs = "both logs" if len(told) == 2 else f"all {len(told)} logs that tell it"
-        text = f"{title} is the same in {logs}: {all_} (p = {p:.2g})."
+        text = f"{title} is the same in {logs}: {all_} ({chance(p)})."
     else:
         each = ", ".join(f"{n.words} in {name}" for name, n in told)
-        text = f"{title} differs between logs: {each} (p = {p:.2g})."
+        text = f"{title} differs between logs: {each} ({chance(p)})."
     return Constancy(
         owner, first.name, first.unit, mean, error, statistic, len(told) - 1, p, same, text
     )

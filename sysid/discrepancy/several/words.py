@@ -1,7 +1,7 @@
 """Several logs of one machine in a table: what each shows, its own numbers, which are the same."""
 
 from sysid.discrepancy.several.constancy import BASE
-from sysid.discrepancy.several_logs import ABSENT, HIDDEN, PRESENT, LogNumber, SeveralLogs
+from sysid.discrepancy.several_logs import ABSENT, HIDDEN, PRESENT, LogNumber, SeveralLogs, chance
 
 STATES = {PRESENT: "shows it", ABSENT: "shows that it is not there", HIDDEN: "cannot tell"}
 
@@ -37,7 +37,7 @@ def _numbers(
         if all(n.value is None for n in each):
             continue
         test = tested.get(name)
-        verdict = "" if test is None else f"{'yes' if test.same else 'no'} (p = {test.p_value:.2g})"
+        verdict = "" if test is None else f"{'yes' if test.same else 'no'} ({chance(test.p_value)})"
         rows.append([name, *(n.words for n in each), verdict])
     return rows
 
