@@ -13,22 +13,37 @@ from sysid.effects.programmes import COASTING, LEVELS, RAMPS, RESTS, STAIRCASE
 P = Mapping[str, Signal]
 
 
-def _sticking(xp: Any, torque: Signal, level: Signal, c: Context) -> Signal:
-    """Torque after dry friction of ``level``, implicit in time, so that it sticks exactly.
+def _sticking(xp: Any, torque: Signal, level: Signal, hold: Signal, c: Context) -> Signal:
+    """Torque after dry friction of ``level``, with which it sticks exactly.
 
-    ω⁺ = ω_free + b T; friction takes from T what would bring ω⁺ to zero, at most ``level``.
+    ω⁺ = ω_free + b T; friction takes from T what would bring ω⁺ to zero, at most ``level``. Where
+    the speed passes zero within the step, friction turns with it: ω = A + (ω − A) e^(−t/τ) with
+    A = T − level sign ω ends at zero; from there it holds, or what exceeds it accelerates for the
+    rest of the step.
+
+    Args:
+        hold: torque with which it holds at zero.
     """
     to_stop = torque + c.w_free / c.b
-    return torque - xp.minimum(xp.maximum(to_stop, -level), level)
+    plain = torque - xp.minimum(xp.maximum(to_stop, -level), level)
+    way, kept = xp.sign(c.w), 1.0 - c.b
+    at_zero = torque + (c.w_free - kept * c.w) / c.b
+    towards = at_zero - level * way
+    passes = way * (c.w_free + c.b * (torque - level * way)) < 0.0
+    left = towards / xp.where(passes, towards - c.w, 1.0)  # of the speed's distance, at zero
+    rest = 1.0 - kept / xp.where(passes, left, 1.0)
+    going = xp.where(xp.abs(at_zero) > hold, rest * (at_zero + level * way), 0.0)
+    return xp.where(passes, (going - c.w_free) / c.b, plain)
 
 
 def _coulomb(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    return _sticking(xp, torque, p["level"], c), s
+    return _sticking(xp, torque, p["level"], p["level"], c), s
 
 
 def _stiction(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
     slow = xp.exp(-((c.w / p["speed"]) ** 2))
-    return _sticking(xp, torque, p["level"] + p["excess"] * slow, c), s
+    level = p["level"] + p["excess"] * slow
+    return _sticking(xp, torque, level, p["level"] + p["excess"], c), s
 
 
 def _amid(torque: Signal, c: Context) -> Signal:
