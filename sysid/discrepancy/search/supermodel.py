@@ -7,7 +7,9 @@ side (``batched_search.py`` searches over them).
 What has no memory of its own is computed for a whole record at once; only the motion is stepped.
 """
 
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -30,9 +32,15 @@ from sysid.structures.augmented.chain import (
     with_constants,
 )
 
-LANES = (16, 64)
-"""Simulations that run side by side in one call; what does not fill the larger number goes in
-portions of the smaller one."""
+LANES = (2, 16, 64)
+"""Simulations that go in one call. A step of a call costs as much as those of a dozen lanes, and
+each size is compiled for itself: the least serves single runs, in half the time."""
+
+LARGE_CALL = 3.0
+"""Time of a call of the largest size over one of the middle size."""
+
+SIDE_BY_SIDE = 2
+"""Cores for which lanes are parted: every machine has as many."""
 
 LENGTHS = (512, 1024, 1536, 2048, 3072, 4096, 5120, 6144, 8192)
 """Records are padded to one of these (then to multiples of the last), so that one compilation
@@ -354,16 +362,37 @@ class SuperModel:
 
     def run(self, q: Array, data: Data) -> Array:
         """Readings for parameter vectors q (lanes, slots), shape (lanes, M, tracks)."""
-        rows, out, at = np.atleast_2d(q), [], 0
-        small, large = LANES
-        while at < len(rows):
-            size = large if len(rows) - at > large - small else small
-            part = rows[at : at + size]
-            fill = np.repeat(part[-1:], size - len(part), axis=0)
+        rows = np.atleast_2d(q)
+        sizes = portions(len(rows))
+        ends = np.cumsum(sizes)
+        parts = [rows[end - size : end] for size, end in zip(sizes, ends, strict=True)]
+
+        def readings(part: Array) -> Array:
+            lanes = next(n for n in LANES if n >= len(part))
+            fill = np.repeat(part[-1:], lanes - len(part), axis=0)
             run = np.asarray(self._readings(np.concatenate([part, fill]), data.arrays))
-            out.append(run[: len(part)])
-            at += size
-        return np.concatenate(out)
+            return run[: len(part)]
+
+        if len(parts) == 1:
+            return readings(rows)
+        with ThreadPoolExecutor(os.cpu_count()) as pool:  # a call keeps one core busy
+            return np.concatenate(list(pool.map(readings, parts)))
+
+
+def portions(lanes: int) -> list[int]:
+    """Lanes of each call, so that calls which run side by side end soon and together.
+
+    It does not depend on the machine: calls of other sizes differ in their last digits.
+    """
+    if lanes <= LANES[0]:
+        return [lanes]
+    _, middle, largest = LANES
+    full = lanes // (largest * SIDE_BY_SIDE) * SIDE_BY_SIDE
+    rest = lanes - full * largest
+    few, many = -(-rest // largest), -(-rest // middle)
+    turns = [-(-calls // SIDE_BY_SIDE) for calls in (few, many)]
+    calls = few if LARGE_CALL * turns[0] < turns[1] else many
+    return [largest] * full + [rest // calls + (k < rest % calls) for k in range(calls)]
 
 
 def stages(
