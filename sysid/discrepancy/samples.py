@@ -33,6 +33,9 @@ COARSE = 1.2
 VISIBLE = 0.015
 """… and at least this share of the largest reading (95 % quantile)."""
 
+TOP = 0.98
+"""Readings beyond this share of the largest may be clipped."""
+
 LONGEST = 8
 """Longest burst of lost readings [samples]."""
 
@@ -239,7 +242,7 @@ def _bursts(record: Record, i: int, step: float, holds: bool, strict: bool) -> M
         least = max(4.0 * noise, 2.0 * step, 0.05 * size)
     again = np.diff(y, prepend=np.nan) == 0.0
     candidate = again & (y != 0.0) if holds else y == 0.0
-    top = 0.98 * float(np.max(np.abs(y)))
+    top = TOP * float(np.max(np.abs(y)))
     edges = np.flatnonzero(np.diff(candidate.astype(int), prepend=0, append=0))
     for k, stop in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
         if k < 2 or stop >= len(y) or stop - k > LONGEST or abs(y[k]) >= top:
@@ -253,16 +256,41 @@ def _bursts(record: Record, i: int, step: float, holds: bool, strict: bool) -> M
 
 
 def _resolution(y: Array) -> float:
-    """Smallest change of neighbouring readings; infinite when there is none."""
+    """Last digit of most readings; infinite when there is none."""
+    last = _last_digits(y)
+    return float(np.median(last)) if len(last) else np.inf
+
+
+def _last_digits(y: Array) -> Array:
+    """Last digit of each reading but the first, (N − 1,); nothing where no reading changes.
+
+    Files with so many digits in all have coarser ones where readings are larger: the digit is the
+    smallest change among readings of the same power of ten or above.
+    """
     change = np.round(np.abs(np.diff(y)), 9)
-    return float(np.min(change[change > 0.0], initial=np.inf))
+    moved = change > 0.0
+    if not moved.any():
+        return np.zeros(0)
+    size = np.maximum(np.abs(y[1:]), np.abs(y[:-1]))
+    power = np.floor(np.log10(np.maximum(size, 1e-9)))
+    found = np.zeros(len(change))
+    for p in np.unique(power):
+        there = moved & (power >= p)
+        if there.any():
+            found[power == p] = np.min(change[there])
+    return np.maximum(found, np.min(change[moved]))
 
 
 def _repeats_by_chance(y: Array) -> bool:
-    """Whether readings repeat hardly more often than they change by one last digit either way."""
+    """Whether readings repeat hardly more often than they change by one last digit either way.
+
+    A clipped sensor repeats its largest value, and a lost one zero: neither is asked.
+    """
     change = np.round(np.abs(np.diff(y)), 9)
-    near = float(np.sum((change > 0.0) & (change < 1.5 * _resolution(y)))) / 2.0
-    return float(np.sum(change == 0.0)) <= 3.0 * near + 5.0
+    last = _last_digits(y)
+    asked = (np.abs(y[1:]) < TOP * np.max(np.abs(y))) & (y[1:] != 0.0)
+    near = float(np.sum(asked & (change > 0.0) & (change < 1.5 * last))) / 2.0 if len(last) else 0.0
+    return float(np.sum(asked & (change == 0.0))) <= 3.0 * near + 5.0
 
 
 def recurring_step(y: Array) -> float:

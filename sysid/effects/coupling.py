@@ -7,14 +7,22 @@ from collections.abc import Mapping
 from typing import Any
 
 from sysid.effects import inverses
-from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, State
+from sysid.effects.base import Context, Effect, EffectParameter, Law, Place, Signal, State
 from sysid.effects.programmes import ONE_AND_OTHER, REVERSALS
 
 P = Mapping[str, Signal]
 
 
 def _coupling(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    return torque - p["share"] * c.torque_other, s
+    # resistance to turning at the difference of the speeds amid the step, in closed form
+    amid = 0.5 * (c.w + c.w_free + c.b * torque)
+    turning = (amid - _of_both(amid)) / (1.0 + 0.5 * _of_both(c.b * p["turning"]))
+    return torque - p["share"] * c.torque_other - p["turning"] * turning, s
+
+
+def _of_both(x: Signal) -> Signal:
+    """The mean of both tracks; of one its own."""
+    return 0.5 * (x[..., :1] + x[..., -1:])
 
 
 def _together(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
@@ -52,12 +60,24 @@ EFFECTS = (
         "cross-coupling",
         "motor",
         Place.TORQUE,
-        "T → T − g T_other",
+        "T → T − g T_other, or T → T − v (ω − ω_other)/2",
         "One side's torque loads the other through the body.",
         "A side gives way a little whenever the other one pulls.",
         "One side at a constant command while the other steps.",
-        (EffectParameter("share", "", 0.0, -0.6, 0.6, (0.1, -0.1), "one"),),
+        (
+            EffectParameter("share", "", 0.0, -0.6, 0.6, (0.1, -0.1, 0.0, 0.0), "one"),
+            EffectParameter("turning", "", 0.0, 0.0, 3.0, (0.0, 0.0, 0.1, 0.5), "one"),
+            EffectParameter("of_rate", "", 0.0, 0.0, 1.0, (0.0, 0.0, 1.0, 1.0), choice=True),
+        ),
         _coupling,
+        laws=(
+            Law(("share",), choices={"of_rate": 0.0}),
+            Law(
+                ("turning",),
+                choices={"of_rate": 1.0},
+                sentence="It resists turning in proportion to the rate, as soft ground does.",
+            ),
+        ),
         inverse=inverses.against_coupling,
         couples=True,
         opposite="One side's torque helps the other through the body.",

@@ -93,8 +93,9 @@ def against_viscous(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
 
 
 def against_coupling(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
-    """The x with x_i − g_i x_j = T_i of both tracks."""
+    """The x with x_i − g_i x_j = T_i of both tracks; with T_i + v_i (ω_i − ω_j)/2 for T_i."""
     share = p["share"]
     if share.shape[-1] != 2:
         return torque
+    torque = torque + 0.5 * p["turning"] * (c.w - c.w[..., ::-1])
     return (torque + share * torque[..., ::-1]) / (1.0 - share * share[..., ::-1])

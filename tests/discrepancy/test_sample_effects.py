@@ -88,3 +88,19 @@ def test_the_smallest_that_would_be_named() -> None:
     assert share is not None
     assert 0.05 < step < 1.0
     assert 0.0 < share < 0.01
+
+
+@pytest.mark.parametrize("limit", [np.inf, 14.0])
+def test_readings_alike_by_their_last_digit_are_not_lost(limit: float) -> None:
+    """Five digits in all are 0.001 above 10, 0.00001 below 1; a clip repeats its level."""
+    rng = np.random.default_rng(4)
+    levels = np.repeat(rng.uniform(-18.0, 18.0, 100), 30)
+    noise = np.zeros(3000)
+    for k in range(1, 3000):
+        noise[k] = 0.9 * noise[k - 1] + 0.015 * rng.standard_normal()
+    y = np.clip(levels + noise, -limit, limit)
+    written = np.array([float(f"{v:.5g}") for v in y])
+    repeated = (np.diff(written) == 0.0) & (np.abs(written[1:]) < 13.9)
+    assert np.sum(repeated) >= 10
+    found = inspect_samples([Record(u=levels[:, None], y=written[:, None], dt=0.05)])
+    assert found.ids == ()

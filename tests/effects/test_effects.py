@@ -143,7 +143,7 @@ STEADY = {
     "quadratic-drag": ({"drag": 0.1}, 0.5, (np.sqrt(1.0 + 4 * 0.1 * 10.0) - 1.0) / 0.2),
     "load-bias": ({"load": 1.0}, 0.5, GAIN * 0.5 - 1.0),
     "viscous-asymmetry": ({"ratio": 1.25}, -0.5, -GAIN * 0.4),
-    "cross-coupling": ({"share": 0.1}, 0.5, GAIN * 0.5 * 0.9),
+    "cross-coupling": ({"share": 0.1, "turning": 0.5, "of_rate": 0.0}, 0.5, GAIN * 0.5 * 0.9),
     "sensor-bias": ({"bias": 0.7}, 0.5, GAIN * 0.5 + 0.7),
     "sensor-saturation": ({"limit": 6.0}, 0.5, 6.0),
     "unsigned-speed": ({"on": 1.0}, -0.5, GAIN * 0.5),
@@ -306,3 +306,12 @@ def test_a_gap_between_two_masses_is_crossed_in_their_time(dt: float) -> None:
     # a reading between two contacts in slightly another order is far off, the others are not
     assert np.median(np.abs(error)) < 0.01
     assert np.sqrt(np.mean(error**2)) < 0.03 * np.sqrt(np.mean(np.square(found)))
+
+
+def test_resistance_to_turning_slows_what_turns_and_nothing_else() -> None:
+    """ω = T − v ω on both sides of a turn on the spot."""
+    numbers = {"share": both(0.0), "turning": both(0.5), "of_rate": both(1.0)}
+    found = run({"cross-coupling": numbers}, held(0.5) * np.array([1.0, -1.0]))[-1]
+    np.testing.assert_allclose(found, GAIN * 0.5 / 1.5 * np.array([1.0, -1.0]), rtol=1e-9)
+    straight = run({"cross-coupling": numbers}, held(0.5))
+    np.testing.assert_allclose(straight, run({}, held(0.5)), rtol=1e-12)
