@@ -68,6 +68,7 @@ study: $(VENV)/.installed-test  ## Slow studies: coverage, alarm rates, every st
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_navigation.py
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_control.py
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_missions.py
+	$(BIN)/python benchmarks/study_multibody.py
 	$(BIN)/python benchmarks/study_nonlinear.py
 
 study-diagnose: $(VENV)/.installed-test  ## Slow study: what sysid diagnose names on hidden effects, blind
