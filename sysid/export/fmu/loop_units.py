@@ -192,7 +192,10 @@ def loop_units(loop: Loop, name: str) -> LoopUnits:
         )
     blocks, files = law_sources(loop)
     if "motion" not in blocks:
-        raise ModelError("the motion of this mission cannot be written as C, nor as a unit")
+        raise ModelError(
+            "the motion of this mission cannot be written as C, nor as a unit: write it with "
+            "motion of kind kinematic or slip"
+        )
     assert isinstance(loop.plant, RobotPlant)
     wiring = wiring_of(loop.plant)
     return LoopUnits(

@@ -23,7 +23,7 @@ def test_the_exported_c_drives_mission_1_to_its_goal(tmp_path: Path) -> None:
     """Plant, guidance, control and command module are C; MuJoCo moves the body."""
     compiled_loop = studies.load("benchmarks/compiled_loop.py")
     model, mission = robot_model(), goal(1.0, 0.0, motion=MULTIBODY)
-    parts = compiled_loop.compiled(model, goal(1.0, 0.0), tmp_path, COMPILER)
+    parts = compiled_loop.compiled(model, mission, tmp_path, COMPILER)
     found = compiled_loop.drive(model, mission, parts)
     assert found.outcome is Outcome.ARRIVED
     alone = simulate(mission, as_robot(model.plant(), mission)[0])
