@@ -5,7 +5,7 @@ cause of: a machine with that cause is driven and diagnosed; the schedule that t
 proposes for the tie is driven on the same machine; both logs are diagnosed together. The pair is
 *resolved* when the true effect is named, first and without its rival in a tie.
 
-    python benchmarks/study_ties.py --seeds 10000:10020 --results FILE
+    python benchmarks/study_ties.py --seeds 10000:10007 --results FILE
 
 ``--results FILE`` keeps finished runs, a line of JSON each, and does not run them again; ``--tie
 A=B`` runs one tie. Seeds from 10000 on judge, once: no rule may be set on them.
@@ -58,6 +58,7 @@ class Run:
     Attributes:
         tie, truth, seed: which.
         cause: what is hidden physically.
+        right: names that are right for it, without the rival.
         visible: error of the best plain line over the noise in the first log.
         first, both: what was named from the first log and from both, ties joined by ``=``.
         proposed: whether the diagnosis of the first log proposed the experiment; else it saw no
@@ -71,6 +72,7 @@ class Run:
     truth: str
     seed: int
     cause: str = ""
+    right: tuple[str, ...] = ()
     visible: float = 0.0
     first: tuple[str, ...] = ()
     both: tuple[str, ...] = ()
@@ -87,7 +89,7 @@ class Run:
     @property
     def alone_before(self) -> bool:
         """Whether the first log names the true one alone."""
-        return bool(self.first) and self.first[0] == self.truth
+        return self._is_right(self.first)
 
     @property
     def tied_before(self) -> bool:
@@ -97,7 +99,11 @@ class Run:
     @property
     def alone(self) -> bool:
         """Whether both logs name the true one, first and alone."""
-        return bool(self.both) and self.both[0] == self.truth
+        return self._is_right(self.both)
+
+    def _is_right(self, named: Sequence[str]) -> bool:
+        """Whether the first name, and what it cannot be told from, are all right."""
+        return bool(named) and set(named[0].split("=")) <= {self.truth, *self.right}
 
     @property
     def others(self) -> int:
@@ -118,7 +124,9 @@ def run(tie: tuple[str, str], truth: str, seed: int) -> Run:
     start = time.perf_counter()
     try:
         made, first, visible = _shown(truth, rival, seed)
-        found = replace(plain, cause=made.hidden[0].cause, visible=round(visible, 1))
+        (hidden,) = made.hidden
+        right = tuple(name for name in (hidden.id, *hidden.also) if name != rival)
+        found = replace(plain, cause=hidden.cause, right=right, visible=round(visible, 1))
         start = time.perf_counter()
         with tempfile.TemporaryDirectory() as folder:
             paths = [Path(folder) / "first.csv", Path(folder) / "next.csv"]
@@ -271,7 +279,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Resolve ties by the proposed experiments.")
     parser.add_argument("--tie", metavar="A=B", help="this one only")
     parser.add_argument(
-        "--seeds", default=f"{FRESH}:{FRESH + 20}", metavar="FROM:TO", help="of each tie and truth"
+        "--seeds", default=f"{FRESH}:{FRESH + 7}", metavar="FROM:TO", help="of each tie and truth"
     )
     parser.add_argument("--limit", type=int, metavar="N", help="new runs at most")
     parser.add_argument("--jobs", type=int, default=2)
@@ -332,7 +340,7 @@ def _kept(results: Path | None) -> dict[str, Run]:
     kept = {}
     for line in results.read_text(encoding="utf-8").splitlines():
         fields = json.loads(line)
-        for name in ("tie", "first", "both"):
+        for name in ("tie", "right", "first", "both"):
             fields[name] = tuple(fields[name])
         found = Run(**fields)
         kept[found.key] = found
@@ -346,8 +354,9 @@ HEAD = """# What the log of the proposed next experiment resolves
 shows it: the best plain line misses by {shown:g} times the noise or more. It is diagnosed alone;
 then together with a second log, of the schedule that this diagnosis proposed for the tie, or of
 the first that the catalogue lists where it saw no tie. *Alone*: the true effect is named first and
-not in a tie; *by hand*: the diagnosis of the first log said that no command tells them apart, and
-what does; *other names*: further entries beside the true one.
+not in a tie (a name that is as right for the cause counts, the rival's never); *by hand*: the
+diagnosis of the first log said that no command tells them apart, and what does; *other names*:
+further entries beside the true one. Seeds below 10000 are for development.
 """
 
 if __name__ == "__main__":
