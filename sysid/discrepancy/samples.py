@@ -169,6 +169,7 @@ def inspect_samples(records: Sequence[Record]) -> SampleEffects:
         for w, m in zip(weights, masks, strict=True):
             w[m, i] = 0.0
         kept = np.concatenate([y[~m] for y, m in zip(series, masks, strict=True)])
+        step = step or blurred_step(kept)
         if step > 0.0:
             fresh_only = [y[~m] for y, m in zip(series, masks, strict=True)]
             noise = max(reading_noise(fresh_only), step / np.sqrt(12.0))
@@ -219,6 +220,44 @@ def lattice(y: Array) -> float:
     offset = (y - often[0]) / step
     close = np.abs(offset - np.round(offset)) < 0.05
     return step if float(np.mean(close)) >= ON_LATTICE else 0.0
+
+
+CELLS = 8
+"""Steps within the largest reading, at least: of fewer no lattice is certain."""
+
+FEWEST_IN_CELL = 5
+
+SURE_LATTICE = 16.0
+"""Phases of so many steps that agree: by chance once in e^16, of some hundred steps tried."""
+
+AGREE = 0.3
+"""Mean resultant of a step's readings: noise of a quarter of a step leaves it."""
+
+
+def blurred_step(y: Array) -> float:
+    """Step of a lattice that noise has blurred, as of ticks behind a noisy line; 0 for none.
+
+    In every interval of one step readings gather at one place. Each interval has one vote, however
+    many readings it holds: a few levels held for long are no lattice.
+    """
+    size = float(np.quantile(np.abs(y), 0.95)) if len(y) else 0.0
+    if size <= 0.0:
+        return 0.0
+    best, most = 0.0, AGREE  # half a step gathers them, too, but less
+    for f in np.arange(CELLS, 1.0 / VISIBLE, 0.25) / size:
+        cell, turned = (
+            np.unique(np.floor(y * f), return_inverse=True)[1],
+            np.exp(2j * np.pi * y * f),
+        )
+        count = np.bincount(cell)
+        there = count >= FEWEST_IN_CELL
+        mean = np.bincount(cell, turned.real) + 1j * np.bincount(cell, turned.imag)
+        mean = mean[there] / count[there]
+        total, square = abs(np.sum(mean)), float(np.sum(np.abs(mean) ** 2))
+        sure = square > 0.0 and total**2 / square > SURE_LATTICE
+        if sure and total / len(mean) > most:
+            best, most = 1.0 / f, total / len(mean)
+    return float(best)
 
 
 def _bursts(record: Record, i: int, step: float, holds: bool, strict: bool) -> Mask:

@@ -104,3 +104,16 @@ def test_readings_alike_by_their_last_digit_are_not_lost(limit: float) -> None:
     assert np.sum(repeated) >= 10
     found = inspect_samples([Record(u=levels[:, None], y=written[:, None], dt=0.05)])
     assert found.ids == ()
+
+
+@pytest.mark.parametrize(("step", "named"), [(1.0, True), (0.0, False)])
+def test_ticks_behind_a_noisy_line_are_seen(step: float, named: bool) -> None:
+    record = logs((), 3)
+    rng = np.random.default_rng(5)
+    ticks = step * np.floor(record.y / step) if step else record.y
+    y = ticks + 0.15 * rng.standard_normal(ticks.shape)
+    found = inspect_samples([Record(u=record.u, y=y, dt=0.05)])
+    assert [c.output for c in found.coarse] == ["y1", "y2"] * named
+    # steps are tried at distances of a sixtieth
+    assert [c.step for c in found.coarse] == pytest.approx([step, step] * named, rel=0.02)
+    assert not found.lost
