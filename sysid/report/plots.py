@@ -50,6 +50,7 @@ from sysid.report.ranking_drawing import RankingPicture, RankingRow
 from sysid.report.vehicle_drawing import VehiclePicture, WheelMark
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
 __all__ = [
@@ -280,7 +281,6 @@ def _render(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
-    from matplotlib.text import Text
 
     look: Any = {**style.RC, "svg.fonttype": "path", "svg.hashsalt": "sysid"}
     buffer = io.BytesIO()
@@ -292,9 +292,7 @@ def _render(
         figure = Figure(figsize=size, layout="constrained")
         FigureCanvasAgg(figure)  # measures text, whatever the format
         draw(figure)
-        for text in figure.findobj(Text):
-            if isinstance(text, Text):
-                text.set_text(style.printable(text.get_text()))
+        _make_printable(figure)
         if kind == "svg":
             # savefig draws twice where panels find their own places: once only to place them.
             canvas: Any = FigureCanvasSVG(figure)
@@ -302,6 +300,24 @@ def _render(
             return _rounded(buffer.getvalue().decode()).encode()
         figure.savefig(buffer, format="png", dpi=_PNG_DPI, metadata={"Software": None})
         return buffer.getvalue()
+
+
+def _make_printable(figure: "Figure") -> None:
+    """Every word of a figure but those at ticks: drawing writes these anew, and to make ticks only
+    to look at them takes long.
+    """
+    from matplotlib.axis import Axis
+    from matplotlib.text import Text
+
+    waiting: list[Artist] = [figure]
+    while waiting:
+        artist = waiting.pop()
+        if isinstance(artist, Text):
+            artist.set_text(style.printable(artist.get_text()))
+        if isinstance(artist, Axis):
+            waiting += [artist.label, artist.offsetText]
+        else:
+            waiting += artist.get_children()
 
 
 def _rounded(svg: str) -> str:
