@@ -65,6 +65,7 @@ study: $(VENV)/.installed-test  ## Slow studies: coverage, alarm rates, every st
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_odd_logs.py
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_tour.py
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_vehicle.py
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_multibody_diagnosis.py
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_navigation.py
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_control.py
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_missions.py

@@ -58,6 +58,7 @@ MADE_BY: dict[str, tuple[str, str]] = {
     "tours.md": ("study_tour.py", "make study"),
     "dynamic_fit.md": ("study_dynamic_fit.py", "python benchmarks/study_dynamic_fit.py"),
     "vehicle_on_data.md": ("study_vehicle.py", "make study"),
+    "multibody_diagnosis.md": ("study_multibody_diagnosis.py", "make study"),
     "odd_logs.md": ("study_odd_logs.py", "make study"),
     "multibody.md": ("study_multibody.py", "make study"),
     "ros.md": ("study_ros.py", "python benchmarks/study_ros.py"),
