@@ -205,6 +205,10 @@ def engine(
         import mujoco
     except ImportError:
         raise ModelError(MISSING) from None
+    except AttributeError as error:  # a drawing library that MUJOCO_GL names and that is not there
+        raise ModelError(
+            f"MuJoCo does not load ({error}): unset the environment variable MUJOCO_GL"
+        ) from None
     mu, moving = machine.friction, around.moving
     stand = [line for d in around.discs if d not in moving for line in cylinder(*d[:3], mu)]
     stand += [line for points in around.walls for line in wall(points, mu)]

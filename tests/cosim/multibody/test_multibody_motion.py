@@ -1,5 +1,6 @@
 """Missions in MuJoCo: the vehicle's contacts, what is refused, and that nothing is random."""
 
+import builtins
 import math
 import sys
 from dataclasses import replace
@@ -12,6 +13,7 @@ from mission_cases import Robot, goal
 from plant_models import robot_model
 
 from sysid.cosim.multibody.engine import MISSING, engine
+from sysid.cosim.multibody.machine import Machine
 from sysid.cosim.multibody.motion import STAND_IN, Multibody
 from sysid.errors import DataError, ModelError
 from sysid.export.package import write_package
@@ -176,3 +178,17 @@ def test_the_vehicle_of_the_mission_is_the_one_that_is_driven() -> None:
     assert (mission.car.mass, mission.car.geometry) == (2.0, Geometry(B=0.3))
     solid = replace(STAND_IN, mass=2.0).moment
     assert mission.car.yaw_inertia == solid
+
+
+def test_a_drawing_library_that_is_not_there_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What ``MUJOCO_GL`` names is loaded with MuJoCo, and its absence is no missing extra."""
+
+    def broken(name: str, *more: object) -> object:
+        if name == "mujoco":
+            raise AttributeError("'NoneType' object has no attribute 'glGetError'")
+        return load(name, *more)
+
+    load = builtins.__import__
+    monkeypatch.setattr(builtins, "__import__", broken)
+    with pytest.raises(ModelError, match="unset the environment variable MUJOCO_GL"):
+        engine(Machine(mass=1.234))
