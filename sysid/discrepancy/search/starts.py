@@ -270,10 +270,11 @@ class _Seen:
 
 def free_slots(model: SuperModel, e: Effect, q: Array, tracks: Sequence[int]) -> tuple[int, ...]:
     """Slots of an effect that a search moves on some of the tracks, by the law that ``q`` chose."""
-    moved = e.searched(model.chosen(e, q))
+    # a changed parameter has none of its own: it moves the core's
+    held = {p.name for p in e.parameters}.difference(e.searched(model.chosen(e, q)))
     return tuple(
         k
         for k in model.of(e.id)
-        if model.slots[k].name in moved
+        if model.slots[k].name not in held
         and (model.slots[k].track < 0 or model.slots[k].track in tracks)
     )
