@@ -129,6 +129,10 @@ def _feed(logs: Sequence[Path], read: "ReadOptions") -> "Feed":
     check_followable(read)
     source = str(logs[0])
     if not _is_topic(source):
+        if read.map:
+            raise UsageError(
+                f"{source} is a file: `map` has no use with it; follow a topic, or name its columns"
+            )
         return LogFeed(lines_of(source), read)
     from sysid.cosim.ros.topic_lines import TopicLines
 

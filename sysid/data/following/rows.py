@@ -26,6 +26,9 @@ FEWEST = 3
 WHOLE_LOG_ONLY = ("join", "join_offset", "speed_of", "unwrap")
 """What reading a log looks at all of it for."""
 
+BAGS_ONLY = ("stamps", "latency")
+"""What is said of a recording, whose streams are there to be compared."""
+
 
 @dataclass(frozen=True, eq=False)
 class Rows:
@@ -59,7 +62,7 @@ def check_followable(options: ReadOptions) -> None:
         UsageError: one is given.
     """
     plain = ReadOptions()
-    given = [n for n in WHOLE_LOG_ONLY if getattr(options, n) != getattr(plain, n)]
+    given = [n for n in (*WHOLE_LOG_ONLY, *BAGS_ONLY) if getattr(options, n) != getattr(plain, n)]
     if options.held not in ("auto", "keep"):
         given.append("held")
     if options.resample not in ("auto", "hold", "split"):

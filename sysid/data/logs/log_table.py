@@ -50,7 +50,20 @@ def read_log_table(path: Path, options: ReadOptions, *, even: bool = True) -> Lo
         table, said = bag_table(path, options, even=even)
         return LogTable(table, said, digest(path))
     data = read_bytes(path)
-    if options.map:
-        raise UsageError(f"{path.name} is no bag: `map` has no use with it; name its columns")
+    _check_no_bag_options(path, options)
     table = read_table(data, path.name, options.delimiter, options.decimal)
     return LogTable(table, (), sha256(data))
+
+
+def _check_no_bag_options(path: Path, options: ReadOptions) -> None:
+    """Refuse what only a bag can take.
+
+    Raises:
+        UsageError: something of it is given.
+    """
+    if options.map:
+        raise UsageError(f"{path.name} is no bag: `map` has no use with it; name its columns")
+    plain = ReadOptions()
+    for name in ("stamps", "latency"):
+        if getattr(options, name) != getattr(plain, name):
+            raise UsageError(f"{path.name} is no bag: `{name}` has no use with it; leave it out")

@@ -133,6 +133,11 @@ def test_a_change_is_said_when_it_is_seen(tmp_path: Path, capsys: Capsys) -> Non
         (("--follow", "--low-pass", "3"), "--val", 2),
         (("--follow", "--forgetting", "1.5", "--for", "0.1"), "at most at 1", 2),
         (("--follow", "--speed-of", "omega", "--for", "0.1"), "needs the whole log", 2),
+        (("--follow", "--stamps", "header", "--for", "0.1"), "needs the whole log", 2),
+        (("--follow", "--latency", "remove", "--for", "0.1"), "needs the whole log", 2),
+        (("--follow", "--map", "u=/wheel.data", "--for", "0.1"), "is a file", 2),
+        (("--stamps", "received"), "is no bag", 2),
+        (("--latency", "remove"), "is no bag", 2),
         (("--follow", "--for", "0.1"), "too few", 1),
     ],
 )

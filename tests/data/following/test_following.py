@@ -168,7 +168,14 @@ def test_few_rows_must_do_where_no_more_come() -> None:
 
 @pytest.mark.parametrize(
     "options",
-    [{"speed_of": ("y",)}, {"unwrap": {"": 360.0}}, {"held": "4"}, {"resample": "fill"}],
+    [
+        {"speed_of": ("y",)},
+        {"unwrap": {"": 360.0}},
+        {"held": "4"},
+        {"resample": "fill"},
+        {"stamps": "header"},
+        {"latency": "remove"},
+    ],
 )
 def test_what_needs_the_whole_log_is_refused(options: dict[str, object]) -> None:
     with pytest.raises(UsageError, match="needs the whole log"):
