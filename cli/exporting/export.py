@@ -42,8 +42,9 @@ def export(
 ) -> None:
     """Write a model as a plant package and run its self-test."""
     from sysid.export.package import Form, write_package
-    from sysid.plant.package import FILES, read_description
+    from sysid.plant.package import CARD, FILES, read_description
     from sysid.plant.selftest import TOLERANCE, selftest
+    from sysid.plant.storage import MARK
 
     if output is not None:
         targets.check(output, "-o")
@@ -69,7 +70,7 @@ def export(
         render.warn(warning)
     if json:
         test = {"max_error": error, "relative_tolerance": TOLERANCE}
-        files = read_description(path)[FILES]
+        files = sorted({MARK, CARD, *read_description(path)[FILES]})
         render.document({"plant": path, "model": stored.id, "files": files, "selftest": test})
         return
     render.say(f"Exported {stored.id} to {path}")

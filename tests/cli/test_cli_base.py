@@ -1,5 +1,6 @@
 """The command line: one sentence for every wrong use, one JSON document, quick help."""
 
+import importlib.machinery
 import json
 import os
 import subprocess
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from cli_answers import ask
+from sysid_cli import start
 
 from sysid.workspace.store import Workspace
 
@@ -183,6 +185,18 @@ def test_an_interrupt_ends_with_130(
         assert code == 130
         assert out == ""
         assert "Traceback" not in err
+
+
+def test_an_interrupt_before_the_command_is_loaded_is_quiet_too(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.delitem(sys.modules, "sysid_cli.app")
+    monkeypatch.setattr(importlib.machinery.SourceFileLoader, "exec_module", interrupted)
+    assert start.main() == 130
+    assert capsys.readouterr().err == "interrupted\n"
 
 
 def test_a_closed_pipe_is_quiet(here: Path) -> None:

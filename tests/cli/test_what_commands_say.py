@@ -129,6 +129,8 @@ def test_export_and_simulate_in_a_row(here: Path, capsys: pytest.CaptureFixture[
     exported = answer(capsys, "export")
     assert exported["plant"] == str(Path(".sysid/plant"))
     assert exported["model"] == Workspace(Path(".sysid")).chosen(None).id
+    there = {str(p.relative_to(".sysid/plant")) for p in Path(".sysid/plant").rglob("*")}
+    assert {f for f in there if Path(".sysid/plant", f).is_file()} == set(exported["files"])  # type: ignore[call-overload]
     assert exported["selftest"]["max_error"] < 1e-10  # type: ignore[index]
     result = answer(capsys, "simulate", "mission.yaml", "--plot", "path.svg")
     assert result["outcome"] == "arrived"
