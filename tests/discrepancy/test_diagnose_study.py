@@ -129,7 +129,7 @@ def test_a_study_with_a_stub_writes_its_report(study: SimpleNamespace, tmp_path:
     # All of 1.1² − 0.1² of the true gap 1.1² − floor², the floor being 0.1.
     measured = float(cells["gap closed, by the true floor: worst"][1].removesuffix(" %"))
     assert measured == pytest.approx(100.0, abs=0.5)
-    assert cells["`coulomb-friction`"][0] == "2/2"
+    assert cells["`coulomb-friction`"][0] == "1/1"
     assert cells["`coulomb-friction`"][3] == "2.0"
     assert "Confusion matrix" in text
     assert "stiction=coulomb-friction" in text
