@@ -14,12 +14,12 @@ from sysid.vehicle.kinematics import Geometry
 
 GAIN, DT, NOISE = 20.0, 0.05, 0.1
 TAU, FINE = np.array([0.25, 0.3]), 20
-DRAG, LOSS = 0.8, 0.012
+DRAG, LOSS = 0.06, 0.012
 NAMES = ("pwm_l", "pwm_r", "omega_l", "omega_r")
 
 
 def driven(samples: int, seed: int, drag: float = 0.0, least: float = -1.0) -> list[np.ndarray]:
-    """PWM and speeds of two tracks, τ ω̇ = K d − ω − k (ω − ω_other), by small Euler steps."""
+    """PWM and speeds of two tracks, τ ω̇ = K d − ω − k (ω − ω_other)|ω − ω_other|, in small steps."""
     rng = np.random.default_rng(seed)
     levels, holds = rng.uniform(least, 1.0, (2, samples)), rng.integers(6, 30, (2, samples))
     d = np.array([np.repeat(v, h)[:samples] for v, h in zip(levels, holds, strict=True)]).T
@@ -27,7 +27,8 @@ def driven(samples: int, seed: int, drag: float = 0.0, least: float = -1.0) -> l
     for k in range(samples - 1):
         w = omega[k]
         for _ in range(FINE):
-            w = w + DT / FINE / TAU * (GAIN * d[k] - w - drag * (w - w[::-1]))
+            apart = w - w[::-1]
+            w = w + DT / FINE / TAU * (GAIN * d[k] - w - drag * apart * np.abs(apart))
         omega[k + 1] = w
     return [PWM_FULL_SCALE * d, omega]
 

@@ -1,4 +1,4 @@
-"""An effect that couples tracks: a belt between both sides drags each towards the other's speed."""
+"""An effect that couples tracks: a slipping belt drags each side towards the other's speed."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -11,18 +11,19 @@ def _drag(
     xp: Any, torque: Signal, state: State, p: Mapping[str, Signal], c: Context
 ) -> tuple[Signal, State]:
     # signals hold both tracks in their last axis; a single track is its own other one
-    return torque - p["drag"] * (c.w - c.w[..., ::-1]), state
+    apart = c.w - c.w[..., ::-1]
+    return torque - p["drag"] * apart * abs(apart), state
 
 
 BELT_DRAG = Effect(
     id="belt-drag",
     stage="motor",
     place=Place.TORQUE,
-    equation="T → T − k (ω − ω_other)",
-    sentence="A belt or a soft shaft drags each side towards the speed of the other.",
+    equation="T → T − k (ω − ω_other) |ω − ω_other|",
+    sentence="A slipping belt drags each side towards the other, with the square of what parts them.",
     looks_like="A side runs faster than commanded where the other one is faster.",
     experiment="One side at a constant command while the other steps.",
-    parameters=(EffectParameter("drag", "", 0.0, 0.0, 3.0, (0.1, 0.5)),),
+    parameters=(EffectParameter("drag", "1/speed", 0.0, 0.0, 3.0, (0.1, 0.5)),),
     step=_drag,
     ties=("cross-coupling",),
     couples=True,
