@@ -78,7 +78,7 @@ obstacle if it does, and {HELD} to other goals.
 The aim is 80 % less. Seen in single runs on the thesis's floor, and without a law in the catalogue:
 the turn kept on the spot is 0.89 of what the wheels say and up to 0.95 in arcs, and the vehicle
 slides outwards in turns. Whether that is all that is missed was not tested. These floors and goals
-were looked at while the rules were made; no rule was set by them alone.
+were looked at while the rules were made: the numbers are optimistic.
 
 """
 

@@ -19,7 +19,7 @@ NAMES = ("pwm_l", "pwm_r", "omega_l", "omega_r")
 
 
 def driven(samples: int, seed: int, drag: float = 0.0, least: float = -1.0) -> list[np.ndarray]:
-    """PWM and speeds of two tracks, τ ω̇ = K d − ω − k (ω − ω_other)|ω − ω_other|, in small steps."""
+    """PWM and speeds of two tracks, τ ω̇ = K d − ω − k Δ|Δ|, Δ = ω − ω_other, by small steps."""
     rng = np.random.default_rng(seed)
     levels, holds = rng.uniform(least, 1.0, (2, samples)), rng.integers(6, 30, (2, samples))
     d = np.array([np.repeat(v, h)[:samples] for v, h in zip(levels, holds, strict=True)]).T
