@@ -1,10 +1,16 @@
-"""Where the installed command begins: an interrupt ends it quietly while its parts still load."""
+"""Where the installed command begins: what ends it early ends it quietly, while it loads, too."""
 
+import signal
 import sys
 
 
 def main() -> int:
-    """Run ``sysid`` with the words of the command line; return its exit code."""
+    """Run ``sysid`` with the words of the command line; return its exit code.
+
+    A request to end (SIGTERM, from ``kill`` or from what supervises a service) ends it as Ctrl-C
+    does, so that nodes leave their master and half-written files go.
+    """
+    signal.signal(signal.SIGTERM, _ended)
     try:
         from .app import main as command
 
@@ -12,3 +18,7 @@ def main() -> int:
     except KeyboardInterrupt:
         sys.stderr.write("interrupted\n")
         return 130
+
+
+def _ended(number: int, frame: object) -> None:
+    raise KeyboardInterrupt

@@ -3,6 +3,7 @@
 import importlib.machinery
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -195,8 +196,25 @@ def test_an_interrupt_before_the_command_is_loaded_is_quiet_too(
 
     monkeypatch.delitem(sys.modules, "sysid_cli.app")
     monkeypatch.setattr(importlib.machinery.SourceFileLoader, "exec_module", interrupted)
-    assert start.main() == 130
+    known = signal.getsignal(signal.SIGTERM)
+    try:
+        assert start.main() == 130
+    finally:
+        signal.signal(signal.SIGTERM, known)
     assert capsys.readouterr().err == "interrupted\n"
+
+
+def test_a_request_to_end_is_an_interrupt(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["sysid", "--version"])
+    known = signal.getsignal(signal.SIGTERM)
+    try:
+        assert start.main() == 0
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGTERM)
+    finally:
+        signal.signal(signal.SIGTERM, known)
 
 
 def test_a_closed_pipe_is_quiet(here: Path) -> None:
