@@ -43,7 +43,7 @@ test: $(VENV)/.installed-test  ## Lint, types, layers and tests
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy --strict sysid cli
 	$(BIN)/lint-imports
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal
+	OPENBLAS_NUM_THREADS=1 NPROC=1 $(BIN)/pytest -n 2 --dist worksteal  # NPROC: JAX's threads, which spin while they wait
 
 BENCH := .venv-bench
 $(BENCH)/.installed: pyproject.toml constraints.txt constraints-bench.txt

@@ -167,7 +167,8 @@ def test_formats_are_chosen_on_the_command_line(
     monkeypatch.chdir(tmp_path)
     Workspace(Path(".sysid")).save(robot_model("arx"), {})
     made = run(capsys, "export", "--format", "json,table", "-o", "p", "--json").document
-    assert made["files"] == ["selftest.csv", "table/raw/y.bin", "table/y.txt"]
+    own = ["README.md", "plant.json", "selftest.csv"]
+    assert made["files"] == [*own, "table/raw/y.bin", "table/y.txt"]
     assert made["selftest"]["max_error"] < 1e-9
     refused = run(capsys, "export", "--format", "fmi")
     assert refused.code == 2
