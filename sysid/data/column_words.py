@@ -67,6 +67,12 @@ READINGS: tuple[tuple[str, ...], ...] = (
 )
 """Words of other readings, in the same way."""
 
+OF_PROCESSES = READINGS[1:3]
+"""Words of readings that are not of motion."""
+
+PROCESS_UNITS = frozenset(("degC", "°C", "K", "Pa", "N"))
+"""Units of such readings in a record, where no word tells what is read."""
+
 DRIVES = frozenset(
     (
         *("torque", "drehmoment", "moment", "couple", "force", "kraft", "current", "strom"),
@@ -192,6 +198,18 @@ def is_wheel_speed(name: str, unit: str) -> bool:
     found = meaning(name)
     plain = found.rank <= 1 or bool(found.side) or unit == "rad/s"
     return found.quantity == "speed" and plain and unit in ("", "rad/s", "m/s")
+
+
+def may_move(name: str, unit: str) -> bool:
+    """Whether a reading may be of something that turns or moves.
+
+    A temperature, a level of a liquid, a pressure, a flow or a force is none of motion, whatever
+    it is read in; a name that says nothing may be anything.
+    """
+    base, _ = ending(name)
+    parts = words(base)
+    moves = _rank(parts, SPEEDS) is not None or _rank(parts, READINGS[3:]) is not None
+    return moves or (_rank(parts, OF_PROCESSES) is None and unit not in PROCESS_UNITS)
 
 
 def may_drive(name: str) -> bool:

@@ -25,7 +25,7 @@ from sysid.discrepancy.several.constancy import several_logs
 from sysid.discrepancy.study import Outcome, Study, held_runs
 from sysid.discrepancy.verdict import Remaining, story, undecided, verdict_of
 from sysid.effects.by_log import BY_LOG
-from sysid.effects.catalogue import CHANGED, about, chain_effects, ground_effects
+from sysid.effects.catalogue import CHANGED, about, ground_effects
 from sysid.effects.samples import DROPOUTS, QUANTISATION
 from sysid.errors import SysidError
 from sysid.estimation.vehicle.windows import track_channels
@@ -192,7 +192,8 @@ def _unseen(
     study: Study, naming: Naming, pose: PoseDiagnosis | None, named: Sequence[str]
 ) -> dict[str, float | None]:
     single = study.base.parts.estimation[0].ny == 1
-    rest = [e.id for e in chain_effects() if e.id not in named and not (single and e.couples)]
+    offered = [e for e in study.base.search.model.effects if e.id not in BY_LOG]
+    rest = [e.id for e in offered if e.id not in named and not (single and e.couples)]
     rest += [e.id for e in (QUANTISATION, DROPOUTS) if e.id not in named]
     if study.base.level:
         rest = [id for id in rest if not about(id).level]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.data.checks.feedback import in_closed_loop
+from sysid.data.column_words import may_move
 from sysid.data.integrating import integrates
 from sysid.data.preprocess import Detrend
 from sysid.data.reading.held import own_rate, without_repeats
@@ -130,7 +131,7 @@ def plain_base(
         words = f"output error of order {order} with {late} of delay"
         words += " and a level" if level else ""
         words += f" for the rate of the output, which integrates, every {first.dt:.3g} s" * on_rate
-    effects = _with_logs(effects, parts, level)
+    effects = _with_logs(_possible(effects, first), parts, level)
     model = SuperModel(effects, order, first.ny, typical_speed(estimation), first.dt)
     in_loop = in_closed_loop(own_rate(estimation))
     search = NamingSearch(
@@ -178,7 +179,7 @@ def given_base(
     }
     if not all(np.isfinite(v).all() for v in runs.values()):
         raise ModelError("the model runs away on this log; look at sysid compare")
-    effects = _with_logs(effects, parts, level=False)
+    effects = _with_logs(_possible(effects, first), parts, level=False)
     plain = SuperModel(effects, 1, first.ny, typical_speed(estimation), first.dt)
     copies = [replace(r, y=runs[id(r)]) for r in parts.estimation]
     search = NamingSearch(plain, copies, copies, scales, 1)
@@ -210,6 +211,13 @@ def given_base(
     node = found.node((), q, ())
     words = f"the {model.structure.name} model, as it is"
     return Base(parts, found, node, np.ones(first.nu), 1, False, words, in_loop, given=given)
+
+
+def _possible(effects: Sequence[Effect], first: Record) -> tuple[Effect, ...]:
+    """Effects that what is read can have: no friction, no gear and no armature in a heater."""
+    if any(may_move(c.name, c.unit) for c in first.outputs):
+        return tuple(effects)
+    return tuple(e for e in effects if e.level or not e.of_motion)
 
 
 def _with_logs(effects: Sequence[Effect], parts: Parts, level: bool) -> tuple[Effect, ...]:

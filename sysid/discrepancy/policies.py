@@ -63,7 +63,8 @@ class VerdictRule:
         slight: structure that holds less of the errors beyond the noise is no missing effect.
         loud: errors beyond this multiple of the noise of the readings are more than noise.
         nearly_all: less of the gap [%] closed, and what remains is described.
-        minor: an effect that would close less of the gap [%] is too small to matter.
+        minor: an effect that would close less of the gap [%] is too small to matter, …
+        quiet: … where what is left has less than this share of the power of the noise.
         follows: a model with a lower free-run fit on held-out data [%] follows nothing: its errors
             exceed 0.6 of the spread and tell nothing.
         explains: below this fit [%] an input explains nothing of an output whose readings look
@@ -77,6 +78,7 @@ class VerdictRule:
     loud: float = 1.5
     nearly_all: float = 90.0
     minor: float = 1.0
+    quiet: float = 0.3
     follows: float = 40.0
     explains: float = 5.0
 

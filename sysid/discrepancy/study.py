@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from sysid.data.column_words import may_move
 from sysid.data.record import Array
 from sysid.discrepancy import findings
 from sysid.discrepancy.base_model import Base
@@ -22,6 +23,11 @@ from sysid.discrepancy.search.naming import Progress
 from sysid.discrepancy.search.slopes import slopes
 from sysid.effects.base import Effect
 from sysid.errors import DataError
+
+STAND_IN = (
+    "it leaves much that follows the command, and of what is no motion the catalogue holds little: "
+    "it may stand for other physics"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,10 +129,10 @@ class Study:
         that commands of few frequencies hide from the test: then the effect must do more.
         """
         (_, old), (_, new) = (n.errors.mean_squares() for n in (naming.base, naming.final))
-        gap = old - self.floor**2
-        if np.all(
-            new - self.floor**2 < 0.01 * VERDICT.minor * np.maximum(gap, 0.3 * self.floor**2)
-        ):
+        noise = VERDICT.quiet * self.floor**2
+        # a small share of a large gap may be far above the noise: an effect beside a large one
+        minor = 0.01 * VERDICT.minor * np.maximum(old - self.floor**2, noise)
+        if np.all(new - self.floor**2 < np.minimum(minor, noise)):
             return 0.0
         structure = self.residual_structure(naming, after=True)
         if structure is None or structured(structure):
@@ -170,7 +176,22 @@ class Study:
         while (least := weakest(self.base, naming)) is not None:
             gone.append(least)
             naming = self.measured(self.base.search.dropped(naming, least.id))
+        while naming.named and self.stand_in(naming):
+            last = min(naming.named, key=lambda n: -n.evidence.delta_bic)
+            gone.append(Dropped(last.id, STAND_IN))
+            naming = self.measured(self.base.search.dropped(naming, last.id))
         return naming, tuple(gone)
+
+    def stand_in(self, naming: Naming) -> bool:
+        """Whether what is named of a process may stand for physics that the catalogue has not.
+
+        Outflow, radiation and boiling are none of its effects, and bend like a dead zone. Without
+        friction and gears beside it, an effect of the actuator or sensor explains nearly all.
+        """
+        if any(may_move(c.name, c.unit) for c in self.base.parts.estimation[0].outputs):
+            return False
+        left = self.residual_structure(naming, after=True)
+        return structured(left) and self.gap(naming).closed_percent < VERDICT.nearly_all
 
     def measured(self, naming: Naming) -> Naming:
         """With intervals of the numbers that slopes cannot judge; estimates may move a little."""

@@ -293,6 +293,11 @@ class Effect:
     in_numbers: InNumbers | None = None
     laws: tuple[Law, ...] = ()
 
+    @property
+    def of_motion(self) -> bool:
+        """Whether only what a motor turns or moves has it: what acts on a torque or a speed."""
+        return self.stage == "motor" or self.place in (Place.TORQUE, Place.SPEED)
+
     def law(self, chosen: Mapping[str, float]) -> Law | None:
         """The law of the chain that values of its choices stand for; None where it has none."""
         fits = (x for x in self.laws if x.choices and x.choices.items() <= chosen.items())

@@ -11,7 +11,7 @@ from command_line import run, write_log
 
 from sysid.data.record import Array, Channel, Record
 from sysid.discrepancy.advise import next_experiments
-from sysid.discrepancy.base_model import plain_base
+from sysid.discrepancy.base_model import _possible, plain_base
 from sysid.discrepancy.following import not_followed
 from sysid.discrepancy.gap import ChannelGap, Gap
 from sysid.discrepancy.proof.localise import localise, regimes
@@ -54,6 +54,27 @@ def test_an_oven_is_not_spoken_of_as_a_track() -> None:
     for word in ROBOTS_OWN:
         assert word not in words, (word, words)
     assert "backlash" not in words  # a heater cannot reverse
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "moves"),
+    [
+        ("temperature_degC", "degC", False),
+        ("level_cm", "m", False),
+        ("y_force", "", False),
+        ("y", "K", False),
+        ("y_tacho_V", "V", True),
+        ("angle_rad", "rad", True),
+        ("y", "", True),
+    ],
+)
+def test_friction_is_offered_only_to_what_may_move(name: str, unit: str, moves: bool) -> None:
+    """The level that a base has counts as none: it is a part of it."""
+    record = replace(oven(), outputs=(Channel(name, unit),))
+    offered = {e.id for e in _possible(chain_effects(), record)}
+    of_motion = {"coulomb-friction", "backlash", "gravity-load", "current-limit", "speed-ripple"}
+    assert offered >= {"input-saturation", "sensor-lag", "load-bias", "battery-discharge"}
+    assert offered & of_motion == (of_motion if moves else set())
 
 
 def test_shares_are_of_what_is_known_to_be_full_drive() -> None:

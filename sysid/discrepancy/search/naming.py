@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.discrepancy.policies import BUDGET, RULE
+from sysid.discrepancy.policies import BUDGET, RULE, VERDICT
 from sysid.discrepancy.search.admission import beyond_a_sample, tied
 from sysid.discrepancy.search.batched_search import refined
 from sysid.discrepancy.search.candidates import CandidateSearch, common_samples
@@ -107,6 +107,7 @@ class NamingSearch(CandidateSearch):
             judged = self.candidates(node, effects)
             minor = self._minor(judged)
             passed = [j for j in self._passing(judged) if j.evidence.ratio < needed]
+            passed = [j for j in passed if not _mends(base, node, j.node)]
             if not passed or self.best_of(base, (node, passed[0].node)) is node:
                 break
             node = passed[0].node
@@ -223,8 +224,10 @@ class NamingSearch(CandidateSearch):
         while len(node.effects) > 1:
             rests = [self.without(node, id) for id in node.effects]
             best = self.best_of(base, rests)
-            evidence = self.evidence(best, self._beside(node, best), 1)
-            if evidence.significant and evidence.ratio < RULE.own_part:
+            whole = self._beside(node, best)
+            evidence = self.evidence(best, whole, 1)
+            own = evidence.significant and evidence.ratio < RULE.own_part
+            if own and not _mends(base, best, whole):
                 break
             node = best
         return node
@@ -303,3 +306,16 @@ class NamingSearch(CandidateSearch):
         if anew and self.likelihood(rest, anew[0].node, samples) >= score:
             return anew[0]
         return Judged(whole, self.evidence(rest, whole, tried, samples), score)
+
+
+def _mends(base: Node, rest: Node, whole: Node) -> bool:
+    """Whether the newest effect only mends the formula of one that it looks like.
+
+    No formula is all of a machine, and what one leaves looks in part like its look-alikes: one that
+    takes less than a minor share of the gap is none of its own.
+    """
+    id = whole.effects[-1]
+    if not any(id in about(other).ties or other in about(id).ties for other in rest.effects):
+        return False
+    first, now, then = (n.errors.mean_squares()[1][whole.touched] for n in (base, rest, whole))
+    return bool(np.all(now - then < 0.01 * VERDICT.minor * (first - then)))
