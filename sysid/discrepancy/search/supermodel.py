@@ -7,10 +7,8 @@ side (``batched_search.py`` searches over them).
 What has no memory of its own is computed for a whole record at once; only the motion is stepped.
 """
 
-import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -19,28 +17,10 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
 from sysid.discrepancy.search.evidence import noise_floor
-from sysid.effects.base import Effect, Place
+from sysid.discrepancy.search.runs import Runs
+from sysid.effects.base import Effect
 from sysid.effects.catalogue import CHANGED
-from sysid.structures.augmented.chain import (
-    Core,
-    Sample,
-    drive_before,
-    first_speed,
-    over_time,
-    rest_state,
-    step_with,
-    with_constants,
-)
-
-LANES = (2, 16, 64)
-"""Simulations that go in one call. A step of a call costs as much as those of a dozen lanes, and
-each size is compiled for itself: the least serves single runs, in half the time."""
-
-LARGE_CALL = 3.0
-"""Time of a call of the largest size over one of the middle size."""
-
-SIDE_BY_SIDE = 2
-"""Cores for which lanes are parted: every machine has as many."""
+from sysid.structures.augmented.chain import drive_before
 
 LENGTHS = (512, 1024, 1536, 2048, 3072, 4096, 5120, 6144, 8192)
 """Records are padded to one of these (then to multiples of the last), so that one compilation
@@ -296,117 +276,10 @@ class SuperModel:
                 return {n: float(q[self.place[e.id, n, i]]) for n in names}
         return {p.name: p.null for p in e.parameters if p.choice}
 
-    def _unpack(self, jnp: Any, q: Any) -> tuple[Core, dict[str, dict[str, Any]]]:
-        place, tracks, order = self.place, self.tracks, self.order
-
-        def row(owner: str, name: str, shared: bool = False) -> Any:
-            return jnp.stack([q[place[owner, name, -1 if shared else i]] for i in range(tracks)])
-
-        f = jnp.stack([row("core", f"f{k + 1}") for k in range(order)])
-        tail = [row("core", f"b{k + 1}") for k in range(1, order)]
-        first = 1.0 + jnp.sum(f, axis=0) - (sum(tail) if tail else 0.0)
-        parameters = {
-            e.id: {p.name: row(e.id, p.name, e.shared) for p in e.parameters} for e in self.effects
-        }
-        return Core(row("core", "gain"), f, jnp.stack([first, *tail])), parameters
-
     @cached_property
-    def _readings(self) -> Callable[..., Any]:
-        """(q (lanes, slots), data) → readings (lanes, M, tracks), compiled."""
-        from sysid.fitting.compiled import compiled, jax_module
-
-        jax = jax_module()
-        jnp = jax.numpy
-        before, inside, after = stages(self.effects)
-        dt, tracks = self.dt, self.tracks
-
-        def readings(q: Any, data: dict[str, Any]) -> Any:
-            core, raw = self._unpack(jnp, q)
-            parameters = with_constants(jnp, self.effects, core, raw, dt)
-            nothing = jnp.zeros_like(data["drive"])
-            drive, t, counted, log = (data[name] for name in ("drive", "t", "counted", "log"))
-            whole = Sample(drive, drive, t, nothing, counted, log)
-
-            rows, first = jnp.arange(len(data["first"]))[:, None], data["first"][:, None]
-
-            def past(signal: Any, k: Any) -> Any:
-                at = rows - k.astype(rows.dtype)
-                found = jnp.take_along_axis(signal, jnp.maximum(at, first), axis=0)
-                return found * jnp.where(at < first, data["moving"], 1.0)
-
-            acting = over_time(jnp, before, parameters, data["drive"], past, whole, dt)
-
-            zero = jnp.zeros(tracks)
-
-            def body(carried: Any, x: tuple[Any, ...]) -> tuple[Any, Any]:
-                drive, now, t, y, moving, reset, counted, log = x
-                w = first_speed(after, parameters, y)
-                fresh = (rest_state(jnp, inside, core, w, moving * now), zero)
-                state, turned = jax.tree.map(
-                    lambda a, b: jnp.where(reset > 0.0, a, b), fresh, carried
-                )
-                speed = state[0][0]
-                sample = Sample(drive, now, t, turned, counted, log)
-                state, reading = step_with(jnp, inside, core, parameters, state, sample, dt)
-                return (state, turned + 0.5 * dt * (speed + state[0][0])), reading
-
-            start = (rest_state(jnp, inside, core, zero, zero), zero)
-            names = ("t", "y", "moving", "reset", "counted", "log")
-            x = (data["drive"], acting, *(data[name] for name in names))
-            read = jax.lax.scan(body, start, x)[1]
-            sums = dt * (jnp.cumsum(read, axis=0) - 0.5 * read)
-            whole = replace(whole, turned=sums - sums[data["first"]])
-            return over_time(jnp, after, parameters, read, past, whole, dt)
-
-        return compiled(jax.vmap(readings, in_axes=(0, None)))  # type: ignore[no-any-return]
+    def runs(self) -> Runs:
+        return Runs(self)
 
     def run(self, q: Array, data: Data) -> Array:
         """Readings for parameter vectors q (lanes, slots), shape (lanes, M, tracks)."""
-        rows = np.atleast_2d(q)
-        sizes = portions(len(rows))
-        ends = np.cumsum(sizes)
-        parts = [rows[end - size : end] for size, end in zip(sizes, ends, strict=True)]
-
-        def readings(part: Array) -> Array:
-            lanes = next(n for n in LANES if n >= len(part))
-            fill = np.repeat(part[-1:], lanes - len(part), axis=0)
-            run = np.asarray(self._readings(np.concatenate([part, fill]), data.arrays))
-            return run[: len(part)]
-
-        if len(parts) == 1:
-            return readings(rows)
-        with ThreadPoolExecutor(os.cpu_count()) as pool:  # a call keeps one core busy
-            return np.concatenate(list(pool.map(readings, parts)))
-
-
-def portions(lanes: int) -> list[int]:
-    """Lanes of each call, so that calls which run side by side end soon and together.
-
-    It does not depend on the machine: calls of other sizes differ in their last digits.
-    """
-    if lanes <= LANES[0]:
-        return [lanes]
-    _, middle, largest = LANES
-    full = lanes // (largest * SIDE_BY_SIDE) * SIDE_BY_SIDE
-    rest = lanes - full * largest
-    few, many = -(-rest // largest), -(-rest // middle)
-    turns = [-(-calls // SIDE_BY_SIDE) for calls in (few, many)]
-    calls = few if LARGE_CALL * turns[0] < turns[1] else many
-    return [largest] * full + [rest // calls + (k < rest % calls) for k in range(calls)]
-
-
-def stages(
-    effects: Sequence[Effect],
-) -> tuple[tuple[Effect, ...], tuple[Effect, ...], tuple[Effect, ...]]:
-    """Effects that act on the whole command before the motion, within it, and on what is read.
-
-    Relies on the chain's order: within the command those with memory come last, within the
-    reading first.
-    """
-
-    def free(e: Effect) -> bool:
-        return e.on_past is not None or not e.states
-
-    before = tuple(e for e in effects if e.place is Place.COMMAND and free(e))
-    after = tuple(e for e in effects if e.place is Place.READING and free(e))
-    return before, tuple(e for e in effects if e not in before and e not in after), after
+        return self.runs(np.atleast_2d(q), data)

@@ -1,0 +1,209 @@
+"""Runs of the super-model: lanes in which the same effects act share one compiled simulation.
+
+An effect at its null value costs as much as one that acts. With all of the catalogue a step takes
+thirty times as long as with one effect, while most lanes hold one or two. So lanes are parted by
+the effects that act in them, rounded up to groups so that few simulations are compiled; effects
+that are computed for a whole record at once cost next to nothing and are in all of them.
+"""
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sysid.data.record import Array, Index
+from sysid.effects.base import Effect, Place
+from sysid.structures.augmented.chain import (
+    Core,
+    Sample,
+    first_speed,
+    over_time,
+    rest_state,
+    step_with,
+    with_constants,
+)
+
+if TYPE_CHECKING:
+    from sysid.discrepancy.search.supermodel import Data, SuperModel
+
+LANES = 16
+"""Simulations that go in one call. More of them are no cheaper each and keep the second core
+waiting; a smaller size for single runs would have to be compiled for itself, which takes longer
+than it saves."""
+
+GROUP_PARAMETERS = 6
+"""Parameters of the effects that are compiled together, one effect at least. Larger groups: fewer
+simulations to compile (a third of a second each), slower ones."""
+
+
+@dataclass(frozen=True, eq=False)
+class Call:
+    """Lanes that go through one simulation together.
+
+    Attributes:
+        acting: for each group of effects, whether one of it acts.
+        rows: the lanes, ``LANES`` at most.
+    """
+
+    acting: tuple[bool, ...]
+    rows: Index
+
+
+class Runs:
+    """Simulates lanes of a super-model."""
+
+    def __init__(self, model: "SuperModel") -> None:
+        self.model = model
+        self.before, inside, self.after = stages(model.effects)
+        self.groups = groups(inside)
+        owners = np.array([s.owner for s in model.slots])
+        self._slots = [np.isin(owners, [e.id for e in group]) for group in self.groups]
+        self._compiled: dict[tuple[bool, ...], Callable[..., Any]] = {}
+        self._ready: set[tuple[Any, ...]] = set()
+
+    def __call__(self, q: Array, data: "Data") -> Array:
+        """Readings for parameter vectors q (lanes, slots), shape (lanes, M, tracks)."""
+        found = np.empty((len(q), *data.y.shape))
+
+        def one(call: Call) -> None:
+            rows = q[call.rows]
+            fill = np.repeat(rows[-1:], LANES - len(rows), axis=0)
+            run = self._readings(call.acting)(np.concatenate([rows, fill]), data.arrays)
+            found[call.rows] = np.asarray(run)[: len(rows)]
+
+        calls = self._calls(q)
+        first, rest = self._first(calls, data)
+        if len(calls) == 1:
+            one(calls[0])
+            return found
+        with ThreadPoolExecutor(os.cpu_count()) as pool:  # a call keeps one core busy
+            for some in (first, rest):  # two threads would both compile what neither has
+                list(pool.map(one, some))
+        return found
+
+    def _calls(self, q: Array) -> list[Call]:
+        """Lanes parted by what acts in them."""
+        acts = q != self.model.null
+        needed = np.array([acts[:, slots].any(axis=1) for slots in self._slots], dtype=bool)
+        sets, of = np.unique(needed.reshape(-1, len(q)).T, axis=0, return_inverse=True)
+        found = []
+        for k, acting in enumerate(sets.tolist()):
+            rows = np.flatnonzero(of.ravel() == k)
+            parts = np.array_split(rows, -(-len(rows) // LANES))
+            found += [Call(tuple(acting), part) for part in parts]
+        return found
+
+    def _first(self, calls: Sequence[Call], data: "Data") -> tuple[list[Call], list[Call]]:
+        """Calls of which each compiles something that no other of them does, and the others."""
+        first: list[Call] = []
+        rest: list[Call] = []
+        for call in calls:
+            kind = (call.acting, data.y.shape)
+            (rest if kind in self._ready else first).append(call)
+            self._ready.add(kind)
+        return first, rest
+
+    def _readings(self, acting: tuple[bool, ...]) -> Callable[..., Any]:
+        """(q (lanes, slots), data) → readings (lanes, M, tracks) with some groups, compiled."""
+        if acting not in self._compiled:
+            inside = [e for on, group in zip(acting, self.groups, strict=True) if on for e in group]
+            self._compiled[acting] = self.simulation(inside)
+        return self._compiled[acting]
+
+    def simulation(self, inside: Sequence[Effect]) -> Callable[..., Any]:
+        """(q (lanes, slots), data) → readings (lanes, M, tracks) with some stepped effects."""
+        from sysid.fitting.compiled import compiled, jax_module
+
+        jax = jax_module()
+        jnp = jax.numpy
+        before, after, model = self.before, self.after, self.model
+        dt, zero = model.dt, jnp.zeros(model.tracks)
+        effects = (*before, *inside, *after)
+
+        def readings(q: Any, data: dict[str, Any]) -> Any:
+            core, raw = unpacked(jnp, model, effects, q)
+            parameters = with_constants(jnp, effects, core, raw, dt)
+            nothing = jnp.zeros_like(data["drive"])
+            drive, t, counted, log = (data[name] for name in ("drive", "t", "counted", "log"))
+            whole = Sample(drive, drive, t, nothing, counted, log)
+
+            rows, first = jnp.arange(len(data["first"]))[:, None], data["first"][:, None]
+
+            def past(signal: Any, k: Any) -> Any:
+                at = rows - k.astype(rows.dtype)
+                found = jnp.take_along_axis(signal, jnp.maximum(at, first), axis=0)
+                return found * jnp.where(at < first, data["moving"], 1.0)
+
+            acting = over_time(jnp, before, parameters, data["drive"], past, whole, dt)
+
+            def body(carried: Any, x: tuple[Any, ...]) -> tuple[Any, Any]:
+                drive, now, t, y, moving, reset, counted, log = x
+                w = first_speed(after, parameters, y)
+                fresh = (rest_state(jnp, inside, core, w, moving * now), zero)
+                state, turned = jax.tree.map(
+                    lambda a, b: jnp.where(reset > 0.0, a, b), fresh, carried
+                )
+                speed = state[0][0]
+                sample = Sample(drive, now, t, turned, counted, log)
+                state, reading = step_with(jnp, inside, core, parameters, state, sample, dt)
+                return (state, turned + 0.5 * dt * (speed + state[0][0])), reading
+
+            start = (rest_state(jnp, inside, core, zero, zero), zero)
+            names = ("t", "y", "moving", "reset", "counted", "log")
+            x = (data["drive"], acting, *(data[name] for name in names))
+            read = jax.lax.scan(body, start, x)[1]
+            sums = dt * (jnp.cumsum(read, axis=0) - 0.5 * read)
+            whole = replace(whole, turned=sums - sums[data["first"]])
+            return over_time(jnp, after, parameters, read, past, whole, dt)
+
+        return compiled(jax.vmap(readings, in_axes=(0, None)))  # type: ignore[no-any-return]
+
+
+def unpacked(
+    jnp: Any, model: "SuperModel", effects: Sequence[Effect], q: Any
+) -> tuple[Core, dict[str, dict[str, Any]]]:
+    """The core and the parameters of some effects of a lane q (slots,)."""
+    place, tracks, order = model.place, model.tracks, model.order
+
+    def row(owner: str, name: str, shared: bool = False) -> Any:
+        return jnp.stack([q[place[owner, name, -1 if shared else i]] for i in range(tracks)])
+
+    f = jnp.stack([row("core", f"f{k + 1}") for k in range(order)])
+    tail = [row("core", f"b{k + 1}") for k in range(1, order)]
+    first = 1.0 + jnp.sum(f, axis=0) - (sum(tail) if tail else 0.0)
+    parameters = {
+        e.id: {p.name: row(e.id, p.name, e.shared) for p in e.parameters} for e in effects
+    }
+    return Core(row("core", "gain"), f, jnp.stack([first, *tail])), parameters
+
+
+def groups(effects: Sequence[Effect]) -> tuple[tuple[Effect, ...], ...]:
+    """Neighbours in the chain, as many as have ``GROUP_PARAMETERS`` between them."""
+    found: list[tuple[Effect, ...]] = []
+    for e in effects:
+        last = found[-1] if found else ()
+        if last and sum(len(one.parameters) for one in (*last, e)) <= GROUP_PARAMETERS:
+            found[-1] = (*last, e)
+        else:
+            found.append((e,))
+    return tuple(found)
+
+
+def stages(
+    effects: Sequence[Effect],
+) -> tuple[tuple[Effect, ...], tuple[Effect, ...], tuple[Effect, ...]]:
+    """Effects that act on the whole command before the motion, within it, and on what is read.
+
+    Relies on the chain's order: within the command those with memory come last, within the
+    reading first.
+    """
+
+    def free(e: Effect) -> bool:
+        return e.on_past is not None or not e.states
+
+    before = tuple(e for e in effects if e.place is Place.COMMAND and free(e))
+    after = tuple(e for e in effects if e.place is Place.READING and free(e))
+    return before, tuple(e for e in effects if e not in before and e not in after), after

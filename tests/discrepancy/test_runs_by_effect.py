@@ -1,0 +1,63 @@
+"""Lanes of the super-model go through a simulation of the effects that act in them."""
+
+import numpy as np
+import pytest
+
+from sysid.data.record import Record
+from sysid.discrepancy.search.runs import GROUP_PARAMETERS, LANES, groups, stages
+from sysid.discrepancy.search.supermodel import SuperModel, prepare
+from sysid.effects.catalogue import chain_effects, effect
+
+ACTING = {
+    (): {},
+    ("coulomb-friction",): {("coulomb-friction", "level", 0): 1.2},
+    ("rate-limit",): {("rate-limit", "rate", 1): 0.5},
+    ("coulomb-friction", "rate-limit"): {
+        ("coulomb-friction", "level", 0): 1.2,
+        ("rate-limit", "rate", 1): 0.5,
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def record() -> Record:
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-1.0, 1.0, (10, 2)), 20, axis=0)
+    return Record(u, 0.1 * rng.standard_normal(u.shape), 0.05)
+
+
+def test_each_lane_runs_as_with_all_effects_at_once(record: Record) -> None:
+    some = tuple(effect(id) for id in ("rate-limit", "load-bias", "coulomb-friction"))
+    model = SuperModel(some, 1, 2, np.array([10.0, 12.0]), record.dt)
+    data = prepare([record], np.ones(2), 1)
+    q = np.repeat(model.null[None], len(ACTING), axis=0)
+    for row, values in zip(q, ACTING.values(), strict=True):
+        row[[model.place["core", "f1", i] for i in range(2)]] = -0.8
+        for key, value in values.items():
+            row[model.place[key]] = value
+    filled = np.concatenate([q, np.repeat(q[-1:], LANES - len(q), axis=0)])
+    at_once = model.runs.simulation(stages(model.effects)[1])
+    expected = np.asarray(at_once(filled, data.arrays))[: len(q)]
+    assert np.ptp(expected, axis=0).max() > 1.0
+    # the same operations, fused in another order
+    np.testing.assert_allclose(model.run(q, data), expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_more_lanes_than_a_call_holds_come_back_in_their_order(record: Record) -> None:
+    model = SuperModel((effect("coulomb-friction"),), 1, 1, np.array([10.0]), record.dt)
+    data = prepare([Record(record.u[:, :1], record.y[:, :1], record.dt)], np.ones(1), 1)
+    q = np.repeat(model.null[None], 2 * LANES + 3, axis=0)
+    q[:, model.place["core", "f1", 0]] = np.linspace(-0.9, -0.5, len(q))
+    q[::3, model.place["coulomb-friction", "level", 0]] = 0.7
+    together = model.run(q, data)
+    for k in (0, 1, LANES, len(q) - 1):
+        np.testing.assert_array_equal(together[k], model.run(q[k : k + 1], data)[0])
+
+
+def test_every_stepped_effect_is_in_one_group() -> None:
+    inside = stages(chain_effects())[1]
+    found = groups(inside)
+    assert tuple(e for group in found for e in group) == inside
+    sizes = [sum(len(e.parameters) for e in group) for group in found if len(group) > 1]
+    assert sizes
+    assert max(sizes) <= GROUP_PARAMETERS
