@@ -59,7 +59,8 @@ def assembled(found: Outcome, model: Model | None, pose: PoseDiagnosis | None) -
     ids = [e.id for e in effects]
     poor = _poor(study, naming)
     off = pose is not None and pose.residuals.structured
-    verdict = verdict_of(ids, remaining, off or poor.startswith(ASTRAY))
+    linear = study.linear_words(naming)
+    verdict = verdict_of(ids, remaining, off or poor.startswith(ASTRAY) or bool(linear))
     traces = _traces(study, naming)
     old, new = _models(study, naming, model, pose)
     gap = remaining.gap if pose is None else with_path(remaining.gap, pose.whole)
@@ -89,7 +90,11 @@ def assembled(found: Outcome, model: Model | None, pose: PoseDiagnosis | None) -
         residuals=tuple(
             r.verdict(name) for name, r in (("before", before), ("after", after)) if r is not None
         ),
-        description=_description(study, naming, remaining, traces, bool(effects)),
+        description="; ".join(
+            text
+            for text in (linear, _description(study, naming, remaining, traces, bool(effects)))
+            if text
+        ),
         warnings=_warnings(study, naming, pose, samples.hidden),
         traces=traces,
         geometry=pose.geometry if pose is not None else None,

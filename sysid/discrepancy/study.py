@@ -15,6 +15,7 @@ from sysid.discrepancy.gap import Gap, measure_gap, share_closed
 from sysid.discrepancy.named_effects import Dropped
 from sysid.discrepancy.policies import RULE, VERDICT
 from sysid.discrepancy.proof.acceptance import doubtful_slots, weakest
+from sysid.discrepancy.proof.linear_rival import LinearRival, linear_rival, worse_than_linear
 from sysid.discrepancy.proof.model_error import FEWEST, ResidualStructure, error_structure
 from sysid.discrepancy.proof.noise import NoiseFloor, floor_of
 from sysid.discrepancy.search.intervals import intervals_of
@@ -22,6 +23,8 @@ from sysid.discrepancy.search.named_sets import Named, Naming, Node
 from sysid.discrepancy.search.naming import Progress
 from sysid.discrepancy.search.slopes import slopes
 from sysid.effects.base import Effect
+from sysid.effects.catalogue import about
+from sysid.effects.conformance import superposes
 from sysid.errors import DataError
 
 STAND_IN = (
@@ -106,6 +109,13 @@ class Study:
             )
         return Outcome(self, naming)
 
+    def linear_words(self, naming: Naming) -> str:
+        """What of loud errors is linear motion that the base has no order for; else empty."""
+        if not self.loud(naming):
+            return ""
+        names = self.base.parts.held[0].output_names
+        return self.linear_rival.words(naming, self.floor, names)
+
     def residual_structure(self, naming: Naming, after: bool) -> ResidualStructure | None:
         """What the errors on the held-out data still depend on; None where too few samples tell."""
         base, node = self.base, naming.final if after else naming.base
@@ -173,7 +183,7 @@ class Study:
     def confirmed(self, naming: Naming) -> tuple[Naming, tuple[Dropped, ...]]:
         """The effects that stand in the final model, and those that evidence speaks against."""
         naming, gone = self.measured(naming), []
-        while (least := weakest(self.base, naming)) is not None:
+        while (least := self._objection(naming)) is not None:
             gone.append(least)
             naming = self.measured(self.base.search.dropped(naming, least.id))
         while naming.named and self.stand_in(naming):
@@ -192,6 +202,18 @@ class Study:
             return False
         left = self.residual_structure(naming, after=True)
         return structured(left) and self.gap(naming).closed_percent < VERDICT.nearly_all
+
+    def _objection(self, naming: Naming) -> Dropped | None:
+        """The accepted effect that evidence speaks against most, and what speaks against it."""
+        least = weakest(self.base, naming)
+        if least is None and any(not superposes(about(n.id)) for n in naming.named):
+            return worse_than_linear(self.linear_rival, naming)
+        return least
+
+    @cached_property
+    def linear_rival(self) -> LinearRival:
+        """What linear motion of a higher order explains."""
+        return linear_rival(self.base)
 
     def measured(self, naming: Naming) -> Naming:
         """With intervals of the numbers that slopes cannot judge; estimates may move a little."""
