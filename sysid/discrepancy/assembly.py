@@ -18,7 +18,6 @@ from sysid.discrepancy.proof.acceptance import final_evidence
 from sysid.discrepancy.proof.explain import described, explain
 from sysid.discrepancy.proof.left_over import left_over
 from sysid.discrepancy.proof.localise import Region, leading, localise
-from sysid.discrepancy.samples import inspect_samples
 from sysid.discrepancy.search.detectable import detectable
 from sysid.discrepancy.search.named_sets import Named, Naming, Node
 from sysid.discrepancy.several.constancy import several_logs
@@ -50,7 +49,7 @@ def assembled(found: Outcome, model: Model | None, pose: PoseDiagnosis | None) -
     after = study.residual_structure(naming, after=True) if naming.named else before
     left = _where(study, naming.final)
     remaining = Remaining(after, study.gap(naming), leading(left, base.parts.held[0].output_names))
-    samples = inspect_samples(base.parts.estimation)
+    samples = base.parts.samples
     effects = (
         *(_named(study, naming, n, remaining, left) for n in _proven(naming)),
         *_of_pose(pose),
@@ -118,7 +117,7 @@ def _named(
         where = leading(left, mine)
         remains = "something else remains" + (f" where {where}" if where else "")
     evidence = final_evidence(study.base, naming, n)
-    explains = study.explained_by(naming, n)
+    explains, _ = study.explained_by(naming, n)
     return findings.named_effect(study.base, naming, n, evidence, explains, remains)
 
 

@@ -1,6 +1,6 @@
 """The base a diagnosis starts from: the plainest model, or a given one."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from sysid.data.reading.held import own_rate, without_repeats
 from sysid.data.record import Array, Record
 from sysid.discrepancy.integrating import rates, step_of
 from sysid.discrepancy.policies import RULE
-from sysid.discrepancy.samples import inspect_samples
+from sysid.discrepancy.samples import SampleEffects, inspect_rates, inspect_samples
 from sysid.discrepancy.search.logs import logs_of
 from sysid.discrepancy.search.named_sets import Node
 from sysid.discrepancy.search.naming import NamingSearch
@@ -43,30 +43,41 @@ class Parts:
         estimation, held: records; the same ones where blocks of them are held out.
         weights: weight of each sample of both, (N, ny) a record.
         words: how the data were divided.
+        samples: what the readings of the estimation part show by themselves.
     """
 
     estimation: tuple[Record, ...]
     held: tuple[Record, ...]
     weights: tuple[tuple[Array, ...], tuple[Array, ...]]
     words: str
+    samples: SampleEffects
 
 
-def divided(estimation: Sequence[Record], held: Sequence[Record] | None) -> Parts:
+Inspection = Callable[[Sequence[Record]], SampleEffects]
+"""What the readings of records show by themselves."""
+
+
+def divided(
+    estimation: Sequence[Record],
+    held: Sequence[Record] | None,
+    inspect: Inspection = inspect_samples,
+) -> Parts:
     """With logs to judge on, those; else interleaved blocks of the estimation logs.
 
     Both parts are then scored on free runs from the beginning of each record. Lost readings do
     not count in either.
     """
-    mine = inspect_samples(estimation).weights
+    seen = inspect(estimation)
+    mine = seen.weights
     if held:
-        theirs = inspect_samples(held).weights
-        return Parts(tuple(estimation), tuple(held), (mine, theirs), "the validation data")
+        theirs = inspect(held).weights
+        return Parts(tuple(estimation), tuple(held), (mine, theirs), "the validation data", seen)
     cut = hold_out(estimation)
     masks = [m[:, None].astype(np.float64) for m in cut.counted]
     theirs = tuple(w * m for w, m in zip(mine, masks, strict=True))
     mine = tuple(w * (1.0 - m) for w, m in zip(mine, masks, strict=True))
     whole = tuple(cut.whole)
-    return Parts(whole, whole, (mine, theirs), cut.words)
+    return Parts(whole, whole, (mine, theirs), cut.words, seen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,10 +120,16 @@ def plain_base(
         ModelError: the base cannot be fitted.
     """
     on_rate, linear = integrates(estimation), None
+    inspect: Inspection = inspect_samples
     if on_rate:
-        step = step_of(estimation)
+        step, read = step_of(estimation), (*estimation, *(held or ()))
         estimation, held = rates(estimation, step), rates(held, step) if held else None
-    parts = divided(estimation, held)
+        behind = dict(zip(map(id, (*estimation, *(held or ()))), read, strict=True))
+
+        def inspect(some: Sequence[Record]) -> SampleEffects:
+            return inspect_rates(some, [behind[id(r)] for r in some], step)
+
+    parts = divided(estimation, held, inspect)
     first = _require_tracks(estimation)
     scales = full_drive(estimation)
     if first.is_robot_log:

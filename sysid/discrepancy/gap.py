@@ -184,8 +184,10 @@ def share_closed(
     after: Sequence[Array],
     floor: Array,
     served: NDArray[np.bool_],
-) -> float:
-    """Share of the gap that one effect closes [%]: 100 (gap without it − gap after)/gap before.
+) -> tuple[float, float]:
+    """Shares of the gap [%] that one effect closes, and that stay open on its outputs.
+
+    100 (gap without it − gap after)/gap before, and 100 (gap after)/gap before.
 
     Args:
         before, without, after: held-out errors (N, ny) of the model before, of the model after but
@@ -198,7 +200,10 @@ def share_closed(
     )
     low = np.minimum(floor[served] ** 2, new)
     whole = float(np.sum((old - low) / (old + 1e-300)))
-    return 100.0 * float(np.sum((rest - new) / (old + 1e-300))) / whole if whole > 0.0 else 0.0
+    if whole <= 0.0:
+        return 0.0, 0.0
+    closed, left = (float(np.sum(v / (old + 1e-300))) for v in (rest - new, new - low))
+    return 100.0 * closed / whole, 100.0 * left / whole
 
 
 def floor_of_errors(errors: Sequence[Array]) -> Array:

@@ -13,7 +13,7 @@ a reversal, whose neighbours have opposite signs; a clipped sensor, which repeat
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -177,6 +177,23 @@ def inspect_samples(records: Sequence[Record]) -> SampleEffects:
             if step >= COARSE * noise and step >= VISIBLE * size:
                 coarse.append(Coarse(name, step))
     return SampleEffects(tuple(coarse), tuple(lost), tuple(weights), tuple(held))
+
+
+def inspect_rates(rates: Sequence[Record], positions: Sequence[Record], step: int) -> SampleEffects:
+    """The same of rates of an output that integrates: what gets lost are its own readings.
+
+    A difference of two readings repeats where these are coarse in the file, and a lost reading
+    spoils two of them.
+
+    Args:
+        rates: central differences over ``step`` samples on either side.
+        positions: what they were made from.
+        step: see ``rates``.
+    """
+    read = inspect_samples(positions)
+    thinned = [w[: len(w) // step * step : step] for w in read.weights]
+    weights = tuple(w[2:] * w[:-2] for w in thinned)
+    return replace(read, coarse=inspect_samples(rates).coarse, weights=weights)
 
 
 def smallest_named(records: Sequence[Record]) -> dict[str, float | None]:

@@ -14,7 +14,7 @@ from sysid.discrepancy.diagnosis import Trace
 from sysid.discrepancy.gap import Gap, measure_gap, share_closed
 from sysid.discrepancy.named_effects import Dropped
 from sysid.discrepancy.policies import RULE, VERDICT
-from sysid.discrepancy.proof.acceptance import doubtful_slots, weakest
+from sysid.discrepancy.proof.acceptance import doubtful_slots, least_beside, weakest
 from sysid.discrepancy.proof.linear_rival import LinearRival, linear_rival, worse_than_linear
 from sysid.discrepancy.proof.model_error import FEWEST, ResidualStructure, error_structure
 from sysid.discrepancy.proof.noise import NoiseFloor, floor_of
@@ -23,6 +23,7 @@ from sysid.discrepancy.search.named_sets import Named, Naming, Node
 from sysid.discrepancy.search.naming import Progress
 from sysid.discrepancy.search.slopes import slopes
 from sysid.effects.base import Effect
+from sysid.effects.by_log import BY_LOG
 from sysid.effects.catalogue import about
 from sysid.effects.conformance import superposes
 from sysid.errors import DataError
@@ -173,8 +174,8 @@ class Study:
         }
         return replace(gap, channels=channels)
 
-    def explained_by(self, naming: Naming, n: Named) -> float:
-        """Share of the gap of its outputs that an effect closes beside the others [%]."""
+    def explained_by(self, naming: Naming, n: Named) -> tuple[float, float]:
+        """Shares of the gap of its outputs [%]: closed by an effect beside the others, and open."""
         before, without, after = (
             e.errors.held for e in (self.origin.base.node, n.rest, naming.final)
         )
@@ -207,8 +208,15 @@ class Study:
         """The accepted effect that evidence speaks against most, and what speaks against it."""
         least = weakest(self.base, naming)
         if least is None and any(not superposes(about(n.id)) for n in naming.named):
-            return worse_than_linear(self.linear_rival, naming)
-        return least
+            least = worse_than_linear(self.linear_rival, naming)
+        return least or self._absorber(naming)
+
+    def _absorber(self, naming: Naming) -> Dropped | None:
+        """The effect beside others that takes less than they leave, where they leave structure."""
+        mine = [n for n in naming.named if n.id not in BY_LOG]
+        if len(mine) < 2 or not self.unexplained(naming):
+            return None
+        return least_beside([(n.id, *self.explained_by(naming, n)) for n in mine])
 
     @cached_property
     def linear_rival(self) -> LinearRival:

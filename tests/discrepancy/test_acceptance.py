@@ -9,9 +9,10 @@ import pytest
 from sysid.data.record import Array, Channel, Record
 from sysid.discrepancy.base_model import Base, full_drive, plain_base
 from sysid.discrepancy.findings import sentence_of
+from sysid.discrepancy.gap import share_closed
 from sysid.discrepancy.named_effects import NamedEffect, Value
 from sysid.discrepancy.policies import RULE
-from sysid.discrepancy.proof.acceptance import Number, against, doubtful_slots
+from sysid.discrepancy.proof.acceptance import Number, against, doubtful_slots, least_beside
 from sysid.discrepancy.search.evidence import Evidence
 from sysid.discrepancy.search.named_sets import Interval, Naming
 from sysid.discrepancy.study import Study, noise_of
@@ -58,6 +59,22 @@ def test_one_alone_must_do_what_a_first_effect_must() -> None:
     left_alone = replace(CLEAR, ratio=0.93)
     assert against(left_alone, [AWAY]) == ""
     assert "the held-out error by -7 %" in against(left_alone, [AWAY], RULE.held_out)
+
+
+def test_what_takes_less_than_all_leave_is_a_share_of_a_misfit() -> None:
+    gone = least_beside([("freewheel", 97.0, 2.8), ("dead-time", 2.0, 2.8)])
+    assert gone is not None
+    assert gone.id == "dead-time"
+    assert "explains 2.0 % of the gap of its outputs, less than the 2.8 %" in gone.reason
+    assert least_beside([("input-delay", 96.0, 0.2), ("battery-discharge", 4.4, 0.2)]) is None
+
+
+def test_shares_of_a_gap_are_what_an_effect_closes_and_what_stays_open() -> None:
+    rng = np.random.default_rng(0)
+    e = rng.standard_normal((2000, 1))
+    e /= np.sqrt(np.mean(e**2))
+    shares = share_closed([10.0 * e], [6.0 * e], [2.0 * e], np.array([1.0]), np.array([True]))
+    assert shares == pytest.approx((100.0 * 32.0 / 99.0, 100.0 * 3.0 / 99.0))
 
 
 def lagging(samples: int = 600) -> tuple[Array, Array]:

@@ -88,6 +88,27 @@ def weakest(base: Base, naming: Naming) -> Dropped | None:
     return Dropped(named.id, reason)
 
 
+def least_beside(shares: Sequence[tuple[str, float, float]]) -> Dropped | None:
+    """Of several effects the one that explains least, where that is less than what they leave.
+
+    What is left follows inputs and outputs: the law of one of them fits in part only. What it
+    misses is of that size, and any further law takes a share of it.
+
+    Args:
+        shares: of each effect its id, and the shares of the gap of its outputs [%] that it closes
+            beside the others and that stay open.
+    """
+    short = [s for s in shares if s[1] < s[2]]
+    if not short:
+        return None
+    id, closed, left = min(short, key=lambda s: s[1])
+    return Dropped(
+        id,
+        f"beside the others it explains {closed:.1f} % of the gap of its outputs, less than the "
+        f"{left:.1f} % that all of them leave: a law that fits only in part is as likely",
+    )
+
+
 def final_evidence(base: Base, naming: Naming, named: Named) -> Evidence:
     """What speaks for an accepted effect in the final model, whose numbers others have moved."""
     final = replace(naming.final, touched=named.touched)

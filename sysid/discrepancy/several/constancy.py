@@ -190,6 +190,6 @@ def _difference(study: Study, naming: Naming, n: Named) -> Difference:
         tuple(names),
         numbers,
         final_evidence(base, naming, n).p_value,
-        study.explained_by(naming, n),
+        study.explained_by(naming, n)[0],
         sentence,
     )
