@@ -17,8 +17,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from make_reports import REPORTS
-from stamps import stamped
+from stamps import REPORTS, stamped
 
 import sysid
 from sysid.bench.motor.characterise import MotorOptions, characterise_motor

@@ -14,9 +14,7 @@ import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from stamps import stamped
-
-REPORTS = Path(__file__).resolve().parent.parent / "reports"
+from stamps import REPORTS, stamped
 
 Writer = Callable[[Path], Mapping[str, str]]
 """Draws pictures into a folder and returns the texts that belong there by file name."""
