@@ -58,12 +58,12 @@ class Outcome:
     @property
     def all_right(self) -> bool:
         """Whether every hidden effect is named, each by an entry of its own."""
-        return _matched(self.truth, self.entries) == len(self.truth)
+        return matched(self.truth, self.entries) == len(self.truth)
 
     @property
     def false_names(self) -> int:
         """Entries that no hidden effect accounts for."""
-        return len(self.entries) - _matched(self.truth, self.entries)
+        return len(self.entries) - matched(self.truth, self.entries)
 
 
 def outcome(case: Case, answer: Mapping[str, Any], truth: Mapping[str, Any]) -> Outcome:
@@ -201,14 +201,14 @@ def _wrong(o: Outcome) -> bool:
     return not (o.all_right if len(o.truth) > 1 else o.right) or o.false_names > 0
 
 
-def _matched(truth: Sequence[str], entries: Sequence[Sequence[str]]) -> int:
+def matched(truth: Sequence[str], entries: Sequence[Sequence[str]]) -> int:
     """The most hidden effects that can be given an entry each (few of either: try them all)."""
     if not truth:
         return 0
-    rest = _matched(truth[1:], entries)
+    rest = matched(truth[1:], entries)
     for i, entry in enumerate(entries):
         if truth[0] in entry:
-            rest = max(rest, 1 + _matched(truth[1:], [*entries[:i], *entries[i + 1 :]]))
+            rest = max(rest, 1 + matched(truth[1:], [*entries[:i], *entries[i + 1 :]]))
     return rest
 
 

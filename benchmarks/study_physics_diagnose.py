@@ -20,9 +20,9 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from diagnose_scores import SAMPLES_ONLY, Outcome, confusion, failures
+from diagnose_scores import SAMPLES_ONLY, Outcome, confusion, failures, matched
 from joblib import Parallel, delayed
-from sysid_datasets.physics.logs import make, truth_of, write
+from sysid_datasets.physics.logs import make, write
 from sysid_datasets.physics.suites import FRESH, SUITES, case
 
 from sysid.report.markdown import table
@@ -46,6 +46,7 @@ class Run(Outcome):
         believed, stated: numbers with a true value that were within ``BELIEVED`` standard errors,
             and how many there were.
         wrong_numbers: the others, in words.
+        shown: of several causes those that show by ``SHOWN`` beside the others.
     """
 
     said: tuple[str, ...] = ()
@@ -53,6 +54,13 @@ class Run(Outcome):
     believed: int = 0
     stated: int = 0
     wrong_numbers: tuple[str, ...] = field(default=())
+    shown: tuple[str, ...] = ()
+
+    @property
+    def all_right(self) -> bool:
+        """Whether each cause that shows has an entry of its own."""
+        asked = self.shown or self.truth
+        return matched(asked, self.entries) == len(asked)
 
 
 def run(suite: str, seed: int) -> Run:
@@ -64,10 +72,10 @@ def run(suite: str, seed: int) -> Run:
     start = time.perf_counter()
     try:
         logs = make(made)
-        truth = truth_of(logs)
         with tempfile.TemporaryDirectory() as folder:
-            write(logs, Path(folder))
-            (Path(folder) / "truth.json").unlink()
+            *_, told = write(logs, Path(folder))
+            truth = json.loads(told.read_text(encoding="utf-8"))
+            told.unlink()
             start = time.perf_counter()
             answer = diagnose(Path(folder) / "est.csv", Path(folder) / "val.csv", made.rig.lengths)
         found = marked(plain, truth, answer)
@@ -111,7 +119,14 @@ def marked(plain: Run, truth: Mapping[str, Any], answer: Mapping[str, Any]) -> R
         believed=believed,
         stated=believed + len(wrong),
         wrong_numbers=tuple(wrong),
+        shown=_shown(truth),
     )
+
+
+def _shown(truth: Mapping[str, Any]) -> tuple[str, ...]:
+    """Of several causes, those that show beside the others; what is seen in samples always."""
+    pairs = zip(truth["hidden"], truth["shows"], strict=False)
+    return tuple(dict.fromkeys(h["id"] for h, size in pairs if size is None or size >= SHOWN))
 
 
 def translated(
@@ -295,8 +310,8 @@ def _kept(results: Path | None) -> dict[str, Run]:
     kept = {}
     for line in results.read_text(encoding="utf-8").splitlines():
         fields = json.loads(line)
-        for name in ("truth", "said", "wrong_numbers"):
-            fields[name] = tuple(fields[name])
+        for name in ("truth", "said", "wrong_numbers", "shown"):
+            fields[name] = tuple(fields.get(name, ()))
         fields["entries"] = tuple(tuple(e) for e in fields["entries"])
         kept[fields["key"]] = Run(**fields)
     return kept
@@ -308,9 +323,10 @@ HEAD = """# What `sysid.diagnose` says of machines simulated from physics
 on logs of the physics twin (`datasets/physics`), whose circuits, contacts and encoders were written
 without looking at any formula of the catalogue. *Visible*: the best plain line misses by the noise
 or more. *Right first*: a hidden cause stands first, alone or in a reported tie;
-*all right*: each has an entry of its own; *gap closed*: median / worst of what the true model
-closes, of runs that were right; *numbers*: stated numbers with a known true value that are within
-three standard errors. Seeds below 10000 are for development.
+*all right*: each cause that changes a reading by the noise or more beside the others has an entry
+of its own; *gap closed*: median / worst of what the true model closes, of runs that were right;
+*numbers*: stated numbers with a known true value that are within three standard errors. Seeds below
+10000 are for development.
 """
 
 if __name__ == "__main__":

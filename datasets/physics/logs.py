@@ -28,6 +28,9 @@ Array = NDArray[np.float64]
 FULL = 20000
 """Full drive [µs]."""
 
+SEEN_IN_SAMPLES = ("quantisation", "held-telemetry", "dropouts")
+"""Causes that are seen in the readings themselves, and are more noise to all others."""
+
 VALIDATION = 0.6
 """Length of val.csv over that of est.csv."""
 
@@ -48,6 +51,9 @@ class Case:
     seed: int
     rig: Rig
     hidden: tuple[Hidden, ...] = ()
+    spared: tuple[Rig, ...] = ()
+    """The rig without what is seen in samples, and that without each cause of ``hidden`` besides;
+    empty where one cause or none is hidden."""
     style: str = "steps"
     noise: str = "white"
     sigma: float = 0.01
@@ -175,6 +181,7 @@ def truth_of(logs: Logs) -> dict[str, Any]:
         "noise": case.noise,
         "floor": {"est": floor(logs.est), "val": floor(logs.val)},
         "excess": excess(logs.val, case.integrating, _rest(logs)),
+        "shows": shows(logs),
         "pose_floor": pose_floor(case.rig.pose),
         "pose_excess": pose_excess(logs.val, case.rig.lengths or (1.0, 1.0)),
     }
@@ -215,6 +222,48 @@ def pose_excess(log: Log, lengths: tuple[float, float]) -> list[float]:
         float(np.sqrt(np.mean(off[:, 0] ** 2 + off[:, 1] ** 2))),
         float(np.sqrt(np.mean(off[:, 2] ** 2))),
     ]
+
+
+def shows(logs: Logs) -> list[float | None]:
+    """How far each of several causes shows beside the others, over the noise.
+
+    RMS by which the reading where it shows most differs from that without the cause, beyond
+    another gain and another lag. None for what is seen in the samples.
+    """
+    case, full = logs.case, logs.val
+    if not case.spared:
+        return []
+    duration = VALIDATION * case.duration
+    bare, *rest = (_drive(replace(case, rig=rig), 2, duration) for rig in case.spared)
+    noise = np.sqrt(np.mean((full.reading - full.clean) ** 2 + (full.clean - bare.clean) ** 2, 0))
+    floors, found = pose_floor(case.rig.pose), list[float | None]()
+    for h, without in zip(case.hidden, rest, strict=True):
+        sizes = [
+            _apart(a, b) / n for a, b, n in zip(bare.clean.T, without.clean.T, noise, strict=True)
+        ]
+        if bare.pose is not None:
+            sizes += [v / f for v, f in zip(_on_ground(case, bare, without), floors, strict=True)]
+        found.append(None if h.id in SEEN_IN_SAMPLES else round(float(max(sizes)), 3))
+    return found
+
+
+def _on_ground(case: Case, log: Log, other: Log) -> list[float]:
+    """RMS by which way [m] and turn [rad] differ; from wheels as drawn where the other has none."""
+    if log.pose is None or other.pose is None:
+        return pose_excess(log, case.rig.lengths or (1.0, 1.0))
+    rows = round(WINDOW / float(log.t[1] - log.t[0]))
+    off = _increments(log.pose, rows) - _increments(other.pose, rows)
+    return [
+        float(v)
+        for v in np.sqrt([np.mean(off[:, 0] ** 2 + off[:, 1] ** 2), np.mean(off[:, 2] ** 2)])
+    ]
+
+
+def _apart(reading: Array, other: Array) -> float:
+    """RMS of what a gain and a lag on the other leave of a reading."""
+    both = np.column_stack([other[1:], other[:-1]])
+    left = reading[1:] - both @ np.linalg.lstsq(both, reading[1:], rcond=None)[0]
+    return float(np.sqrt(np.mean(left**2)))
 
 
 def _increments(pose: Array, rows: int) -> Array:

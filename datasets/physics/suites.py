@@ -4,6 +4,7 @@ Seeds below ``FRESH`` are for development: rules may be set on them. Those from 
 once, after which they are development seeds, too.
 """
 
+import copy
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -11,7 +12,7 @@ import numpy as np
 from sysid_datasets.physics import actuator_causes, motor_causes, sensor_causes
 from sysid_datasets.physics.causes import CAUSES, WITH_BODY
 from sysid_datasets.physics.hidden import Cause, Hidden, timed
-from sysid_datasets.physics.logs import Case
+from sysid_datasets.physics.logs import SEEN_IN_SAMPLES, Case
 from sysid_datasets.physics.noises import NOISES
 from sysid_datasets.physics.others import MACHINES, OUTSIDE, single_drive
 from sysid_datasets.physics.parameters import Controller
@@ -167,24 +168,46 @@ def _hidden_case(
     causes: tuple[Cause, ...] = (),
 ) -> Case:
     """A case with a cause of each effect; of ``causes`` where these are given."""
-    rig = Rig(plain_machine(rng))
-    hidden: list[Hidden] = []
-    # a body first: it is made for the plain drives
-    for effect in sorted(effects, key=lambda e: e not in WITH_BODY):
-        some = causes or CAUSES[effect]
-        rig, found = some[int(rng.integers(len(some)))](rng, rig, factor)
-        hidden.append(found)
+    again = copy.deepcopy(rng)
+    rig, hidden = _caused(rng, effects, factor, causes)
+    spared: tuple[Rig, ...] = ()
+    if len(effects) > 1:
+        seen = frozenset(SEEN_IN_SAMPLES)
+        left_out = [seen, *(seen | {h.id} for h in hidden)]
+        spared = tuple(
+            _caused(copy.deepcopy(again), effects, factor, causes, some)[0] for some in left_out
+        )
     styles = next((h.styles for h in hidden if h.styles), OPEN_STYLES)
     return Case(
         suite,
         seed,
         rig,
-        tuple(hidden),
+        hidden,
+        spared=spared,
         style=str(rng.choice(styles)),
         noise=str(rng.choice([*NOISES, "white", "white"])),
         sigma=log_uniform(rng, 0.004, 0.02),
         duration=float(rng.choice([60.0, 100.0, 150.0])),
     )
+
+
+def _caused(
+    rng: np.random.Generator,
+    effects: tuple[str, ...],
+    factor: float,
+    causes: tuple[Cause, ...],
+    left_out: frozenset[str] = frozenset(),
+) -> tuple[Rig, tuple[Hidden, ...]]:
+    """A machine with a cause of each effect, but of those left out, and what was drawn of all."""
+    rig = Rig(plain_machine(rng))
+    hidden: list[Hidden] = []
+    # a body first: it is made for the plain drives
+    for effect in sorted(effects, key=lambda e: e not in WITH_BODY):
+        some = causes or CAUSES[effect]
+        made, found = some[int(rng.integers(len(some)))](rng, rig, factor)
+        rig = rig if found.id in left_out else made
+        hidden.append(found)
+    return rig, tuple(hidden)
 
 
 REALISTIC = (

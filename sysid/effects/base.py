@@ -218,7 +218,8 @@ class Effect:
             parameters and that do not change from step to step.
         states: how many states it carries.
         on_past: (xp, signal, past, parameters, context) → the effect on a whole record at once,
-            for one whose states are simply its own last inputs, newest first.
+            for one whose states are simply its own last inputs, newest first, or follow from the
+            commands alone.
         on_record: the same between tracks and ground, for one with a memory: the effect on the
             wheel speeds of a record that begins in steady motion, as fits need it often; None
             takes one sample after the other.

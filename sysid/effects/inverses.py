@@ -44,8 +44,9 @@ def out_of_direction(xp: Any, d: Signal, p: P, c: Context) -> Signal:
 
 
 def charged(xp: Any, d: Signal, p: P, c: Context) -> Signal:
-    """d → d/(1 − b t)."""
-    return d / xp.maximum(1.0 - p["loss"] * c.t, EMPTY)
+    """d → d/(1 − b t); of a charge that is taken nothing is known ahead."""
+    loss = xp.where(p["charge"] > 0.5, 0.0, p["loss"])
+    return d / xp.maximum(1.0 - loss * c.t, EMPTY)
 
 
 def through_dead_time(xp: Any, torque: Signal, p: P, c: Context) -> Signal:

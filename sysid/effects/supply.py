@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from sysid.effects import inverses
-from sysid.effects.base import Context, Effect, EffectParameter, Law, Place, Signal, State
+from sysid.effects.base import Context, Effect, EffectParameter, Law, Past, Place, Signal, State
 from sysid.effects.programmes import (
     COASTING,
     HOT,
@@ -21,6 +21,10 @@ from sysid.effects.programmes import (
 )
 
 P = Mapping[str, Signal]
+
+MOST_LOSS = 0.1
+"""Share of its voltage that a battery loses at most in a second at full drive: beyond, it would be
+empty before a log has twenty commands."""
 
 USUAL_EMF = 0.85
 """Share of the back-emf in the viscous term of a motor with its gear, until a log tells it: one
@@ -79,12 +83,39 @@ def _dead_time(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Sig
 
 
 def _battery(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    return d * (1.0 - p["loss"] * c.t), s
+    # who asks without a state, as what makes up for effects, knows no charge: then none is taken
+    taken = s[0] if s else 0.0 * d
+    return _discharged(xp, d, taken, p, c), (taken + _taken(xp, c),) if s else s
+
+
+def _battery_on(xp: Any, d: Signal, past: Past, p: P, c: Context) -> Signal:
+    whole = xp.cumsum(_taken(xp, c), axis=0)
+    rows = xp.round(c.t / c.dt) + 0.0 * d
+    own = whole - _taken(xp, c)  # up to the sample before
+    return _discharged(xp, d, own - past(own, rows), p, c)
+
+
+def _full(w: Signal, d: Signal) -> State:
+    return (0.0 * d,)
+
+
+def _taken(xp: Any, c: Context) -> Signal:
+    """Charge that all motors take in a sample, the same for each of them."""
+    return c.dt * xp.mean(c.drive * c.drive, axis=-1, keepdims=True) + 0.0 * c.drive
+
+
+def _discharged(xp: Any, d: Signal, taken: Signal, p: P, c: Context) -> Signal:
+    curved = taken * (1.0 + p["bend"] * taken)
+    return d * (1.0 - p["loss"] * xp.where(p["charge"] > 0.5, curved, c.t))
 
 
 _BY_CURRENT = (
     "It falls with the current that both motors take, as by the resistance of a battery: most when "
     "they start."
+)
+
+_BY_CHARGE = (
+    "It does so by the charge that the motors take, most under large commands, not while they rest."
 )
 
 EFFECTS = (
@@ -171,18 +202,41 @@ EFFECTS = (
         "battery-discharge",
         "actuator",
         Place.COMMAND,
-        "d → d(1 − b t)",
+        "d → d(1 − b t), or d → d(1 − b q(1 + c q)) with q̇ = (d_L² + d_R²)/2",
         "The battery empties: everything slows with time.",
         "The same command reaches less speed late in the log.",
         "The same sequence at the beginning and the end of a long run.",
         (
             EffectParameter(
-                "loss", "1/s", 0.0, 0.0, 0.02, (0.0005, 0.002), "one", measured_as="loss"
+                "loss",
+                "1/s",
+                0.0,
+                0.0,
+                MOST_LOSS,
+                (0.0005, 0.002, 0.001, 0.004, 0.001, 0.004),
+                "one",
+                measured_as="loss",
+            ),
+            EffectParameter("bend", "1/s", 0.0, -0.02, 0.5, (0.0,) * 4 + (-0.01, 0.03), "one"),
+            EffectParameter(
+                "charge", "", 0.0, 0.0, 2.0, (0.0, 0.0, 1.0, 1.0, 2.0, 2.0), choice=True
             ),
         ),
         _battery,
+        states=1,
+        on_past=_battery_on,
+        at_rest=_full,
         inverse=inverses.charged,
         shared=True,
+        laws=(
+            Law(("loss",), choices={"charge": 0.0}),
+            Law(("loss",), choices={"charge": 1.0}, sentence=_BY_CHARGE),
+            Law(
+                ("loss", "bend"),
+                choices={"charge": 2.0},
+                sentence=_BY_CHARGE + " Its open-circuit voltage falls along a curve.",
+            ),
+        ),
         programmes=(REPEAT, HOT),
     ),
 )

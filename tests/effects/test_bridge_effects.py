@@ -114,3 +114,21 @@ def test_dead_time_does_nothing_at_rest_and_holds_a_motor_under_small_commands()
     # the short at a command of zero has no dead time: it falls as the plain motor does
     fall = y[301:320] / y[300]
     np.testing.assert_allclose(fall, plain[301:320] / plain[300], atol=1e-9)
+
+
+def test_a_battery_empties_by_the_charge_that_both_motors_take() -> None:
+    """v = 1 − b q(1 + c q), q the integral of the mean of d²: nothing while both rest."""
+    dt, loss, bend = 0.05, 0.02, 0.05
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.uniform(-1.0, 1.0, (30, 2)), 20, axis=0)
+    u[200:400] = 0.0
+    core = [GAIN, -float(np.exp(-dt / TAU))] * 2
+    theta = np.array([*core, loss, bend, 2.0])
+    found = Augmented(1, 1, (1.0, 1.0), dt, ("battery-discharge",)).simulate(theta, u)
+    q = dt * (np.cumsum(np.mean(u**2, axis=1)) - np.mean(u**2, axis=1))[:, None]
+    plain = Augmented(1, 1, (1.0, 1.0), dt)
+    weaker = plain.simulate(np.array(core), u * (1.0 - loss * q * (1.0 + bend * q)))
+    np.testing.assert_allclose(found, weaker, atol=1e-9)
+    assert q[200, 0] == pytest.approx(q[399, 0])
+    fresh = plain.simulate(np.array(core), u)
+    assert np.max(np.abs(found - fresh)) > 0.05 * np.max(np.abs(fresh))

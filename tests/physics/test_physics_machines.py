@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from studies import ROOT, load
-from sysid_datasets.physics.logs import PERIOD, csv_of, excess, floor, make, pose_excess
+from sysid_datasets.physics.logs import PERIOD, csv_of, excess, floor, make, pose_excess, shows
 from sysid_datasets.physics.others import MACHINES, OUTSIDE
 from sysid_datasets.physics.processes import GRAVITY, Heater, Tanks
 from sysid_datasets.physics.suites import FRESH, NOTHINGS, SUITES, case
@@ -53,6 +53,22 @@ def test_what_is_outside_the_catalogue_bends_the_log() -> None:
         log = make(replace(made, duration=10.0)).est
         misses, noise = excess(log), floor(log)
         assert max(m / n for m, n in zip(misses, noise, strict=True)) > 1.0
+
+
+@pytest.mark.parametrize(("seed", "hidden", "seen"), [(3, 1, 0), (15, None, 1)])
+def test_of_several_causes_it_is_told_how_far_each_shows(
+    seed: int, hidden: int | None, seen: int
+) -> None:
+    """Of pair 3 a current limit is never reached; in pair 15 both show."""
+    made = make(replace(case("pairs", seed), duration=20.0))
+    sizes = shows(made)
+    assert [size is None for size in sizes] == [h.id == "dropouts" for h in made.case.hidden]
+    if hidden is None:
+        assert min(size or 0.0 for size in sizes) > 1.0
+    else:
+        assert sizes[hidden] == pytest.approx(0.0, abs=0.05)
+    assert sizes[seen] is None or (sizes[seen] or 0.0) > 1.0
+    assert shows(make(replace(case("nothing", 0), duration=5.0))) == []
 
 
 def test_wheels_that_roll_as_drawn_leave_the_noise_of_the_pose() -> None:
