@@ -115,10 +115,10 @@ class Runs:
 
     def simulation(self, inside: Sequence[Effect]) -> Callable[..., Any]:
         """(q (lanes, slots), data) → readings (lanes, M, tracks) with some stepped effects."""
-        from sysid.fitting.compiled import compiled, jax_module
+        from sysid.fitting.compiled import compiled, jax_module, vectorised
 
         jax = jax_module()
-        jnp = jax.numpy
+        jnp = vectorised(jax.numpy)
         before, after, model = self.before, self.after, self.model
         dt, zero = model.dt, jnp.zeros(model.tracks)
         effects = (*before, *inside, *after)
