@@ -154,8 +154,7 @@ def mission_of(name: str, case: Case) -> Mission:
             "soil": {"preset": "concrete", "friction_angle": angle, "lateral": FRICTION}
         }
     if case.pose == "told":
-        # a gate takes good fixes for outliers where a vehicle slides: its filter knows of no such
-        given["navigation"] = {"kind": "ekf", "gate": 1.0}
+        given["navigation"] = {"kind": "ekf"}
         given["sensors"] = {
             "position_fixes": {"noise": EXACT},
             "visual_odometry": {"noise": EXACT},

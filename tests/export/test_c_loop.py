@@ -20,6 +20,7 @@ from sysid.effects.ground import Ground
 from sysid.export.c.counting import operations
 from sysid.export.c.precision import in_single, single
 from sysid.export.package import Form, package_files, write_package
+from sysid.mission.navigation.doubt import RUN
 from sysid.mission.robot.mapping import as_robot
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission, load_mission
@@ -33,8 +34,9 @@ FUSED = """
 goal: [2, 1]
 obstacles: [[1, 1.2], {at: [1.5, 0], velocity: [0.0, 0.01]}]
 timeout: 12
-navigation: {kind: ekf}
-sensors: {encoders: {}, gyroscope: {}, position_fixes: {}}
+navigation: {kind: ekf, q: {slip: 0}}
+motion: {kind: slip, slip: 0.2}
+sensors: {encoders: {}, gyroscope: {}, position_fixes: {noise: 0.001}}
 guidance: {kind: harmonic}
 control: {speed: {kind: pid}, yaw: {kind: adaptive}}
 """
@@ -97,7 +99,12 @@ def test_the_first_mission_is_driven_in_c_as_well(tmp_path: Path) -> None:
 
 @needs_compiler
 def test_every_law_of_a_mission_with_filter_and_sensors_is_written(tmp_path: Path) -> None:
-    c = exported(tmp_path, mission_of(FUSED, tmp_path))
+    mission = mission_of(FUSED, tmp_path)
+    log = simulate(mission, as_robot(robot_model().plant(), mission)[0]).log
+    assert log["rejected"].sum() > RUN
+    # a gate that does not open again for a run of fixes ends 0.44 m off
+    assert np.hypot(log["x"] - log["x_est"], log["y"] - log["y_est"]).max() < 0.1
+    c = exported(tmp_path, mission)
     ran(c, str(COMPILER), *QUICK, "-o", "loop_selftest", *sources(c), "-lm")
     found = errors(c)
     assert "closed-loop" not in found  # its noise is Python's

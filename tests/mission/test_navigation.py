@@ -14,6 +14,7 @@ from sysid import floats
 from sysid.data.record import Array
 from sysid.errors import DataError, ModelError
 from sysid.mission.contracts import Navigation, NavigationInputs
+from sysid.mission.navigation.doubt import RUN
 from sysid.mission.navigation.finite_model import FiniteModel, Hypothesis
 from sysid.mission.registry import law_class
 from sysid.mission.result import MissionResult
@@ -236,6 +237,35 @@ def test_a_magnetometer_near_iron_is_rejected() -> None:
     assert gated.log["rejected"].sum() > 5
     assert turned[0] > 0.3
     assert turned[1] < 0.05
+
+
+def pushed(kind: str, fixes: Array) -> tuple[Array, float]:
+    """Distances of the estimate of a robot that stands still to fixes that it reads, (N, 2), and
+    how many were rejected."""
+    filt = law(kind, q={"slip": 0.0})
+    scene = goal(2, 1, navigation=filt, sensors=sensors(position_fixes={"noise": 0.01})).scene()
+    state, off, rejected = filt.start(scene, floats), [], 0.0
+    for k, (x, y) in enumerate(fixes.tolist()):
+        read = {"omega_l": 0.0, "omega_r": 0.0, "fix_x": x, "fix_y": y}
+        state, body = filt.step(state, NavigationInputs(0.1 * k, read, scene), 0.1, floats)
+        rejected += dict(zip(filt.columns, filt.report(state, floats), strict=True))["rejected"]
+        off.append(math.hypot(body.pose.x - x, body.pose.y - y))
+    return np.array(off), rejected
+
+
+@pytest.mark.parametrize("kind", FILTERS)
+def test_fixes_that_agree_open_the_gate_again_and_outliers_do_not(kind: str) -> None:
+    """A robot that is pushed half a metre aside while its wheels stand; and wild readings."""
+    noise = np.random.default_rng(5).normal(0.0, 0.01, (30, 2))
+    aside = noise + [[0.0, 0.5 * (k >= 10)] for k in range(30)]
+    off, rejected = pushed(kind, aside)
+    assert off[10:14].min() > 0.4
+    assert off[15:].max() < 0.05  # 5σ
+    assert rejected == RUN - 1
+    turns = np.array([[math.cos(2.0 * k), math.sin(2.0 * k)] for k in range(30)])
+    off, rejected = pushed(kind, noise + turns * (np.arange(30) >= 10)[:, None])
+    assert off[10:].min() > 0.9
+    assert rejected == 20
 
 
 # Hypotheses ---------------------------------------------------------------------------------------

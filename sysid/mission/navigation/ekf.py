@@ -6,7 +6,7 @@ from sysid.mission.navigation.delays import Slot
 from sysid.mission.navigation.design import Design
 from sysid.mission.navigation.fusion import Filter, Sight
 from sysid.mission.navigation.gaussian import Gaussian, Innovation, corrected, symmetric, wrapped
-from sysid.mission.navigation.process import PSI, Process, matrix
+from sysid.mission.navigation.process import PSI, Process
 from sysid.vehicle.kinematics import Geometry
 
 
@@ -25,16 +25,7 @@ def measured(
     belief: Gaussian, names: tuple[str, ...], sight: Sight, xp: Any
 ) -> tuple[Gaussian, Innovation]:
     """Correct by z = h(x) + v, with the slopes of h at x."""
-    at = {name: i for i, name in enumerate(names)}
-    s = {name: belief.x[i] for name, i in at.items()}
-    expected = sight.group.expected(s, sight.setting, xp)
-    entries = {
-        (row, at[name]): slope
-        for row, one in enumerate(expected)
-        for name, slope in one.slopes.items()
-    }
-    H = matrix(entries, len(expected), len(names), xp)
-    nu = sight.group.off(sight.z - xp.array([one.value for one in expected]), xp)
+    nu, H = sight.group.linearised(sight.z, belief.x, names, sight.setting, xp)
     belief, found = corrected(belief, nu, H, sight.variance, sight.quantiles, xp)
     return Gaussian(wrapped(belief.x, PSI, xp), belief.P), found
 

@@ -10,6 +10,7 @@ from sysid.mission.contracts import Body, NavigationInputs, Pose, Scene, Sensor
 from sysid.mission.navigation import delays
 from sysid.mission.navigation.delays import History, Slot
 from sysid.mission.navigation.design import LEAST_VARIANCE, Design, Noises, design
+from sysid.mission.navigation.doubt import Doubt, doubted, doubts
 from sysid.mission.navigation.flow import compiled
 from sysid.mission.navigation.gaussian import Gaussian, Innovation, chi2_quantiles, reset
 from sysid.mission.navigation.measurements import EXPECTED, Group, Setting
@@ -41,10 +42,12 @@ class Belief(NamedTuple):
     Attributes:
         of: mean and covariance, or what a kind of filter has instead.
         marks: of each group the time since its last reading [s] and the numbers of that.
+        doubt: of the groups that can make the filter doubt itself, by their place.
     """
 
     of: Any
     marks: tuple[Any, ...]
+    doubt: tuple[Doubt, ...] = ()
 
 
 class FilterState(NamedTuple):
@@ -87,8 +90,8 @@ class Filter(Settings):
             ``slip`` [1/s], ``gyro_z_bias`` and the like [unit²/s]; those that are not given come
             from the sensors' figures or are a small robot's.
         r: variances of readings by name [unit²]; those that are not given are the sensors'.
-        gate: a measurement whose innovation lies beyond this quantile of χ² is rejected; 1 takes
-            everything.
+        gate: a measurement whose innovation lies beyond this quantile of χ² is rejected, unless
+            it is one of a run of position fixes or camera frames that agree; 1 takes everything.
         buffer: how many samples late a reading may come [samples].
         sigma_position, sigma_heading: standard deviation of the start pose [m], [rad].
     """
@@ -132,6 +135,10 @@ class Filter(Settings):
         """Mean and covariance of all that is believed."""
         one: Gaussian = of
         return one
+
+    def widened(self, of: Any, added: Any) -> Any:
+        """What is believed once something has moved the vehicle that the process does not know."""
+        return of._replace(P=of.P + added)
 
     def set_since(self, of: Any, T: Any, xp: Any) -> Any:
         """What is believed once a reading has set states for the next one of its sensor."""
@@ -182,7 +189,9 @@ class Filter(Settings):
             one = one if T is None else reset(one, xp.array(T), LEAST_VARIANCE, xp)
         nothing = tuple(xp.full(len(g.names), xp.nan) for g in plan.groups)
         marks = tuple(xp.concatenate([xp.zeros(1), z]) for z in nothing)
-        belief = Belief(self.first(one, xp), marks)
+        certain = [len(g.names) for g in plan.groups if doubts(g, self.gate)]
+        doubt = tuple(Doubt(xp.array(0.0), xp.zeros(m)) for m in certain)
+        belief = Belief(self.first(one, xp), marks, doubt)
         empty = Slot(0.0, 0.0, nothing, xp.zeros(len(plan.groups)))
         history = delays.begun(belief, empty, plan.latest, xp)
         return FilterState(
@@ -221,7 +230,8 @@ class Filter(Settings):
     ) -> tuple[Belief, Innovation]:
         """One sample: predict, then correct by each group in turn."""
         of = self.predicted(belief.of, plan, geometry, slot, xp)
-        counted, marks = NOTHING_READ, []
+        counted, marks, doubt = NOTHING_READ, [], list(belief.doubt)
+        places = [k for k, group in enumerate(plan.groups) if doubts(group, self.gate)]
         for k, (group, z, mark) in enumerate(zip(plan.groups, slot.z, belief.marks, strict=True)):
             elapsed, came = mark[0] + slot.dt, xp.isfinite(z).any()
             waiting = xp.concatenate([xp.array([elapsed]), mark[1:]])
@@ -231,14 +241,19 @@ class Filter(Settings):
             setting = Setting(geometry, elapsed=elapsed, known_heading=self.linear)
             told, spread = group.told(z, mark[1:], elapsed, xp), group.spread(elapsed, xp)
             quantiles = chi2_quantiles(self.gate, len(group.names))
-            of, found = self.corrected(of, plan, Sight(group, told, spread, setting, quantiles), xp)
+            sight = Sight(group, told, spread, setting, quantiles)
+            if k in places:
+                at, names = places.index(k), plan.process.names
+                doubt[at], added = doubted(self.moments(of, xp), names, sight, doubt[at], xp)
+                of = self.widened(of, added)
+            of, found = self.corrected(of, plan, sight, xp)
             fresh = slot.fresh[k]
             counted = Innovation(*(c + fresh * f for c, f in zip(counted, found, strict=True)))
             T = plan.since[k]
             if T is not None:
                 of = self.set_since(of, xp.where(came, xp.array(T), xp.eye(len(T))), xp)
             marks[-1] = xp.where(came, xp.concatenate([xp.zeros(1), z]), waiting)
-        return Belief(of, tuple(marks)), counted
+        return Belief(of, tuple(marks), tuple(doubt)), counted
 
     def _shown(
         self, belief: Belief, plan: Design, geometry: Geometry, counted: Innovation, xp: Any

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from sysid.mission.navigation.compass import compass_heading
-from sysid.mission.navigation.process import States, is_angle, over_ground
+from sysid.mission.navigation.process import States, is_angle, matrix, over_ground
 from sysid.vehicle.kinematics import Geometry, Real, wrap_angle
 
 LOST_AFTER = 1.5
@@ -238,6 +238,28 @@ class Group:
                 value, slopes = value + share * s[bias], {**slopes, bias: share}
             found.append(Expected(value, slopes))
         return found
+
+    def linearised(
+        self, z: Any, x: Any, names: tuple[str, ...], setting: Setting, xp: Any
+    ) -> tuple[Any, Any]:
+        """z − h(x), (m,), and the slopes of h at x, (m, n).
+
+        Args:
+            z: the numbers, (m,); NaN where nothing was read.
+            x: states, (n,), those of ``names`` in front.
+            names: of the states.
+            setting: what expected values are computed with.
+            xp: array namespace.
+        """
+        at = {name: i for i, name in enumerate(names)}
+        expected = self.expected({name: x[i] for name, i in at.items()}, setting, xp)
+        entries = {
+            (row, at[name]): slope
+            for row, one in enumerate(expected)
+            for name, slope in one.slopes.items()
+        }
+        H = matrix(entries, len(expected), len(x), xp)
+        return self.off(z - xp.array([one.value for one in expected]), xp), H
 
     def off(self, difference: Any, xp: Any) -> Any:
         """Differences of readings, (…, m), headings around the circle."""

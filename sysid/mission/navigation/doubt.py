@@ -1,0 +1,74 @@
+"""When a filter that rejects reading after reading must doubt itself and not the sensor.
+
+A gate keeps outliers away. Once the vehicle has moved as the filter's process does not know, to the
+side for instance, every right reading lies beyond the gate as well, and the filter would never find
+back. What tells one from the other: outliers come alone or contradict each other; readings that
+are right stay off by the same. After a run of rejected readings that agree, the pose is taken to
+have been moved by what they tell, Var = ν², and the next one corrects it.
+"""
+
+from typing import Any, NamedTuple
+
+from sysid.mission.navigation.gaussian import Gaussian, innovation, symmetric
+from sysid.mission.navigation.measurements import Group
+
+RUN = 5
+"""Rejected readings in a row that agree: outliers, one in ten, make such a run once in 10⁵."""
+
+AGREE = 0.25
+"""Two innovations agree if they differ by less than half of their size, in squares."""
+
+POSE = 3
+"""States x, y, psi, the first ones of every filter."""
+
+DOUBTS = frozenset({"position_fixes", "visual_odometry"})
+"""Sensors that tell where the vehicle is, and that nothing around disturbs for long. Iron bends
+the field of a magnetometer for as long as the robot is beside it, which looks the same."""
+
+
+class Doubt(NamedTuple):
+    """What a filter remembers of the readings of a sensor that it rejected.
+
+    Attributes:
+        run: how many in a row were rejected and agree.
+        nu: innovation of the last reading, (m,).
+    """
+
+    run: Any
+    nu: Any
+
+
+def doubts(group: Group, gate: float) -> bool:
+    """Whether rejected readings of a sensor can make the filter doubt itself."""
+    return gate < 1 and group.kind in DOUBTS
+
+
+def doubted(
+    one: Gaussian, names: tuple[str, ...], sight: Any, before: Doubt, xp: Any
+) -> tuple[Doubt, Any]:
+    """Judge a group of readings, before they are used.
+
+    Args:
+        one: mean and covariance that is believed, the states of ``names`` in front.
+        names: of the states.
+        sight: the readings, a :class:`~sysid.mission.navigation.fusion.Sight`.
+        before: what is remembered.
+        xp: array namespace.
+
+    Returns:
+        What is remembered from now on, and what is to be added to P, (n, n): 0 while the run is
+        shorter than :data:`RUN`.
+    """
+    nu, H = sight.group.linearised(sight.z, one.x, names, sight.setting, xp)
+    present = xp.isfinite(nu)
+    came = present.any()
+    nu, H = xp.where(present, nu, 0.0), xp.where(present[:, None], H, 0.0)
+    S = H @ one.P @ H.T + sight.variance * xp.eye(len(nu))
+    found, inverse = innovation(nu, S, sight.variance, present, sight.quantiles, xp)
+    off = nu - before.nu
+    agrees = 1.0 * (off @ inverse @ off <= AGREE * found.nis)
+    run = xp.where(came, found.rejected * (1.0 + agrees * before.run), before.run)
+    told = H * xp.array([1.0 * (i < POSE) for i in range(len(one.x))])
+    more = 1.0 * (run >= RUN) * came
+    added = more * symmetric((told.T * (nu * nu)) @ told)
+    return Doubt(run, xp.where(came, nu, before.nu)), added
