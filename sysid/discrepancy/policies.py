@@ -109,7 +109,7 @@ class PoseRule:
             something missing.
     """
 
-    most_effects: int = 3
+    most_effects: int = 4
     rolled: float = 0.03
     lost: float = 0.01
     between: float = 0.5

@@ -162,6 +162,9 @@ OnRecord = Callable[[Signal, Mapping[str, Signal], float], Signal]
 Past = Callable[[Signal, Signal], Signal]
 """(signal over a record, whole samples a track) → the signal so much earlier."""
 
+Sideways = Callable[[Any, Signal, Signal, Mapping[str, Signal]], Signal]
+"""(xp, forward speed [m/s], yaw rate [rad/s], parameters) → speed to the left [m/s]."""
+
 InNumbers = Callable[[float, float, int], str]
 """(value, standard error, side: 0 left, 1 right, −1 both) → sentence."""
 
@@ -223,6 +226,8 @@ class Effect:
         on_record: the same between tracks and ground, for one with a memory: the effect on the
             wheel speeds of a record that begins in steady motion, as fits need it often; None
             takes one sample after the other.
+        sideways: between tracks and ground, the speed to the left that it gives the body, from what
+            the other effects leave of the speeds; None for none.
         at_rest: (speed, drive) → its states in steady motion; None where every state then equals
             the signal the effect acts on.
         holds: (parameters) → torque with which it holds a track that stands.
@@ -272,6 +277,7 @@ class Effect:
     states: int = 0
     on_past: Callable[[Any, Signal, Past, Mapping[str, Signal], Context], Signal] | None = None
     on_record: OnRecord | None = None
+    sideways: Sideways | None = None
     at_rest: Callable[[Signal, Signal], State] | None = None
     holds: Callable[[Mapping[str, Signal]], Signal] | None = None
     shared: bool = False

@@ -95,6 +95,34 @@ class Ground:
                 omega, _ = e.step(xp, omega, (), numbers, _CONTEXT)
         return omega
 
+    @cached_property
+    def _sliding(self) -> tuple[Effect, ...]:
+        """The effects that move the body sideways."""
+        if not self.effects:
+            return ()
+        from sysid.effects.catalogue import effect
+
+        return tuple(e for e in map(effect, self.effects) if e.sideways is not None)
+
+    @property
+    def slides(self) -> bool:
+        """Whether the vehicle slides sideways."""
+        return bool(self._sliding)
+
+    def lateral(self, forward: Any, yaw_rate: Any, xp: Any = np) -> Any:
+        """Speed to the left [m/s]; 0 where nothing slides.
+
+        Args:
+            forward: speed [m/s] of tracks that roll at what ``rolled`` or ``step`` leave.
+            yaw_rate: of the same [rad/s].
+            xp: array namespace.
+        """
+        return sum(
+            e.sideways(xp, forward, yaw_rate, self.parameters[e.id])
+            for e in self._sliding
+            if e.sideways is not None
+        )
+
     def start(self) -> State:
         """What the effects remember of a vehicle that stands."""
         return tuple((np.zeros(2),) * n for n in self._states)

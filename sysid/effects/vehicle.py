@@ -17,6 +17,7 @@ from sysid.effects.base import (
     Place,
     Signal,
     State,
+    nothing,
 )
 from sysid.effects.lag import followed, lagging
 from sysid.effects.programmes import LEVELS, REVERSALS, TURNS
@@ -107,6 +108,28 @@ def _scrub(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, Stat
 def _scrub_record(w: Signal, p: P, dt: float) -> Signal:
     late = followed(w, _lag(p), dt) - w
     return w + late - _both(late)
+
+
+def _sideways(xp: Any, forward: Signal, yaw_rate: Signal, p: P) -> Signal:
+    """A centre of rotation off the middle, and a slide against the centripetal acceleration."""
+    return -(p["ahead"][..., 0] + p["drift"][..., 0] * forward) * yaw_rate
+
+
+def _ahead_in_numbers(value: float, error: float, side: int) -> str:
+    where = "ahead of" if value > 0.0 else "behind"
+    return (
+        f"The vehicle turns about a point {abs(value):.3g} ± {error:.2g} m {where} the one whose "
+        "place is logged, which slides sideways in every turn: the centre of mass lies off the "
+        "middle, or the pose is that of a point so far off it."
+    )
+
+
+def _drift_in_numbers(value: float, error: float, side: int) -> str:
+    return (
+        "The vehicle slides outwards in turns that it drives, "
+        f"{1000 * value:.3g} ± {1000 * error:.2g} mm/s for each m/s² of centripetal acceleration; "
+        "readings of its place that come so many ms later than those of its heading look alike."
+    )
 
 
 def _share_in_numbers(value: float, error: float, side: int) -> str:
@@ -243,6 +266,25 @@ EFFECTS = (
             Law(("lag",), _load_in_numbers, as_lag=True, of_changes=True),
             Law(("spin",), _spin_in_numbers, of_changes=True),
         ),
+    ),
+    Effect(
+        "lateral-slip",
+        "vehicle",
+        Place.POSE,
+        "v_y = −(a + β v) ψ̇",
+        "The vehicle slides sideways in turns.",
+        "Its place moves to the side where it turns on the spot, or outwards in arcs; the turn "
+        "itself is what the wheels say.",
+        "Turns on the spot and arcs at several speeds, to both sides, with the middle's place.",
+        (
+            EffectParameter("ahead", "m", 0.0, -1.0, 1.0, (0.01,), "one", at_null=True),
+            EffectParameter("drift", "s", 0.0, 0.0, 1.0, (0.05,), "one", at_null=True),
+        ),
+        nothing,
+        sideways=_sideways,
+        shared=True,
+        programmes=(TURNS,),
+        laws=(Law(("ahead",), _ahead_in_numbers), Law(("drift",), _drift_in_numbers, as_lag=True)),
     ),
     Effect(
         "scrub-lag",

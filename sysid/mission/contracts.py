@@ -264,6 +264,7 @@ class MotionInputs(NamedTuple):
         omega_l, omega_r: the track speeds on the ground [rad/s]; those of the sample before where
             the motion turns the tracks itself.
         drive: left and right command held since the sample before [drive], 1 is full drive.
+        lateral: speed to the left on the ground [m/s], None for none; forces of a motion overrule.
     """
 
     t: Real
@@ -271,6 +272,7 @@ class MotionInputs(NamedTuple):
     omega_r: Real
     scene: Scene
     drive: tuple[Real, Real] = (0.0, 0.0)
+    lateral: Real | None = None
 
 
 # Parts --------------------------------------------------------------------------------------------

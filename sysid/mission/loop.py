@@ -34,6 +34,7 @@ from sysid.mission.contracts import (
     TurnsTracks,
     readout_of,
 )
+from sysid.mission.rolling import on_ground
 from sysid.mission.supply import Feed
 from sysid.vehicle.kinematics import Real
 
@@ -339,8 +340,8 @@ class Loop:
         self, state: LoopState, omega: tuple[Real, Real], tick: Tick
     ) -> tuple[State, State, Body]:
         """Where tracks that turn at ``omega`` bring the vehicle at this sample."""
-        (left, right), ground = self.plant.ground.step(state.ground, omega, tick.dt)
-        rolled = MotionInputs(tick.t, left, right, self.scene)
+        at = tick.t, tick.dt
+        ground, rolled = on_ground(self.plant.ground, state.ground, omega, at, self.scene)
         return ground, *self.motion.step(state.motion, rolled, tick.dt, self.xp)
 
     def _read(

@@ -64,7 +64,14 @@ def wheel_speeds(forward: Real, yaw_rate: Real, geometry: Geometry) -> tuple[Rea
 
 
 def step_pose(
-    x: Real, y: Real, psi: Real, forward: Real, yaw_rate: Real, dt: Real, xp: Any = np
+    x: Real,
+    y: Real,
+    psi: Real,
+    forward: Real,
+    yaw_rate: Real,
+    dt: Real,
+    xp: Any = np,
+    lateral: Real | None = None,
 ) -> tuple[Real, Real, Real]:
     """Move a pose along the arc of constant Vx and ψ̇ for ``dt`` seconds; exact, not Euler.
 
@@ -78,6 +85,7 @@ def step_pose(
         yaw_rate: ψ̇ [rad/s].
         dt: duration [s]; negative runs the arc backwards.
         xp: array namespace with ``cos`` and ``sin``.
+        lateral: Vy to the left [m/s]; None for tracks that roll.
 
     Returns:
         The new x, y [m] and ψ [rad], ψ wrapped to (−π, π].
@@ -87,6 +95,9 @@ def step_pose(
     # Below the smallest normal numbers a quotient has few digits left, so that they count as 0.
     straight = abs(half) < 1e-300
     chord = forward * dt * (xp.sin(half) + straight) / (half + straight)
+    if lateral is not None:
+        aside = lateral * dt * (xp.sin(half) + straight) / (half + straight)
+        x, y = x - aside * xp.sin(psi + half), y + aside * xp.cos(psi + half)
     return (
         x + chord * xp.cos(psi + half),
         y + chord * xp.sin(psi + half),

@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 from pose_cases import DT, driven, ground, hidden_mission, logs, two_tracks, wandering
 
-from sysid.data.record import Record
+from sysid.data.record import Array, Record
+from sysid.discrepancy.pose import growth
 from sysid.discrepancy.pose.diagnosis import PoseDiagnosis, diagnose_pose
 from sysid.discrepancy.pose.ground_model import with_ground, without_readings
 from sysid.effects.ground import Ground
 from sysid.errors import ModelError, UsageError
+from sysid.estimation.vehicle.ground_fit import PoseProblem, PoseSearch, every_candidate
+from sysid.estimation.vehicle.windows import increments_noise, tracks_of
 from sysid.export.package import write_package
 from sysid.mission.robot.mapping import as_robot
 from sysid.mission.simulator import simulate
@@ -291,3 +294,53 @@ def test_a_slope_gets_no_name_and_is_not_called_noise() -> None:
     clean = found(driven(wandering(600, 3)), driven(wandering(500, 4), seed=2))
     assert not clean.residuals.loud
     assert not clean.residuals.sentence
+
+
+def test_sliding_sideways_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    slow = ("longitudinal-slip", "radius-mismatch", "scrub-lag")
+    few = tuple(c for c in every_candidate() if c.id not in slow)
+    monkeypatch.setattr(growth, "every_candidate", lambda: few)
+    values = {"ahead": np.full(2, -0.02), "drift": np.zeros(2)}
+    slides = Ground(("lateral-slip",), {"lateral-slip": values})
+    told = found(*(driven(wandering(200, s), slides, s) for s in (5, 6)), geometry=Geometry())
+    (effect,) = told.effects
+    assert effect.id == "lateral-slip"
+    assert "m behind the one whose place is logged" in effect.sentence
+    (parameter,) = effect.parameters
+    assert parameter.std_error
+    assert abs(parameter.value + 0.02) < 3.0 * parameter.std_error
+    assert told.gap.closed_percent > 90.0
+
+
+def test_a_width_and_wheels_that_spin_at_starts_are_proven_together(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rivals = {"track-width", "longitudinal-slip spin", "lateral-slip ahead"}
+    few = tuple(c for c in every_candidate() if c.key in rivals)
+    monkeypatch.setattr(growth, "every_candidate", lambda: few)
+    both = Ground(
+        ("track-width", "longitudinal-slip"),
+        {
+            "track-width": {"ratio": np.full(2, 0.85)},
+            "longitudinal-slip": {"spin": np.full(2, 0.05)},
+        },
+    )
+    tracks = [tracks_of([driven(hard_turns(s), both, s)], (0, 1)) for s in (1, 2)]
+    noise = increments_noise(sum(tracks, ()), Geometry())
+    search = PoseSearch(*(PoseProblem(t, Geometry(), noise) for t in tracks))
+    base = search.fit(())
+    (width,) = [c for c in few if c.id == "track-width"]
+    alone = growth.judged(search, base, [(width, search.fit([width], base))])
+    pair = growth.together(search, base, alone, ())
+    assert pair is not None
+    assert [s.candidate.key for s in pair] == ["track-width", "longitudinal-slip spin"]
+
+
+def hard_turns(seed: int) -> Array:
+    """Turns on the spot of 0.4 s to 1.2 s and drives between them, all begun and ended at once."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for _ in range(6):
+        way = rng.choice([-1.0, 1.0]) * 8.0
+        parts += [np.tile([-way, way], (int(rng.integers(4, 12)), 1)), np.tile([8.0, 8.0], (10, 1))]
+    return np.concatenate(parts)

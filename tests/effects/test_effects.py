@@ -53,6 +53,7 @@ IDS = (
     "track-width",
     "longitudinal-slip",
     "scrub-lag",
+    "lateral-slip",
     "sensor-lag",
     "sensor-saturation",
     "sensor-bias",

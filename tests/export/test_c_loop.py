@@ -295,8 +295,10 @@ def test_a_slow_pole_loosens_what_single_precision_promises() -> None:
 
 
 @needs_compiler
-def test_a_ground_that_remembers_is_driven_in_c(tmp_path: Path) -> None:
-    ground = Ground(("scrub-lag",), {"scrub-lag": {"lag": np.full(2, 0.3)}})
+def test_a_ground_that_remembers_and_slides_is_driven_in_c(tmp_path: Path) -> None:
+    slides = {"ahead": np.full(2, 0.02), "drift": np.full(2, 0.1)}
+    numbers = {"scrub-lag": {"lag": np.full(2, 0.3)}, "lateral-slip": slides}
+    ground = Ground(tuple(numbers), numbers)
     form = Form(mission_of("goal: [1.5, 1]\ntimeout: 12\n", tmp_path), True)
     write_package(
         with_ground(two_tracks(), ground, {}), tmp_path / "plant", formats=["c"], form=form

@@ -63,6 +63,11 @@ FEWEST_RECORDS = 4
 """From so many records on they are parted as a whole, which loses no window to a border; two each,
 so that none stands for its part alone."""
 
+JUDGING = 0.25
+"""Share of all windows that the part which judges must hold, where there are records to choose
+from: a vehicle that starts hard once a mission shows in a single one whether it slips then by
+chance only."""
+
 FEWEST_TURNS = 0.1
 """Share of all turning that the records that judge must hold: a mission turns where it begins, and
 a straight way to the goal does not tell what that turn was worth."""
@@ -192,13 +197,16 @@ def _parted(
     """What estimates and what judges: as given, else record by record in turn, else stretch by
     stretch; None where there is too little in any way."""
     both = (*estimation, *held)
-    parts = tracks_of(estimation, channels), tracks_of(held, channels)
-    if _serves(parts):
-        return parts
-    if len(both) >= FEWEST_RECORDS:
+    given = tracks_of(estimation, channels), tracks_of(held, channels)
+    several = len(both) >= FEWEST_RECORDS
+    if _serves(given) and not (several and _windows(given[1]) < JUDGING * _windows(sum(given, ()))):
+        return given
+    if several:
         parts = tracks_of(both[::2], channels), tracks_of(both[1::2], channels)
         if _serves(parts):
             return parts
+    if _serves(given):
+        return given
     parts = tracks_of(both, channels, 0), tracks_of(both, channels, 1)
     return parts if _fewest(parts) >= FEWEST else None
 
@@ -208,7 +216,11 @@ def _serves(parts: _Parts) -> bool:
 
 
 def _fewest(parts: _Parts) -> int:
-    return min(sum(len(t.starts) for t in part) for part in parts)
+    return min(map(_windows, parts))
+
+
+def _windows(part: Sequence[Track]) -> int:
+    return sum(len(t.starts) for t in part)
 
 
 def _turns_judged(parts: _Parts) -> float:

@@ -78,15 +78,19 @@ def _grown_from(search: PoseSearch, base: Fitted, instead: str) -> Grown:
         fits.sort(key=lambda item: _score(item[1]))
         if not steps:
             ranking = _ranking(base, fits)
-        passed = [
-            (c, f, e)
-            for c, f, e in _judged(search, current, fits)
-            if _stands(c, f, e, search, chosen)
-        ]
+        rated = judged(search, current, fits)
         if instead and not steps:
-            passed = [p for p in passed if p[0].id == instead]
+            rated = [p for p in rated if p[0].id == instead]
+        passed = [p for p in rated if _stands(*p, search, chosen)]
         if not passed:
-            break
+            room = POSE.most_effects - len(steps) >= 2  # both of the pair
+            pair = together(search, current, rated, chosen) if room else None
+            if pair is None:
+                break
+            current = search.fit([*chosen, *(s.candidate for s in pair)])
+            steps += pair
+            chosen += [s.candidate for s in pair]
+            continue
         first = passed[0]
         close = [
             (c, f, e)
@@ -112,14 +116,52 @@ def _grown_from(search: PoseSearch, base: Fitted, instead: str) -> Grown:
     return kept, current, ranking
 
 
-def _judged(
+PAIRED = 2
+"""Likely effects that are tried together with every other one: a width and its tie, the slip."""
+
+
+def together(
+    search: PoseSearch,
+    current: Fitted,
+    rated: Sequence[tuple[Candidate, Fitted, Evidence]],
+    chosen: Sequence[Candidate],
+) -> tuple[Step, Step] | None:
+    """Two effects of which neither is proven without the other; None where there are none.
+
+    A turn that falls short by another width and by hard starts, too, foretells no other mission's
+    turn by its width alone.
+    """
+    found: list[tuple[float, tuple[Step, Step]]] = []
+    likely = [(c, f) for c, f, e in rated if c.id and e.significant and e.t >= POSE.late_t]
+    for first, alone in likely[:PAIRED]:
+        with_it = [*chosen, first]
+        for second in every_candidate():
+            if not (second.id and allowed(second, search, with_it)):
+                continue
+            both = search.fit([*with_it, second], alone)
+            other = search.fit([*chosen, second], current)
+            fits = [(first, both, other), (second, both, alone)]
+            each = [judged(search, without, [(c, f)]) for c, f, without in fits]
+            tried = PAIRED * len(every_candidate())
+            whole = evidence_of(current, both, tried)
+            if all(e and _proven(*e[0], search) for e in each) and whole.accepted:
+                pair = Step(first, each[0][0][2], ()), Step(second, each[1][0][2], ())
+                found.append((_score(both), pair))
+    return min(found, key=lambda p: p[0])[1] if found else None
+
+
+def _proven(c: Candidate, f: Fitted, e: Evidence, search: PoseSearch) -> bool:
+    return _away(c, f) and not _short(c, f, search) and e.accepted and not _late(e)
+
+
+def judged(
     search: PoseSearch, current: Fitted, fits: Sequence[tuple[Candidate, Fitted]]
 ) -> list[tuple[Candidate, Fitted, Evidence]]:
     """What speaks for each candidate whose numbers mean something."""
     return [
         (c, f, evidence_of(current, f, len(fits)))
         for c, f in fits
-        if not _stuck(c, f) and _away(c, f) and _large_enough(c, f, search)
+        if not _stuck(c, f) and _large_enough(c, f, search)
     ]
 
 
@@ -142,10 +184,13 @@ def _stands(
 ) -> bool:
     """Whether the rule accepts a candidate.
 
-    Of a lag shorter than the sampling leaves open nothing is claimed: it stands beside the effects
-    where the likelihood asks for it, so that no effect makes up for it.
+    A number that what is still missing leaves uncertain may come where it foretells much; in the
+    end it must be sure. Of a lag shorter than the sampling leaves open nothing is claimed: it
+    stands beside the effects where the likelihood asks for it, so that no effect makes up for it.
     """
     later = bool(chosen)
+    if not _away(c, f) and (not e.accepted or _late(e)):
+        return False
     if _short(c, f, search):
         return later and e.significant
     return e.accepted and not (later and _late(e)) and _beyond_others(c, search, chosen)

@@ -113,11 +113,6 @@ def _late_readings(final: Fitted, keys: set[str], dt: float) -> list[str]:
             " Whether its readings are late or the vehicle turns late, these logs do not tell: "
             "turns that start and stop while it drives would."
         )
-    elif HEADING_LAG in late:
-        said[-1] += (
-            " No reading comes early: the vehicle slides outwards in turns, so that its way "
-            "follows its heading, or the readings of its place are late."
-        )
     if POSE_FILTER in late:
         said.append(
             f"The pose follows the wheel speeds with a lag of {late[POSE_FILTER]:.3g} s, in way "

@@ -48,7 +48,9 @@ POSE_LAG, HEADING_LAG, POSE_FILTER = "pose-lag", "heading-lag", "pose-filter"
 COMPETITORS = (
     Slot(BOTH_RADII, "scale", -1, 1.0, 0.5, 2.0, (0.95,)),
     *(Slot(SPEED_OFFSET, "offset", s, 0.0, -5.0, 5.0, (0.0,)) for s in (LEFT, RIGHT)),
-    *(Slot(k, "delay", -1, 0.0, -1.0, 1.0, (0.0,)) for k in (POSE_LAG, HEADING_LAG)),
+    Slot(POSE_LAG, "delay", -1, 0.0, -1.0, 1.0, (0.0,)),
+    # A place that comes later than its heading is what sliding outwards looks like.
+    Slot(HEADING_LAG, "delay", -1, 0.0, 0.0, 1.0, (0.0,)),
     Slot(POSE_FILTER, "lag", -1, 0.0, 0.0, 2.0, (0.1,)),
 )
 """Numbers that compete with the effects, so that a radius that the geometry has wrong, a sensor

@@ -114,12 +114,14 @@ class Track:
 
     def path(self, ground: Ground, geometry: Geometry, offset: Array | None = None) -> Array:
         """x, y, ψ from the origin by the wheel speeds (missing ones count as rest), (N, 3)."""
-        return path_of(
-            np.nan_to_num(self.omega - (0.0 if offset is None else offset)),
-            self.dt,
-            ground,
-            geometry,
-        )
+        if offset is None or not offset.any():
+            return path_of(self._filled, self.dt, ground, geometry)
+        return path_of(np.nan_to_num(self.omega - offset), self.dt, ground, geometry)
+
+    @cached_property
+    def _filled(self) -> Array:
+        """The speeds, missing ones as rest."""
+        return np.asarray(np.nan_to_num(self.omega))
 
 
 def path_of(
@@ -135,12 +137,19 @@ def path_of(
     turn = 0.5 * dt * (yaw_rate[1:] + yaw_rate[:-1])
     x, y, psi = np.zeros(3) if start is None else start
     heading = psi + np.concatenate([[0.0], np.cumsum(turn)])
-    chord = along * np.sinc(turn / (2.0 * np.pi))
+    bent = np.sinc(turn / (2.0 * np.pi))
     middle = heading[:-1] + 0.5 * turn
+    c, s = np.cos(middle), np.sin(middle)
+    chord = along * bent
+    east, north = chord * c, chord * s
+    if ground.slides:
+        lateral = ground.lateral(forward, yaw_rate)
+        aside = 0.5 * dt * (lateral[1:] + lateral[:-1]) * bent
+        east, north = east - aside * s, north + aside * c
     return np.column_stack(
         [
-            x + np.concatenate([[0.0], np.cumsum(chord * np.cos(middle))]),
-            y + np.concatenate([[0.0], np.cumsum(chord * np.sin(middle))]),
+            x + np.concatenate([[0.0], np.cumsum(east)]),
+            y + np.concatenate([[0.0], np.cumsum(north)]),
             heading,
         ]
     )
@@ -192,7 +201,8 @@ class Noise:
 
         E = L⁻¹ e with LLᵀ the covariance of overlapping windows, which is banded.
         """
-        from scipy.linalg import cholesky_banded, solve_banded
+        from scipy.linalg import cholesky_banded
+        from scipy.linalg.lapack import dtbtrs
 
         first, span = track.starts, track.span
         start, walk = self.of_windows(track)
@@ -210,9 +220,7 @@ class Noise:
             factors.append(cholesky_banded(band, lower=True))
 
         def white(errors: Array) -> Array:
-            columns = [
-                solve_banded((width, 0), factor, errors[:, i]) for i, factor in enumerate(factors)
-            ]
+            columns = [dtbtrs(factor, errors[:, i], "L")[0] for i, factor in enumerate(factors)]
             return np.column_stack(columns)
 
         return white

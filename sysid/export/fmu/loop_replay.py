@@ -14,8 +14,8 @@ from sysid.export.fmu.description import Role, Unit
 from sysid.export.fmu.loop_units import OF_THE_UNIT, LoopUnits
 from sysid.export.fmu.replay import Replay, reach
 from sysid.export.fmu.wiring import Wiring
-from sysid.mission.contracts import MotionInputs
 from sysid.mission.loop import Loop, LoopState, Tick, ticks
+from sysid.mission.rolling import on_ground
 
 MOST_ROWS = 400
 """Samples that a unit is compared in: a mission of 40 s at the thesis's period."""
@@ -49,8 +49,8 @@ def loop_replays(loop: Loop, units: LoopUnits) -> dict[str, Replay]:
 
     def moved(state: LoopState, tick: Tick, row: Values) -> LoopState:
         omega = row[WHEELS[0]], row[WHEELS[1]]
-        (left, right), ground = loop.plant.ground.step(state.ground, omega, tick.dt)
-        inputs = MotionInputs(tick.t, left, right, loop.scene)
+        at = tick.t, tick.dt
+        ground, inputs = on_ground(loop.plant.ground, state.ground, omega, at, loop.scene)
         motion, body = loop.motion.step(state.motion, inputs, tick.dt, loop.xp)
         return state._replace(ground=ground, motion=motion, body=body)
 

@@ -7,7 +7,9 @@ from sysid.mission.settings import Settings
 from sysid.vehicle.kinematics import Geometry, Real, body_velocity, step_pose
 
 
-def carried(body: Body, speed: Real, yaw_rate: Real, dt: Real, xp: Any) -> Body:
+def carried(
+    body: Body, speed: Real, yaw_rate: Real, dt: Real, xp: Any, lateral: Real | None = None
+) -> Body:
     """Move a body on to the next sample, where it has another speed and yaw rate.
 
     Between two samples the speeds are taken as constant at the mean of both (trapezoidal rule), and
@@ -19,9 +21,14 @@ def carried(body: Body, speed: Real, yaw_rate: Real, dt: Real, xp: Any) -> Body:
         yaw_rate: ψ̇ there [rad/s].
         dt: time between the samples [s].
         xp: array namespace.
+        lateral: V_y there [m/s]; None for tracks that do not slide sideways.
     """
     forward, turning = 0.5 * (body.speed + speed), 0.5 * (body.yaw_rate + yaw_rate)
-    return Body(Pose(*step_pose(*body.pose, forward, turning, dt, xp=xp)), speed, yaw_rate)
+    if lateral is None:
+        return Body(Pose(*step_pose(*body.pose, forward, turning, dt, xp=xp)), speed, yaw_rate)
+    aside = 0.5 * (body.lateral + lateral)
+    pose = Pose(*step_pose(*body.pose, forward, turning, dt, xp, aside))
+    return Body(pose, speed, yaw_rate, lateral)
 
 
 def moved(body: Body, omega_l: Real, omega_r: Real, geometry: Geometry, dt: Real, xp: Any) -> Body:
@@ -46,5 +53,6 @@ class Kinematic(Settings):
 
     def step(self, state: Body, inputs: MotionInputs, dt: Real, xp: Any) -> tuple[Body, Body]:
         """Where the vehicle is ``dt`` seconds later."""
-        body = moved(state, inputs.omega_l, inputs.omega_r, inputs.scene.geometry, dt, xp)
+        rolled = body_velocity(inputs.omega_l, inputs.omega_r, inputs.scene.geometry)
+        body = carried(state, *rolled, dt, xp, inputs.lateral)
         return body, body

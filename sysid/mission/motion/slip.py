@@ -76,7 +76,7 @@ class Slip(Physics):
             assert car is not None
             assert floor is not None
             speed, yaw_rate = balanced_velocity(omega, state.pose, car, floor, xp)
-        body = carried(state, speed, yaw_rate, dt, xp)
+        body = carried(state, speed, yaw_rate, dt, xp, inputs.lateral)
         return body, body
 
     def _by_law(self, omega: tuple[Real, Real], scene: Scene, xp: Any) -> tuple[Real, Real]:

@@ -76,8 +76,10 @@ def test_a_plant_that_is_no_model_runs_at_once_too() -> None:
 # What is drawn ------------------------------------------------------------------------------------
 
 
-def test_a_ground_that_remembers_is_the_same_in_a_batch() -> None:
-    ground = Ground(("scrub-lag",), {"scrub-lag": {"lag": np.full(2, 0.3)}})
+def test_a_ground_that_remembers_and_slides_is_the_same_in_a_batch() -> None:
+    slides = {"ahead": np.full(2, 0.02), "drift": np.full(2, 0.1)}
+    numbers = {"scrub-lag": {"lag": np.full(2, 0.3)}, "lateral-slip": slides}
+    ground = Ground(tuple(numbers), numbers)
     setup = Setup.of(SHORT, [with_ground(two_tracks(), ground, {})])
     seeds = run_seeds(1, 3)
     figures = CompiledRuns(setup, 0, 4).figures(setup.drivers[0].drawing.draw(seeds))

@@ -15,7 +15,6 @@ from sysid.mission.contracts import (
     Command,
     ControlInputs,
     GuidanceInputs,
-    MotionInputs,
     NavigationInputs,
     Pose,
     References,
@@ -23,6 +22,7 @@ from sysid.mission.contracts import (
 )
 from sysid.mission.loop import Loop
 from sysid.mission.robot.compensation import Compensation
+from sysid.mission.rolling import on_ground
 from sysid.vehicle.kinematics import Geometry
 
 Numbers = Mapping[Path, Any]
@@ -254,8 +254,8 @@ def _motion(loop: Loop) -> Law:
 
     def step(law: Any, scene: Scene, state: Any, read: Mapping[str, Any]) -> tuple[Any, Any]:
         under, last = state if ground.remembers else (ground.start(), state)
-        speeds, under = ground.step(under, (read["omega_l"], read["omega_r"]), read["dt"])
-        rolled = MotionInputs(read["t"], *speeds, scene)
+        omega, at = (read["omega_l"], read["omega_r"]), (read["t"], read["dt"])
+        under, rolled = on_ground(ground, under, omega, at, scene)
         last, body = law.step(last, rolled, read["dt"], TRACE)
         return OnGround(under, last) if ground.remembers else last, flat(body)
 
