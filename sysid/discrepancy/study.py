@@ -253,11 +253,13 @@ def noise_of(base: Base) -> NoiseFloor:
     for i in range(model.tracks):
         f = [base.node.q[model.place["core", f"f{k + 1}", i]] for k in range(model.order)]
         slow = max(slow, float(np.max(np.abs(np.roots([1.0, *f])), initial=0.0)))
+    records, left = (*parts.estimation, *parts.held), [*errors.estimation, *errors.held]
     if parts.held is parts.estimation:  # blocks of the same logs: together they are whole
-        pairs = zip(errors.estimation, errors.held, strict=True)
-        whole = [np.where(np.isfinite(a), a, b) for a, b in pairs]
-        return floor_of(parts.estimation, whole, slow)
-    return floor_of((*parts.estimation, *parts.held), (*errors.estimation, *errors.held), slow)
+        records, pairs = parts.estimation, zip(errors.estimation, errors.held, strict=True)
+        left = [np.where(np.isfinite(a), a, b) for a, b in pairs]
+    steps = {c.output: c.step for c in parts.samples.coarse}
+    rounding = np.array([steps.get(name, 0.0) for name in records[0].output_names]) / np.sqrt(12.0)
+    return floor_of(records, left, slow).at_least(rounding)
 
 
 @dataclass(frozen=True, eq=False)

@@ -77,3 +77,16 @@ def test_errors_are_loud_only_beyond_what_the_noise_may_be() -> None:
     assert Remaining(None, gap).loud
     unsure = {"y": ChannelGap(1.6, 1.6, 1.0, (0.8, 1.2))}
     assert not Remaining(None, Gap(1.0, 1.0, 0.1, 0.0, (0.0, 0.0), unsure)).loud
+
+
+def test_steps_of_a_coarse_sensor_are_noise_although_its_line_blurs_them() -> None:
+    rng, step = np.random.default_rng(5), 1.2
+    d = np.repeat(rng.uniform(-1.0, 1.0, 80), 60)
+    y = np.convolve(d, 0.12 * 0.88 ** np.arange(60))[: len(d)] * GAIN
+    blurred = np.round(y / step) * step + 0.05 * rng.standard_normal(len(d))
+    channels = (Channel("volts", "V"),), (Channel("omega", "rad/s"),)
+    record = Record(7.2 * d, blurred, DT, *channels)
+    assert noise_floor([record])[0] < 0.2  # long at one level: no difference shows it
+    noise = studied(record).noise
+    assert noise.value[0] >= step / np.sqrt(12.0) * 0.99
+    assert noise.low[0] <= noise.value[0] <= noise.high[0]

@@ -50,6 +50,14 @@ class NoiseFloor:
     low: Array
     high: Array
 
+    def at_least(self, rounding: Array) -> "NoiseFloor":
+        """No lower than what the steps of a coarse sensor leave, whatever noise hides them, (ny,).
+
+        A level between two steps reads alike for long: no difference of readings shows that error.
+        """
+        value = np.maximum(self.value, rounding)
+        return NoiseFloor(value, np.maximum(self.low, rounding), np.maximum(self.high, value))
+
 
 def floor_of(records: Sequence[Record], errors: Sequence[Array], pole: float) -> NoiseFloor:
     """Noise of the readings of all logs.
