@@ -52,6 +52,7 @@ MADE_BY: dict[str, tuple[str, str]] = {
         "study_physics_diagnose.py",
         "python benchmarks/study_physics_diagnose.py",
     ),
+    "detectable.md": ("study_detectable.py", "python benchmarks/study_detectable.py"),
     "ties.md": ("study_ties.py", "python benchmarks/study_ties.py"),
     "navigation.md": ("study_navigation.py", "make study"),
     "prediction_intervals.md": ("study_missions.py", "make study"),

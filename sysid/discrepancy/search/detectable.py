@@ -8,10 +8,10 @@ the model Δ⊥ would have stood in the errors on top of the noise e:
 
 It would have been revealed where this passes the ``AcceptanceRule``: its ΔBIC on the effective
 sample size, and its share that an error is brought below, on held-out records too (Δ⊥ there with
-the coefficients of the estimation records).
+the coefficients of the estimation records). Of numbers beside its size the least favourable count.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,18 +74,39 @@ def detectable(search: NamingSearch, node: Node, ids: Sequence[str]) -> dict[str
     if not effects:
         return found
     noise, steep = _noise(node), _steepest(search, node)
-    lanes = np.array([_with(search, node.q, e, float(s), steep) for e in effects for s in SIZES])
-    squares = _unexplained(search, node, lanes, noise)
-    at = 0
+    ways = [(e, start) for e in effects for start in _ways(search, e)]
+    lanes = np.array([_with(search, node.q, *way, float(s), steep) for way in ways for s in SIZES])
+    squares = _unexplained(search, node, lanes, noise).reshape(2, len(ways), len(SIZES))
     for e in effects:
+        mine = [k for k, (other, _) in enumerate(ways) if other is e]
         needed = [
             _needed(noise, len(search.model.of(e.id)), search.needed, part) for part in (0, 1)
         ]
-        share = np.min(squares[:, at : at + len(SIZES)] / np.array(needed)[:, None], axis=0)
-        at += len(SIZES)
-        severity = _smallest(share)
-        found[e.id] = None if severity is None else _size(search, e, severity, steep)
+        shares = np.min(squares[:, mine] / np.array(needed)[:, None, None], axis=0)
+        found[e.id] = None
+        severities = [v for v in map(_smallest, shares) if v is not None]
+        if len(severities) == len(mine):
+            found[e.id] = _size(search, e, max(severities), steep)
     return found
+
+
+def _ways(search: NamingSearch, e: Effect) -> Sequence[Mapping[int, float]]:
+    """Starts of an effect that differ in other numbers than its size, all of its first law.
+
+    A gap before a tenth of the inertia shows less than one before all of it: nobody who asks what
+    a log could have shown knows such numbers, so a size has to show with the least favourable.
+    """
+    model, first = search.model, e.parameters[0]
+    starts = model.starts(e)
+    track = -1 if e.shared else 0
+    choices = [model.place[e.id, p.name, track] for p in e.parameters if p.choice]
+    others = [
+        model.place[e.id, p.name, track]
+        for p in e.parameters
+        if not p.choice and (p.null != first.null or p.unit != first.unit)
+    ]
+    same = [s for s in starts if all(s[k] == starts[0][k] for k in choices)]
+    return list({tuple(s[k] for k in others): s for s in reversed(same)}.values())[::-1]
 
 
 def _noise(node: Node) -> _Noise:
@@ -176,11 +197,17 @@ def _upper(search: NamingSearch, e: Effect, slot: int, steepest: Array) -> float
     return upper
 
 
-def _with(search: NamingSearch, q: Array, e: Effect, severity: float, steepest: Array) -> Array:
-    """The model with an effect on all tracks; numbers other than its size at their first start."""
+def _with(
+    search: NamingSearch,
+    q: Array,
+    e: Effect,
+    start: Mapping[int, float],
+    severity: float,
+    steepest: Array,
+) -> Array:
+    """The model with an effect on all tracks; numbers other than its size at one of its starts."""
     model, moved = search.model, q.copy()
     first = e.parameters[0]
-    start = model.starts(e)[0]
     for track in (-1,) if e.shared else range(model.tracks):
         slot = model.slots[model.place[e.id, first.name, track]]
         begin = start[model.place[e.id, first.name, track]]
