@@ -18,6 +18,7 @@ from sysid.discrepancy.proof.acceptance import final_evidence
 from sysid.discrepancy.proof.explain import described, explain
 from sysid.discrepancy.proof.left_over import left_over
 from sysid.discrepancy.proof.localise import Region, leading, localise
+from sysid.discrepancy.proof.uneven_delay import uneven_delays
 from sysid.discrepancy.search.detectable import detectable
 from sysid.discrepancy.search.named_sets import Named, Naming, Node
 from sysid.discrepancy.several.constancy import several_logs
@@ -254,6 +255,8 @@ def _warnings(
             "static curve is not identifiable from this log, because each looks like "
             "another gain."
         )
+    late = uneven_delays(study.base, naming.final, study.floor)
+    found += [u.sentence for u in late]
     found += findings.indistinct_edges(study.base, naming, study.base.parts.estimation)
     if hidden:
         found.append(f"{hidden} lost or repeated readings are left out of every figure.")
