@@ -78,6 +78,9 @@ def swing_options(
     units: reading.Units = None,
     delimiter: reading.Delimiter = None,
     decimal: reading.Decimal = None,
+    map: reading.Map = None,
+    stamps: reading.Stamps = "auto",
+    latency: reading.Latency = None,
 ) -> "ReadOptions":
     """The options of reading that a swing needs."""
     return reading.read_options(
@@ -87,6 +90,9 @@ def swing_options(
         units=units,
         delimiter=delimiter,
         decimal=decimal,
+        map=map,
+        stamps=stamps,
+        latency=latency,
     )
 
 
@@ -96,7 +102,7 @@ def pendulum(
         list[Path] | None,
         typer.Argument(
             metavar="[LOG...]",
-            help="CSV or Parquet with time and angle, quaternion or position; several together.",
+            help="CSV, Parquet or bag: time and angle, quaternion or position; several together.",
         ),
     ] = None,
     period: Annotated[

@@ -18,7 +18,7 @@ def power(
         list[Path],
         typer.Argument(
             metavar="FILE...",
-            help="CSV or Parquet: battery's voltage and current at rest and under load, or a "
+            help="CSV, Parquet or bag: battery's voltage and current at rest and under load, or a "
             "staircase of PWM with the motor's voltage, speed or current, or all in one.",
         ),
     ],
@@ -41,6 +41,9 @@ def power(
     ] = None,
     units: reading.Units = None,
     pwm_max: reading.PwmMax = None,
+    map: reading.Map = None,
+    stamps: reading.Stamps = "auto",
+    latency: reading.Latency = None,
     json: reading.Json = False,
 ) -> None:
     """Battery from rests and loads, H-bridge from a staircase of PWM, with standard errors.
@@ -59,7 +62,8 @@ def power(
             raise UsageError(f"-o {output}: name a file that ends in .json")
     if to is not None and to.suffix.lower() not in (".yaml", ".yml"):
         raise UsageError(f"--to {to}: a mission file ends in .yaml")
-    found = bench_power(files, reading.units_of(units or []), pwm_max, full_current)
+    bags = reading.read_options(map=map, stamps=stamps, latency=latency)
+    found = bench_power(files, reading.units_of(units or []), pwm_max, full_current, bags)
     facts: dict[str, Any] = found.summary()
     if output is not None:
         facts["file"] = write_atomic(output, text(facts))

@@ -22,6 +22,9 @@ class SensorOptions:
     time: str | None = None
     ts: float | None = None
     units: tuple[str, ...] = ()
+    map: tuple[str, ...] = ()
+    stamps: str = "auto"
+    latency: tuple[str, ...] = ()
 
 
 def sensor_options(
@@ -41,9 +44,15 @@ def sensor_options(
     time: reading.Time = None,
     ts: reading.SampleTime = None,
     units: reading.Units = None,
+    map: reading.Map = None,
+    stamps: reading.Stamps = "auto",
+    latency: reading.Latency = None,
 ) -> SensorOptions:
     """The options of reading a log of sensors."""
-    return SensorOptions(navigation, tuple(sensor or ()), time, ts, tuple(units or ()))
+    several = (tuple(given or ()) for given in (units, map))
+    return SensorOptions(
+        navigation, tuple(sensor or ()), time, ts, *several, stamps, tuple(latency or ())
+    )
 
 
 def tune_filter(
@@ -56,7 +65,12 @@ def tune_filter(
 
     given = load_mission(mission)
     options = reading.read_options(
-        time=sensors.time, ts=sensors.ts, units=list(sensors.units) or None
+        time=sensors.time,
+        ts=sensors.ts,
+        units=list(sensors.units) or None,
+        map=list(sensors.map) or None,
+        stamps=sensors.stamps,
+        latency=list(sensors.latency) or None,
     )
     with render.progress(f"Following {log.name}"):
         found = tuned_filter(log, given, columns_of(list(sensors.sensor)), options)

@@ -30,6 +30,9 @@ FILES = "files"
 MOST_FILES, MOST_BYTES = 500, 128 * 1024**2
 """More files, or bytes in all, than any package has: the largest of ours are some hundred kB."""
 
+SOURCES = frozenset({".c", ".cc", ".cpp", ".cxx", ".h", ".hh", ".hpp", ".ino", ".s", ".inc"})
+"""Files that a compiler takes for sources."""
+
 UNLISTED = (selftest.NAME, "c/plant.h", "c/plant.c", "c/selftest.c")
 """These files in packages of 0.1.0, which list none."""
 
@@ -159,7 +162,8 @@ def files_of(path: str | Path) -> Files:
     if len(covered) > MOST_FILES:
         raise ModelError(f"{path} lists {len(covered)} files, more than a plant package holds")
     # in a folder people build and take notes; a zip holds what was exported
-    strange = [] if path.is_dir() else sorted(names_in(path) - {MARK, CARD, *covered})
+    there = _sources(path, covered) if path.is_dir() else names_in(path)
+    strange = sorted(there - {MARK, CARD, *covered})
     if strange and FILES in described:
         raise ModelError(
             f"{path} holds {strange[0]!r}, which its plant.json does not list; take it out, or "
@@ -169,6 +173,19 @@ def files_of(path: str | Path) -> Files:
     if sum(map(len, found.values())) > MOST_BYTES:
         raise ModelError(f"{path} is too large for a plant package; export it again")
     return found
+
+
+def _sources(path: Path, covered: tuple[str, ...]) -> frozenset[str]:
+    """Sources in those places of a folder where the package has files, which a compiler may find
+    before those that the hash covers; what builds write elsewhere is nobody's source."""
+    places = {Path(name).parent for name in covered} - {Path()}
+    return frozenset(
+        (place / found.name).as_posix()
+        for place in places
+        if path.joinpath(place).is_dir()
+        for found in path.joinpath(place).iterdir()
+        if found.suffix.lower() in SOURCES
+    )
 
 
 def read_description(path: str | Path) -> dict[str, Any]:

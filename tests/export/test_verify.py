@@ -172,4 +172,15 @@ def test_a_zip_bomb_is_refused_before_it_is_unpacked(package: Path, tmp_path: Pa
 
 def test_what_people_build_beside_a_package_does_no_harm(package: Path) -> None:
     (package / "c" / "plant.o").write_bytes(b"\x7fELF")
+    (package / "c" / "build").mkdir()
+    (package / "c" / "build" / "CMakeCCompilerId.c").write_text("int x;\n")
+    (package / "notes.txt").write_text("mine\n")
     assert verify(package).passed
+
+
+@pytest.mark.parametrize("name", ["c/math.h", "c/more.C", "c/simulink/simstruc.h"])
+def test_a_source_that_nobody_exported_is_refused(package: Path, name: str) -> None:
+    """A compiler would take it, and no hash covers it."""
+    (package / name).write_text("#define sqrt(x) (x)\n")
+    with pytest.raises(ModelError, match=f"{name}', which its plant.json does not list"):
+        verify(package)

@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from sysid.data.column_words import SIDES, SUPPLIES, words
-from sysid.data.files import read_bytes
 from sysid.data.finding import Finding, Severity
+from sysid.data.logs.log_table import read_log_table
 from sysid.data.reading.columns import NO_INPUT, choose_columns
+from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import column_reader, row_times
-from sysid.data.reading.table import Table, read_table
+from sysid.data.reading.table import Table
 from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.data.unit_words import ending
 from sysid.data.units import conversion
@@ -59,6 +60,10 @@ class PowerLog:
     findings: tuple[Finding, ...]
 
 
+ANY_FILE = ReadOptions()
+"""Nothing is said of a bag."""
+
+
 @dataclass(frozen=True)
 class _Column:
     name: str
@@ -69,21 +74,25 @@ class _Column:
 
 
 def read_power_log(
-    path: str | Path, units: Mapping[str, str] | None = None, pwm_max: float | None = None
+    path: str | Path,
+    units: Mapping[str, str] | None = None,
+    pwm_max: float | None = None,
+    bags: ReadOptions = ANY_FILE,
 ) -> PowerLog:
     """The readings of a file of the power bench.
 
     Args:
-        path: CSV or Parquet; a log over time, or a table of steady readings.
+        path: CSV, Parquet or bag; a log over time, or a table of steady readings.
         units: column → its unit in the file.
         pwm_max: command of full drive; None for duty (± 1), per cent by name, or ± 20000 µs.
+        bags: what is which column of a bag, its stamps and its latencies.
 
     Raises:
         DataError: it holds neither battery nor bridge, or its commands have an untold scale.
         UsageError: a column or unit named is not there.
     """
     path, units = Path(path), units or {}
-    table = read_table(read_bytes(path), path.name)
+    table = read_log_table(path, bags).table
     unknown = [n for n in units if n.lower() not in [c.lower() for c in table.names]]
     if unknown:
         listed = ", ".join(table.names[:20])

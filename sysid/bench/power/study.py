@@ -10,9 +10,10 @@ import numpy as np
 
 from sysid.bench.power.battery import HOUR, Battery, fit_battery
 from sysid.bench.power.bridge import Bridge, fit_bridge
-from sysid.bench.power.readings import PowerLog, read_power_log
+from sysid.bench.power.readings import ANY_FILE, PowerLog, read_power_log
 from sysid.data.files import write_atomic
 from sysid.data.finding import Finding, Severity
+from sysid.data.reading.read_options import ReadOptions
 from sysid.data.yaml_files.source import read_yaml
 from sysid.effects.measured import Measured
 from sysid.errors import UsageError
@@ -117,6 +118,7 @@ def bench_power(
     units: Mapping[str, str] | None = None,
     pwm_max: float | None = None,
     full_current: float | None = None,
+    bags: ReadOptions = ANY_FILE,
 ) -> PowerBench:
     """Characterise battery and H-bridge from logs or tables.
 
@@ -127,6 +129,7 @@ def bench_power(
         pwm_max: command of full drive, where it is neither a duty nor ± 20000 µs.
         full_current: current of both motors together at full drive [A]; None for the largest of
             the logs.
+        bags: of bags, what is which column, their stamps and their latencies.
 
     Raises:
         DataError: a file tells of neither, or too little.
@@ -138,7 +141,7 @@ def bench_power(
         raise UsageError(f"`full_current` is {full_current:g}: give a current above 0 in A")
     batteries, bridges, said = [], [], []
     for path in paths:
-        log = read_power_log(path, units, pwm_max)
+        log = read_power_log(path, units, pwm_max, bags)
         said += [f for f in log.findings if f.severity > Severity.NOTE]
         if log.voltage is not None and log.current is not None:
             batteries.append(fit_battery(log.name, log.t, log.voltage, log.current))

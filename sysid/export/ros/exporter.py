@@ -9,12 +9,13 @@ from typing import ClassVar
 from sysid.errors import ModelError
 from sysid.export.base import Exporter, Source
 from sysid.export.c.fields import Field
-from sysid.export.c.loop.drive import not_again
+from sysid.export.c.loop.drive import CLOSED, driven, not_again
 from sysid.export.c.loop.sources import law_sources, robot_lines
 from sysid.export.c.precision import DOUBLE
 from sysid.export.c.source import plant_sources
 from sysid.export.c.step import c_step
 from sysid.export.c.writing import number
+from sysid.mission.loop import Loop
 from sysid.version import __version__
 
 _USAGE = """As two nodes of ROS 1, in a catkin package: link the folder `ros/` into the sources
@@ -71,6 +72,7 @@ class Ros(Exporter):
             "sources": " ".join(f"src/laws/{n}" for n in sorted(code) if n.endswith(".c")),
         }
         made = {f"src/laws/{name}": text for name, text in code.items()}
+        made["drive.csv"] = _drive(loop)
         for template, place in _PLACES.items():
             structs = _CONTROLLER if template.startswith("guidance") else _ROBOT
             told = [
@@ -85,6 +87,13 @@ class Ros(Exporter):
     def usage(self) -> str:
         """How to build it."""
         return _USAGE
+
+
+def _drive(loop: Loop) -> str:
+    """The log of Python's drive as the robot's node writes it, to compare with."""
+    rows = driven(loop).closed.tolist()
+    lines = [",".join(map(repr, [k * loop.scene.dt, *row])) for k, row in enumerate(rows)]
+    return "\n".join([",".join(("t", *CLOSED)), *lines]) + "\n"
 
 
 def _told(law: str, struct: str, parameters: tuple[Field, ...]) -> Iterator[str]:

@@ -10,6 +10,7 @@ import numpy as np
 from sysid.errors import ModelError
 from sysid.export.verification.co_simulated import CoSimulated, replays_of
 from sysid.export.verification.cortex_m import CORTEX_M4
+from sysid.export.verification.ros_nodes import RosNodes
 from sysid.export.verification.runtimes import COMPILED, Python, Result, Runtime
 from sysid.plant.package import files_of, read_package
 from sysid.plant.selftest import NAME, TOLERANCE, SelfTest, read_csv, run
@@ -44,7 +45,7 @@ class Verification:
 def verify(path: str | Path) -> Verification:
     """Replay the self-test of a package on every runtime that is here.
 
-    Python, gcc, clang, ARM, a Cortex-M4F, which counts instructions, FMPy and libcosim.
+    Python, gcc, clang, ARM, a Cortex-M4F, which counts instructions, FMPy, libcosim and ROS.
 
     The C code is compiled and run in a folder of its own, with a limit of time. A package whose
     content was changed after its export is refused before anything of it runs.
@@ -63,6 +64,7 @@ def verify(path: str | Path) -> Verification:
         CORTEX_M4,
         CoSimulated("FMPy", replays),
         CoSimulated("libcosimpy", replays, late=True, folders=("fmu",)),
+        RosNodes(),
     )
     with tempfile.TemporaryDirectory(prefix="sysid-verify-") as made:
         folder = Path(made)

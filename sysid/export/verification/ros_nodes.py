@@ -1,0 +1,187 @@
+"""The nodes of a catkin package: built, driven in lock-step under a master of their own, compared.
+
+What is started here ends here: a master on a free port of 127.0.0.1 and two nodes.
+"""
+
+import os
+import shutil
+import socket
+import subprocess
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.errors import ModelError
+from sysid.export.fmu.replay import reach
+from sysid.export.verification.runtimes import SECONDS, Result, run
+from sysid.plant.storage import Files
+
+DRIVE = "ros/drive.csv"
+"""The drive of Python, in the columns of the log that the robot's node writes."""
+
+PLACES = (Path("/usr/include"), *sorted(Path("/opt/ros").glob("*/include")))
+"""Where Debian and ROS's own packages keep headers."""
+
+HEADERS = {
+    "ros/ros.h": "libroscpp-dev",
+    "nav_msgs/Odometry.h": "libnav-msgs-dev",
+    "geometry_msgs/Twist.h": "libgeometry-msgs-dev",
+}
+"""What the nodes include, and Debian's package that has it."""
+
+COMMANDS = ("rosmaster", "rosversion", "catkin_find", "cmake", "c++")
+
+TOLERANCE = 1e-6
+"""Of each column's range: the heading crosses as a quaternion, time as whole nanoseconds."""
+
+STARTS = 60.0
+"""A master is there within a second; on a busy machine it may take this long [s]."""
+
+
+class RosNodes:
+    """The two nodes of ``ros/``, by the ROS 1 of this machine."""
+
+    name = "ros"
+
+    def replay(self, folder: Path, files: Files) -> Result:
+        """Build them, drive the mission, and compare the robot's log with Python's."""
+        lacking = lacks()
+        if lacking:
+            return Result(self.name, skipped=lacking)
+        told = run(["rosversion", "roscpp"], folder).stdout.strip()
+        if DRIVE not in files:
+            return Result(self.name, told, skipped="the package has no nodes of ROS")
+        try:
+            nodes = built(folder / "ros", folder / "ros-build")
+            worst = _error(nodes, folder, files[DRIVE])
+        except ModelError as refused:
+            return Result(self.name, told, failed=str(refused))
+        return Result(self.name, told, worst, worst <= TOLERANCE)
+
+
+def lacks() -> str:
+    """What is not installed, in a few words; empty where all is there."""
+    missing = [c for c in COMMANDS if shutil.which(c) is None]
+    missing += [
+        package
+        for header, package in HEADERS.items()
+        if not any(place.joinpath(header).is_file() for place in PLACES)
+    ]
+    return f"{missing[0]} is not installed" if missing else ""
+
+
+def built(package: Path, build: Path) -> Path:
+    """Build a catkin package; the folder of its nodes, below ``build/devel``.
+
+    Raises:
+        ModelError: it does not build.
+    """
+    places = [f"-DCATKIN_DEVEL_PREFIX={build / 'devel'}", "-DCMAKE_CXX_FLAGS=-Wall -Wextra -Werror"]
+    # catkin is a package of the system's Python
+    python = "-DPYTHON_EXECUTABLE=/usr/bin/python3"
+    for command in (
+        ["cmake", "-S", str(package), "-B", str(build), python, *places],
+        ["cmake", "--build", str(build), "-j2"],
+    ):
+        done = run(command, package)
+        if done.returncode:
+            said = [line for line in f"{done.stderr}\n{done.stdout}".splitlines() if "rror" in line]
+            raise ModelError(f"the nodes do not build: {said[0].strip() if said else 'no word'}")
+    found = next((build / "devel" / "lib").rglob("robot_node"), None)
+    if found is None:
+        raise ModelError("the nodes do not build: there is no robot_node")
+    return found.parent
+
+
+@contextmanager
+def own_master(home: Path) -> Iterator[Mapping[str, str]]:
+    """A master of its own: the environment of processes that use it.
+
+    Raises:
+        ModelError: it does not start.
+    """
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    place = {"ROS_MASTER_URI": f"http://127.0.0.1:{port}", "ROS_IP": "127.0.0.1"}
+    environment = os.environ | place | {"ROS_HOME": str(home)}
+    with running(["rosmaster", "--core", "-p", str(port)], home, environment):
+        until = time.monotonic() + STARTS
+        while True:
+            try:
+                socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
+                break
+            except OSError:
+                if time.monotonic() > until:
+                    raise ModelError(f"rosmaster does not answer on port {port}") from None
+                time.sleep(0.05)
+        yield environment
+
+
+@contextmanager
+def running(
+    command: list[str], folder: Path, environment: Mapping[str, str]
+) -> Iterator[subprocess.Popen[bytes]]:
+    """A process that has ended when this ends."""
+    quiet = subprocess.DEVNULL
+    one = subprocess.Popen(
+        command, cwd=folder, env=environment, stdin=quiet, stdout=quiet, stderr=quiet
+    )
+    try:
+        yield one
+    finally:
+        one.terminate()
+        try:
+            one.wait(5.0)
+        except subprocess.TimeoutExpired:
+            one.kill()
+            one.wait()
+
+
+def _error(nodes: Path, folder: Path, drive: bytes) -> float:
+    """Largest error of a column of the robot's log in parts of its range.
+
+    Raises:
+        ModelError: a node fails, or takes too long.
+    """
+    log, expected = folder / "ros.csv", _rows(drive.decode("utf-8", "replace"), DRIVE)
+    with own_master(folder) as environment, ExitStack() as both:
+        words = {"robot": ["_lock_step:=true", f"_log:={log}"], "guidance": []}
+        started = [
+            both.enter_context(running([str(nodes / f"{n}_node"), *w], folder, environment))
+            for n, w in words.items()
+        ]
+        until = time.monotonic() + SECONDS
+        for name, one in zip(words, started, strict=True):
+            try:
+                code = one.wait(max(until - time.monotonic(), 0.0))
+            except subprocess.TimeoutExpired:
+                raise ModelError(f"{name}_node takes longer than {SECONDS:g} s") from None
+            if code:
+                raise ModelError(f"{name}_node ends with {code}")
+    found = _rows(log.read_text(encoding="utf-8") if log.is_file() else "", "its log")
+    if found.shape != expected.shape:
+        raise ModelError(f"the nodes drive {len(found)} samples, Python drives {len(expected)}")
+    error = float(np.max(np.abs(found - expected) / reach(expected)))
+    return error if np.isfinite(error) else float("inf")
+
+
+def _rows(text: str, where: str) -> Array:
+    """The numbers of a log below its titles.
+
+    Raises:
+        ModelError: it is damaged.
+    """
+    try:
+        found = np.array(
+            [[float(v) for v in line.split(",")] for line in text.splitlines()[1:]], dtype=float
+        )
+    except ValueError:
+        raise ModelError(f"{where} is damaged") from None
+    if found.ndim != 2 or not np.all(np.isfinite(found)):
+        raise ModelError(f"{where} is damaged or empty")
+    return found
