@@ -49,9 +49,15 @@ def sensor_options(
     latency: reading.Latency = None,
 ) -> SensorOptions:
     """The options of reading a log of sensors."""
-    several = (tuple(given or ()) for given in (units, map))
     return SensorOptions(
-        navigation, tuple(sensor or ()), time, ts, *several, stamps, tuple(latency or ())
+        navigation,
+        tuple(sensor or ()),
+        time,
+        ts,
+        tuple(units or ()),
+        tuple(map or ()),
+        stamps,
+        tuple(latency or ()),
     )
 
 
