@@ -53,6 +53,7 @@ MARKED = re.compile(r"(?<!`)`([a-z_]+(?:[=\[][^`]*)?)`(?!`)")
 NO_MESSAGES = {
     "sysid/export/c/templates/CMakeLists.txt": "lines to type where the C code is built",
     "sysid/export/c/templates/report.md": "the page of the C code: lines to type where it is built",
+    "sysid/export/verification/ros_nodes.py": "options of cmake and rosmaster, which it starts",
     "sysid/plant/templates/README.md": "the page of a package: lines to type where it is used",
     "sysid/report/templates/diagnosis.html.j2": "variables of CSS are written like options",
 }
