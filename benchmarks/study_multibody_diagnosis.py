@@ -39,7 +39,7 @@ from sysid.report.markdown import table  # noqa: E402
 from sysid.report.plots import Line, Panel, ResponsePicture, plot_responses  # noqa: E402
 from sysid.vehicle.kinematics import Geometry  # noqa: E402
 
-SEEDS = (21, 22)
+SEEDS = (21,)
 FLOORS: Mapping[str, Mapping[str, Any]] = {
     "the thesis's, μ = 0.1": {},
     "ice, μ = 0.05": {"friction": 0.05},
@@ -52,7 +52,7 @@ FLOORS: Mapping[str, Mapping[str, Any]] = {
         "mass": 2.5,
         "centre": -0.015,
     },
-    "μ = 0.45 on 5 wheels a side": {"friction": 0.45, "wheels": 5},
+    "μ = 0.45, 3 kg on 6 wheels a side": {"friction": 0.45, "mass": 3.0, "wheels": 6, "L": 0.12},
 }
 TRAINED, HELD = 5, 2
 """Missions to goals by chance that are diagnosed, and that are held out beside both missions of the
@@ -81,10 +81,10 @@ rad/s, {1000 * NOISE[1]:g} mm, {NOISE[2]} rad). *Off* is how far the path by the
 from the one driven (RMS) on held-out missions: both of the thesis, mission 2 to where it touches an
 obstacle if it does, and {HELD} to other goals.
 
-The aim is 80 % less. Seen in single runs on the thesis's floor, and without a law in the catalogue:
-the turn kept on the spot is 0.89 of what the wheels say and up to 0.95 in arcs, and the vehicle
-slides outwards in turns. Whether that is all that is missed was not tested. These floors and goals
-were looked at while the rules were made: the numbers are optimistic.
+The aim is 80 % less. The rules were made while looking at seeds 1 and 2 and at the first six
+floors; goals and noise of the seeds below had not been looked at, nor had the last two floors.
+`lateral-slip` is a centre of rotation off the middle, or a slide outwards; the contacts of MuJoCo
+sink in, so that the wheels roll as if their radius were 0.4 % smaller.
 
 """
 

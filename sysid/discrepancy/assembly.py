@@ -51,10 +51,12 @@ def assembled(found: Outcome, model: Model | None, pose: PoseDiagnosis | None) -
     left = _where(study, naming.final)
     remaining = Remaining(after, study.gap(naming), leading(left, base.parts.held[0].output_names))
     samples = base.parts.samples
-    effects = (
-        *(_named(study, naming, n, remaining, left) for n in _proven(naming)),
-        *_of_pose(pose),
-        *findings.sample_effects(samples),
+    effects = in_order(
+        (
+            *(_named(study, naming, n, remaining, left) for n in _proven(naming)),
+            *_of_pose(pose),
+            *findings.sample_effects(samples),
+        )
     )
     ids = [e.id for e in effects]
     poor = _poor(study, naming)
@@ -100,6 +102,13 @@ def assembled(found: Outcome, model: Model | None, pose: PoseDiagnosis | None) -
         geometry=pose.geometry if pose is not None else None,
         several=several_logs(study, naming),
     )
+
+
+def in_order(effects: Sequence[NamedEffect]) -> tuple[NamedEffect, ...]:
+    """What spoils the readings before all else: a person can check it by hand, and everything
+    after it rests on them. Reading in steps spoils nothing and stays where it is."""
+    spoils = [e for e in effects if e.id in OF_THE_LOG and e.id != QUANTISATION.id]
+    return (*spoils, *(e for e in effects if e not in spoils))
 
 
 def _proven(naming: Naming) -> tuple[Named, ...]:
