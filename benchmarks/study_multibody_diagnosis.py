@@ -83,8 +83,8 @@ obstacle if it does, and {HELD} to other goals.
 
 The aim is 80 % less. The rules were made while looking at seeds 1 and 2 and at the first six
 floors; goals and noise of the seeds below had not been looked at, nor had the last two floors.
-The last floor was written anew twice before it gave a result: five wheels a side are refused, and on
-eight the vehicle tipped over. `lateral-slip` is a centre of rotation off the middle, or a slide
+The last floor was written anew twice before it gave a result: five wheels a side are refused, and
+on eight the vehicle tipped over. `lateral-slip` is a centre of rotation off the middle, or a slide
 outwards. The wheels also roll as if their radius were 0.4 % smaller; why was not examined.
 
 """
