@@ -44,7 +44,9 @@ TRUTHS: Mapping[str, Mapping[str, Mapping[str, float]]] = {
     "dead zone of 8 %, then a jump of 4 %": {
         "dead-zone": {"plus": 0.08, "minus": 0.08, "jump": 0.04}
     },
-    "dry friction of 15 % of full drive": {"coulomb-friction": {"level": 0.15 * TOP}},
+    "dry friction of 15 % of full drive": {
+        "coulomb-friction": {"level": 0.15 * TOP, "of_load": 0.0, "by_load": 0.0}
+    },
     "friction that holds 20 % and rubs with 10 %": {
         "stiction": {"level": 0.1 * TOP, "excess": 0.1 * TOP, "speed": 2.0}
     },

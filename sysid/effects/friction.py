@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from sysid.effects import inverses
-from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, State
+from sysid.effects.base import Context, Effect, EffectParameter, Law, Place, Signal, State
 from sysid.effects.programmes import COASTING, LEVELS, RAMPS, RESTS, STAIRCASE
 
 P = Mapping[str, Signal]
@@ -37,7 +37,9 @@ def _sticking(xp: Any, torque: Signal, level: Signal, hold: Signal, c: Context) 
 
 
 def _coulomb(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    return _sticking(xp, torque, p["level"], p["level"], c), s
+    # what speeds the track up is nearly all that is transmitted, as the back-emf takes the rest
+    level = p["level"] + p["of_load"] * xp.abs(torque - c.w)
+    return _sticking(xp, torque, level, level, c), s
 
 
 def _stiction(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
@@ -118,7 +120,7 @@ EFFECTS = (
         "coulomb-friction",
         "motor",
         Place.TORQUE,
-        "T → T − c sign ω; sticks while |T| ≤ c",
+        "T → T − (c + s |T − ω|) sign ω; sticks while |T| is no larger",
         "Dry friction: a constant resistance while moving, standstill below it.",
         "It stands at small commands and stops sooner than it should.",
         "A slow staircase through zero, and coasting from speed.",
@@ -129,18 +131,30 @@ EFFECTS = (
                 0.0,
                 0.0,
                 3.0,
-                (0.05, 0.15, 0.3),
+                (0.05, 0.15, 0.3, 0.03, 0.03),
                 "speed",
                 kinks=True,
+                at_null=True,
                 as_command=True,
             ),
+            EffectParameter("of_load", "", 0.0, 0.0, 0.6, (0.0,) * 3 + (0.1, 0.25), kinks=True),
+            EffectParameter("by_load", "", 0.0, 0.0, 1.0, (0.0,) * 3 + (1.0,) * 2, choice=True),
         ),
         _coulomb,
         inverse=inverses.against_coulomb,
-        holds=lambda p: p["level"],
+        holds=lambda p: p["level"] / (1.0 - p["of_load"]),
         ties=("stiction", "dead-zone"),
         programmes=(STAIRCASE, COASTING, RAMPS),
         weakens=True,
+        laws=(
+            Law(("level",), choices={"by_load": 0.0}),
+            Law(
+                ("level", "of_load"),
+                choices={"by_load": 1.0},
+                sentence="It grows with the torque that is transmitted, as in a worm or planetary "
+                "gear.",
+            ),
+        ),
     ),
     Effect(
         "stiction",

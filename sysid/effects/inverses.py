@@ -68,8 +68,11 @@ def _onward(xp: Any, torque: Signal, c: Context) -> Signal:
 
 
 def against_coulomb(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
-    """T → T + c in the direction against which friction acts."""
-    return torque + p["level"] * _onward(xp, torque, c)
+    """The x with x − (c + s |x − ω|) sign ω = T, in the direction against which friction acts."""
+    way = _onward(xp, torque, c)
+    wanted = torque - c.w + p["level"] * way
+    against = xp.where(wanted * way >= 0.0, 1.0 - p["of_load"], 1.0 + p["of_load"])
+    return c.w + wanted / against
 
 
 def against_stiction(xp: Any, torque: Signal, p: P, c: Context) -> Signal:

@@ -8,6 +8,7 @@ from typing import Any
 
 from sysid.effects.base import Context, Effect, EffectParameter, Law, Place, Signal, State
 from sysid.effects.programmes import COASTING, HOT, LEVELS, REPEAT
+from sysid.effects.supply import USUAL_EMF
 
 P = Mapping[str, Signal]
 
@@ -17,8 +18,16 @@ def _warming(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
 
 
 def _thermal(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    heat = s[0] + p["warming"] * (c.drive**2 - s[0])
-    return torque * (1.0 - p["loss"] * s[0]), (heat,)
+    # a warm winding resists its current T − ε ω, ω amid the sample: a linear equation for T
+    by_current = p["by_current"] > 0.5
+    warm = p["loss"] * s[0]
+    lost = warm / (1.0 + warm)
+    turns = p["emf"] * 0.5 * (c.w + c.w_free)
+    left = (torque - lost * (torque - turns)) / (1.0 - lost * p["emf"] * 0.5 * c.b)
+    current = (left - turns - p["emf"] * 0.5 * c.b * left) / c.gain
+    heats = xp.where(by_current, current**2 * (1.0 + warm), c.drive**2)
+    heat = s[0] + p["warming"] * (heats - s[0])
+    return xp.where(by_current, left, torque * (1.0 - warm)), (heat,)
 
 
 def _cold(w: Signal, d: Signal) -> State:
@@ -80,19 +89,31 @@ EFFECTS = (
         "thermal-fade",
         "motor",
         Place.TORQUE,
-        "θ_h ḣ = d² − h; T → T(1 − l h)",
+        "θ_h ḣ = d² − h; T → T(1 − l h), or θ_h ḣ = i² (1 + l h) − h with the current "
+        "i = (T − ε ω)/(1 + l h) of a share of stall",
         "The motor weakens as it warms up.",
         "After long hard driving the same command reaches less speed, and recovers in rest.",
         "A minute of full drive, then the first test again, then rest, then again.",
         (
-            EffectParameter("loss", "", 0.0, 0.0, 2.5, (0.15, 0.35, 1.0), "one"),
-            EffectParameter("time", "s", 30.0, 5.0, 300.0, (20.0, 60.0, 20.0), "one"),
+            EffectParameter("loss", "", 0.0, 0.0, 20.0, (0.15, 0.35, 1.0, 2.0, 2.0), "one"),
+            EffectParameter("time", "s", 30.0, 5.0, 300.0, (20.0, 60.0, 20.0, 15.0, 60.0), "one"),
+            EffectParameter("emf", "", USUAL_EMF, 0.0, 1.0, (USUAL_EMF,), at_limit=True),
+            EffectParameter("by_current", "", 0.0, 0.0, 1.0, (0.0,) * 3 + (1.0,) * 2, choice=True),
         ),
         _thermal,
         _warming,
         states=1,
         at_rest=_cold,
         programmes=(HOT, REPEAT),
+        laws=(
+            Law(("loss", "time"), choices={"by_current": 0.0}),
+            Law(
+                ("loss", "time", "emf"),
+                choices={"by_current": 1.0},
+                sentence="Its current warms the winding, whose resistance then grows: it shows "
+                "most where it pulls hard, hardly at the speed that it reaches in the end.",
+            ),
+        ),
     ),
     Effect(
         "coast-asymmetry",

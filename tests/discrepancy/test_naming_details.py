@@ -105,7 +105,7 @@ def test_a_lag_is_found_in_a_log_that_begins_with_its_command() -> None:
 
 @pytest.mark.parametrize(("inertia", "coast"), [(1.0, 1.0), (0.5, 0.3)])
 def test_a_gap_is_found_though_runs_change_with_it_by_jumps(inertia: float, coast: float) -> None:
-    s, theta = chain(("backlash",), [0.8, inertia, coast])
+    s, theta = chain(("backlash",), [0.8, inertia, coast, 0.0])
     u = switched(900, 18, seed=6)
     r = record(u, s.simulate(theta, u))
     m = SuperModel(chain_effects(), 1, 2, np.array([12.0, 12.0]), DT)
@@ -124,7 +124,7 @@ def test_a_gap_is_found_though_runs_change_with_it_by_jumps(inertia: float, coas
 
 
 def test_the_whole_wheel_stays_with_the_motor_where_there_is_no_gap() -> None:
-    s, theta = chain(("backlash",), [0.0, 0.4, 0.2])
+    s, theta = chain(("backlash",), [0.0, 0.4, 0.2, 0.5])
     u = switched(300, 15)
     plain, core = chain((), [])
     np.testing.assert_array_equal(s.simulate(theta, u), plain.simulate(core, u))
