@@ -130,7 +130,9 @@ EFFECTS = (
         (
             EffectParameter("gap", "rad", 0.0, 0.0, 12.0, _GAPS, stepwise=True),
             EffectParameter("inertia", "", 1.0, 0.1, 1.0, _each(1.0, 0.9, 0.4), kinks=True),
-            EffectParameter("coast", "", 0.0, 0.0, 6.0, _each(1.0, 1.0, 0.2), kinks=True),
+            EffectParameter(
+                "coast", "", 0.0, 0.0, 6.0, _each(1.0, 1.0, 0.2), kinks=True, at_limit=True
+            ),
             EffectParameter(
                 "rub", "speed", 0.0, 0.0, 0.5, _each(0.0, 0.02, 0.02), "speed", kinks=True
             ),
