@@ -14,7 +14,7 @@ from sysid.data.record import Array, Record
 from sysid.discrepancy.diagnosis import Experiment
 from sysid.discrepancy.search.named_sets import Node
 from sysid.discrepancy.search.naming import NamingSearch
-from sysid.discrepancy.search.supermodel import prepare
+from sysid.discrepancy.search.prepared import prepare
 from sysid.effects.catalogue import about, is_known
 from sysid.effects.programmes import Programme, Row
 from sysid.estimation.vehicle.windows import track_channels

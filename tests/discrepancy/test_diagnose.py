@@ -19,8 +19,9 @@ from sysid.discrepancy.search.admission import beyond_a_sample
 from sysid.discrepancy.search.batched_search import information, search
 from sysid.discrepancy.search.named_sets import Interval
 from sysid.discrepancy.search.naming import NamingSearch
+from sysid.discrepancy.search.prepared import prepare
 from sysid.discrepancy.search.starts import clip_level, repeats_at_top
-from sysid.discrepancy.search.supermodel import SuperModel, prepare
+from sysid.discrepancy.search.supermodel import SuperModel
 from sysid.effects.catalogue import chain_effects
 from sysid.errors import DataError
 from sysid.estimation.identify import Request as FitRequest

@@ -13,8 +13,9 @@ from sysid.discrepancy.diagnosis import Diagnosis
 from sysid.discrepancy.gap import measure_gap
 from sysid.discrepancy.search.batched_search import refined
 from sysid.discrepancy.search.evidence import noise_floor
+from sysid.discrepancy.search.prepared import prepare
 from sysid.discrepancy.search.starts import clip_level, free_slots
-from sysid.discrepancy.search.supermodel import SuperModel, prepare
+from sysid.discrepancy.search.supermodel import SuperModel
 from sysid.effects.catalogue import about, chain_effects
 from sysid.structures.augmented.chain import drive_before
 from sysid.structures.augmented.given_base import begins_at_rest

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from sysid.data.record import Record
+from sysid.discrepancy.search.prepared import prepare
 from sysid.discrepancy.search.runs import GROUP_PARAMETERS, LANES, groups, stages
-from sysid.discrepancy.search.supermodel import SuperModel, prepare
+from sysid.discrepancy.search.supermodel import SuperModel
 from sysid.effects.catalogue import chain_effects, effect
 
 ACTING = {

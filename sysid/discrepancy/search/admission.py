@@ -8,7 +8,8 @@ from sysid.discrepancy.policies import RULE
 from sysid.discrepancy.search.evidence import difference
 from sysid.discrepancy.search.logs import Logs
 from sysid.discrepancy.search.named_sets import Node
-from sysid.discrepancy.search.supermodel import Slot, SuperModel
+from sysid.discrepancy.search.numbers import Slot
+from sysid.discrepancy.search.supermodel import SuperModel
 from sysid.effects.base import StartsFrom
 from sysid.effects.catalogue import CHANGED, about
 from sysid.fitting.holdout import Errors

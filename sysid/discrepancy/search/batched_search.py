@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.record import Array, Index
-from sysid.discrepancy.search.supermodel import Data, SuperModel
+from sysid.discrepancy.search.prepared import Data
+from sysid.discrepancy.search.supermodel import SuperModel
 from sysid.fitting.batched import Damping, descend_together
 
 PROFILES, PROFILE_POINTS, PROFILE_STEPS = (3.0, 1.3), 9, 8

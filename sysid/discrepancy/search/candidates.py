@@ -19,13 +19,10 @@ from sysid.discrepancy.search.evidence import (
 )
 from sysid.discrepancy.search.logs import logs_of
 from sysid.discrepancy.search.named_sets import Judged, Node
+from sysid.discrepancy.search.numbers import Slot
+from sysid.discrepancy.search.prepared import Data, prepare
 from sysid.discrepancy.search.starts import free_slots, starts_of
-from sysid.discrepancy.search.supermodel import (
-    Data,
-    Slot,
-    SuperModel,
-    prepare,
-)
+from sysid.discrepancy.search.supermodel import SuperModel
 from sysid.effects.base import Effect, StartsFrom, Wave
 from sysid.effects.by_log import BY_LOG, number_of
 from sysid.effects.catalogue import LEVEL, about

@@ -10,11 +10,13 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from sysid.data.record import Array, Index
+from sysid.discrepancy.search.numbers import Numbers
+from sysid.discrepancy.search.prepared import Data
 from sysid.effects.base import Effect, Place
 from sysid.structures.augmented.chain import (
     Core,
@@ -25,9 +27,6 @@ from sysid.structures.augmented.chain import (
     step_with,
     with_constants,
 )
-
-if TYPE_CHECKING:
-    from sysid.discrepancy.search.supermodel import Data, SuperModel
 
 LANES = 16
 """Simulations that go in one call. More of them are no cheaper each and keep the second core
@@ -55,16 +54,16 @@ class Call:
 class Runs:
     """Simulates lanes of a super-model."""
 
-    def __init__(self, model: "SuperModel") -> None:
-        self.model = model
-        self.before, inside, self.after = stages(model.effects)
+    def __init__(self, numbers: Numbers) -> None:
+        self.numbers = numbers
+        self.before, inside, self.after = stages(numbers.effects)
         self.groups = groups(inside)
-        owners = np.array([s.owner for s in model.slots])
+        owners = np.array([s.owner for s in numbers.slots])
         self._slots = [np.isin(owners, [e.id for e in group]) for group in self.groups]
         self._compiled: dict[tuple[bool, ...], Callable[..., Any]] = {}
         self._ready: set[tuple[Any, ...]] = set()
 
-    def __call__(self, q: Array, data: "Data") -> Array:
+    def __call__(self, q: Array, data: Data) -> Array:
         """Readings for parameter vectors q (lanes, slots), shape (lanes, M, tracks)."""
         found = np.empty((len(q), *data.y.shape))
 
@@ -86,7 +85,7 @@ class Runs:
 
     def _calls(self, q: Array) -> list[Call]:
         """Lanes parted by what acts in them."""
-        acts = q != self.model.null
+        acts = q != self.numbers.null
         needed = np.array([acts[:, slots].any(axis=1) for slots in self._slots], dtype=bool)
         sets, of = np.unique(needed.reshape(-1, len(q)).T, axis=0, return_inverse=True)
         found = []
@@ -96,7 +95,7 @@ class Runs:
             found += [Call(tuple(acting), part) for part in parts]
         return found
 
-    def _first(self, calls: Sequence[Call], data: "Data") -> tuple[list[Call], list[Call]]:
+    def _first(self, calls: Sequence[Call], data: Data) -> tuple[list[Call], list[Call]]:
         """Calls of which each compiles something that no other of them does, and the others."""
         first: list[Call] = []
         rest: list[Call] = []
@@ -119,12 +118,12 @@ class Runs:
 
         jax = jax_module()
         jnp = vectorised(jax.numpy)
-        before, after, model = self.before, self.after, self.model
-        dt, zero = model.dt, jnp.zeros(model.tracks)
+        before, after, numbers = self.before, self.after, self.numbers
+        dt, zero = numbers.dt, jnp.zeros(numbers.tracks)
         effects = (*before, *inside, *after)
 
         def readings(q: Any, data: dict[str, Any]) -> Any:
-            core, raw = unpacked(jnp, model, effects, q)
+            core, raw = unpacked(jnp, numbers, effects, q)
             parameters = with_constants(jnp, effects, core, raw, dt)
             nothing = jnp.zeros_like(data["drive"])
             drive, t, counted, log = (data[name] for name in ("drive", "t", "counted", "log"))
@@ -163,10 +162,10 @@ class Runs:
 
 
 def unpacked(
-    jnp: Any, model: "SuperModel", effects: Sequence[Effect], q: Any
+    jnp: Any, numbers: Numbers, effects: Sequence[Effect], q: Any
 ) -> tuple[Core, dict[str, dict[str, Any]]]:
     """The core and the parameters of some effects of a lane q (slots,)."""
-    place, tracks, order = model.place, model.tracks, model.order
+    place, tracks, order = numbers.place, numbers.tracks, numbers.order
 
     def row(owner: str, name: str, shared: bool = False) -> Any:
         return jnp.stack([q[place[owner, name, -1 if shared else i]] for i in range(tracks)])

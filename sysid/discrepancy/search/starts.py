@@ -7,7 +7,9 @@ import numpy as np
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array
 from sysid.discrepancy.over_angle import over_angle, strongest_lines
-from sysid.discrepancy.search.supermodel import Data, Slot, SuperModel
+from sysid.discrepancy.search.numbers import Slot
+from sysid.discrepancy.search.prepared import Data
+from sysid.discrepancy.search.supermodel import SuperModel
 from sysid.effects.base import Effect, StartsFrom, Wave
 from sysid.effects.catalogue import CHANGED
 from sysid.structures.blocks.sign_recovery import LAGS, recovered

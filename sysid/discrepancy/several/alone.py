@@ -15,7 +15,7 @@ from sysid.discrepancy.policies import BUDGET
 from sysid.discrepancy.search.batched_search import information, search, squares
 from sysid.discrepancy.search.evidence import effective_samples
 from sysid.discrepancy.search.named_sets import Naming, Node
-from sysid.discrepancy.search.supermodel import Data
+from sysid.discrepancy.search.prepared import Data
 from sysid.effects.by_log import BY_LOG, LOAD_BY_LOG, number_of
 
 STEPS = 8
