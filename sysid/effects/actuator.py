@@ -77,35 +77,38 @@ def _delay_on(xp: Any, d: Signal, past: Past, p: P, c: Context) -> Signal:
 DELAY_LINE = 20
 """Longest extra delay [samples]."""
 
-EFFECTS = (
-    Effect(
-        "input-delay",
-        "actuator",
-        Place.COMMAND,
-        "d(t − θ)",
-        "The command takes effect later than the model thinks.",
-        "Every response starts late by the same time, at all levels.",
-        "Steps at irregular instants.",
-        (
-            EffectParameter(
-                "delay",
-                "s",
-                0.0,
-                0.0,
-                float(DELAY_LINE),
-                (1.5, 6.0),
-                "dt",
-                kinks=True,
-                at_null=True,
-                at_limit=True,
-            ),
+INPUT_DELAY = Effect(
+    "input-delay",
+    "actuator",
+    Place.COMMAND,
+    "d(t − θ)",
+    "The command takes effect later than the model thinks.",
+    "Every response starts late by the same time, at all levels.",
+    "Steps at irregular instants.",
+    (
+        EffectParameter(
+            "delay",
+            "s",
+            0.0,
+            0.0,
+            float(DELAY_LINE),
+            (1.5, 6.0),
+            "dt",
+            kinks=True,
+            at_null=True,
+            at_limit=True,
         ),
-        _delay,
-        states=DELAY_LINE,
-        on_past=_delay_on,
-        programmes=(REVERSALS, LEVELS),
-        beyond_a_sample=True,
     ),
+    _delay,
+    states=DELAY_LINE,
+    on_past=_delay_on,
+    programmes=(REVERSALS, LEVELS),
+    beyond_a_sample=True,
+)
+
+
+EFFECTS = (
+    INPUT_DELAY,
     Effect(
         "input-saturation",
         "actuator",

@@ -51,6 +51,9 @@ STAGES = (
 
 _WITHOUT_STEP = {e.id: e for e in (CHANGED, *samples.EFFECTS)}
 
+DELAY = actuator.INPUT_DELAY
+"""What shifts a command in time."""
+
 LEVEL = friction.LOAD_BIAS
 """What gives a base a level of its own, where zero of the log is no physical zero."""
 

@@ -34,7 +34,7 @@ def augmented(**effects: dict[str, float]) -> RobotPlant:
     theta = [0.43 / Geometry().r, -float(np.exp(-0.5))] * 2
     for id, values in effects.items():
         e = effect(id.replace("_", "-"))
-        theta += [values[p.name] for p in e.parameters] * (1 if e.shared else 2)
+        theta += [values.get(p.name, p.null) for p in e.parameters] * (1 if e.shared else 2)
     none = Detrend(np.zeros(2), np.zeros(2))
     ranges = np.array([[-PWM_FULL_SCALE, PWM_FULL_SCALE]] * 2)
     plant = Plant.of_structure(

@@ -36,6 +36,8 @@ def law(kind: str, **keys: Any) -> Any:
 class Slippery:
     """A floor on which both tracks lose a part of their speed."""
 
+    slides = False
+
     def __init__(self, slip: float) -> None:
         self.slip = slip
 

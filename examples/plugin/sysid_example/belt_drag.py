@@ -25,7 +25,7 @@ BELT_DRAG = Effect(
     experiment="One side at a constant command while the other steps.",
     parameters=(EffectParameter("drag", "1/speed", 0.0, 0.0, 3.0, (0.1, 0.5)),),
     step=_drag,
-    ties=("cross-coupling",),
+    ties=("cross-coupling", "inertial-coupling"),
     couples=True,
     programmes=(ONE_AND_OTHER, REVERSALS),
 )

@@ -12,9 +12,7 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.discrepancy.base_model import Base
 from sysid.discrepancy.search.named_sets import Node
-
-DELAY = ("input-delay", "delay")
-"""The effect and its number whose slope is asked for."""
+from sysid.effects.catalogue import DELAY
 
 SHIFT = 0.5
 """By which the delay is moved for its slope [samples]."""
@@ -87,9 +85,10 @@ def uneven_delays(base: Base, node: Node, floor: Array) -> tuple[UnevenDelay, ..
     model, data = search.model, search.data
     later = node.q.copy()
     for i in range(model.tracks):
-        if (*DELAY, i) not in model.place:
+        at = model.place.get((DELAY.id, DELAY.parameters[0].name, i))
+        if at is None:
             return ()
-        later[model.place[(*DELAY, i)]] += SHIFT * model.dt
+        later[at] += SHIFT * model.dt
     now, then = model.run(np.array([node.q, later]), data)
     slopes = (then - now) / (SHIFT * model.dt)
     errors = np.where(data.weight > 0.0, data.y - now, np.nan)
