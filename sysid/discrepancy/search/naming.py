@@ -68,7 +68,8 @@ class NamingSearch(CandidateSearch):
         for rival in beam[1:]:
             # the likeliest first effect may be a stand-in: try the next one where much remains
             ours, theirs = self._totals(base, (best, rival.node))
-            if ours > BUDGET.far_ahead * theirs or required(best) < self.needed:
+            far_ahead = ours > BUDGET.far_ahead * theirs
+            if far_ahead or _little_left(base, best) or required(best) < self.needed:
                 break
             say(f"starting from {rival.id} instead", 0.6)
             other, other_minor = self._grown(base, rival.node, effects, say, required)
@@ -306,6 +307,12 @@ class NamingSearch(CandidateSearch):
         if anew and self.likelihood(rest, anew[0].node, samples) >= score:
             return anew[0]
         return Judged(whole, self.evidence(rest, whole, tried, samples), score)
+
+
+def _little_left(base: Node, best: Node) -> bool:
+    """Whether less than a minor share of the gap is left on held-out data, noise included."""
+    (_, first), (_, now) = (n.errors.mean_squares() for n in (base, best))
+    return bool(np.sum(now) < 0.01 * VERDICT.minor * np.sum(first))
 
 
 def _mends(base: Node, rest: Node, whole: Node) -> bool:
