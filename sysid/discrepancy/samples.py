@@ -39,8 +39,18 @@ TOP = 0.98
 LONGEST = 8
 """Longest burst of lost readings [samples]."""
 
-RECURS = 4
-"""A value repeated in so many bursts is a step of a coarse sensor."""
+FEWEST_HELD = 10
+"""Values that stand twice, of which a lattice can be told: by chance all of so many lie within a
+twentieth of one of the thousands of steps that are tried once in a million times."""
+
+MOST_HELD = 100
+"""Such values that are compared with every step."""
+
+FEWEST_CELLS, MOST_CELLS = 4.0, 1200.0
+"""Steps within the largest of them: a finer one is as good as none."""
+
+IN_CELL = 0.8
+"""Mean cosine of the phases of values that lie on a lattice."""
 
 FEWEST = 3
 FEWEST_SHARE = 0.002
@@ -353,19 +363,24 @@ def recurring_step(y: Array) -> float:
     """Step of a coarse sensor whose readings were interpolated onto a grid; 0 for none.
 
     They lie on no lattice any more, but where two readings were alike the lattice value still
-    stands twice, and such values recur. A reading of a fine sensor that was held is a number of
-    its own.
+    stands twice. All such values lie on one lattice through zero, however seldom each comes; a
+    reading of a fine sensor that was held is a number of its own.
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[0], np.diff(y) == 0.0, [0]])))
-    held = np.round(y[edges[::2]], 9)
-    values, where, counts = np.unique(held, return_inverse=True, return_counts=True)
-    often = values[counts >= RECURS]
-    moving = held != 0.0
-    if len(often) < 4 or float(np.mean(counts[where[moving]] >= RECURS)) <= 0.5:
+    held = np.unique(np.abs(np.round(y[edges[::2]], 9)))
+    held = held[held > 0.0]
+    if len(held) < FEWEST_HELD:
         return 0.0
-    gaps = np.diff(often)
-    step = float(np.min(gaps[gaps > 1e-3 * float(np.median(gaps))]))
-    off = (often - often[0]) / step
+    some = held[:: -(-len(held) // MOST_HELD)]
+    cells = np.arange(FEWEST_CELLS, MOST_CELLS, 0.1) / held[-1]
+    agree = np.mean(np.cos(2.0 * np.pi * np.outer(cells, some)), axis=1)
+    near = np.flatnonzero(agree > IN_CELL)
+    if not len(near):
+        return 0.0
+    first = int(near[0]) + int(np.argmax(agree[near[0] : near[0] + 10]))
+    whole = np.maximum(np.round(held * cells[first]), 1.0)
+    step = float(np.sum(held * whole) / np.sum(whole**2))
+    off = held / step
     return step if float(np.mean(np.abs(off - np.round(off)) < 0.05)) >= ON_LATTICE else 0.0
 
 

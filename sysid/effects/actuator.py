@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from sysid.effects import inverses
-from sysid.effects.base import Context, Effect, EffectParameter, Past, Place, Signal, State
+from sysid.effects.base import Context, Effect, EffectParameter, Law, Past, Place, Signal, State
 from sysid.effects.programmes import (
     COASTING,
     LEVELS,
@@ -27,6 +27,25 @@ def _dead_zone(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, 
 
 def _saturation(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
     return xp.minimum(xp.maximum(d, -p["minus"]), p["plus"]), s
+
+
+def _twist(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    if d.shape[-1] != 2:
+        return d, s
+    mean = 0.5 * (d[..., :1] + d[..., 1:])
+    apart = d - mean
+    # what is cut off is taken away: far limits then leave the last digit as it was
+    over = mean - xp.minimum(xp.maximum(mean, -p["forward"]), p["forward"])
+    over = over + apart - xp.minimum(xp.maximum(apart, -p["turning"]), p["turning"])
+    kept = d - over
+    # the larger side is brought to its limit, and the other one by the same share: the curve stays
+    largest = xp.maximum(xp.abs(kept[..., :1]), xp.abs(kept[..., 1:]))
+    return kept * xp.minimum(p["side"] / xp.maximum(largest, 1e-9), 1.0), s
+
+
+def _within_twist(xp: Any, d: Signal, p: P, c: Context) -> Signal:
+    """No command does more."""
+    return _twist(xp, d, (), p, c)[0]
 
 
 def _concave(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
@@ -126,6 +145,52 @@ EFFECTS = (
         ties=("sensor-saturation",),
         programmes=(TOP, LEVELS),
         weakens=True,
+    ),
+    Effect(
+        "twist-limit",
+        "actuator",
+        Place.COMMAND,
+        "(d_l + d_r)/2 → clip(·, ±f), (d_r − d_l)/2 → clip(·, ±t), or d → d min(1, s/max |d|)",
+        "The drive limits forward speed and turning rate, not each side: a controller of its own "
+        "takes the commands apart and puts them together again.",
+        "A side falls short of its command, the more so the more the other one differs.",
+        "Steps from slow to full drive: straight, turning on the spot, and both at once.",
+        (
+            EffectParameter(
+                "forward", "drive", 1e3, 0.05, 0.999, (0.4, 0.7, 0.4, 0.7), "drive", kinks=True
+            ),
+            EffectParameter(
+                "turning",
+                "drive",
+                1e3,
+                0.05,
+                0.999,
+                (0.4, 0.7, 0.4, 0.7),
+                "drive",
+                kinks=True,
+                at_limit=True,
+            ),
+            EffectParameter(
+                "side", "drive", 1e3, 0.05, 0.999, (0.6, 0.8, 0.6, 0.8), "drive", kinks=True
+            ),
+            EffectParameter("keeps_curve", "", 0.0, 0.0, 1.0, (0.0, 0.0, 1.0, 1.0), choice=True),
+        ),
+        _twist,
+        shared=True,
+        couples=True,
+        inverse=_within_twist,
+        ties=("input-saturation", "cross-coupling", "inertial-coupling"),
+        programmes=(ONE_AND_OTHER, TOP),
+        weakens=True,
+        laws=(
+            Law(("forward", "turning"), choices={"keeps_curve": 0.0}),
+            Law(
+                ("turning", "side"),
+                choices={"keeps_curve": 1.0},
+                sentence="Where a side would exceed its limit both are slowed down by the same "
+                "share, and the curve stays.",
+            ),
+        ),
     ),
     Effect(
         "dead-zone",

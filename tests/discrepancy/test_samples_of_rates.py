@@ -36,3 +36,14 @@ def test_a_reading_that_is_lost_takes_both_rates_that_are_made_from_it() -> None
     rows = np.flatnonzero(weights[:, 0] == 0.0)
     # the rate in row k is that of sample k + 1, from samples k and k + 2
     assert set(rows) == set(lost) | set(lost - 2)
+
+
+def test_readings_between_which_a_logger_has_drawn_lines_are_no_dropouts() -> None:
+    rng = np.random.default_rng(4)
+    fresh = np.cumsum(rng.uniform(0.004, 0.02, 700))  # a servo's bus, nowhere near the log's clock
+    speed = 3.0 * np.sin(2.0 * fresh) + np.sin(0.7 * fresh**1.3)
+    t = np.arange(1200) * 0.005
+    y = np.interp(t, fresh, 0.024 * np.round(speed / 0.024))
+    y[rng.random(1200) < 0.01] += 1e-6  # the last digit of the file
+    record = Record(np.sign(y)[:, None], y[:, None], 0.005, (Channel("u", "V"),), (Channel("w"),))
+    assert inspect_samples([record]).ids == ()

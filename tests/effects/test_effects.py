@@ -26,6 +26,7 @@ POLE = float(np.exp(-DT / TAU))
 IDS = (
     "dead-zone",
     "input-saturation",
+    "twist-limit",
     "concave-gain",
     "direction-asymmetry",
     "input-delay",

@@ -55,7 +55,7 @@ class NamingSearch(CandidateSearch):
         self.origin = base.q
         judged = self.candidates(base, effects)
         first = tuple((j.id, j.score) for j in judged)
-        passed = [j for j in self._passing(judged) if j.evidence.ratio < (needed or self.needed)]
+        passed = [j for j in self.passing(judged) if j.evidence.ratio < (needed or self.needed)]
         beam = (
             passed[:1]
             + [j for j in passed[1:] if j.id not in passed[0].node.excluded][: BUDGET.beam - 1]
@@ -107,7 +107,7 @@ class NamingSearch(CandidateSearch):
             say(f"{', '.join(node.effects)}: looking for more", 0.2 * len(node.effects))
             judged = self.candidates(node, effects)
             minor = self._minor(judged)
-            passed = [j for j in self._passing(judged) if j.evidence.ratio < needed]
+            passed = [j for j in self.passing(judged) if j.evidence.ratio < needed]
             passed = [j for j in passed if not _mends(base, node, j.node)]
             if not passed or self.best_of(base, (node, passed[0].node)) is node:
                 break
@@ -155,7 +155,7 @@ class NamingSearch(CandidateSearch):
         node = self.node((id, *rest), found[0], best.free)
         return self.best_of(base, (node, best))
 
-    def _passing(self, judged: Sequence[Judged]) -> list[Judged]:
+    def passing(self, judged: Sequence[Judged]) -> list[Judged]:
         """Accepted candidates, the most likely first; nearly equal ones by fewest numbers."""
         passed = [j for j in judged if self._stands(j)]
         passed = self._beside_sampling(judged, sorted(passed, key=lambda j: -j.score))
@@ -170,7 +170,13 @@ class NamingSearch(CandidateSearch):
         ]
         lead = min(
             close,
-            key=lambda j: (len(j.node.free), about(j.id).shared, about(j.id).rare, -j.score),
+            key=lambda j: (
+                about(j.id).couples,  # tracks of their own are simpler than ones that are tied
+                len(j.node.free),
+                about(j.id).shared,
+                about(j.id).rare,
+                -j.score,
+            ),
         )
         ordered = [lead, *(j for j in passed if j is not lead)]
         return [self._with_excluded(j, passed) for j in ordered[: BUDGET.beam]] + ordered[
