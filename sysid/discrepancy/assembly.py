@@ -24,8 +24,7 @@ from sysid.discrepancy.search.named_sets import Named, Naming, Node
 from sysid.discrepancy.several.constancy import several_logs
 from sysid.discrepancy.study import Outcome, Study, held_runs
 from sysid.discrepancy.verdict import Remaining, story, undecided, verdict_of
-from sysid.effects.by_log import BY_LOG
-from sysid.effects.catalogue import CHANGED, about, ground_effects
+from sysid.effects.catalogue import CHANGED, NOT_NAMED, about, ground_effects
 from sysid.effects.samples import DROPOUTS, QUANTISATION
 from sysid.errors import SysidError
 from sysid.estimation.vehicle.windows import track_channels
@@ -113,7 +112,7 @@ def in_order(effects: Sequence[NamedEffect]) -> tuple[NamedEffect, ...]:
 
 def _proven(naming: Naming) -> tuple[Named, ...]:
     """Accepted effects, without what only differs between logs."""
-    return tuple(n for n in naming.named if n.id not in BY_LOG)
+    return tuple(n for n in naming.named if n.id not in NOT_NAMED)
 
 
 def _named(
@@ -206,7 +205,7 @@ def _unseen(
     study: Study, naming: Naming, pose: PoseDiagnosis | None, named: Sequence[str]
 ) -> dict[str, float | None]:
     single = study.base.parts.estimation[0].ny == 1
-    offered = [e for e in study.base.search.model.effects if e.id not in BY_LOG]
+    offered = [e for e in study.base.search.model.effects if e.id not in NOT_NAMED]
     rest = [e.id for e in offered if e.id not in named and not (single and e.couples)]
     rest += [e.id for e in (QUANTISATION, DROPOUTS) if e.id not in named]
     if study.base.level:

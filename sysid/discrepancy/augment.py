@@ -17,6 +17,7 @@ from sysid.discrepancy.search.evidence import effective_samples
 from sysid.discrepancy.search.named_sets import Interval, Node
 from sysid.effects.by_log import BY_LOG
 from sysid.effects.catalogue import CHANGED, LEVEL, effect
+from sysid.effects.sampling import SAMPLING
 from sysid.errors import Termination
 from sysid.structures.augmented.structure import Augmented
 from sysid.structures.model import Model, Provenance, Source
@@ -24,9 +25,9 @@ from sysid.version import __version__
 
 
 def effects_of(base: Base, node: Node) -> tuple[str, ...]:
-    """The effects of the augmented structure: the base's level, then the accepted ones."""
-    level = (LEVEL.id,) if base.level else ()
-    return (*level, *(id for id in node.effects if id != CHANGED.id and id not in BY_LOG))
+    """The effects of the augmented structure: those of the base, then the accepted ones."""
+    own = (LEVEL.id,) * base.level + (SAMPLING.id,) * base.sampled
+    return (*own, *(id for id in node.effects if id != CHANGED.id and id not in BY_LOG))
 
 
 def slots_of(base: Base, node: Node) -> list[int]:

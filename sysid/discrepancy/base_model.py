@@ -20,6 +20,7 @@ from sysid.discrepancy.search.naming import NamingSearch
 from sysid.discrepancy.search.supermodel import SuperModel
 from sysid.effects.base import Effect, Place
 from sysid.effects.by_log import for_logs
+from sysid.effects.sampling import SAMPLING
 from sysid.errors import DataError, ModelError
 from sysid.estimation.assessment.figures import Start, outputs
 from sysid.estimation.selection.contest import run_contest
@@ -95,6 +96,7 @@ class Base:
         in_loop: whether the log was recorded in closed loop.
         on_rate: whether the rate of an output that integrates stands in its place.
         given: the model that was given, as the chain sees it; None for the plain base.
+        sampled: whether readings come a part of a sample late in it: how the log was made.
     """
 
     parts: Parts
@@ -107,6 +109,19 @@ class Base:
     in_loop: bool = False
     on_rate: bool = False
     given: GivenBase | None = None
+    sampled: bool = False
+
+    def with_sampling(self, like: Node) -> "Base":
+        """The base with readings that come a part of a sample late, fitted from a node's shares."""
+        search = self.search.holding(SAMPLING.id)
+        q = self.node.q.copy()
+        mine = list(search.model.of(SAMPLING.id))
+        q[mine] = like.q[mine]
+        node = search.base(q[None])
+        shares = " and ".join(f"{v:.2f}" for v in node.q[mine])
+        words = f"{self.words}; readings come {shares} of a sample late, which is how the log was "
+        words += "made (a speed that is counted over a sample is half of one late)"
+        return replace(self, search=search, node=node, words=words, sampled=True)
 
 
 def plain_base(
@@ -149,6 +164,8 @@ def plain_base(
         words += " and a level" if level else ""
         words += f" for the rate of the output, which integrates, every {first.dt:.3g} s" * on_rate
     effects = _with_logs(_possible(effects, first), parts, level)
+    if order == 1:  # a numerator of a higher order holds it
+        effects = (*effects, SAMPLING)
     model = SuperModel(effects, order, first.ny, typical_speed(estimation), first.dt)
     in_loop = in_closed_loop(own_rate(estimation))
     search = NamingSearch(

@@ -14,8 +14,7 @@ from sysid.discrepancy.samples import SampleEffects
 from sysid.discrepancy.search.evidence import Evidence
 from sysid.discrepancy.search.named_sets import Named, Naming
 from sysid.effects.base import Effect
-from sysid.effects.by_log import BY_LOG
-from sysid.effects.catalogue import about
+from sysid.effects.catalogue import NOT_NAMED, about
 from sysid.effects.samples import DROPOUTS, HELD_TELEMETRY, QUANTISATION
 
 NEAR, APART = 0.005, 0.02
@@ -147,7 +146,7 @@ def sample_effects(found: SampleEffects) -> tuple[NamedEffect, ...]:
 
 def absorbed(base: Base, naming: Naming) -> tuple[str, ...]:
     """Alarms: numbers of the base that had taken over a part of a missing effect."""
-    if all(n.id in BY_LOG for n in naming.named) or not base.search.core:
+    if all(n.id in NOT_NAMED for n in naming.named) or not base.search.core:
         return ()
     covariance = covariance_of(base, naming.final)
     model, found = base.search.model, []
@@ -167,7 +166,7 @@ def absorbed(base: Base, naming: Naming) -> tuple[str, ...]:
             )
     if not found:
         return ()
-    ids = ", ".join(n.id for n in naming.named if n.id not in BY_LOG)
+    ids = ", ".join(n.id for n in naming.named if n.id not in NOT_NAMED)
     return (f"The model before had absorbed a part of {ids}: {'; '.join(found)}.",)
 
 

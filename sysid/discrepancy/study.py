@@ -19,13 +19,13 @@ from sysid.discrepancy.proof.linear_rival import LinearRival, linear_rival, wors
 from sysid.discrepancy.proof.model_error import FEWEST, ResidualStructure, error_structure
 from sysid.discrepancy.proof.noise import NoiseFloor, floor_of
 from sysid.discrepancy.search.intervals import intervals_of
-from sysid.discrepancy.search.named_sets import Named, Naming, Node
+from sysid.discrepancy.search.named_sets import Named, Naming, Node, without_name
 from sysid.discrepancy.search.naming import Progress
 from sysid.discrepancy.search.slopes import slopes
 from sysid.effects.base import Effect
-from sysid.effects.by_log import BY_LOG
-from sysid.effects.catalogue import about
+from sysid.effects.catalogue import NOT_NAMED, about
 from sysid.effects.conformance import superposes
+from sysid.effects.sampling import SAMPLING
 from sysid.errors import DataError
 
 STAND_IN = (
@@ -108,7 +108,16 @@ class Study:
                 lambda node: self.remains(replace(self.nothing, final=node)),
                 needed,
             )
-        return Outcome(self, naming)
+        return self._apart(naming)
+
+    def _apart(self, naming: Naming) -> "Outcome":
+        """Readings that come a part of a sample late belong to both models, and are not named."""
+        if SAMPLING.id not in naming.final.effects:
+            return Outcome(self, without_name(naming, SAMPLING.id, naming.base))
+        if self.base.given is not None:
+            return Outcome(self, naming)
+        base = self.base.with_sampling(naming.final)
+        return Outcome(replace(self, base=base), without_name(naming, SAMPLING.id, base.node))
 
     def linear_words(self, naming: Naming) -> str:
         """What of loud errors is linear motion that the base has no order for; else empty."""
@@ -213,7 +222,7 @@ class Study:
 
     def _absorber(self, naming: Naming) -> Dropped | None:
         """The effect beside others that takes less than they leave, where they leave structure."""
-        mine = [n for n in naming.named if n.id not in BY_LOG]
+        mine = [n for n in naming.named if n.id not in NOT_NAMED]
         if len(mine) < 2 or not self.unexplained(naming):
             return None
         return least_beside([(n.id, *self.explained_by(naming, n)) for n in mine])

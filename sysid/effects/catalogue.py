@@ -1,5 +1,6 @@
 """The catalogue: every known effect by id, in the order in which the chain applies them."""
 
+from collections.abc import Iterable
 from functools import cache
 
 from sysid.effects import (
@@ -18,6 +19,7 @@ from sysid.effects.base import Effect, Place, nothing
 from sysid.effects.by_log import BY_LOG
 from sysid.effects.conformance import fault
 from sysid.effects.programmes import LEVELS, REPEAT
+from sysid.effects.sampling import SAMPLING
 from sysid.errors import UsageError
 from sysid.extensions import loaded, points, unusable
 
@@ -53,6 +55,9 @@ _WITHOUT_STEP = {e.id: e for e in (CHANGED, *samples.EFFECTS)}
 
 DELAY = actuator.INPUT_DELAY
 """What shifts a command in time."""
+
+NOT_NAMED = {**BY_LOG, SAMPLING.id: SAMPLING}
+"""Searched beside effects and by the same rule, but matters of the logs."""
 
 LEVEL = friction.LOAD_BIAS
 """What gives a base a level of its own, where zero of the log is no physical zero."""
@@ -91,26 +96,30 @@ def catalogue() -> dict[str, Effect]:
 
 
 def effect(id: str) -> Effect:
-    """The effect called ``id``, what differs between logs included.
+    """The effect called ``id``, what differs between logs and how they were made included.
 
     Raises:
         UsageError: there is none of that name.
     """
-    if id in BY_LOG:
-        return BY_LOG[id]
+    if id in NOT_NAMED:
+        return NOT_NAMED[id]
     if id not in catalogue():
         raise UsageError(f"no effect {id!r}; the catalogue holds {', '.join(catalogue())}")
     return catalogue()[id]
 
 
 def chain_effects() -> tuple[Effect, ...]:
-    """Those that act between command and reading, in the chain's order.
+    """Effects of the catalogue that act between command and reading, in the chain's order."""
+    return in_chain(e for e in catalogue().values() if e.place not in (Place.POSE, Place.SAMPLES))
+
+
+def in_chain(effects: Iterable[Effect]) -> tuple[Effect, ...]:
+    """Effects between command and reading in the order in which they act.
 
     Within the command delays come first and effects with memory last, within the reading effects
     with memory come first: what has none can then be computed for a whole record at once.
     """
-    found = [e for e in catalogue().values() if e.place not in (Place.POSE, Place.SAMPLES)]
-    return tuple(sorted(found, key=_rank))
+    return tuple(sorted(effects, key=_rank))
 
 
 def ground_effects() -> tuple[Effect, ...]:

@@ -1,21 +1,25 @@
 """A speed counted over a sample comes half of one late: no effect, and none that looks like it."""
 
 import numpy as np
+import pytest
 
-from sysid.data.record import Channel, Record
+from sysid.data.record import Array, Channel, Record
+from sysid.discrepancy.diagnose import diagnose
+from sysid.discrepancy.search.named_sets import Node
 from sysid.discrepancy.search.naming import NamingSearch
 from sysid.discrepancy.search.supermodel import SuperModel
 from sysid.effects.catalogue import effect
+from sysid.effects.sampling import SAMPLING
 
 DT, TAU, GAIN, SIGMA = 0.05, 0.25, 20.0, 0.2
 KEPT = float(np.exp(-DT / TAU))
 EFFECTS = (effect("input-delay"), effect("rate-limit"), effect("dead-zone"))
 
 
-def counted(seed: int, dead: float = 0.0) -> Record:
-    """One motor whose encoder gives the mean speed of each sample; steps between a few levels."""
+def counted(seed: int, dead: float = 0.0, levels: int = 5) -> Record:
+    """One motor whose encoder gives the mean speed of each sample; steps between some levels."""
     rng = np.random.default_rng(seed)
-    u = np.repeat(rng.choice([-0.8, -0.4, 0.0, 0.4, 0.8], 80), 10)
+    u = np.repeat(rng.choice(np.linspace(-0.8, 0.8, levels), 80), 10)
     y, w, mean = np.zeros(len(u)), 0.0, 0.0
     for k, d in enumerate(u):
         y[k] = mean
@@ -26,9 +30,10 @@ def counted(seed: int, dead: float = 0.0) -> Record:
     return Record(u[:, None], y[:, None], DT, (Channel("d", ""),), (Channel("omega", "rad/s"),))
 
 
-def searched(dead: float) -> tuple[dict[str, bool], tuple[str, ...]]:
-    """Which effects pass the rule alone, and the names that are given."""
-    model = SuperModel(EFFECTS, 1, 1, np.array([15.0]), DT)
+def searched(dead: float) -> tuple[dict[str, bool], Node, float]:
+    """Which effects pass the rule alone, what the search ends with, and its part of a sample."""
+    effects = (*EFFECTS, SAMPLING)
+    model = SuperModel(effects, 1, 1, np.array([15.0]), DT)
     search = NamingSearch(model, [counted(1, dead)], [counted(2, dead)], np.ones(1), 1)
     start = model.null
     start[list(model.of("core"))] = [GAIN, -KEPT]
@@ -36,15 +41,45 @@ def searched(dead: float) -> tuple[dict[str, bool], tuple[str, ...]]:
     search.origin = base.q
     judged = search.candidates(base, EFFECTS)
     alone = {j.id: j.evidence.accepted and search.admissible(j.node) for j in judged}
-    return alone, tuple(n.id for n in search.run(base, EFFECTS).named)
+    final = search.run(base, effects).final
+    return alone, final, float(final.q[model.place[SAMPLING.id, "share", 0]])
 
 
 def test_a_steep_rate_limit_is_not_named_for_counted_speeds() -> None:
-    alone, names = searched(0.0)
+    alone, final, share = searched(0.0)
     assert alone["rate-limit"]  # it would be named if nothing else were known
     assert not alone["input-delay"]  # below one sample
-    assert names == ()
+    assert final.effects == (SAMPLING.id,)
+    assert share == pytest.approx(0.5, abs=0.03)  # a mean is half a sample late
 
 
 def test_a_dead_zone_is_found_in_counted_speeds() -> None:
-    assert searched(0.15)[1] == ("dead-zone",)
+    _, final, share = searched(0.15)
+    assert set(final.effects) == {"dead-zone", SAMPLING.id}
+    assert share == pytest.approx(0.5, abs=0.03)
+
+
+def test_how_the_log_was_made_belongs_to_both_models_and_is_not_named() -> None:
+    found = diagnose([counted(1, 0.15, levels=33)], [counted(2, 0.15, levels=33)])
+    assert [e.id for e in found.effects] == ["dead-zone"]
+    assert "of a sample late" in found.base_words
+    for model in (found.before, found.after):
+        assert SAMPLING.id in model.structure.effects  # type: ignore[attr-defined]
+    pole = dict(zip([p.name for p in found.after.parameters], found.after.theta, strict=True))
+    assert pole["f1[omega]"] == pytest.approx(-KEPT, abs=0.006)  # 4 % of the time constant
+
+
+def test_a_step_at_a_time_is_the_whole_record_at_once() -> None:
+    y = np.random.default_rng(3).standard_normal((50, 2))
+    p = {"share": np.array([0.3, 0.6])}
+    state, stepped = (y[0],), []
+    for row in y:
+        read, state = SAMPLING.step(np, row, state, p, None)  # type: ignore[arg-type]
+        stepped.append(read)
+
+    def past(signal: Array, k: Array) -> Array:
+        return np.vstack([signal[:1], signal[:-1]])
+
+    assert SAMPLING.on_past is not None
+    whole = SAMPLING.on_past(np, y, past, p, None)  # type: ignore[arg-type]
+    np.testing.assert_allclose(stepped, whole, rtol=1e-15)

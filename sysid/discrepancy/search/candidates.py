@@ -1,9 +1,11 @@
 """One more effect: every effect of the catalogue tried on top of a set, fitted and judged."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from functools import partial
 from itertools import product
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +69,12 @@ class CandidateSearch:
         self.core = () if fixed_core else core
         self.origin = model.null
         self.stepwise = {s.owner for s in model.slots if s.stepwise}
+
+    def holding(self, id: str) -> Self:
+        """The same search around a base that holds an effect."""
+        found = copy(self)
+        found.core = (*self.core, *self.model.of(id))
+        return found
 
     def base(self, starts: Array) -> Node:
         """The base fitted from given values of all slots, (lanes, slots)."""

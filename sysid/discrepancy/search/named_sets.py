@@ -1,7 +1,7 @@
 """Sets of effects in the course of a search: fitted, judged, named."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,6 +110,31 @@ class Naming:
     minor: tuple[tuple[str, Evidence], ...]
     candidates: tuple[tuple[str, float], ...]
     intervals: Mapping[int, Interval] = field(default_factory=dict)
+
+
+def without_name(naming: Naming, id: str, base: Node) -> Naming:
+    """An effect that belongs to the base, which is fitted with it, instead of being named."""
+
+    def apart(node: Node) -> Node:
+        return replace(node, effects=tuple(e for e in node.effects if e != id))
+
+    named = tuple(
+        replace(
+            n,
+            rest=apart(n.rest) if n.rest.effects else base,
+            rivals={k: apart(r) for k, r in n.rivals.items()},
+        )
+        for n in naming.named
+        if n.id != id
+    )
+    return replace(
+        naming,
+        base=base,
+        final=apart(naming.final) if named else base,
+        named=named,
+        minor=tuple(m for m in naming.minor if m[0] != id),
+        candidates=tuple(c for c in naming.candidates if c[0] != id),
+    )
 
 
 @dataclass(frozen=True, eq=False)

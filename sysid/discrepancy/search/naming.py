@@ -18,8 +18,7 @@ from sysid.discrepancy.search.named_sets import (
 )
 from sysid.discrepancy.search.starts import repeats_at_top
 from sysid.effects.base import Effect, StartsFrom
-from sysid.effects.by_log import BY_LOG
-from sysid.effects.catalogue import about
+from sysid.effects.catalogue import NOT_NAMED, about
 
 Progress = Callable[[str, float], None]
 """(what is being done, share of the work done)."""
@@ -158,7 +157,7 @@ class NamingSearch(CandidateSearch):
     def passing(self, judged: Sequence[Judged]) -> list[Judged]:
         """Accepted candidates, the most likely first; nearly equal ones by fewest numbers."""
         passed = [j for j in judged if self._stands(j)]
-        passed = self._beside_sampling(judged, sorted(passed, key=lambda j: -j.score))
+        passed = sorted(passed, key=lambda j: -j.score)
         if not passed:
             return []
         top = passed[0]
@@ -185,21 +184,6 @@ class NamingSearch(CandidateSearch):
 
     def _stands(self, j: Judged) -> bool:
         return j.evidence.accepted and self.admissible(j.node)
-
-    def _beside_sampling(self, judged: Sequence[Judged], passed: Sequence[Judged]) -> list[Judged]:
-        """Candidates that also stand beside a shift of less than a sample, where one explains most.
-
-        Such a shift is how the log was sampled (a speed counted over a sample comes half of one
-        late) and is no effect, but what looks like it, as a steep rate limit does, is none either.
-        """
-        late = next(
-            (j for j in judged if not beyond_a_sample(self.model, j.id, j.node.q).any()), None
-        )
-        if late is None or not passed or passed[0].score > late.score:
-            return list(passed)
-        again = self.candidates(late.node, [about(j.id) for j in passed])
-        ids = {j.id for j in again if self._stands(j)}
-        return [j for j in passed if j.id in ids]
 
     def _with_excluded(self, mine: Judged, passed: Sequence[Judged]) -> Judged:
         same = tuple(
@@ -266,7 +250,7 @@ class NamingSearch(CandidateSearch):
                 for j in judged
                 if j.id != id
                 and j.evidence.accepted
-                and j.id not in BY_LOG  # what is the same in all logs is a case of it
+                and j.id not in NOT_NAMED  # what is the same in all logs is a case of it
                 and self.admissible(j.node)
                 and self.tied(mine.node, j.node)
             )

@@ -28,7 +28,7 @@ from sysid.discrepancy.several_logs import (
 )
 from sysid.discrepancy.study import Study
 from sysid.effects.by_log import BY_LOG, GAIN_BY_LOG, number_of
-from sysid.effects.catalogue import CHANGED, about
+from sysid.effects.catalogue import CHANGED, NOT_NAMED, about
 from sysid.fitting.profile import NORMAL
 
 SEEN = 3.0
@@ -51,7 +51,7 @@ def several_logs(study: Study, naming: Naming) -> SeveralLogs:
     if len(base.search.logs.names) < 2:
         return SeveralLogs()
     fits = fits_of_logs(base, naming)
-    named = [n for n in naming.named if n.id not in BY_LOG]
+    named = [n for n in naming.named if n.id not in NOT_NAMED]
     views = tuple(_view(base, naming, named, f) for f in fits)
     differences = tuple(_difference(study, naming, n) for n in naming.named if n.id in BY_LOG)
     return SeveralLogs(views, constancies(views, [n.id for n in named]), differences)

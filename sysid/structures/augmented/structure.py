@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array, Channel, Index, Record
 from sysid.effects.base import Effect, Place
-from sysid.effects.catalogue import chain_effects, effect
+from sysid.effects.catalogue import chain_effects, effect, in_chain
 from sysid.effects.compensation import Identified
 from sysid.effects.ground import Ground
+from sysid.effects.sampling import SAMPLING
 from sysid.fitting.problem import (
     Focus,
     Initial,
@@ -111,7 +112,8 @@ class Augmented(Structure):
     @cached_property
     def active(self) -> tuple[Effect, ...]:
         """The effects in the chain's order."""
-        return tuple(e for e in chain_effects() if e.id in self.effects)
+        ids = (*(e.id for e in chain_effects()), SAMPLING.id)
+        return in_chain(effect(id) for id in ids if id in self.effects)
 
     def parameters(
         self, inputs: Sequence[Channel], outputs: Sequence[Channel]
