@@ -263,8 +263,13 @@ def _warnings(
             "static curve is not identifiable from this log, because each looks like "
             "another gain."
         )
-    late = uneven_delays(study.base, naming.final, study.floor)
+    late = study.late or uneven_delays(study.base, naming.final, study.floor)
     found += [u.sentence for u in late]
+    if study.late:
+        found.append(
+            "Samples behind changes of the command that such delays spoil are left out of the "
+            "search and of every figure: what is named was seen between them."
+        )
     found += findings.indistinct_edges(study.base, naming, study.base.parts.estimation)
     if hidden:
         found.append(f"{hidden} lost or repeated readings are left out of every figure.")

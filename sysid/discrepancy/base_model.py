@@ -123,6 +123,25 @@ class Base:
         words += "made (a speed that is counted over a sample is half of one late)"
         return replace(self, search=search, node=node, words=words, sampled=True)
 
+    def without(self, mine: Sequence[Array], theirs: Sequence[Array]) -> "Base":
+        """The base fitted again where samples of both parts do not count, (N, ny) a record."""
+        weights = (
+            tuple(w * m for w, m in zip(self.parts.weights[0], mine, strict=True)),
+            tuple(w * m for w, m in zip(self.parts.weights[1], theirs, strict=True)),
+        )
+        search = NamingSearch(
+            self.search.model,
+            self.parts.estimation,
+            self.parts.held,
+            self.scales,
+            self.delay,
+            self.level,
+            weights,
+            self.search.needed,
+        )
+        parts = replace(self.parts, weights=weights)
+        return replace(self, parts=parts, search=search, node=search.base(self.node.q[None]))
+
 
 def plain_base(
     estimation: Sequence[Record], held: Sequence[Record] | None, effects: Sequence[Effect]

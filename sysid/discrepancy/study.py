@@ -18,6 +18,7 @@ from sysid.discrepancy.proof.acceptance import doubtful_slots, least_beside, wea
 from sysid.discrepancy.proof.linear_rival import LinearRival, linear_rival, worse_than_linear
 from sysid.discrepancy.proof.model_error import FEWEST, ResidualStructure, error_structure
 from sysid.discrepancy.proof.noise import NoiseFloor, floor_of
+from sysid.discrepancy.proof.uneven_delay import UnevenDelay, rows_apart, uneven_delays
 from sysid.discrepancy.search.intervals import intervals_of
 from sysid.discrepancy.search.named_sets import Named, Naming, Node, without_name
 from sysid.discrepancy.search.naming import Progress
@@ -45,6 +46,8 @@ class Study:
         seed: of every bootstrap.
         doubted: the study of the model that was given, where that had absorbed so much that effects
             are added to a plainer base.
+        late: outputs whose commands act unevenly late, where samples that this spoils were left
+            out.
     """
 
     base: Base
@@ -52,6 +55,7 @@ class Study:
     scales: Array
     seed: int
     doubted: "Study | None" = None
+    late: tuple[UnevenDelay, ...] = ()
 
     @property
     def floor(self) -> Array:
@@ -108,7 +112,12 @@ class Study:
                 lambda node: self.remains(replace(self.nothing, final=node)),
                 needed,
             )
-        return self._apart(naming)
+        plain = self._apart(naming)
+        if plain.naming.named or self.late or self.base.given is not None:
+            return plain
+        apart = self.apart_from_jitter()
+        found = None if apart is None else apart.searched(effects, say)
+        return found if found is not None and found.naming.named else plain
 
     def _apart(self, naming: Naming) -> "Outcome":
         """Readings that come a part of a sample late belong to both models, and are not named."""
@@ -118,6 +127,18 @@ class Study:
             return Outcome(self, naming)
         base = self.base.with_sampling(naming.final)
         return Outcome(replace(self, base=base), without_name(naming, SAMPLING.id, base.node))
+
+    def apart_from_jitter(self) -> "Study | None":
+        """The study of the samples that no uneven delay of the commands spoils; None without one.
+
+        Such delays make errors behind every change that are larger than what a dead zone leaves
+        at constant speed.
+        """
+        late = uneven_delays(self.base, self.base.node, self.floor)
+        if not late:
+            return None
+        base = self.base.without(*rows_apart(self.base, late, self.floor))
+        return replace(self, base=base, late=late)
 
     def linear_words(self, naming: Naming) -> str:
         """What of loud errors is linear motion that the base has no order for; else empty."""

@@ -71,6 +71,10 @@ OFTEN = 1.5
 A weight hangs on the shaft that is read, or behind a gear that slows it down.
 """
 
+HEAVIEST = 30.0
+"""A weight in units of the usual speed: a servo that holds an arm turns far slower than it would
+without, so that what it lifts is many times that speed."""
+
 _OF_WHEEL = EffectParameter("of_wheel", "", 1.0, 0.0, 1.0, (1.0, 0.0), choice=True)
 
 
@@ -93,7 +97,7 @@ EFFECTS = (
         "Faster on one side of a turn, slower on the other, the more so when it turns slowly.",
         "Long stretches of slow constant speed at several levels.",
         (
-            *_pair("", 1.5, "speed"),
+            *_pair("", HEAVIEST, "speed"),
             EffectParameter("per_turn", "1/rad", 1.0, 0.02, OFTEN, (1.0,), "one"),
             _OF_WHEEL,
             EffectParameter("geared", "", 0.0, 0.0, 1.0, (0.0, 1.0), choice=True),

@@ -4,6 +4,7 @@ A model knows one delay. Where the delay of each change of the command is drawn 
 behind a change are the slope of its response, by as much as this one was early or late.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -42,6 +43,12 @@ SURE = 3.0
 
 MEDIAN = 0.455
 """Median of a squared standard normal number."""
+
+REACH = 2.0
+"""Spreads by which a delay is early or late: one in twenty is by more."""
+
+Rows = tuple[Array, ...]
+"""A number a sample, (N, ny) a record."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +111,27 @@ def uneven_delays(base: Base, node: Node, floor: Array) -> tuple[UnevenDelay, ..
         if told is not None:
             found.append(UnevenDelay(name, told[0], len(rows), told[1]))
     return tuple(found)
+
+
+def rows_apart(base: Base, late: Sequence[UnevenDelay], floor: Array) -> tuple[Rows, Rows]:
+    """Which samples of both parts such delays do not spoil: 1, else 0, (N, ny) a record.
+
+    Within ``REACH`` spreads to either side the model's reading moves by less than the noise.
+    """
+    search = base.search
+    found = []
+    for data in (search.data, search.held_data):
+        runs = data.split(search.model.run(base.node.q, data)[0])
+        rows = [np.ones(run.shape) for run in runs]
+        for u in late:
+            i = base.parts.estimation[0].output_names.index(u.output)
+            reach = int(np.ceil(REACH * u.spread / search.model.dt))
+            for run, kept in zip(runs, rows, strict=True):
+                near = np.pad(run[:, i], reach, mode="edge")
+                around = np.lib.stride_tricks.sliding_window_view(near, 2 * reach + 1)
+                kept[:, i] = np.ptp(around, axis=1) < floor[i]
+        found.append(tuple(rows))
+    return found[0], found[1]
 
 
 def _behind(drive: Array, errors: Array, slopes: Array) -> Array:
