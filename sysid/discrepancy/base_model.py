@@ -7,7 +7,7 @@ import numpy as np
 
 from sysid.data.checks.feedback import in_closed_loop
 from sysid.data.column_words import may_move
-from sysid.data.integrating import integrates
+from sysid.data.integrating import POSITIONS, integrates
 from sysid.data.preprocess import Detrend
 from sysid.data.reading.held import own_rate, without_repeats
 from sysid.data.record import Array, Record
@@ -267,7 +267,12 @@ def given_base(
 
 
 def _possible(effects: Sequence[Effect], first: Record) -> tuple[Effect, ...]:
-    """Effects that what is read can have: no friction, no gear and no armature in a heater."""
+    """Effects that what is read can have.
+
+    A heater has no friction, no gear and no armature; the sum of positions is no wheel's angle.
+    """
+    if any(c.unit in POSITIONS for c in first.outputs):
+        effects = [e for e in effects if not e.waves]
     if any(may_move(c.name, c.unit) for c in first.outputs):
         return tuple(effects)
     return tuple(e for e in effects if e.level or not e.of_motion)

@@ -62,7 +62,9 @@ def _ripple(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, Sta
 
 
 def _gravity(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    return torque - _wave(xp, p, c, ("cosine", "sine", "per_turn"), 0.5 * c.dt * c.w), s
+    part = 0.5 * c.dt * c.w
+    one = {**p, "cosine": p["cosine"] + p["geared_cosine"], "sine": p["sine"] + p["geared_sine"]}
+    return torque - _wave(xp, one, c, ("cosine", "sine", "per_turn"), part), s
 
 
 OFTEN = 1.5
@@ -74,6 +76,10 @@ A weight hangs on the shaft that is read, or behind a gear that slows it down.
 HEAVIEST = 30.0
 """A weight in units of the usual speed: a servo that holds an arm turns far slower than it would
 without, so that what it lifts is many times that speed."""
+
+HEAVIEST_GEARED = 1.5
+"""The same behind a gear, whose part in a rad is free: a far heavier one that turns but little is
+a spring."""
 
 _OF_WHEEL = EffectParameter("of_wheel", "", 1.0, 0.0, 1.0, (1.0, 0.0), choice=True)
 
@@ -98,6 +104,7 @@ EFFECTS = (
         "Long stretches of slow constant speed at several levels.",
         (
             *_pair("", HEAVIEST, "speed"),
+            *_pair("geared_", HEAVIEST_GEARED, "speed"),
             EffectParameter("per_turn", "1/rad", 1.0, 0.02, OFTEN, (1.0,), "one"),
             _OF_WHEEL,
             EffectParameter("geared", "", 0.0, 0.0, 1.0, (0.0, 1.0), choice=True),
@@ -106,11 +113,14 @@ EFFECTS = (
         ties=("speed-ripple",),
         programmes=(CRUISE, COASTING),
         starts_from=StartsFrom.WAVES,
-        waves=(Wave("cosine", "sine", of_torque=True),),
+        waves=(
+            Wave("cosine", "sine", of_torque=True),
+            Wave("geared_cosine", "geared_sine", of_torque=True),
+        ),
         laws=(
             Law(("cosine", "sine"), choices={"geared": 0.0}),
             Law(
-                ("cosine", "sine", "per_turn"),
+                ("geared_cosine", "geared_sine", "per_turn"),
                 choices={"geared": 1.0},
                 sentence="Where it comes n times in a rad of the reading, n is the gear between.",
             ),
