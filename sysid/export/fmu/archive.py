@@ -62,7 +62,7 @@ def headers() -> Path:
     found = find_spec("fmpy")
     if found is None or found.origin is None:
         raise ModelError(
-            "a unit needs the headers of FMI, which come with the extra fmu: pip install "
+            "an FMU needs the headers of FMI, which come with the extra fmu: pip install "
             "'sysid-workbench[fmu]'"
         )
     return Path(found.origin).parent / "c-code"
