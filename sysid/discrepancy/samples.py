@@ -272,10 +272,8 @@ def blurred_step(y: Array) -> float:
         return 0.0
     best, most = 0.0, AGREE  # half a step gathers them, too, but less
     for f in np.arange(CELLS, 1.0 / VISIBLE, 0.25) / size:
-        cell, turned = (
-            np.unique(np.floor(y * f), return_inverse=True)[1],
-            np.exp(2j * np.pi * y * f),
-        )
+        cell, turned = np.floor(y * f).astype(np.intp), np.exp(2j * np.pi * y * f)
+        cell -= cell.min()
         count = np.bincount(cell)
         there = count >= FEWEST_IN_CELL
         mean = np.bincount(cell, turned.real) + 1j * np.bincount(cell, turned.imag)
