@@ -9,7 +9,7 @@ from sysid.data.record import Array
 from sysid.discrepancy.proof.localise import Region
 from sysid.report import style
 from sysid.report.diagnosis_picture import Profile, RegimeLine, Window, reach
-from sysid.report.layout import LINE, WIDE, Layout, broken, legend, legend_height
+from sysid.report.layout import LINE, WIDE, Layout, Row, arrange, broken, legend, legend_height
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -171,11 +171,12 @@ def draw_profiles(
 ) -> None:
     """Residuals against each regime variable: mean and the middle 80 %, before and after."""
     abreast = layout.columns(_ABREAST)
-    grid = figure.add_gridspec(-(-len(profiles) // abreast), abreast)
+    columns: list[list[tuple[int, Axes]]] = [[] for _ in range(min(abreast, len(profiles)))]
     low, high = reach([p.before for p in profiles] + [p.after for p in profiles])
     pad = 0.06 * (high - low)
     for k, p in enumerate(profiles):
-        axes = figure.add_subplot(grid[k // abreast, k % abreast])
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), label=f"{k}")
+        columns[k % abreast].append((k // abreast, axes))
         axes.axhspan(-1.28 * floor, 1.28 * floor, color=style.BAND, linewidth=0, zorder=0.5)
         for values, colour in ((p.before, BEFORE), (p.after, AFTER))[: 1 + changed]:
             axes.fill_between(p.x, values[0], values[2], color=colour, alpha=0.16, linewidth=0)
@@ -187,10 +188,10 @@ def draw_profiles(
         axes.tick_params(labelleft=k % abreast == 0)
         if k % abreast == 0:
             axes.set_ylabel(style.labelled("residual", unit))
-        if k < abreast and not layout.stacked:
-            axes.set_title(" ")
         if k == min(abreast, len(profiles)) - 1:
             legend(axes, _models(2.0, changed), layout)
+    top = legend_height(list(_models(2.0, changed)), layout) or 0.26
+    arrange(figure, [Row(0.1)] * len(columns[0]), columns, top)
 
 
 def worst_size(
@@ -207,9 +208,10 @@ def draw_worst(
     """Measured and simulated traces where the model before errs most, the command below."""
     abreast = layout.columns(2)
     rows = -(-len(windows) // abreast)
-    grid = figure.add_gridspec(2 * rows, abreast, height_ratios=(2.3, 1.0) * rows)
+    columns: list[list[tuple[int, Axes]]] = [[] for _ in range(min(abreast, len(windows)))]
     for k, w in enumerate(windows):
-        axes = figure.add_subplot(grid[2 * (k // abreast), k % abreast])
+        row = 2 * (k // abreast)
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), label=f"{k}")
         for values, colour, width in (
             (w.measured, style.MEASURED, 3.0),
             (w.before, BEFORE, 1.2),
@@ -221,7 +223,8 @@ def draw_worst(
         title.set_fontweight("bold")
         if k == 0:
             legend(axes, _worst_entries(changed), layout)
-        below = figure.add_subplot(grid[2 * (k // abreast) + 1, k % abreast], sharex=axes)
+        below = figure.add_axes((0.0, 0.0, 1.0, 1.0), label=f"command {k}", sharex=axes)
+        columns[k % abreast] += [(row, axes), (row + 1, below)]
         below.plot(w.t, w.command, color=style.INK, linewidth=0.9, drawstyle="steps-post")
         below.locator_params(axis="x", nbins=6)
         below.locator_params(axis="y", nbins=3)
@@ -229,6 +232,8 @@ def draw_worst(
             below, w.command_name, 2.6 if layout.stacked else 3.0, color=style.MUTED, pad=2.0
         )
         below.set_xlabel(f"time in {w.record} [s]")
+    top = legend_height(list(_worst_entries(changed)), layout)
+    arrange(figure, [Row(0.3, 2.3, 0.1), Row(0.2)] * rows, columns, top)
 
 
 def _worst_entries(changed: bool) -> dict[str, tuple[str, float]]:

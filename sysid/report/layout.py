@@ -142,3 +142,71 @@ def reserve_top(figure: "Figure", inches: float) -> None:
     if engine is not None and figure.get_constrained_layout():
         height = float(figure.get_size_inches()[1])
         engine.set(rect=(0.0, 0.0, 1.0, 1.0 - inches / height))  # type: ignore[call-arg]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of panels: room above and below them [in], and their share of the height that is left.
+
+    What stands below is an axis with its name unless told otherwise.
+    """
+
+    above: float
+    share: float = 1.0
+    below: float = 0.42
+
+
+_BESIDE = 0.14
+"""Room between panels beside one another and at a picture's right edge [in], into which the last
+number of an axis reaches half."""
+
+
+def arrange(
+    figure: "Figure",
+    rows: Sequence[Row],
+    columns: Sequence[Sequence[tuple[int, "Axes"]]],
+    top: float = 0.0,
+) -> None:
+    """Place panels so that their numbers and names have room.
+
+    Only the widths of vertical axes are measured; a layout that finds all places takes as long as
+    the drawing.
+
+    Args:
+        figure: that holds them.
+        rows: from the top.
+        columns: the panels of each column with their rows; all columns are of one width.
+        top: room kept free at the top [in].
+    """
+    figure.set_layout_engine("none")
+    width, height = (float(v) for v in figure.get_size_inches())
+    left = height - top - sum(r.above + r.below for r in rows)
+    each = left / sum(r.share for r in rows)
+    tall = [each * r.share for r in rows]
+    ends, at = [], height - top  # bottoms of the panels
+    for r, panel in zip(rows, tall, strict=True):
+        ends.append(at - r.above - panel)
+        at = ends[-1] - r.below
+
+    def place(margins: Sequence[float]) -> None:
+        wide = (width - sum(margins) - _BESIDE * len(columns)) / len(columns)
+        begin = 0.0
+        for margin, panels in zip(margins, columns, strict=True):
+            begin += margin
+            for row, axes in panels:
+                box = (begin / width, ends[row] / height, wide / width, tall[row] / height)
+                axes.set_position(box)
+            begin += wide + _BESIDE
+
+    place([0.6] * len(columns))  # how many ticks there are follows from the heights, final now
+    place([max(_left_room(axes) for _, axes in panels) for panels in columns])
+
+
+def _left_room(axes: "Axes") -> float:
+    """How far numbers and name of a panel's vertical axis reach to its left [in]."""
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+    box = axes.yaxis.get_tightbbox(renderer)
+    reach = 0.0 if box is None else float(axes.bbox.x0 - box.x0) / figure.dpi
+    return max(reach, 0.0) + 0.06
