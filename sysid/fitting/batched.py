@@ -97,11 +97,12 @@ def descend_together(
         trial = theta.copy()
         trial[at] = np.clip(theta[at] + step, lower[at], upper[at])
         tried = run(trial, at)
-        old, new = (_sums(c) for c in (cost[at], tried.cost))
+        reached = tried.cost
+        old, new = (_sums(c) for c in (cost[at], reached))
         better = new < old
         settled = better & (new > (1.0 - gain) * old) & (damping[at] < rule.loose)
         theta[at[better]] = trial[at[better]]
-        cost[at[better]] = tried.cost[better]
+        cost[at[better]] = reached[better]
         damping[at] *= np.where(better, rule.fall, rule.rise)
         damping = np.maximum(damping, rule.least)
         going[at] = ~settled & (damping[at] < rule.most)

@@ -267,9 +267,10 @@ class _Trial:
     def cost(self) -> Array:
         """Squared errors of the groups on each track, zero on others', (groups, tracks)."""
         found = np.zeros((len(self.which), self.fits.model.tracks))
+        of_lane = {k: squares(self.fits.data, run) for k, run in self.runs.items()}
         for row, f in zip(found, self.which, strict=True):
             k, _, tracks = self.fits.groups[f]
-            row[list(tracks)] = squares(self.fits.data, self.runs[k])[list(tracks)]
+            row[list(tracks)] = of_lane[k][list(tracks)]
         return found
 
     def normal(self, of: Index) -> tuple[Array, Array]:
