@@ -17,7 +17,7 @@ from sysid.discrepancy.search.evidence import effective_samples
 from sysid.discrepancy.search.named_sets import Interval, Node
 from sysid.effects.by_log import BY_LOG
 from sysid.effects.catalogue import CHANGED, LEVEL, effect
-from sysid.effects.sampling import SAMPLING
+from sysid.effects.sensor import SAMPLING
 from sysid.errors import Termination
 from sysid.structures.augmented.structure import Augmented
 from sysid.structures.model import Model, Provenance, Source

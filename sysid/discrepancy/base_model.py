@@ -20,7 +20,7 @@ from sysid.discrepancy.search.naming import NamingSearch
 from sysid.discrepancy.search.supermodel import SuperModel
 from sysid.effects.base import Effect, Place
 from sysid.effects.by_log import for_logs
-from sysid.effects.sampling import SAMPLING
+from sysid.effects.sensor import SAMPLING
 from sysid.errors import DataError, ModelError
 from sysid.estimation.assessment.figures import Start, outputs
 from sysid.estimation.selection.contest import run_contest

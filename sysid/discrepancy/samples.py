@@ -43,6 +43,10 @@ FEWEST_HELD = 10
 """Values that stand twice, of which a lattice can be told: by chance all of so many lie within a
 twentieth of one of the thousands of steps that are tried once in a million times."""
 
+RECURS, FEWEST_VALUES = 4, 4
+"""Of fewer, a value that recurs in so many bursts is a step of a coarse sensor, where there are so
+many of them."""
+
 MOST_HELD = 100
 """Such values that are compared with every step."""
 
@@ -365,10 +369,10 @@ def recurring_step(y: Array) -> float:
     reading of a fine sensor that was held is a number of its own.
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[0], np.diff(y) == 0.0, [0]])))
-    held = np.unique(np.abs(np.round(y[edges[::2]], 9)))
-    held = held[held > 0.0]
+    twice = np.round(y[edges[::2]], 9)
+    held = np.unique(np.abs(twice[twice != 0.0]))
     if len(held) < FEWEST_HELD:
-        return 0.0
+        return _recurring(twice)
     some = held[:: -(-len(held) // MOST_HELD)]
     cells = np.arange(FEWEST_CELLS, MOST_CELLS, 0.1) / held[-1]
     agree = np.mean(np.cos(2.0 * np.pi * np.outer(cells, some)), axis=1)
@@ -379,6 +383,19 @@ def recurring_step(y: Array) -> float:
     whole = np.maximum(np.round(held * cells[first]), 1.0)
     step = float(np.sum(held * whole) / np.sum(whole**2))
     off = held / step
+    return step if float(np.mean(np.abs(off - np.round(off)) < 0.05)) >= ON_LATTICE else 0.0
+
+
+def _recurring(twice: Array) -> float:
+    """Step of so coarse a sensor that few values stand twice, each of them again and again."""
+    values, counts = np.unique(twice, return_counts=True)
+    often, moving = values[counts >= RECURS], values != 0.0
+    known = np.sum(counts[moving & (counts >= RECURS)])
+    if len(often) < FEWEST_VALUES or known <= 0.5 * np.sum(counts[moving]):
+        return 0.0
+    gaps = np.diff(often)
+    step = float(np.min(gaps[gaps > 1e-3 * float(np.median(gaps))]))
+    off = (often - often[0]) / step
     return step if float(np.mean(np.abs(off - np.round(off)) < 0.05)) >= ON_LATTICE else 0.0
 
 

@@ -26,7 +26,7 @@ from sysid.discrepancy.search.slopes import slopes
 from sysid.effects.base import Effect
 from sysid.effects.catalogue import NOT_NAMED, about
 from sysid.effects.conformance import superposes
-from sysid.effects.sampling import SAMPLING
+from sysid.effects.sensor import SAMPLING
 from sysid.errors import DataError
 
 STAND_IN = (

@@ -19,7 +19,7 @@ from sysid.effects.base import Effect, Place, nothing
 from sysid.effects.by_log import BY_LOG
 from sysid.effects.conformance import fault
 from sysid.effects.programmes import LEVELS, REPEAT
-from sysid.effects.sampling import SAMPLING
+from sysid.effects.sensor import SAMPLING
 from sysid.errors import UsageError
 from sysid.extensions import loaded, points, unusable
 

@@ -3,7 +3,16 @@
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, StartsFrom, State
+from sysid.effects.base import (
+    Context,
+    Effect,
+    EffectParameter,
+    Past,
+    Place,
+    Signal,
+    StartsFrom,
+    State,
+)
 from sysid.effects.lag import lagging
 from sysid.effects.programmes import COASTING, LEVELS, RESTS, REVERSALS, TOP
 
@@ -95,3 +104,32 @@ EFFECTS = (
         level=True,
     ),
 )
+
+
+def _counted(
+    xp: Any, y: Signal, s: State, p: Mapping[str, Signal], c: Context
+) -> tuple[Signal, State]:
+    return y + p["share"] * (s[0] - y), (y,)
+
+
+def _counted_on(xp: Any, y: Signal, past: Past, p: Mapping[str, Signal], c: Context) -> Signal:
+    return y + p["share"] * (past(y, xp.ones_like(p["share"])) - y)
+
+
+SAMPLING = Effect(
+    "sampling-lag",
+    "sensor",
+    Place.READING,
+    "y(k) = (1 − φ) ω(k) + φ ω(k − 1)",
+    "Readings come a part of a sample late: a speed counted over a sample, or a command passed on "
+    "between two readings.",
+    "Every response begins the same part of a sample late.",
+    "Fast reversals.",
+    (EffectParameter("share", "1", 0.0, 0.0, 1.0, (0.5,)),),
+    _counted,
+    states=1,
+    on_past=_counted_on,
+)
+"""How the log was made, no effect of the machine: searched beside effects and by the same rule, so
+that neither takes what is the other's, and then held by the model before as by the one after. A
+speed counted over a sample (ticks of an encoder, differenced) is the mean over it."""

@@ -9,7 +9,7 @@ from sysid.discrepancy.search.named_sets import Node
 from sysid.discrepancy.search.naming import NamingSearch
 from sysid.discrepancy.search.supermodel import SuperModel
 from sysid.effects.catalogue import effect
-from sysid.effects.sampling import SAMPLING
+from sysid.effects.sensor import SAMPLING
 
 DT, TAU, GAIN, SIGMA = 0.05, 0.25, 20.0, 0.2
 KEPT = float(np.exp(-DT / TAU))

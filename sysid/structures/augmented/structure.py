@@ -13,7 +13,7 @@ from sysid.effects.base import Effect, Place
 from sysid.effects.catalogue import chain_effects, effect, in_chain
 from sysid.effects.compensation import Identified
 from sysid.effects.ground import Ground
-from sysid.effects.sampling import SAMPLING
+from sysid.effects.sensor import SAMPLING
 from sysid.fitting.problem import (
     Focus,
     Initial,
