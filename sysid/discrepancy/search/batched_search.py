@@ -7,10 +7,12 @@ shifted copy serves all tracks as long as they do not feel each other.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from sysid.data.record import Array, Index
+from sysid.discrepancy.search.edges import edges_of, on_levels
 from sysid.discrepancy.search.prepared import Data
 from sysid.discrepancy.search.supermodel import SuperModel
 from sysid.fitting.batched import Damping, descend_together
@@ -103,6 +105,12 @@ def refined(
     smooth = [[k for k in f if not model.slots[k].stepwise] for f in free]
     jumps = [[k for k in f if model.slots[k].stepwise] for f in free]
     q, cost = search(model, q0, smooth, data, iterations, flat)
+    for k, mine in enumerate(smooth):
+        if edges_of(model, mine):
+            again = partial(search, model, free=[mine], data=data, iterations=iterations, flat=flat)
+            row, least = on_levels(model, q[k], mine, data, again, best_tracks)
+            if np.sum(least) < np.sum(cost[k]):
+                q[k], cost[k] = row, least
     at = [k for k, slots in enumerate(jumps) if slots]
     for k in at:
         if k in unknown or len(q) == 1:

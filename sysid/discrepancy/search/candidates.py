@@ -14,6 +14,7 @@ from sysid.data.record import Array, Record
 from sysid.discrepancy.policies import BUDGET, RULE
 from sysid.discrepancy.search.admission import admissible, beyond_a_sample
 from sysid.discrepancy.search.batched_search import best_tracks, refined, search
+from sysid.discrepancy.search.edges import between_levels, edges_of
 from sysid.discrepancy.search.evidence import (
     Evidence,
     compare_errors,
@@ -90,6 +91,8 @@ class CandidateSearch:
     ) -> Node:
         """A node with its errors on both parts."""
         every = np.ones(self.model.tracks, dtype=bool)
+        if self.held != self.estimation and edges_of(self.model, free):
+            q = between_levels(self.model, q, free, self.data, self.held_data, best_tracks)
         errors = Errors(
             self._errors(q, self.data),
             self._errors(self.in_phase(q, effects), self.held_data),

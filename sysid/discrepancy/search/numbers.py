@@ -29,6 +29,8 @@ class Slot:
         scale: typical size, for the solver.
         stepwise: whether runs change with it by jumps.
         rough: whether it belongs to an effect that has such a number.
+        jumps: whether the run itself jumps where a sample passes it.
+        edge: +1 or −1 for an edge on the axis of the command, upward or downward.
     """
 
     owner: str
@@ -40,6 +42,8 @@ class Slot:
     scale: float
     stepwise: bool = False
     rough: bool = False
+    jumps: bool = False
+    edge: int = 0
 
     @property
     def shift(self) -> float:
@@ -91,7 +95,8 @@ class Numbers:
         null = p.null * (v if p.scaled_by == "speed" and 0.0 < abs(p.null) < 1e3 else 1.0)
         size = max(abs(s) for s in p.starts) or 0.1
         bounds = (p.lower * factor, p.upper * factor)
-        return Slot(id, p.name, track, null, *bounds, size * factor, p.stepwise, rough)
+        kind = (p.stepwise, rough, p.jumps, p.edge)
+        return Slot(id, p.name, track, null, *bounds, size * factor, *kind)
 
     @property
     def null(self) -> Array:
