@@ -381,6 +381,8 @@ def recurring_step(y: Array) -> float:
         return 0.0
     first = int(near[0]) + int(np.argmax(agree[near[0] : near[0] + 10]))
     whole = np.maximum(np.round(held * cells[first]), 1.0)
+    if len(np.unique(whole)) < FEWEST_HELD:  # values about one settled speed agree with any step
+        return _recurring(twice)
     step = float(np.sum(held * whole) / np.sum(whole**2))
     off = held / step
     return step if float(np.mean(np.abs(off - np.round(off)) < 0.05)) >= ON_LATTICE else 0.0

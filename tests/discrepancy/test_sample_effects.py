@@ -117,3 +117,16 @@ def test_ticks_behind_a_noisy_line_are_seen(step: float, named: bool) -> None:
     # steps are tried at distances of a sixtieth
     assert [c.step for c in found.coarse] == pytest.approx([step, step] * named, rel=0.02)
     assert not found.lost
+
+
+def test_readings_that_stand_twice_at_one_settled_speed_are_no_lattice() -> None:
+    """A fine sensor whose readings repeat by chance where the wheel runs for long."""
+    rng = np.random.default_rng(2)
+    u = np.repeat(rng.choice([-1.0, 1.0], 200), 20)
+    y = np.zeros(len(u))
+    for k in range(1, len(u)):
+        y[k] = 0.7 * y[k - 1] + 0.3 * 11.8 * u[k - 1]
+    y = np.round(y + rng.normal(0.0, 0.06, len(u)), 3)
+    assert np.sum(np.diff(y) == 0.0) >= 10
+    names = (Channel("duty"),), (Channel("omega"),)
+    assert inspect_samples([Record(u[:, None], y[:, None], 0.05, *names)]).ids == ()
