@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from sysid.data.record import Record
+from sysid.discrepancy.search.batched_search import best_tracks, squares
 from sysid.discrepancy.search.prepared import prepare
 from sysid.discrepancy.search.runs import GROUP_PARAMETERS, LANES, groups, stages
 from sysid.discrepancy.search.supermodel import SuperModel
@@ -62,3 +63,16 @@ def test_every_stepped_effect_is_in_one_group() -> None:
     sizes = [sum(len(e.parameters) for e in group) for group in found if len(group) > 1]
     assert sizes
     assert max(sizes) <= GROUP_PARAMETERS
+
+
+def test_runs_that_grow_without_end_cost_no_warning() -> None:
+    """Starts may be unstable: each cost is a number, and their sum is none."""
+    model = SuperModel((effect("coulomb-friction"),), 1, 2, np.ones(2), 0.05)
+    q = np.repeat(model.null[None], 3, axis=0)
+    q[:, model.place["core", "gain", 0]] = (1.0, 2.0, 3.0)
+    cost = np.array([[1.5e308, 1.5e308], [1.0, np.nan], [2.0, 1.5e308]])
+    found = best_tracks(model, q, cost)
+    assert found[model.place["core", "gain", 0]] == 2.0
+    huge = np.full((1, 2), 1e160)
+    data = prepare([Record(np.zeros((8, 2)), np.zeros((8, 2)), 0.05)], np.ones(2), 1)
+    assert np.all(squares(data, np.repeat(huge, len(data.y), axis=0)) >= 0.0)

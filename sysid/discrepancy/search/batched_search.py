@@ -24,6 +24,9 @@ others are searched, """
 GRIDS, GRID_POINTS = (1.2, 1.05), 21
 """and then tried on ever finer grids."""
 
+ENDLESS = 1e300
+"""A cost beyond this is infinite: sums of several would overflow."""
+
 FLAT = 1e-6
 """A lane rests when a step gains less than this share of its cost, unless told otherwise."""
 
@@ -171,7 +174,9 @@ def _on_grid(
     """The best of a grid around some numbers of each lane, track by track."""
     rows = _spread_out(model, q, slots, spread, GRID_POINTS)
     runs = model.run(rows.reshape(-1, rows.shape[2]), data)
-    cost = np.sum((data.weight * (data.y - runs)) ** 2, axis=1).reshape(len(q), GRID_POINTS, -1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        squared = np.sum((data.weight * (data.y - runs)) ** 2, axis=1)
+    cost = squared.reshape(len(q), GRID_POINTS, -1)
     return np.array([best_tracks(model, *lane) for lane in zip(rows, cost, strict=True)])
 
 
@@ -195,7 +200,7 @@ def best_tracks(model: SuperModel, q: Array, cost: Array) -> Array:
         q: (lanes, slots).
         cost: (lanes, tracks).
     """
-    cost = np.nan_to_num(cost, nan=np.inf)
+    cost = np.where(cost < ENDLESS, cost, np.inf)
     out = q[int(np.argmin(cost.sum(axis=1)))].copy()
     for k, slot in enumerate(model.slots):
         if slot.track >= 0:
@@ -321,4 +326,4 @@ def squares(data: Data, run: Array) -> Array:
     """Squared weighted error of a run (M, tracks) on each track; infinite where it is no number."""
     with np.errstate(over="ignore", invalid="ignore"):
         sums = np.sum((data.weight * (data.y - run)) ** 2, axis=0)
-    return np.where(np.isfinite(sums), sums, np.inf)
+    return np.where(sums < ENDLESS, sums, np.inf)
