@@ -15,6 +15,7 @@ from sysid.discrepancy.gap import Gap, measure_gap, share_closed
 from sysid.discrepancy.named_effects import Dropped
 from sysid.discrepancy.policies import RULE, VERDICT
 from sysid.discrepancy.proof.acceptance import doubtful_slots, least_beside, weakest
+from sysid.discrepancy.proof.exchange import with_exchanged_lags
 from sysid.discrepancy.proof.linear_rival import LinearRival, linear_rival, worse_than_linear
 from sysid.discrepancy.proof.model_error import FEWEST, ResidualStructure, error_structure
 from sysid.discrepancy.proof.noise import NoiseFloor, floor_of
@@ -264,7 +265,7 @@ class Study:
             found = replace(naming, final=node, intervals=held)
             if weakest(self.base, found) is None:
                 break
-        return found
+        return with_exchanged_lags(self.base, found)
 
     def unexplained(self, naming: Naming) -> bool:
         """Whether the model after leaves structure, and errors far above the noise."""

@@ -308,5 +308,6 @@ EFFECTS = (
         ties=("sensor-lag",),
         programmes=(REVERSALS, TOP),
         beyond_a_sample=True,
+        exchanges="lag",
     ),
 )

@@ -252,6 +252,8 @@ class Effect:
             own holds already: it is then not offered.
         beyond_a_sample: whether it only shifts or smooths in time: below one sample it is how the
             log was sampled (a difference over a sample is half of one late) and is not named.
+        exchanges: its parameter that is a lag of first order like the motor's own: both may change
+            places.
         reverses: whether only commands of both signs can show it, so that an actuator without a
             negative side is not asked to.
         waves: its waves over the wheel's angle; a law with one has it among its parameters.
@@ -293,6 +295,7 @@ class Effect:
     weakens: bool = False
     level: bool = False
     beyond_a_sample: bool = False
+    exchanges: str = ""
     reverses: bool = False
     waves: tuple[Wave, ...] = ()
     between_edges: str = ""

@@ -56,6 +56,7 @@ EFFECTS = (
         "seen there.",
         programmes=(REVERSALS, TOP),
         beyond_a_sample=True,
+        exchanges="lag",
     ),
     Effect(
         "unsigned-speed",

@@ -120,7 +120,7 @@ def numbers_of(base: Base, naming: Naming, named: Named) -> tuple[Number, ...]:
     if named.id == CHANGED.id:
         return ()
     node, model = naming.final, base.search.model
-    at = _std_errors(base, node)
+    at = std_errors(base, node)
     return tuple(
         Number(float(node.q[k]), model.slots[k].null, at[k], naming.intervals.get(k))
         for k in model.of(named.id)
@@ -135,7 +135,7 @@ def doubtful_slots(base: Base, naming: Naming) -> tuple[int, ...]:
     """
     found: list[int] = []
     node, model = naming.final, base.search.model
-    at = _std_errors(base, node)
+    at = std_errors(base, node)
     for n in naming.named:
         mine = [k for k in model.of(n.id) if k in at] if n.id != CHANGED.id else []
         far = [abs(node.q[k] - model.slots[k].null) > DOUBTED * at[k] > 0.0 for k in mine]
@@ -143,7 +143,7 @@ def doubtful_slots(base: Base, naming: Naming) -> tuple[int, ...]:
     return tuple(found)
 
 
-def _std_errors(base: Base, node: Node) -> dict[int, float]:
+def std_errors(base: Base, node: Node) -> dict[int, float]:
     """Standard errors of the free slots by slopes; 0 where these say nothing."""
     if not node.free:
         return {}

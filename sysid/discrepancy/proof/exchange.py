@@ -1,0 +1,88 @@
+"""Two lags in a row: which is the motor's and which the other's, the readings do not say.
+
+A first-order motor behind or before a lag of first order has the transfer function
+
+    K / ((τ s + 1)(λ s + 1)),
+
+the same when τ and λ change places. Slopes at one of both places know nothing of the other, and
+their standard errors are too small by far. So the exchanged place is searched, too, and where the
+log does not contradict it, or errors differ by no more than between effects that are known to be
+alike (between two samples a lag is only nearly exact), the interval of the lag holds both.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.discrepancy.base_model import Base
+from sysid.discrepancy.policies import BUDGET, RULE
+from sysid.discrepancy.proof.acceptance import std_errors
+from sysid.discrepancy.search.batched_search import refined
+from sysid.discrepancy.search.evidence import effective_samples
+from sysid.discrepancy.search.named_sets import Interval, Naming, Node
+from sysid.effects.catalogue import CHANGED, about
+from sysid.fitting.profile import LEVEL, NORMAL
+
+
+def with_exchanged_lags(base: Base, naming: Naming) -> Naming:
+    """The naming with intervals that hold a lag's other place where the log allows it.
+
+    Of both places the likelier one is the estimate.
+    """
+    for n in naming.named:
+        if n.id != CHANGED.id and about(n.id).exchanges and base.search.model.order == 1:
+            naming = _with_both(base, naming, _lags(base, naming.final, n.id))
+    return naming
+
+
+def _lags(base: Base, node: Node, id: str) -> tuple[int, ...]:
+    """Free slots of an effect's lag that are longer than none."""
+    model, name = base.search.model, about(id).exchanges
+    mine = [k for k in model.of(id) if k in node.free and model.slots[k].name == name]
+    return tuple(k for k in mine if node.q[k] > 0.0 and model.slots[k].track >= 0)
+
+
+def _with_both(base: Base, naming: Naming, lags: Sequence[int]) -> Naming:
+    here = naming.final
+    there = _exchanged(base, here, lags)
+    if there is None:
+        return naming
+    samples = effective_samples(here.errors.estimation)
+    (v, _), (w, _) = here.errors.mean_squares(), there.errors.mean_squares()
+    beyond = samples * np.log(w / v)
+    if base.search.model.joined(here.q, here.free):
+        beyond = np.full_like(beyond, float(np.sum(beyond)))
+    if float(np.sum(beyond)) < 0.0:
+        here, there, beyond = there, here, -beyond
+        v, w = w, v
+    alike = (beyond < LEVEL) | (np.sqrt(w / v) < RULE.known_tie)
+    intervals = dict(naming.intervals)
+    own, other = std_errors(base, here), std_errors(base, there)
+    for k in lags:
+        if alike[base.search.model.slots[k].track]:
+            ends = [
+                node.q[k] + side * NORMAL * errors[k]
+                for node, errors in ((here, own), (there, other))
+                for side in (-1.0, 1.0)
+            ]
+            intervals[k] = Interval(float(max(min(ends), 0.0)), float(max(ends)))
+    return replace(naming, final=here, intervals=intervals)
+
+
+def _exchanged(base: Base, node: Node, lags: Sequence[int]) -> Node | None:
+    """The model searched from where lags and the core's time constants change places."""
+    model, q = base.search.model, node.q.copy()
+    for k in lags:
+        pole = model.place["core", "f1", model.slots[k].track]
+        if not (-1.0 < q[pole] < 0.0 and pole in node.free):
+            return None
+        slot, lag = model.slots[k], q[k]
+        q[k] = np.clip(-model.dt / np.log(-q[pole]), slot.lower, slot.upper)
+        q[pole] = -np.exp(-model.dt / lag)
+    if not lags:
+        return None
+    found: Array
+    found, _ = refined(model, q[None], [node.free], base.search.data, BUDGET.polish)
+    return base.search.node(node.effects, found[0], node.free, node.touched)
