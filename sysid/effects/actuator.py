@@ -76,10 +76,26 @@ def _lag(xp: Any, x: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]
     return x - behind * p["short"], (s[0] + p["share"] * behind,)
 
 
+def _between(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
+    """Whole and part samples of a delay, the part by what it leaves of a first-order motion.
+
+    A held command that changes at the part θ of a sample acts for (1 − θ) of it, at its end, and
+    of that less has died away: with α what is kept of the speed in a sample, the share of the old
+    command is (α^(1 − θ) − α)/(1 − α), exactly. Where no such motion follows it is θ.
+    """
+    samples = xp.minimum(p["delay"] / dt, float(DELAY_LINE))
+    whole = xp.floor(samples)
+    part = samples - whole
+    follows = (kept > NO_MOTION) & (kept < ENDLESS)
+    base = xp.where(follows, kept, 0.5)
+    share = (base ** (1.0 - part) - base) / (1.0 - base)
+    return {"whole": whole, "old": xp.where(follows, share, part)}
+
+
 def _delay(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
     # s holds the last drives, newest first; a real delay mixes two neighbours of a held input
     line = (d, *s)
-    samples = xp.minimum(p["delay"] / c.dt, float(len(s)))
+    samples = p["whole"] + p["old"]
     out = 0.0 * d
     for k, value in enumerate(line):
         out = out + value * xp.maximum(1.0 - xp.abs(samples - k), 0.0)
@@ -87,11 +103,12 @@ def _delay(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, Stat
 
 
 def _delay_on(xp: Any, d: Signal, past: Past, p: P, c: Context) -> Signal:
-    samples = xp.minimum(p["delay"] / c.dt, float(DELAY_LINE))
-    whole = xp.floor(samples)
-    part = samples - whole
-    return (1.0 - part) * past(d, whole) + part * past(d, whole + 1.0)
+    whole, old = p["whole"], p["old"]
+    return (1.0 - old) * past(d, whole) + old * past(d, whole + 1.0)
 
+
+NO_MOTION, ENDLESS = 0.05, 1.0 - 1e-6
+"""What is kept of the speed in a sample, below and beyond which a mean over the sample serves."""
 
 DELAY_LINE = 20
 """Longest extra delay [samples]."""
@@ -119,6 +136,7 @@ INPUT_DELAY = Effect(
         ),
     ),
     _delay,
+    _between,
     states=DELAY_LINE,
     on_past=_delay_on,
     programmes=(REVERSALS, LEVELS),
