@@ -6,7 +6,7 @@ DEMO   := demo_out
 SYSID  := $(BIN)/sysid
 LOGS   := datasets/devastator
 
-.PHONY: demo test bench reports study study-diagnose datasets clean help
+.PHONY: demo test bench reports study study-diagnose study-real datasets clean help
 
 help:  ## List what make can do
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
@@ -74,6 +74,9 @@ study: $(VENV)/.installed-test  ## Slow studies: coverage, alarm rates, every st
 
 study-diagnose: $(VENV)/.installed-test  ## Slow study: what sysid diagnose names on hidden effects, blind
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_diagnose.py
+
+study-real: $(VENV)/.installed-test  ## Study: what sysid diagnose names on measured records
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_real_diagnose.py
 
 reports: $(VENV)/.installed  ## The tour's pictures and tables again, byte-identical
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/make_reports.py

@@ -53,6 +53,7 @@ MADE_BY: dict[str, tuple[str, str]] = {
         "python benchmarks/study_physics_diagnose.py",
     ),
     "detectable.md": ("study_detectable.py", "python benchmarks/study_detectable.py"),
+    "real_diagnose.md": ("study_real_diagnose.py", "make study-real"),
     "ties.md": ("study_ties.py", "python benchmarks/study_ties.py"),
     "navigation.md": ("study_navigation.py", "make study"),
     "prediction_intervals.md": ("study_missions.py", "make study"),
