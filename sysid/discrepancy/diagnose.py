@@ -10,15 +10,16 @@ import numpy as np
 
 from sysid.data.record import Record
 from sysid.discrepancy.assembly import assembled
-from sysid.discrepancy.base_model import Base, full_drive, given_base, plain_base
+from sysid.discrepancy.base_model import full_drive, given_base, plain_base
 from sysid.discrepancy.diagnosis import Diagnosis
 from sysid.discrepancy.given_model import around_model
 from sysid.discrepancy.pose.diagnosis import PoseDiagnosis, diagnose_pose
+from sysid.discrepancy.pose.readings import put_right
 from sysid.discrepancy.proof.mission import prove_on_mission
 from sysid.discrepancy.search.logs import require_one_machine
 from sysid.discrepancy.search.naming import Progress
 from sysid.discrepancy.several.ground import with_ground
-from sysid.discrepancy.study import Study, noise_of
+from sysid.discrepancy.study import Outcome, Study, noise_of
 from sysid.effects.catalogue import chain_effects
 from sysid.effects.measured import Measured, within
 from sysid.errors import DataError, UsageError
@@ -87,7 +88,7 @@ def diagnose(
     say("the proof", 0.72)
     if geometry is None and mission is not None:
         geometry = load_mission(mission).vehicle.given_geometry
-    pose_diagnosis = _pose(base, geometry)
+    pose_diagnosis = _pose(found, geometry)
     result = assembled(found, model, pose_diagnosis)
     every = (*base.parts.estimation, *base.parts.held)
     several = with_ground(result.several, every, base.search.logs, pose_diagnosis, geometry)
@@ -140,11 +141,14 @@ def require_apart(estimation: Sequence[Record], held: Sequence[Record]) -> None:
             )
 
 
-def _pose(base: Base, geometry: Geometry | None) -> PoseDiagnosis | None:
-    held = () if base.parts.held is base.parts.estimation else base.parts.held
+def _pose(found: Outcome, geometry: Geometry | None) -> PoseDiagnosis | None:
+    base = found.study.base
     if base.parts.estimation[0].pose is None:
         return None
-    return diagnose_pose(base.parts.estimation, held, geometry)
+    estimation, held = put_right(base, found.naming)
+    return diagnose_pose(
+        estimation, () if base.parts.held is base.parts.estimation else held, geometry
+    )
 
 
 def _path(
