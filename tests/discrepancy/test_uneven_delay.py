@@ -6,38 +6,55 @@ import pytest
 from sysid.data.record import Array
 from sysid.discrepancy.proof.uneven_delay import _behind, _spread
 
-NOISE, HOLD, COUNT, SPREAD = 0.02, 10, 120, 0.03
+NOISE, HOLD, COUNT = 0.02, 14, 120
+DELAY = 4
+"""Of the model [samples]."""
 
 
-def steps(kind: str) -> tuple[Array, Array, Array]:
-    """Drive, errors and slopes of a first-order motor whose steps act early and late."""
+def steps(kind: str, tau: float = 4.0, spread: float = 0.8) -> tuple[Array, Array, Array]:
+    """Drive, errors and run of a motor (τ in samples) whose steps act early and late."""
     rng = np.random.default_rng(5)
     levels = rng.uniform(-1.0, 1.0, COUNT)
     change = np.diff(levels, prepend=0.0)
     late = {
-        "drawn": rng.normal(0.0, SPREAD, COUNT),
-        "by-size": 0.04 * np.abs(change),
+        "drawn": rng.normal(0.0, spread, COUNT).clip(-DELAY, DELAY),
+        "by-size": 1.2 * np.abs(change),
         "none": np.zeros(COUNT),
     }[kind]
-    decay = np.exp(-np.arange(HOLD) / 4.0)
-    slopes = np.concatenate([-100.0 * c * decay for c in change])
-    errors = slopes * np.repeat(late, HOLD) + NOISE * rng.standard_normal(COUNT * HOLD)
-    return np.repeat(levels, HOLD), errors, slopes
+    t = np.arange(HOLD * COUNT)
+    at = HOLD * np.arange(COUNT) + DELAY
+
+    def run(start: Array) -> Array:
+        since = (t[:, None] - start).clip(0.0)
+        return np.asarray((1.0 - np.exp(-since / tau)) @ change)
+
+    errors = run(at + late) - run(at) + NOISE * rng.standard_normal(len(t))
+    return np.repeat(levels, HOLD), errors, run(at)
 
 
-def test_the_spread_of_delays_is_told() -> None:
-    found = _spread(_behind(*steps("drawn")), NOISE)
+def told(drive: Array, errors: Array, run: Array) -> tuple[float, float, float] | None:
+    """Spread [samples], share and largest delay that are said."""
+    found = _behind(drive, errors, run)
+    return None if found is None else _spread([found], NOISE)
+
+
+@pytest.mark.parametrize(("tau", "spread"), [(4.0, 0.8), (2.0, 1.5), (0.3, 1.5)])
+def test_the_spread_of_delays_is_told(tau: float, spread: float) -> None:
+    # the second is over within a sample and late by several: no slope tells of that
+    found = told(*steps("drawn", tau, spread))
     assert found is not None
-    assert found[0] == pytest.approx(SPREAD, rel=0.2)  # of 120 draws within three errors
-    assert found[1] > 0.9
+    assert found[0] == pytest.approx(spread, rel=0.2)  # of 120 draws within three errors
+    assert found[1] > 0.8  # the line between two samples is no response
+    assert 2.0 * spread < found[2] <= DELAY + spread
 
 
+@pytest.mark.parametrize("tau", [0.3, 4.0])
 @pytest.mark.parametrize("kind", ["by-size", "none"])
-def test_delays_that_the_command_foretells_are_no_jitter(kind: str) -> None:
-    assert _spread(_behind(*steps(kind)), NOISE) is None
+def test_delays_that_the_command_foretells_are_no_jitter(kind: str, tau: float) -> None:
+    assert told(*steps(kind, tau)) is None
 
 
 def test_a_command_that_always_moves_shows_no_instant() -> None:
-    drive, errors, slopes = steps("drawn")
+    drive, errors, run = steps("drawn")
     moving = drive + 0.01 * np.sin(np.arange(len(drive)))
-    assert len(_behind(moving, errors, slopes)) == 0
+    assert _behind(moving, errors, run) is None
