@@ -54,6 +54,23 @@ def test_what_only_mends_the_formula_of_its_look_alike_is_no_second_effect(
 
 
 @pytest.mark.parametrize(
+    ("third", "after", "mends"),
+    [
+        ("input-saturation", 0.4, True),
+        ("input-saturation", 0.1, False),
+        ("sampling-lag", 0.4, False),
+    ],
+    ids=["of-little", "of-much", "how-the-log-was-made"],
+)
+def test_a_third_effect_of_little_mends_the_formulas_of_two(
+    third: str, after: float, mends: bool
+) -> None:
+    two = ("sensor-bias", "dead-time")
+    base, rest = node(5.0), node(0.45 if after > 0.2 else 1.0, *two)
+    assert _mends(base, rest, node(after, *two, third)) is mends
+
+
+@pytest.mark.parametrize(
     ("output", "closed", "doubted"),
     [("level_cm", 70.0, True), ("level_cm", 95.0, False), ("speed_rpm", 70.0, False)],
 )

@@ -306,13 +306,16 @@ def _little_left(base: Node, best: Node) -> bool:
 
 
 def _mends(base: Node, rest: Node, whole: Node) -> bool:
-    """Whether the newest effect only mends the formula of one that it looks like.
+    """Whether the newest effect only mends the formulas of others.
 
-    No formula is all of a machine, and what one leaves looks in part like its look-alikes: one that
-    takes less than a minor share of the gap is none of its own.
+    No formula is all of a machine, and what one leaves looks in part like its look-alikes; what two
+    leave may look like anything. So a look-alike, or a third effect, that takes less than a minor
+    share of the gap is none of its own.
     """
     id = whole.effects[-1]
-    if not any(id in about(other).ties or other in about(id).ties for other in rest.effects):
+    others = [e for e in rest.effects if e not in NOT_NAMED]
+    alike = any(id in about(other).ties or other in about(id).ties for other in others)
+    if id in NOT_NAMED or not (alike or len(others) > 1):
         return False
     first, now, then = (n.errors.mean_squares()[1][whole.touched] for n in (base, rest, whole))
     return bool(np.all(now - then < 0.01 * VERDICT.minor * (first - then)))
