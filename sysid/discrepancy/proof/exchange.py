@@ -8,6 +8,10 @@ the same when τ and λ change places. Slopes at one of both places know nothing
 their standard errors are too small by far. So the exchanged place is searched, too, and where the
 log does not contradict it, or errors differ by no more than between effects that are known to be
 alike (between two samples a lag is only nearly exact), the interval of the lag holds both.
+
+Where both lags are nearly as long as one another the slopes along τ − λ vanish and the standard
+errors grow without end, though the log knows both lags well: their sum s and their product p stay
+regular. So the interval is no wider than the roots of x² − s·x + p for s and p in their own 95 %.
 """
 
 from collections.abc import Sequence
@@ -18,7 +22,7 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.discrepancy.base_model import Base
 from sysid.discrepancy.policies import BUDGET, RULE
-from sysid.discrepancy.proof.acceptance import std_errors
+from sysid.discrepancy.proof.acceptance import covariance_of, std_errors
 from sysid.discrepancy.search.batched_search import refined
 from sysid.discrepancy.search.evidence import effective_samples
 from sysid.discrepancy.search.named_sets import Interval, Naming, Node
@@ -67,8 +71,25 @@ def _with_both(base: Base, naming: Naming, lags: Sequence[int]) -> Naming:
                 for node, errors in ((here, own), (there, other))
                 for side in (-1.0, 1.0)
             ]
-            intervals[k] = Interval(float(max(min(ends), 0.0)), float(max(ends)))
+            least, most = _roots(base, here, k)
+            intervals[k] = Interval(float(max(min(ends), least)), float(min(max(ends), most)))
     return replace(naming, final=here, intervals=intervals)
+
+
+def _roots(base: Base, node: Node, lag: int) -> tuple[float, float]:
+    """The least and the greatest of two lags in a row by 95 % of their sum and their product."""
+    model = base.search.model
+    pole = model.place["core", "f1", model.slots[lag].track]
+    at = [node.free.index(k) for k in (pole, lag)]
+    covariance = covariance_of(base, node)[np.ix_(at, at)]
+    logarithm = np.log(-node.q[pole])
+    a, b = -model.dt / logarithm, node.q[lag]
+    slope = model.dt / (logarithm**2 * node.q[pole])  # of the time constant by f1
+    rows = np.array([[slope, 1.0], [slope * b, a]])
+    total, product = a + b, a * b
+    d_total, d_product = NORMAL * np.sqrt(np.diag(rows @ covariance @ rows.T))
+    apart = np.sqrt(max((total + d_total) ** 2 - 4.0 * max(product - d_product, 0.0), 0.0))
+    return float(max(total + d_total - apart, 0.0) / 2.0), float(total + d_total + apart) / 2.0
 
 
 def _exchanged(base: Base, node: Node, lags: Sequence[int]) -> Node | None:

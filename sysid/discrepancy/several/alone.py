@@ -27,6 +27,8 @@ REACH = 2.0
 BEFOREHAND = 10.0
 """So many typical sizes a number is from where it is, before the log is looked at."""
 
+CERTAIN = 0.95
+
 UNTOLD = 3.0
 """A number whose standard error is more of its typical size is not told by the log."""
 
@@ -41,6 +43,7 @@ class LogFit:
         std_errors: of the free numbers that the log tells, by slot.
         rms: free-run error of each output with all effects, numbers of all logs.
         without: the same without each effect, by id.
+        lacks: effects that the log alone does as well without, by their own numbers at null.
     """
 
     log: int
@@ -48,6 +51,7 @@ class LogFit:
     std_errors: Mapping[int, float]
     rms: Array
     without: Mapping[str, Array]
+    lacks: frozenset[str] = frozenset()
 
 
 def fits_of_logs(base: Base, naming: Naming) -> tuple[LogFit, ...]:
@@ -65,8 +69,30 @@ def fits_of_logs(base: Base, naming: Naming) -> tuple[LogFit, ...]:
         errors = _stretched(base, data, q, _std_errors(base, data, q, free))
         told = {i: e for i, e in errors.items() if e < UNTOLD * model.slots[i].scale}
         names = [n.id for n in naming.named]
-        found.append(LogFit(k, q, told, rms[0], dict(zip(names, rms[1:], strict=True))))
+        lacks = frozenset(name for name in names if _lacks(base, data, q, free, name))
+        found.append(LogFit(k, q, told, rms[0], dict(zip(names, rms[1:], strict=True)), lacks))
     return tuple(found)
+
+
+def _lacks(base: Base, data: Data, q: Array, free: Sequence[int], id: str) -> bool:
+    """Whether the log alone is fitted as well with an effect's numbers at null.
+
+    Numbers of one effect may stand against each other (the width of a dead zone and the jump at
+    its edge), each away from null, and do nothing together. 2·log-likelihood is compared with χ².
+    """
+    from scipy.stats import chi2
+
+    model = base.search.model
+    mine = [k for k in model.of(id) if k in free]
+    rest = [k for k in free if k not in mine]
+    if not mine or not rest:
+        return False
+    start = q.copy()
+    start[list(model.of(id))] = [model.slots[k].null for k in model.of(id)]
+    without = search(model, start[None], [rest], data, STEPS, BUDGET.coarse)[0][0]
+    judged = _judged(base, data, q)
+    own, null = (float(squares(judged, r).sum()) for r in model.run(np.array([q, without]), judged))
+    return null - own < float(chi2.ppf(CERTAIN, len(mine)))
 
 
 def _own(base: Base, node: Node, k: int) -> Array:

@@ -84,7 +84,7 @@ def _shown(base: Base, naming: Naming, n: Named, fit: LogFit) -> LogEffect:
     ratio = float(np.sqrt(np.mean((fit.rms[at] / (fit.without[n.id][at] + 1e-300)) ** 2)))
     if (any(away) or not mine) and ratio < RULE.own_part:
         state = PRESENT
-    elif any(seen) and not any(away):
+    elif any(seen) and (not any(away) or n.id in fit.lacks):
         state = ABSENT
     else:
         state = HIDDEN

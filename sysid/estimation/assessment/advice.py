@@ -123,7 +123,7 @@ def _information(model: Model) -> list[str]:
     for direction in model.null_directions:
         if unvisited(direction):
             continue
-        names = sorted(direction, key=lambda n: -abs(direction[n]))
+        names = sorted(direction, key=lambda n: -round(abs(direction[n]), 6))  # ties by order
         shown = ", ".join(names[:6]) + (" …" if len(names) > 6 else "")
         found.append(
             f"The data hold no information about a combination of {shown}: {together}, or too "

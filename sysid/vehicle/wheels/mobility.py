@@ -106,8 +106,10 @@ def icr(wheels: Sequence[Wheel], angles: Angles | None = None) -> Icr:
         return Icr(IcrKind.NONE)
     if dimension == 3:
         return Icr(IcrKind.ANYWHERE)
-    if dimension == 1:
-        return icr_of_twist(scale.matrix @ allowed[:, 0], scale)
+    if dimension == 1:  # the same motion forward or backward: said as forward, else to the left
+        twist = scale.matrix @ allowed[:, 0]
+        leading = next(v for v in (*twist[:2], 1.0) if abs(v) * FARTHEST > np.linalg.norm(twist))
+        return icr_of_twist(np.copysign(1.0, leading) * twist, scale)
     point, along = _line(rows, scale)
     return Icr(IcrKind.LINE, point, along)
 
@@ -179,7 +181,8 @@ def _line(rows: Array, scale: Scale) -> tuple[Point, Point]:
     a, b, lever = a / size, b / size, lever / size
     away = lever + a * scale.y - b * scale.x
     point = (scale.x + away * b, scale.y - away * a)
-    flip = -1.0 if (b, a) < (0.0, 0.0) else 1.0  # one direction of two, the same whatever the order
+    leading = b if abs(b) > ROUNDING else a  # one direction of two, whatever rounding left of zero
+    flip = -1.0 if leading < 0.0 else 1.0
     return _clean(point, scale.length), _clean((flip * a, flip * b), 1.0)
 
 

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 import sysid
 from sysid.errors import ModelError
 from sysid.vehicle.kinematics import Geometry, body_velocity
+from sysid.vehicle.wheels.constraints import Scale
 from sysid.vehicle.wheels.findings import notes, type_words
-from sysid.vehicle.wheels.mobility import IcrKind, degrees, icr
+from sysid.vehicle.wheels.mobility import IcrKind, _line, degrees, icr
 from sysid.vehicle.wheels.vehicle import Vehicle
 from sysid.vehicle.wheels.wheel import Wheel
 
@@ -85,6 +86,13 @@ def test_a_tricycle_turns_where_its_axles_meet() -> None:
     straight = vehicle.icr({"front": 0.0})
     assert straight.kind is IcrKind.INFINITY
     assert straight.direction == pytest.approx((1.0, 0.0), abs=EXACT)
+
+
+@pytest.mark.parametrize("rest", [1e-17, 0.0, -1e-17])
+def test_a_common_axle_has_one_direction_whatever_rounding_leaves(rest: float) -> None:
+    point, direction = _line(np.array([[1.0, rest, 0.2]]), Scale(0.0, 0.0, 0.2))
+    assert direction == pytest.approx((1.0, 0.0), abs=EXACT)
+    assert point == pytest.approx((0.0, -0.2), abs=EXACT)
 
 
 def test_a_car_turns_where_its_file_says() -> None:
