@@ -20,9 +20,10 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.discrepancy.augment import covariance_of
 from sysid.discrepancy.base_model import Base
 from sysid.discrepancy.policies import BUDGET, RULE
-from sysid.discrepancy.proof.acceptance import covariance_of, std_errors
+from sysid.discrepancy.proof.acceptance import std_errors
 from sysid.discrepancy.search.batched_search import refined
 from sysid.discrepancy.search.evidence import effective_samples
 from sysid.discrepancy.search.named_sets import Interval, Naming, Node
