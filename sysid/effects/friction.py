@@ -9,6 +9,7 @@ from typing import Any
 from sysid.effects import inverses
 from sysid.effects.base import Context, Effect, EffectParameter, Law, Place, Signal, State
 from sysid.effects.programmes import COASTING, LEVELS, RAMPS, RESTS, STAIRCASE
+from sysid.effects.supply import USUAL_EMF
 
 P = Mapping[str, Signal]
 
@@ -64,9 +65,13 @@ def _bias(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, 
 
 
 def _viscous(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    more = p["ratio"] - 1.0
-    w = _amid(torque - more * xp.minimum(c.w, 0.0), c)
-    return torque - more * xp.minimum(w, 0.0), s
+    # τ ω̇ = ρ T − ν ω is solved exactly for the direction in which it turns amid the step
+    constant, ratio, kept = p["by_constant"] > 0.5, p["ratio"], 1.0 - c.b
+    viscous = xp.where(constant, 1.0 + p["emf"] * (ratio**2 - 1.0), ratio)
+    driven = torque * xp.where(constant, ratio, 1.0)
+    settled, fades = driven / viscous, xp.maximum(kept, 1e-12) ** viscous
+    more = settled + (c.w - settled) * fades - (kept * c.w + c.b * torque)
+    return torque + xp.where(_amid(torque, c) < 0.0, more / c.b, 0.0), s
 
 
 LOAD_BIAS = Effect(
@@ -105,15 +110,28 @@ EFFECTS = (
         "viscous-asymmetry",
         "motor",
         Place.TORQUE,
-        "viscous term × ratio for ω < 0",
+        "viscous term × ratio for ω < 0; or T × ratio and viscous term × (ε ratio² + 1 − ε)",
         "Viscous resistance differs between the directions.",
         "One direction is both slower and quicker to settle.",
         "Steps of equal size in both directions.",
-        (EffectParameter("ratio", "", 1.0, 0.4, 2.5, (0.85, 1.2), "one"),),
+        (
+            EffectParameter("ratio", "", 1.0, 0.4, 2.5, (0.85, 1.2) * 2, "one"),
+            EffectParameter("emf", "", USUAL_EMF, 0.0, 1.0, (USUAL_EMF,) * 4, at_limit=True),
+            EffectParameter("by_constant", "", 0.0, 0.0, 1.0, (0.0,) * 2 + (1.0,) * 2, choice=True),
+        ),
         _viscous,
         inverse=inverses.against_viscous,
         programmes=(LEVELS, COASTING),
         reverses=True,
+        laws=(
+            Law(("ratio",), choices={"by_constant": 0.0}),
+            Law(
+                ("ratio", "emf"),
+                choices={"by_constant": 1.0},
+                sentence="The constant of the motor differs, for torque and back-emf alike, as with "
+                "brushes off the neutral: the resistance is electric.",
+            ),
+        ),
     ),
     LOAD_BIAS,
     Effect(

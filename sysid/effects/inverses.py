@@ -92,8 +92,10 @@ def against_bias(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
 
 
 def against_viscous(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
-    """T → T + (ratio − 1) min(ω, 0)."""
-    return torque + (p["ratio"] - 1.0) * xp.minimum(c.w, 0.0)
+    """T → T + (ratio − 1) min(ω, 0), or (T + ε (ratio² − 1) min(ω, 0))/ratio for ω < 0."""
+    constant, w = p["by_constant"] > 0.5, xp.minimum(c.w, 0.0)
+    more = xp.where(constant, p["emf"] * (p["ratio"] ** 2 - 1.0), p["ratio"] - 1.0)
+    return (torque + more * w) / xp.where(constant & (c.w < 0.0), p["ratio"], 1.0)
 
 
 def against_coupling(xp: Any, torque: Signal, p: P, c: Context) -> Signal:

@@ -144,7 +144,11 @@ STEADY = {
     "coulomb-friction": ({"level": 3.0, "of_load": 0.2}, 0.5, GAIN * 0.5 - 3.0 / 0.8),
     "quadratic-drag": ({"drag": 0.1}, 0.5, (np.sqrt(1.0 + 4 * 0.1 * 10.0) - 1.0) / 0.2),
     "load-bias": ({"load": 1.0}, 0.5, GAIN * 0.5 - 1.0),
-    "viscous-asymmetry": ({"ratio": 1.25}, -0.5, -GAIN * 0.4),
+    "viscous-asymmetry": (
+        {"ratio": 0.8, "emf": 0.9, "by_constant": 1.0},
+        -0.5,
+        -GAIN * 0.4 / (0.1 + 0.9 * 0.64),
+    ),
     "cross-coupling": ({"share": 0.1, "turning": 0.5, "of_rate": 0.0}, 0.5, GAIN * 0.5 * 0.9),
     "sensor-bias": ({"bias": 0.7}, 0.5, GAIN * 0.5 + 0.7),
     "sensor-saturation": ({"limit": 6.0}, 0.5, 6.0),
