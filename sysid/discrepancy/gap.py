@@ -206,6 +206,25 @@ def share_closed(
     return 100.0 * closed / whole, 100.0 * left / whole
 
 
+def carries_an_output(
+    before: Sequence[Array],
+    without: Sequence[Array],
+    after: Sequence[Array],
+    floor: Array,
+    served: NDArray[np.bool_],
+) -> bool:
+    """Whether an effect closes more of the gap of some output than stays open there.
+
+    What remains on one output speaks not against an effect that carries another one: there is
+    something else on that one alone. Arguments are those of ``share_closed``.
+    """
+    for i in np.flatnonzero(served):
+        closed, left = share_closed(before, without, after, floor, np.arange(len(served)) == i)
+        if closed > left:
+            return True
+    return False
+
+
 def floor_of_errors(errors: Sequence[Array]) -> Array:
     """Reading noise from what a model leaves, (ny,): third differences over √20, as for readings.
 

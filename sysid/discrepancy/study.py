@@ -11,7 +11,7 @@ from sysid.data.record import Array
 from sysid.discrepancy import findings
 from sysid.discrepancy.base_model import Base
 from sysid.discrepancy.diagnosis import Trace
-from sysid.discrepancy.gap import Gap, measure_gap, share_closed
+from sysid.discrepancy.gap import Gap, carries_an_output, measure_gap, share_closed
 from sysid.discrepancy.named_effects import Dropped
 from sysid.discrepancy.policies import RULE, VERDICT
 from sysid.discrepancy.proof.acceptance import doubtful_slots, least_beside, weakest
@@ -207,10 +207,12 @@ class Study:
 
     def explained_by(self, naming: Naming, n: Named) -> tuple[float, float]:
         """Shares of the gap of its outputs [%]: closed by an effect beside the others, and open."""
-        before, without, after = (
-            e.errors.held for e in (self.origin.base.node, n.rest, naming.final)
-        )
-        return share_closed(before, without, after, self.floor, n.touched)
+        return share_closed(*self._errors_around(naming, n), self.floor, n.touched)
+
+    def _errors_around(self, naming: Naming, n: Named) -> tuple[Sequence[Array], ...]:
+        """Held-out errors before, without an effect, and of the model after."""
+        nodes = (self.origin.base.node, n.rest, naming.final)
+        return tuple(node.errors.held for node in nodes)
 
     def confirmed(self, naming: Naming) -> tuple[Naming, tuple[Dropped, ...]]:
         """The effects that stand in the final model, and those that evidence speaks against."""
@@ -243,11 +245,20 @@ class Study:
         return least or self._absorber(naming)
 
     def _absorber(self, naming: Naming) -> Dropped | None:
-        """The effect beside others that takes less than they leave, where they leave structure."""
+        """The effect beside others that takes less than they leave, where they leave structure.
+
+        What remains on one output speaks not against an effect that carries another one: there is
+        something else on that one alone.
+        """
         mine = [n for n in naming.named if n.id not in NOT_NAMED]
         if len(mine) < 2 or not self.unexplained(naming):
             return None
-        return least_beside([(n.id, *self.explained_by(naming, n)) for n in mine])
+        short = [
+            n
+            for n in mine
+            if not carries_an_output(*self._errors_around(naming, n), self.floor, n.touched)
+        ]
+        return least_beside([(n.id, *self.explained_by(naming, n)) for n in short])
 
     @cached_property
     def linear_rival(self) -> LinearRival:

@@ -128,8 +128,8 @@ EFFECTS = (
             Law(
                 ("ratio", "emf"),
                 choices={"by_constant": 1.0},
-                sentence="The constant of the motor differs, for torque and back-emf alike, as with "
-                "brushes off the neutral: the resistance is electric.",
+                sentence="The constant of the motor differs, for torque and back-emf alike, as "
+                "with brushes off the neutral: the resistance is electric.",
             ),
         ),
     ),

@@ -9,7 +9,7 @@ import pytest
 from sysid.data.record import Array, Channel, Record
 from sysid.discrepancy.base_model import Base, full_drive, plain_base
 from sysid.discrepancy.findings import sentence_of
-from sysid.discrepancy.gap import share_closed
+from sysid.discrepancy.gap import carries_an_output, share_closed
 from sysid.discrepancy.named_effects import NamedEffect, Value
 from sysid.discrepancy.policies import RULE
 from sysid.discrepancy.proof.acceptance import Number, against, doubtful_slots, least_beside
@@ -158,3 +158,16 @@ def test_an_entry_says_how_well_its_law_fits(
     entry = NamedEffect("x", "motor", (), (), -9.0, 0.0, 0.5, (), "", explains, remains)
     assert entry.fit_words.startswith(words)
     assert bool(entry.fit_words) == bool(words)
+
+
+def test_what_remains_on_one_output_speaks_not_against_what_carries_another() -> None:
+    e, floor, both = (
+        np.random.default_rng(3).standard_normal((4000, 2)),
+        np.ones(2),
+        np.full(2, True),
+    )
+    before, without, after = [e * [4.0, 7.0]], [e * [4.0, 3.0]], [e * [3.5, 1.5]]
+    closed, left = share_closed(before, without, after, floor, both)
+    assert closed < left
+    assert carries_an_output(before, without, after, floor, both)
+    assert not carries_an_output(before, without, [e * [3.5, 2.8]], floor, both)
