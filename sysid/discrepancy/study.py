@@ -209,10 +209,12 @@ class Study:
         """Shares of the gap of its outputs [%]: closed by an effect beside the others, and open."""
         return share_closed(*self._errors_around(naming, n), self.floor, n.touched)
 
-    def _errors_around(self, naming: Naming, n: Named) -> tuple[Sequence[Array], ...]:
+    def _errors_around(
+        self, naming: Naming, n: Named
+    ) -> tuple[Sequence[Array], Sequence[Array], Sequence[Array]]:
         """Held-out errors before, without an effect, and of the model after."""
-        nodes = (self.origin.base.node, n.rest, naming.final)
-        return tuple(node.errors.held for node in nodes)
+        before, without, after = self.origin.base.node, n.rest, naming.final
+        return before.errors.held, without.errors.held, after.errors.held
 
     def confirmed(self, naming: Naming) -> tuple[Naming, tuple[Dropped, ...]]:
         """The effects that stand in the final model, and those that evidence speaks against."""
