@@ -9,7 +9,9 @@ class AcceptanceRule:
 
     Attributes:
         bic: ΔBIC must lie below: −6 is strong evidence (Kass & Raftery 1995, JASA 90, 773).
-        p: chance of such a gain, corrected for the effects tried, must lie below.
+        p: chance of such a gain, corrected for the effects tried, must lie below, …
+        certain_bic: … unless ΔBIC lies below this, ten times what is called very strong: then few
+            blocks that hold much of the gain make no chance of it.
         t: paired t of the blocks' squared errors must exceed: chance does in 2.5 % of the cases.
         blocks: share of the touched blocks whose error must fall: most of them, else one event
             carries the effect.
@@ -20,6 +22,7 @@ class AcceptanceRule:
         own_part: an error must fall below this share for a track, or one effect of several, to keep
             its part: less moves with the seed of the noise.
         minor: an effect that significantly lowers the error below this share is mentioned.
+        mends: share of the gap below which a look-alike only mends the formula of another.
         touched: a block counts as touched by an effect when its predictions move by this share of
             the error.
         alike: runs that differ by less than this share of the error that is left are the same
@@ -36,12 +39,14 @@ class AcceptanceRule:
 
     bic: float = -6.0
     p: float = 0.05
+    certain_bic: float = -60.0
     t: float = 2.0
     blocks: float = 0.5
     held_out: float = 0.90
     in_loop: float = 0.70
     own_part: float = 0.97
     minor: float = 0.98
+    mends: float = 0.02
     touched: float = 0.02
     alike: float = 0.25
     tie: float = 1.02

@@ -49,6 +49,13 @@ def test_what_evidence_speaks_against_is_dropped(
     assert words in against(evidence, [number])
 
 
+def test_a_gain_beyond_chance_stands_although_few_blocks_hold_it() -> None:
+    """A remote-controlled log of a minute stops and reverses seldom."""
+    seldom = replace(CLEAR, delta_bic=-207.0, t=2.7, p_value=0.53)
+    assert against(seldom, [AWAY]) == ""
+    assert "may be chance" in against(replace(seldom, t=1.5), [AWAY])
+
+
 def test_one_number_away_from_its_null_is_enough_and_a_limit_needs_its_upper_end() -> None:
     assert against(CLEAR, [Number(0.01, 0.0, 0.1), AWAY]) == ""
     assert Number(0.9, 1e6, 0.0, Interval(0.8, 0.95)).away

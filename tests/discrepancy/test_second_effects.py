@@ -53,6 +53,13 @@ def test_what_only_mends_the_formula_of_its_look_alike_is_no_second_effect(
     assert _mends(base, rest, node(after, "gravity-load", second)) is mends
 
 
+def test_a_look_alike_must_take_more_of_the_gap_than_another_effect() -> None:
+    """A curve by a stick's expo leaves 2 % of its gap to a formula that bends a little else."""
+    base, rest, left = node(5.0), node(0.75, "concave-gain"), 0.4  # 1.6 % of the gap
+    assert _mends(base, rest, node(left, "concave-gain", "input-saturation"))
+    assert not _mends(base, rest, node(left, "concave-gain", "cross-coupling"))
+
+
 @pytest.mark.parametrize(
     ("third", "after", "mends"),
     [

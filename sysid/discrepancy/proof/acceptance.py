@@ -66,11 +66,20 @@ def against(evidence: Evidence, numbers: Sequence[Number], needed: float = RULE.
     if not evidence.ratio < needed:
         change = 100.0 * (evidence.ratio - 1.0)
         return f"in the final model it changes the held-out error by {change:+.0f} %"
-    if not evidence.p_value < RULE.p:
+    if not (evidence.p_value < RULE.p or _beyond_chance(evidence)):
         return f"its gain may be chance (p = {evidence.p_value:.2g} among all effects tried)"
     if numbers and not any(n.away for n in numbers):
         return "none of its numbers is away from doing nothing by its 95 % interval"
     return ""
+
+
+def _beyond_chance(evidence: Evidence) -> bool:
+    """Whether so much is gained that a few blocks which hold most of it make no chance of it.
+
+    Events a log holds seldom (a stop, a reversal) spread the gains of its blocks and keep their t
+    small, however often the same gain is found in all of them together.
+    """
+    return evidence.delta_bic < RULE.certain_bic and evidence.t > RULE.t
 
 
 def weakest(base: Base, naming: Naming) -> Dropped | None:

@@ -17,7 +17,7 @@ from sysid.discrepancy.search.named_sets import (
     Node,
 )
 from sysid.discrepancy.search.starts import repeats_at_top
-from sysid.effects.base import Effect, StartsFrom
+from sysid.effects.base import Effect, Place, StartsFrom
 from sysid.effects.catalogue import NOT_NAMED, about
 
 Progress = Callable[[str, float], None]
@@ -305,17 +305,24 @@ def _little_left(base: Node, best: Node) -> bool:
     return bool(np.sum(now) < 0.01 * VERDICT.minor * np.sum(first))
 
 
+def _look_alike(a: Effect, b: Effect) -> bool:
+    """Whether the catalogue lists two effects as a tie, or both bend the command by a curve."""
+    curves = all(e.place is Place.COMMAND and not e.states for e in (a, b))
+    return curves or a.id in b.ties or b.id in a.ties
+
+
 def _mends(base: Node, rest: Node, whole: Node) -> bool:
     """Whether the newest effect only mends the formulas of others.
 
     No formula is all of a machine, and what one leaves looks in part like its look-alikes; what two
-    leave may look like anything. So a look-alike, or a third effect, that takes less than a minor
-    share of the gap is none of its own.
+    leave may look like anything. So a look-alike that takes little of the gap, or a third effect
+    that takes less than a minor share, is none of its own.
     """
     id = whole.effects[-1]
     others = [e for e in rest.effects if e not in NOT_NAMED]
-    alike = any(id in about(other).ties or other in about(id).ties for other in others)
+    alike = any(_look_alike(about(id), about(other)) for other in others)
     if id in NOT_NAMED or not (alike or len(others) > 1):
         return False
     first, now, then = (n.errors.mean_squares()[1][whole.touched] for n in (base, rest, whole))
-    return bool(np.all(now - then < 0.01 * VERDICT.minor * (first - then)))
+    share = RULE.mends if alike else 0.01 * VERDICT.minor
+    return bool(np.all(now - then < share * (first - then)))
