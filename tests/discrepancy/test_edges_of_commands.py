@@ -8,6 +8,10 @@ import pytest
 
 from sysid import diagnose
 from sysid.data.record import Array, Channel, Record
+from sysid.discrepancy.search.batched_search import refined
+from sysid.discrepancy.search.prepared import prepare
+from sysid.discrepancy.search.supermodel import SuperModel
+from sysid.effects.catalogue import effect
 
 DT, POLE, GAIN = 0.05, 0.85, 30.0
 EDGE = 0.155
@@ -49,3 +53,23 @@ def test_an_edge_with_the_whole_command_behind_is_found(held: Array) -> None:
     for p in found.effects[0].parameters:
         assert p.std_error is not None
         assert abs(p.value - EDGE) < 3.0 * p.std_error, p
+
+
+def test_edges_of_several_lanes_move_as_each_alone() -> None:
+    record = log(1, symmetric(0.0, 0.08, 0.14, 0.17, 0.25, 0.4, 0.7, 1.0), samples=300)
+    model = SuperModel((effect("dead-zone"), effect("load-bias")), 1, 1, np.array([GAIN]), DT)
+    data = prepare([record], np.ones(1), 1)
+    q = np.repeat(model.null[None], 3, axis=0)
+    q[:, model.place["core", "f1", 0]] = -POLE
+    for row, edge in zip(q, (0.1, 0.15, 0.2), strict=True):
+        for side in ("plus", "minus"):
+            row[model.place["dead-zone", side, 0]] = edge
+    core = model.of("core")
+    dead = (*core, *model.of("dead-zone"))
+    free = [dead, core, tuple(range(len(model.slots)))]
+    together, cost = refined(model, q, free, data, 4, 1e-4)
+    for k, mine in enumerate(free):
+        alone, least = refined(model, q[k : k + 1], [mine], data, 4, 1e-4)
+        # the same runs; only the equations are solved in a wider frame
+        np.testing.assert_allclose(together[k], alone[0], rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(cost[k], least[0], rtol=1e-9)

@@ -1,5 +1,8 @@
 """Lanes of the super-model go through a simulation of the effects that act in them."""
 
+from collections.abc import Callable, Sequence
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -8,11 +11,13 @@ from sysid.discrepancy.search.batched_search import best_tracks, squares
 from sysid.discrepancy.search.prepared import prepare
 from sysid.discrepancy.search.runs import GROUP_PARAMETERS, LANES, groups, stages
 from sysid.discrepancy.search.supermodel import SuperModel
+from sysid.effects.base import Effect
 from sysid.effects.catalogue import chain_effects, effect
 
 ACTING = {
     (): {},
     ("coulomb-friction",): {("coulomb-friction", "level", 0): 1.2},
+    ("dead-zone",): {("dead-zone", "plus", 1): 0.2},
     ("rate-limit",): {("rate-limit", "rate", 1): 0.5},
     ("coulomb-friction", "rate-limit"): {
         ("coulomb-friction", "level", 0): 1.2,
@@ -29,7 +34,7 @@ def record() -> Record:
 
 
 def test_each_lane_runs_as_with_all_effects_at_once(record: Record) -> None:
-    some = tuple(effect(id) for id in ("rate-limit", "load-bias", "coulomb-friction"))
+    some = tuple(effect(id) for id in ("dead-zone", "rate-limit", "load-bias", "coulomb-friction"))
     model = SuperModel(some, 1, 2, np.array([10.0, 12.0]), record.dt)
     data = prepare([record], np.ones(2), 1)
     q = np.repeat(model.null[None], len(ACTING), axis=0)
@@ -38,7 +43,7 @@ def test_each_lane_runs_as_with_all_effects_at_once(record: Record) -> None:
         for key, value in values.items():
             row[model.place[key]] = value
     filled = np.concatenate([q, np.repeat(q[-1:], LANES - len(q), axis=0)])
-    at_once = model.runs.simulation(stages(model.effects)[1])
+    at_once = model.runs.simulation(model.effects)
     expected = np.asarray(at_once(filled, data.arrays))[: len(q)]
     assert np.ptp(expected, axis=0).max() > 1.0
     # the same operations, fused in another order
@@ -56,13 +61,35 @@ def test_more_lanes_than_a_call_holds_come_back_in_their_order(record: Record) -
         np.testing.assert_array_equal(together[k], model.run(q[k : k + 1], data)[0])
 
 
-def test_every_stepped_effect_is_in_one_group() -> None:
-    inside = stages(chain_effects())[1]
-    found = groups(inside)
-    assert tuple(e for group in found for e in group) == inside
+@pytest.mark.parametrize("stage", [0, 1], ids=["whole commands", "stepped"])
+def test_every_effect_up_to_the_motion_is_in_one_group(stage: int) -> None:
+    mine = stages(chain_effects())[stage]
+    found = groups(mine)
+    assert tuple(e for group in found for e in group) == mine
     sizes = [sum(len(e.parameters) for e in group) for group in found if len(group) > 1]
     assert sizes
     assert max(sizes) <= GROUP_PARAMETERS
+
+
+def test_a_run_holds_no_effect_of_the_command_that_does_not_act(
+    record: Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    some = stages(chain_effects())[0]
+    model = SuperModel(some, 1, 2, np.ones(2), record.dt)
+    held: list[set[str]] = []
+    whole = model.runs.simulation
+
+    def noted(acting: Sequence[Effect]) -> Callable[..., Any]:
+        held.append({e.id for e in acting})
+        return whole(acting)
+
+    monkeypatch.setattr(model.runs, "simulation", noted)
+    q = np.repeat(model.null[None], 2, axis=0)
+    q[1, model.place["dead-zone", "plus", 0]] = 0.2
+    model.run(q, prepare([record], np.ones(2), 1))
+    (own,) = (group for group in groups(some) if effect("dead-zone") in group)
+    assert sorted(held, key=len) == [set(), {e.id for e in own}]
+    assert len(own) < len(some)
 
 
 def test_runs_that_grow_without_end_cost_no_warning() -> None:

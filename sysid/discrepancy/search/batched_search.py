@@ -108,12 +108,14 @@ def refined(
     smooth = [[k for k in f if not model.slots[k].stepwise] for f in free]
     jumps = [[k for k in f if model.slots[k].stepwise] for f in free]
     q, cost = search(model, q0, smooth, data, iterations, flat)
-    for k, mine in enumerate(smooth):
-        if edges_of(model, mine):
-            again = partial(search, model, free=[mine], data=data, iterations=iterations, flat=flat)
-            row, least = on_levels(model, q[k], mine, data, again, best_tracks)
-            if np.sum(least) < np.sum(cost[k]):
-                q[k], cost[k] = row, least
+    edged = [k for k, mine in enumerate(smooth) if edges_of(model, mine)]
+    if edged:
+        theirs = [smooth[k] for k in edged]
+        again = partial(search, model, free=theirs, data=data, iterations=iterations, flat=flat)
+        moved, least = on_levels(model, q[edged], theirs, data, again, best_tracks)
+        for k, row, now in zip(edged, moved, least, strict=True):
+            if np.sum(now) < np.sum(cost[k]):
+                q[k], cost[k] = row, now
     at = [k for k, slots in enumerate(jumps) if slots]
     for k in at:
         if k in unknown or len(q) == 1:
@@ -290,7 +292,8 @@ class _Trial:
         """Normal equations of some of the groups, by differences."""
         fits, mine = self.fits, self.which[of]
         lanes = np.unique(fits.lane_of[mine]).tolist()
-        rows = np.array([row for k in lanes for row in self._shifted(k)[0]])
+        copies = {k: self._shifted(k) for k in lanes}
+        rows = np.array([row for k in lanes for row in copies[k][0]])
         shifted = iter(fits.model.run(rows, fits.data) if len(rows) else ())
         change = {k: [next(shifted) - self.runs[k] for _ in fits.lanes[k].columns] for k in lanes}
         size = fits.place.shape[1]
@@ -298,7 +301,7 @@ class _Trial:
         for at, f in enumerate(mine):
             k, slots, tracks = fits.groups[f]
             column = {s: c for c, both in enumerate(fits.lanes[k].columns) for s in both}
-            step = self._shifted(k)[1]
+            step = copies[k][1]
             n = len(slots)
             for i in tracks:
                 weight = fits.data.weight[:, i]

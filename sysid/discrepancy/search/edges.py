@@ -34,24 +34,37 @@ def edges_of(model: SuperModel, free: Sequence[int]) -> tuple[int, ...]:
 def on_levels(
     model: SuperModel,
     q: Array,
-    free: Sequence[int],
+    free: Sequence[Sequence[int]],
     data: Data,
     search: Search,
     best_tracks: BestTracks,
 ) -> tuple[Array, Array]:
-    """A lane with its edges where they fit best, and its cost (tracks,).
+    """Lanes with their edges where they fit best, (lanes, slots), and costs (lanes, tracks).
 
     All edges of a track are moved by one factor first, and what jumps there by as much, so that
     larger commands keep their effect; then each edge alone.
 
     Args:
         model: simulation.
-        q: numbers of the lane, (slots,).
-        free: its free slots.
+        q: numbers of the lanes, (lanes, slots).
+        free: free slots of each lane.
         data: estimation records.
         search: fits the other numbers.
         best_tracks: takes each track's numbers from the lane that fits it best.
     """
+    tried = [_moved_together(model, row, mine) for row, mine in zip(q, free, strict=True)]
+    found, cost = search(_best(model, tried, data, best_tracks))
+    for sign in (1, -1):
+        tried = [
+            _moved_alone(model, row, mine, data, sign)
+            for row, mine in zip(found, free, strict=True)
+        ]
+        found, cost = search(_best(model, tried, data, best_tracks))
+    return found, cost
+
+
+def _moved_together(model: SuperModel, q: Array, free: Sequence[int]) -> Array:
+    """A lane, and with all edges of a track moved by one factor, (rows, slots)."""
     edges = edges_of(model, free)
     rows = [q]
     for factor in np.geomspace(1.0 / REACH, REACH, MOST):
@@ -65,18 +78,20 @@ def on_levels(
                 row[k] = _bounded(model, k, q[k] + float(shift))
         rows.append(row)
         rows.append(_whole(model, row, edges, free))
-    found, cost = search(_best(model, np.array(rows), data, best_tracks)[None])
-    for sign in (1, -1):
-        rows = [found[0]]
-        mine = [k for k in edges if model.slots[k].edge == sign]
-        places = [_places(data.drive[:, model.slots[k].track] * sign, found[0, k]) for k in mine]
-        for n in range(max((len(p) for p in places), default=0)):
-            row = found[0].copy()
-            for k, p in zip(mine, places, strict=True):
-                row[k] = _bounded(model, k, p[min(n, len(p) - 1)])
-            rows.append(row)
-        found, cost = search(_best(model, np.array(rows), data, best_tracks)[None])
-    return found[0], cost[0]
+    return np.array(rows)
+
+
+def _moved_alone(model: SuperModel, q: Array, free: Sequence[int], data: Data, sign: int) -> Array:
+    """A lane, and with the edges on one side of zero on each of their places, (rows, slots)."""
+    rows = [q]
+    mine = [k for k in edges_of(model, free) if model.slots[k].edge == sign]
+    places = [_places(data.drive[:, model.slots[k].track] * sign, q[k]) for k in mine]
+    for n in range(max((len(p) for p in places), default=0)):
+        row = q.copy()
+        for k, p in zip(mine, places, strict=True):
+            row[k] = _bounded(model, k, p[min(n, len(p) - 1)])
+        rows.append(row)
+    return np.array(rows)
 
 
 def _whole(model: SuperModel, row: Array, edges: Sequence[int], free: Sequence[int]) -> Array:
@@ -109,11 +124,14 @@ def _bounded(model: SuperModel, k: int, value: float) -> float:
     return float(np.clip(value, model.slots[k].lower, model.slots[k].upper))
 
 
-def _best(model: SuperModel, rows: Array, data: Data, best_tracks: BestTracks) -> Array:
-    runs = model.run(rows, data)
+def _best(model: SuperModel, rows: Sequence[Array], data: Data, best_tracks: BestTracks) -> Array:
+    """The best row of each lane, track by track, (lanes, slots)."""
+    runs = model.run(np.concatenate(rows), data)
     with np.errstate(over="ignore", invalid="ignore"):
         cost = np.sum((data.weight * (data.y - runs)) ** 2, axis=1)
-    return best_tracks(model, rows, cost)
+    ends = np.cumsum([len(own) for own in rows])[:-1]
+    parts = zip(rows, np.split(cost, ends), strict=True)
+    return np.array([best_tracks(model, *part) for part in parts])
 
 
 def between_levels(
@@ -144,7 +162,7 @@ def between_levels(
             row = q.copy()
             row[[*mine, *jumps]] += shift
             rows.append(row)
-    return _best(model, np.array(rows), held, best_tracks) if len(rows) > 1 else q
+    return _best(model, [np.array(rows)], held, best_tracks)[0] if len(rows) > 1 else q
 
 
 def _open(drive: Array, now: float) -> tuple[float, float]:

@@ -2,8 +2,9 @@
 
 An effect at its null value costs as much as one that acts. With all of the catalogue a step takes
 thirty times as long as with one effect, while most lanes hold one or two. So lanes are parted by
-the effects that act in them, rounded up to groups so that few simulations are compiled; effects
-that are computed for a whole record at once cost next to nothing and are in all of them.
+the effects that act in them, rounded up to groups so that few simulations are compiled. Effects of
+what is read that are computed for a whole record at once cost next to nothing and are in all of
+them.
 """
 
 import os
@@ -56,12 +57,14 @@ class Runs:
 
     def __init__(self, numbers: Numbers) -> None:
         self.numbers = numbers
-        self.before, inside, self.after = stages(numbers.effects)
-        self.groups = groups(inside)
+        before, inside, self.after = stages(numbers.effects)
+        self.before = {e.id for e in before}
+        self.groups = (*groups(before), *groups(inside))
         owners = np.array([s.owner for s in numbers.slots])
         self._slots = [np.isin(owners, [e.id for e in group]) for group in self.groups]
         self._compiled: dict[tuple[bool, ...], Callable[..., Any]] = {}
         self._ready: set[tuple[Any, ...]] = set()
+        self._pool = ThreadPoolExecutor(os.cpu_count())  # a call keeps one core busy
 
     def __call__(self, q: Array, data: Data) -> Array:
         """Readings for parameter vectors q (lanes, slots), shape (lanes, M, tracks)."""
@@ -78,9 +81,8 @@ class Runs:
         if len(calls) == 1:
             one(calls[0])
             return found
-        with ThreadPoolExecutor(os.cpu_count()) as pool:  # a call keeps one core busy
-            for some in (first, rest):  # two threads would both compile what neither has
-                list(pool.map(one, some))
+        for some in (first, rest):  # two threads would both compile what neither has
+            list(self._pool.map(one, some))
         return found
 
     def _calls(self, q: Array) -> list[Call]:
@@ -108,17 +110,19 @@ class Runs:
     def _readings(self, acting: tuple[bool, ...]) -> Callable[..., Any]:
         """(q (lanes, slots), data) → readings (lanes, M, tracks) with some groups, compiled."""
         if acting not in self._compiled:
-            inside = [e for on, group in zip(acting, self.groups, strict=True) if on for e in group]
-            self._compiled[acting] = self.simulation(inside)
+            some = [e for on, group in zip(acting, self.groups, strict=True) if on for e in group]
+            self._compiled[acting] = self.simulation(some)
         return self._compiled[acting]
 
-    def simulation(self, inside: Sequence[Effect]) -> Callable[..., Any]:
-        """(q (lanes, slots), data) → readings (lanes, M, tracks) with some stepped effects."""
+    def simulation(self, some: Sequence[Effect]) -> Callable[..., Any]:
+        """(q (lanes, slots), data) → readings (lanes, M, tracks) with some of the effects."""
         from sysid.fitting.compiled import compiled, jax_module, vectorised
 
         jax = jax_module()
         jnp = vectorised(jax.numpy)
-        before, after, numbers = self.before, self.after, self.numbers
+        after, numbers = self.after, self.numbers
+        before = [e for e in some if e.id in self.before]
+        inside = [e for e in some if e.id not in self.before]
         dt, zero = numbers.dt, jnp.zeros(numbers.tracks)
         effects = (*before, *inside, *after)
 
