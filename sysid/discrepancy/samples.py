@@ -261,6 +261,10 @@ FEWEST_IN_CELL = 5
 SURE_LATTICE = 16.0
 """Phases of so many steps that agree: by chance once in e^16, of some hundred steps tried."""
 
+IN_MOTION, SURE_MOVING = 0.25, 3.0
+"""Readings that move by more than this share of a step in a sample are none of a steady speed, and
+gather by so many standard errors of chance."""
+
 AGREE = 0.3
 """Mean resultant of a step's readings: noise of a quarter of a step leaves it."""
 
@@ -269,12 +273,14 @@ def blurred_step(y: Array) -> float:
     """Step of a lattice that noise has blurred, as of ticks behind a noisy line; 0 for none.
 
     In every interval of one step readings gather at one place. Each interval has one vote, however
-    many readings it holds: a few levels held for long are no lattice.
+    many readings it holds: a few levels held for long are no lattice. Nor are many at equal
+    distances, as a staircase of the command leaves: readings in motion must gather there, too.
     """
     size = float(np.quantile(np.abs(y), 0.95)) if len(y) else 0.0
     if size <= 0.0:
         return 0.0
     best, most = 0.0, AGREE  # half a step gathers them, too, but less
+    change = np.abs(np.gradient(y)) if len(y) > 1 else np.zeros(len(y))
     for f in np.arange(CELLS, 1.0 / VISIBLE, 0.25) / size:
         cell, turned = np.floor(y * f).astype(np.intp), np.exp(2j * np.pi * y * f)
         cell -= cell.min()
@@ -284,7 +290,11 @@ def blurred_step(y: Array) -> float:
         mean = mean[there] / count[there]
         total, square = abs(np.sum(mean)), float(np.sum(np.abs(mean) ** 2))
         sure = square > 0.0 and total**2 / square > SURE_LATTICE
-        if sure and total / len(mean) > most:
+        if not sure or total / len(mean) <= most:
+            continue
+        moving = turned[change * f > IN_MOTION]
+        chance = SURE_MOVING / np.sqrt(max(len(moving), 1))
+        if abs(np.sum(moving)) > max(0.5 * AGREE, chance) * len(moving):
             best, most = 1.0 / f, total / len(mean)
     return float(best)
 

@@ -130,3 +130,20 @@ def test_readings_that_stand_twice_at_one_settled_speed_are_no_lattice() -> None
     assert np.sum(np.diff(y) == 0.0) >= 10
     names = (Channel("duty"),), (Channel("omega"),)
     assert inspect_samples([Record(u[:, None], y[:, None], 0.05, *names)]).ids == ()
+
+
+@pytest.mark.parametrize("step", [0.0, 0.8])
+@pytest.mark.parametrize("levels", [17, 41])
+def test_equal_steps_of_a_staircase_are_no_step_of_the_sensor(levels: int, step: float) -> None:
+    """Steady speeds lie at equal distances then; only readings in motion tell."""
+    rng = np.random.default_rng(4)
+    up = np.linspace(-1.0, 1.0, levels)
+    u = np.repeat(np.concatenate([up, up[::-1]]), 1640 // levels)
+    y = np.zeros(len(u))
+    for k in range(1, len(u)):
+        y[k] = 0.9 * y[k - 1] + 0.1 * 12.0 * u[k - 1]
+    if step:
+        y = step * np.round(y / step)
+    y += 0.05 * rng.standard_normal(len(u))
+    found = inspect_samples([Record(u=u[:, None], y=y[:, None], dt=0.05)]).coarse
+    assert [c.step for c in found] == pytest.approx([step] if step else [], rel=0.02)
