@@ -14,9 +14,9 @@ from sysid.discrepancy.gap import measure_gap
 from sysid.discrepancy.search.batched_search import refined
 from sysid.discrepancy.search.evidence import noise_floor
 from sysid.discrepancy.search.prepared import prepare
-from sysid.discrepancy.search.starts import clip_level, free_slots
+from sysid.discrepancy.search.starts import clip_level, free_slots, starts_of
 from sysid.discrepancy.search.supermodel import SuperModel
-from sysid.effects.catalogue import about, chain_effects
+from sysid.effects.catalogue import about, chain_effects, effect
 from sysid.structures.augmented.chain import drive_before
 from sysid.structures.augmented.given_base import begins_at_rest
 from sysid.structures.augmented.structure import Augmented
@@ -240,3 +240,18 @@ def test_a_given_model_begins_at_rest_only_where_the_machine_does() -> None:
     assert not begins_at_rest(none, none, moves)
     assert not begins_at_rest(none, some, rests)  # zero is no physical zero there
     assert not begins_at_rest(none, none, rests[:0])
+
+
+def test_a_wave_is_sought_beside_a_core_without_end_too() -> None:
+    """A search may pass unstable cores: what they do to a wave is beyond all numbers."""
+    rng = np.random.default_rng(0)
+    log = Record(rng.uniform(-1.0, 1.0, (3000, 1)), rng.standard_normal((3000, 1)), 0.02)
+    model = SuperModel((effect("gravity-load"),), 1, 1, np.ones(1), log.dt)
+    data = prepare([log], np.ones(1), 1)
+    q = model.null.copy()
+    q[model.place["core", "f1", 0]] = -1.5
+    errors = np.zeros(data.y.shape)
+    errors[: len(log)] = log.y
+    rows = starts_of(model, effect("gravity-load"), q, errors, data)
+    assert rows
+    assert np.isfinite(rows).all()

@@ -150,6 +150,10 @@ def _t(gains: Array) -> float:
     return float(np.mean(gains)) / spread if spread > 0 else 0.0
 
 
+WORST = 1e150
+"""Loss of a block in which a run has no end: its square is still a number."""
+
+
 def _block_gains(
     before: Sequence[Array], after: Sequence[Array]
 ) -> tuple[Array, NDArray[np.bool_]]:
@@ -159,9 +163,12 @@ def _block_gains(
     for old, new in zip(before, after, strict=True):
         for low in range(0, len(old) - size // 2, size):
             a, b = old[low : low + size], new[low : low + size]
-            if np.isfinite(a).any():
+            if np.isfinite(a - b).any():
                 gains.append(float(np.nanmean(a**2) - np.nanmean(b**2)))
                 moved.append(float(np.sqrt(np.nanmean((a - b) ** 2))) > RULE.touched)
+            elif np.isfinite(a).any():  # a run that had no end there
+                gains.append(-WORST)
+                moved.append(True)
     return np.array(gains), np.array(moved, dtype=bool)
 
 

@@ -261,10 +261,12 @@ class _Seen:
         return strongest_lines(lines, np.abs(whole), (slot.lower, slot.upper), span, RANKS)
 
     def fitted(self, phase: Array, errors: Array) -> tuple[float, float]:
-        """Cosine and sine of a wave by least squares."""
+        """Cosine and sine of a wave by least squares; none where the core's motion has no end."""
         both = np.column_stack([np.cos(phase), np.sin(phase)]) * self.factor[:, None]
         if self.torque:
             both = -lfilter(self.b, self.a, both, axis=0)
+        if not np.isfinite(both).all():
+            return 0.0, 0.0
         both = both * self.weight[:, None]
         cosine, sine = np.linalg.lstsq(both, errors * self.weight, rcond=None)[0]
         return float(cosine), float(sine)
