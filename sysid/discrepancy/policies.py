@@ -22,7 +22,10 @@ class AcceptanceRule:
         own_part: an error must fall below this share for a track, or one effect of several, to keep
             its part: less moves with the seed of the noise.
         minor: an effect that significantly lowers the error below this share is mentioned.
-        mends: share of the gap below which a look-alike only mends the formula of another.
+        mends: share of the gap below which a look-alike only mends the formula of another, and an
+            effect is not worth more than one whose law is a case of its own.
+        unrivalled: an effect whose score is so many times that of any other beside the same model
+            is no stand-in, however little it takes: what stands in for another has rivals.
         touched: a block counts as touched by an effect when its predictions move by this share of
             the error.
         alike: runs that differ by less than this share of the error that is left are the same
@@ -47,6 +50,7 @@ class AcceptanceRule:
     own_part: float = 0.97
     minor: float = 0.98
     mends: float = 0.02
+    unrivalled: float = 2.0
     touched: float = 0.02
     alike: float = 0.25
     tie: float = 1.02

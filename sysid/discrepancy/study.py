@@ -14,7 +14,12 @@ from sysid.discrepancy.diagnosis import Trace
 from sysid.discrepancy.gap import Gap, carries_an_output, measure_gap, share_closed
 from sysid.discrepancy.named_effects import Dropped
 from sysid.discrepancy.policies import RULE, VERDICT
-from sysid.discrepancy.proof.acceptance import doubtful_slots, least_beside, weakest
+from sysid.discrepancy.proof.acceptance import (
+    doubtful_slots,
+    least_beside,
+    only_described,
+    weakest,
+)
 from sysid.discrepancy.proof.exchange import with_exchanged_lags
 from sysid.discrepancy.proof.linear_rival import LinearRival, linear_rival, worse_than_linear
 from sysid.discrepancy.proof.model_error import FEWEST, ResidualStructure, error_structure
@@ -244,13 +249,23 @@ class Study:
         least = weakest(self.base, naming)
         if least is None and any(not superposes(about(n.id)) for n in naming.named):
             least = worse_than_linear(self.linear_rival, naming)
-        return least or self._absorber(naming)
+        return least or self.described_only(naming) or self._absorber(naming)
+
+    def described_only(self, naming: Naming) -> Dropped | None:
+        """An effect without a mechanism that leaves a good part of what the others leave."""
+        for n in naming.named:
+            if about(n.id).descriptive and self.unexplained(naming):
+                closed, left = self.explained_by(naming, n)
+                if closed < 0.01 * VERDICT.nearly_all * (closed + left):
+                    return Dropped(n.id, only_described(closed, left))
+        return None
 
     def _absorber(self, naming: Naming) -> Dropped | None:
         """The effect beside others that takes less than they leave, where they leave structure.
 
         What remains on one output speaks not against an effect that carries another one: there is
-        something else on that one alone.
+        something else on that one alone. Nor does what remains speak against an effect that no
+        other comes near: a stand-in has rivals.
         """
         mine = [n for n in naming.named if n.id not in NOT_NAMED]
         if len(mine) < 2 or not self.unexplained(naming):
@@ -260,7 +275,13 @@ class Study:
             for n in mine
             if not carries_an_output(*self._errors_around(naming, n), self.floor, n.touched)
         ]
-        return least_beside([(n.id, *self.explained_by(naming, n)) for n in short])
+        search, rivals = self.base.search, self.base.search.model.effects
+        while least := least_beside([(n.id, *self.explained_by(naming, n)) for n in short]):
+            (own,) = (n for n in short if n.id == least.id)
+            if not search.unrivalled(own.rest, own.id, rivals):
+                break
+            short.remove(own)
+        return least
 
     @cached_property
     def linear_rival(self) -> LinearRival:

@@ -240,6 +240,10 @@ class Effect:
         by_hand: what tells it from its ties where no command can, and what is then seen; empty
             where commands suffice.
         rare: whether one of these is rather named where a log cannot tell.
+        descriptive: whether its law says what is seen and no mechanism: then it has to explain
+            nearly all, as many mechanisms look in part like it.
+        contains: effects whose law is a case of its own: where one of them explains nearly as much,
+            it is named.
         couples: whether it ties tracks to each other: a single one cannot have it, and the search
             moves the numbers of all tracks together, because those of one change the others' runs.
         opposite: the sentence where the first number lies below its null value, for an effect that
@@ -288,6 +292,8 @@ class Effect:
     ties: tuple[str, ...] = ()
     by_hand: str = ""
     rare: bool = False
+    descriptive: bool = False
+    contains: tuple[str, ...] = ()
     couples: bool = False
     opposite: str = ""
     programmes: tuple[Programme, ...] = (LEVELS, REVERSALS)

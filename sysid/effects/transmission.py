@@ -141,6 +141,7 @@ EFFECTS = (
         _loose,
         states=2,
         at_rest=_touching,
+        contains=("coulomb-friction",),
         programmes=(REVERSALS, RAMPS),
         reverses=True,
     ),

@@ -8,8 +8,9 @@ import pytest
 
 from sysid.data.record import Channel
 from sysid.discrepancy.proof.noise import NoiseFloor
-from sysid.discrepancy.search.named_sets import Naming, Node
-from sysid.discrepancy.search.naming import _mends
+from sysid.discrepancy.search.evidence import Evidence
+from sysid.discrepancy.search.named_sets import Judged, Named, Naming, Node
+from sysid.discrepancy.search.naming import Little, NamingSearch, case_of, takes_little
 from sysid.discrepancy.study import Study
 from sysid.fitting.holdout import Errors
 
@@ -50,14 +51,16 @@ def test_what_only_mends_the_formula_of_its_look_alike_is_no_second_effect(
 ) -> None:
     """Beside gravity, which takes 99.75 of 100 % of the gap in the first case."""
     base, rest = node(5.0), node(0.45 if after > 0.2 else 1.0, "gravity-load")
-    assert _mends(base, rest, node(after, "gravity-load", second)) is mends
+    little = takes_little(base, rest, node(after, "gravity-load", second))
+    assert little is (Little.LOOK_ALIKE if mends else Little.NO)
 
 
 def test_a_look_alike_must_take_more_of_the_gap_than_another_effect() -> None:
     """A curve by a stick's expo leaves 2 % of its gap to a formula that bends a little else."""
     base, rest, left = node(5.0), node(0.75, "concave-gain"), 0.4  # 1.6 % of the gap
-    assert _mends(base, rest, node(left, "concave-gain", "input-saturation"))
-    assert not _mends(base, rest, node(left, "concave-gain", "cross-coupling"))
+    alike = node(left, "concave-gain", "input-saturation")
+    assert takes_little(base, rest, alike) is Little.LOOK_ALIKE
+    assert takes_little(base, rest, node(left, "concave-gain", "cross-coupling")) is Little.NO
 
 
 @pytest.mark.parametrize(
@@ -74,7 +77,51 @@ def test_a_third_effect_of_little_mends_the_formulas_of_two(
 ) -> None:
     two = ("sensor-bias", "dead-time")
     base, rest = node(5.0), node(0.45 if after > 0.2 else 1.0, *two)
-    assert _mends(base, rest, node(after, *two, third)) is mends
+    little = takes_little(base, rest, node(after, *two, third))
+    assert little is (Little.AMONG_OTHERS if mends else Little.NO)
+
+
+def judged(id: str, score: float, ratio: float = 0.5) -> Judged:
+    """An effect tried beside two others."""
+    return Judged(node(0.4, id), Evidence(-score, 9.0, 1.0, ratio, 1e-9), score)
+
+
+@pytest.mark.parametrize(
+    ("rival", "alone"), [(25.0, True), (600.0, False), (-40.0, True)], ids=["far", "near", "worse"]
+)
+def test_what_no_other_effect_comes_near_is_no_stand_in(rival: float, alone: bool) -> None:
+    """However little of the gap it takes."""
+    search = NamingSearch.__new__(NamingSearch)
+    tried = [judged("dead-time", 926.0), judged("gravity-load", rival)]
+    assert search.unrivalled(node(1.0), "dead-time", tried) is alone
+    base, rest = node(5.0), node(0.45, "rate-limit", "sensor-saturation")
+    whole = node(0.4, *rest.effects, "dead-time")
+    assert search.mends(base, rest, whole, tried) is not alone
+
+
+@pytest.mark.parametrize(
+    ("ratio", "case"), [(0.184, True), (0.4, False)], ids=["nearly-all", "less"]
+)
+def test_friction_is_a_case_of_play_with_friction(ratio: float, case: bool) -> None:
+    play = judged("backlash", 3658.0, 0.172)
+    assert case_of(judged("coulomb-friction", 3512.0, ratio), play) is case
+    assert not case_of(judged("dead-zone", 3512.0, ratio), play)
+
+
+@pytest.mark.parametrize(("left", "stands"), [(1.0, True), (4.0, False)])
+def test_what_only_describes_has_to_explain_nearly_all(
+    left: float, stands: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Study, "unexplained", lambda *_: True)
+    base: Any = SimpleNamespace(node=node(5.0))
+    study = Study(base, NoiseFloor(*(np.array([NOISE]),) * 3), np.ones(1), 0)
+    alone = np.ones(1, dtype=bool)
+    for id, kept in (("coast-asymmetry", stands), ("freewheel", True)):
+        named = Named(id, judged(id, 9.0).evidence, (), alone, {}, node(5.0))
+        naming = Naming(node(5.0), node(left, id), (named,), (), ())
+        gone = study.described_only(naming)
+        assert (gone is None) is kept
+        assert gone is None or "not why" in gone.reason
 
 
 @pytest.mark.parametrize(

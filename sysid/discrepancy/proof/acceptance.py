@@ -118,6 +118,14 @@ def least_beside(shares: Sequence[tuple[str, float, float]]) -> Dropped | None:
     )
 
 
+def only_described(closed: float, left: float) -> str:
+    """Why an effect without a mechanism does not stand that closes so much and leaves so much."""
+    return (
+        f"it explains {closed:.1f} % of the gap of its outputs and leaves {left:.1f} %: its law "
+        "says what is seen and not why, and many mechanisms look in part like it"
+    )
+
+
 def final_evidence(base: Base, naming: Naming, named: Named) -> Evidence:
     """What speaks for an accepted effect in the final model, whose numbers others have moved."""
     final = replace(naming.final, touched=named.touched)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from enum import Enum, auto
 
 import numpy as np
 
@@ -55,10 +56,12 @@ class NamingSearch(CandidateSearch):
         judged = self.candidates(base, effects)
         first = tuple((j.id, j.score) for j in judged)
         passed = [j for j in self.passing(judged) if j.evidence.ratio < (needed or self.needed)]
-        beam = (
-            passed[:1]
-            + [j for j in passed[1:] if j.id not in passed[0].node.excluded][: BUDGET.beam - 1]
-        )
+        others = [
+            j
+            for j in passed[1:]
+            if j.id not in passed[0].node.excluded and not case_of(passed[0], j)
+        ]
+        beam = passed[:1] + others[: BUDGET.beam - 1]
         if not beam:
             return Naming(base, base, (), self._minor(judged), first)
         minor = self._minor(judged)
@@ -76,7 +79,7 @@ class NamingSearch(CandidateSearch):
                 best, minor = other, other_minor if other_minor is not None else minor
         best = self._with_seen_clip(base, self.polished(best), judged)
         say("dropping and swapping", 0.85)
-        best = self.pruned(base, best)
+        best = self.pruned(base, best, effects)
         named = self.account(base, best, effects, judged)
         while len(named) > 1 and (unsound := self._unsound(best, named)):
             # the effect that the others need least; what remains is fitted and judged again
@@ -107,7 +110,7 @@ class NamingSearch(CandidateSearch):
             judged = self.candidates(node, effects)
             minor = self._minor(judged)
             passed = [j for j in self.passing(judged) if j.evidence.ratio < needed]
-            passed = [j for j in passed if not _mends(base, node, j.node)]
+            passed = [j for j in passed if not self.mends(base, node, j.node, judged)]
             if not passed or self.best_of(base, (node, passed[0].node)) is node:
                 break
             node = passed[0].node
@@ -165,6 +168,7 @@ class NamingSearch(CandidateSearch):
             j
             for j in passed
             if alike(top.node.errors, j.node.errors)
+            or case_of(j, top)
             or (j.id in about(top.id).ties and about(top.id).rare and self.tied(top.node, j.node))
         ]
         lead = min(
@@ -210,18 +214,53 @@ class NamingSearch(CandidateSearch):
         samples = common_samples(nodes)
         return [self.likelihood(base, n, samples) for n in nodes]
 
-    def pruned(self, base: Node, node: Node) -> Node:
-        """Drop effects that the others have made needless."""
+    def pruned(self, base: Node, node: Node, effects: Sequence[Effect]) -> Node:
+        """Drop effects that the others have made needless; ``effects`` are those to try."""
         while len(node.effects) > 1:
             rests = [self.without(node, id) for id in node.effects]
             best = self.best_of(base, rests)
             whole = self._beside(node, best)
             evidence = self.evidence(best, whole, 1)
             own = evidence.significant and evidence.ratio < RULE.own_part
-            if own and not _mends(base, best, whole):
+            if own and not self.mends(base, best, whole, effects):
                 break
             node = best
         return node
+
+    def mends(
+        self, base: Node, rest: Node, whole: Node, judged: Sequence[Judged] | Sequence[Effect]
+    ) -> bool:
+        """Whether the newest effect only mends the formulas of others.
+
+        No formula is all of a machine, and what one leaves looks in part like its look-alikes; what
+        two leave may look like anything. So a look-alike that takes little of the gap is none of
+        its own; nor is a third effect that takes less than a minor share and has rivals.
+
+        Args:
+            base: the model before.
+            rest: without the effect.
+            whole: with it.
+            judged: effects tried on ``rest``, or those to try.
+        """
+        small = takes_little(base, rest, whole)
+        if small is not Little.AMONG_OTHERS:
+            return small is Little.LOOK_ALIKE
+        return not self.unrivalled(rest, whole.effects[-1], judged)
+
+    def unrivalled(self, rest: Node, id: str, judged: Sequence[Judged] | Sequence[Effect]) -> bool:
+        """Whether no other effect comes near this one beside the same model.
+
+        Args:
+            rest: the model.
+            id: of the effect.
+            judged: effects tried on it, or those to try.
+        """
+        found = [j for j in judged if isinstance(j, Judged)]
+        if not found:
+            found = self.candidates(rest, [e for e in judged if isinstance(e, Effect)])
+        scores = {j.id: j.score for j in found}
+        most = max((s for other, s in scores.items() if other != id), default=0.0)
+        return scores.get(id, 0.0) > RULE.unrivalled * max(most, 0.0)
 
     def account(
         self, base: Node, node: Node, effects: Sequence[Effect], first: Sequence[Judged]
@@ -299,6 +338,13 @@ class NamingSearch(CandidateSearch):
         return Judged(whole, self.evidence(rest, whole, tried, samples), score)
 
 
+def case_of(mine: Judged, other: Judged) -> bool:
+    """Whether the law of an effect is a case of another's that closes hardly more of the gap."""
+    more = mine.evidence.ratio**2 - other.evidence.ratio**2
+    enough = RULE.mends * (1.0 - other.evidence.ratio**2)
+    return mine.id in about(other.id).contains and more < enough
+
+
 def _little_left(base: Node, best: Node) -> bool:
     """Whether less than a minor share of the gap is left on held-out data, noise included."""
     (_, first), (_, now) = (n.errors.mean_squares() for n in (base, best))
@@ -311,18 +357,23 @@ def _look_alike(a: Effect, b: Effect) -> bool:
     return curves or a.id in b.ties or b.id in a.ties
 
 
-def _mends(base: Node, rest: Node, whole: Node) -> bool:
-    """Whether the newest effect only mends the formulas of others.
+class Little(Enum):
+    """How an effect takes little of the gap."""
 
-    No formula is all of a machine, and what one leaves looks in part like its look-alikes; what two
-    leave may look like anything. So a look-alike that takes little of the gap, or a third effect
-    that takes less than a minor share, is none of its own.
-    """
+    NO = auto()
+    LOOK_ALIKE = auto()
+    AMONG_OTHERS = auto()
+
+
+def takes_little(base: Node, rest: Node, whole: Node) -> Little:
+    """Whether the newest effect takes little of the gap, beside a look-alike or several others."""
     id = whole.effects[-1]
     others = [e for e in rest.effects if e not in NOT_NAMED]
     alike = any(_look_alike(about(id), about(other)) for other in others)
     if id in NOT_NAMED or not (alike or len(others) > 1):
-        return False
+        return Little.NO
     first, now, then = (n.errors.mean_squares()[1][whole.touched] for n in (base, rest, whole))
     share = RULE.mends if alike else 0.01 * VERDICT.minor
-    return bool(np.all(now - then < share * (first - then)))
+    if np.any(now - then >= share * (first - then)):
+        return Little.NO
+    return Little.LOOK_ALIKE if alike else Little.AMONG_OTHERS
