@@ -24,8 +24,9 @@ class AcceptanceRule:
         minor: an effect that significantly lowers the error below this share is mentioned.
         mends: share of the gap below which a look-alike only mends the formula of another, and an
             effect is not worth more than one whose law is a case of its own.
-        unrivalled: an effect whose score is so many times that of any other beside the same model
-            is no stand-in, however little it takes: what stands in for another has rivals.
+        unrivalled: an effect whose score is so many times that of any other beside the same model,
+            and beyond chance above it, is no stand-in, however little it takes: what stands in for
+            another has rivals.
         touched: a block counts as touched by an effect when its predictions move by this share of
             the error.
         alike: runs that differ by less than this share of the error that is left are the same

@@ -94,6 +94,8 @@ def test_what_no_other_effect_comes_near_is_no_stand_in(rival: float, alone: boo
     search = NamingSearch.__new__(NamingSearch)
     tried = [judged("dead-time", 926.0), judged("gravity-load", rival)]
     assert search.unrivalled(node(1.0), "dead-time", tried) is alone
+    little = [judged("dead-time", 40.0), judged("gravity-load", 2.0)]
+    assert not search.unrivalled(node(1.0), "dead-time", little)  # few units of BIC are chance
     base, rest = node(5.0), node(0.45, "rate-limit", "sensor-saturation")
     whole = node(0.4, *rest.effects, "dead-time")
     assert search.mends(base, rest, whole, tried) is not alone

@@ -260,7 +260,8 @@ class NamingSearch(CandidateSearch):
             found = self.candidates(rest, [e for e in judged if isinstance(e, Effect)])
         scores = {j.id: j.score for j in found}
         most = max((s for other, s in scores.items() if other != id), default=0.0)
-        return scores.get(id, 0.0) > RULE.unrivalled * max(most, 0.0)
+        most, mine = max(most, 0.0), scores.get(id, 0.0)
+        return mine > RULE.unrivalled * most and mine - most > -RULE.certain_bic
 
     def account(
         self, base: Node, node: Node, effects: Sequence[Effect], first: Sequence[Judged]
