@@ -73,6 +73,8 @@ class VerdictRule:
         slight: structure that holds less of the errors beyond the noise is no missing effect.
         loud: errors beyond this multiple of the noise of the readings are more than noise.
         nearly_all: less of the gap [%] closed, and what remains is described.
+        alone: an effect that stands alone and closes less of what is missing [%] while the rest
+            keeps its structure is a share of something else.
         minor: an effect that would close less of the gap [%] is too small to matter, …
         quiet: … where what is left has less than this share of the power of the noise.
         follows: a model with a lower free-run fit on held-out data [%] follows nothing: its errors
@@ -87,6 +89,7 @@ class VerdictRule:
     slight: float = 0.15
     loud: float = 1.5
     nearly_all: float = 90.0
+    alone: float = 25.0
     minor: float = 1.0
     quiet: float = 0.3
     follows: float = 40.0

@@ -17,7 +17,7 @@ from sysid.discrepancy.policies import RULE, VERDICT
 from sysid.discrepancy.proof.acceptance import (
     doubtful_slots,
     least_beside,
-    only_described,
+    small_share,
     weakest,
 )
 from sysid.discrepancy.proof.exchange import with_exchanged_lags
@@ -249,15 +249,22 @@ class Study:
         least = weakest(self.base, naming)
         if least is None and any(not superposes(about(n.id)) for n in naming.named):
             least = worse_than_linear(self.linear_rival, naming)
-        return least or self.described_only(naming) or self._absorber(naming)
+        return least or self.too_small_a_share(naming) or self._absorber(naming)
 
-    def described_only(self, naming: Naming) -> Dropped | None:
-        """An effect without a mechanism that leaves a good part of what the others leave."""
-        for n in naming.named:
-            if about(n.id).descriptive and self.unexplained(naming):
+    def too_small_a_share(self, naming: Naming) -> Dropped | None:
+        """An effect that leaves more of the gap of its outputs than one of its kind may.
+
+        One that is alone closes a quarter, one without a mechanism nearly all of what the others
+        leave; where what remains has no structure, it is enough.
+        """
+        mine = [n for n in naming.named if n.id not in NOT_NAMED]
+        for n in mine:
+            needed = VERDICT.alone if len(mine) == 1 else 0.0
+            needed = VERDICT.nearly_all if about(n.id).descriptive else needed
+            if needed and self.unexplained(naming):
                 closed, left = self.explained_by(naming, n)
-                if closed < 0.01 * VERDICT.nearly_all * (closed + left):
-                    return Dropped(n.id, only_described(closed, left))
+                if closed < 0.01 * needed * (closed + left):
+                    return Dropped(n.id, small_share(closed, left))
         return None
 
     def _absorber(self, naming: Naming) -> Dropped | None:

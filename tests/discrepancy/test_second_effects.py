@@ -110,20 +110,26 @@ def test_friction_is_a_case_of_play_with_friction(ratio: float, case: bool) -> N
     assert not case_of(judged("dead-zone", 3512.0, ratio), play)
 
 
-@pytest.mark.parametrize(("left", "stands"), [(1.0, True), (4.0, False)])
-def test_what_only_describes_has_to_explain_nearly_all(
-    left: float, stands: bool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("id", "left", "stands"),
+    [
+        ("coast-asymmetry", 1.0, True),
+        ("coast-asymmetry", 4.0, False),  # says what is seen and no mechanism
+        ("freewheel", 4.0, True),
+        ("freewheel", 4.6, False),  # 15 % of the gap
+    ],
+)
+def test_what_is_alone_closes_a_quarter_and_a_description_nearly_all(
+    id: str, left: float, stands: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Study, "unexplained", lambda *_: True)
     base: Any = SimpleNamespace(node=node(5.0))
     study = Study(base, NoiseFloor(*(np.array([NOISE]),) * 3), np.ones(1), 0)
     alone = np.ones(1, dtype=bool)
-    for id, kept in (("coast-asymmetry", stands), ("freewheel", True)):
-        named = Named(id, judged(id, 9.0).evidence, (), alone, {}, node(5.0))
-        naming = Naming(node(5.0), node(left, id), (named,), (), ())
-        gone = study.described_only(naming)
-        assert (gone is None) is kept
-        assert gone is None or "not why" in gone.reason
+    named = Named(id, judged(id, 9.0).evidence, (), alone, {}, node(5.0))
+    gone = study.too_small_a_share(Naming(node(5.0), node(left, id), (named,), (), ()))
+    assert (gone is None) is stands
+    assert gone is None or "other physics" in gone.reason
 
 
 @pytest.mark.parametrize(

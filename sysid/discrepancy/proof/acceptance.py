@@ -118,11 +118,11 @@ def least_beside(shares: Sequence[tuple[str, float, float]]) -> Dropped | None:
     )
 
 
-def only_described(closed: float, left: float) -> str:
-    """Why an effect without a mechanism does not stand that closes so much and leaves so much."""
+def small_share(closed: float, left: float) -> str:
+    """Why an effect that closes so much of the gap and leaves so much does not stand."""
     return (
-        f"it explains {closed:.1f} % of the gap of its outputs and leaves {left:.1f} %: its law "
-        "says what is seen and not why, and many mechanisms look in part like it"
+        f"it explains {closed:.1f} % of the gap of its outputs and leaves {left:.1f} %, which "
+        "still follows inputs and outputs: other physics may look in part like it"
     )
 
 
