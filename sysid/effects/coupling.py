@@ -16,8 +16,22 @@ P = Mapping[str, Signal]
 def _coupling(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
     # resistance to turning at the difference of the speeds amid the step, in closed form
     amid = 0.5 * (c.w + c.w_free + c.b * torque)
-    turning = (amid - _of_both(amid)) / (1.0 + 0.5 * _of_both(c.b * p["turning"]))
+    free, damped = amid - _of_both(amid), 0.5 * _of_both(c.b * p["turning"])
+    turning = free / (1.0 + damped)
+    # Newton's method from standstill: on a concave curve every step ends before the answer
+    edge = xp.maximum(p["sliding"], 1e-6)
+    slid, left = turning, 1.0
+    for _ in range(SOLVED):
+        left = 1.0 / xp.sqrt(1.0 + (slid / edge) ** 2)
+        over = slid * (1.0 + damped * left) - free
+        slid = slid - over / (1.0 + damped * left**3)
+    left = 1.0 / xp.sqrt(1.0 + (slid / edge) ** 2)
+    turning = xp.where(p["of_rate"] > 1.5, slid * left, turning)
     return torque - p["share"] * c.torque_other - p["turning"] * turning, s
+
+
+SOLVED = 5
+"""Steps by which the resistance of a track that slides is solved for."""
 
 
 def _of_both(x: Signal) -> Signal:
@@ -26,12 +40,13 @@ def _of_both(x: Signal) -> Signal:
 
 
 def _together(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
-    """Shares of the deviations from steady speed that a sample leaves: own and the other's.
+    """Shares of the deviations from steady speed that a sample leaves.
 
-    exp(−M⁻¹ dt) of M = [[τ_1, m], [m, τ_2]], m = μ √(τ_1 τ_2), in closed form.
+    ``own`` and ``other``: exp(−M⁻¹ dt) of M = [[τ_1, m], [m, τ_2]], m = μ √(τ_1 τ_2), in closed
+    form. The others, of a body on ground that gives: see ``_mode``.
     """
     if kept.shape[-1] != 2:
-        return {"own": kept, "other": 0.0 * kept}
+        return {"own": kept, "other": 0.0 * kept} | {name: 0.0 * kept for name in _SOFT}
     rate = -xp.log(xp.maximum(kept, 1e-9))  # dt/τ
     free = 1.0 / (1.0 - p["share"] ** 2)
     mean = 0.5 * free * (rate + rate[..., ::-1])
@@ -39,7 +54,42 @@ def _together(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
     mixed = free * p["share"] * xp.sqrt(rate * rate[..., ::-1])
     apart = xp.sqrt(half**2 + mixed**2 + 1e-12)
     ratio = xp.exp(-mean) * xp.sinh(apart) / apart
-    return {"own": xp.exp(-mean) * xp.cosh(apart) - ratio * half, "other": ratio * mixed}
+    rigid = {"own": xp.exp(-mean) * xp.cosh(apart) - ratio * half, "other": ratio * mixed}
+    share, wheel = p["share"], p["wheel"] * (1.0 - xp.abs(p["share"]))
+    per_sample = _of_both(rate)
+    body = 1.0 - wheel - xp.abs(share)
+    damper = (body + 2.0 * xp.abs(share)) * dt / (per_sample * xp.maximum(p["lag"], 1e-2 * dt))
+    soft = {"alone": xp.exp(-per_sample)}
+    for name, sign in (("straight", 1.0), ("turning", -1.0)):
+        carried = body + xp.abs(share) + sign * share
+        numbers = _mode(xp, per_sample, wheel, carried, damper)
+        soft |= {f"{name}_{part}": number for part, number in zip(_PARTS, numbers, strict=True)}
+    return rigid | soft
+
+
+_PARTS = ("of_track", "of_body", "body_of_track", "body_of_body")
+_SOFT = ("alone", *(f"{mode}_{part}" for mode in ("straight", "turning") for part in _PARTS))
+
+
+def _mode(xp: Any, rate: Signal, wheel: Signal, body: Signal, damper: Signal) -> tuple[Signal, ...]:
+    """exp(A dt) of a track that pulls a body through a damper, by rows.
+
+    ι τ ω̇ = T − ω − D (ω − z), m τ ż = D (ω − z), with deviations of ω and z from T; both
+    eigenvalues are real and negative.
+    """
+    a, c = rate / wheel, damper * rate / body
+    fast, det = 0.5 * (a * (1.0 + damper) + c), a * c
+    apart = xp.sqrt(xp.maximum(fast**2 - det, 1e-12))
+    second = fast + apart
+    first = det / second
+    slow, quick = xp.exp(-first), xp.exp(-second)
+    each = (slow - quick) / (2.0 * apart)  # E = slow I + each (A + first I)
+    return (
+        slow + each * (first - a * (1.0 + damper)),
+        each * a * damper,
+        each * c,
+        slow + each * (first - c),
+    )
 
 
 def _inertia(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
@@ -48,11 +98,22 @@ def _inertia(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, St
     deviation = c.w - (w - c.w_free) / c.b
     # a track that sticks neither feels the other one nor moves it
     stands = (w == 0.0) & (c.w == 0.0) & (xp.abs(c.torque) < c.holds)
-    apart = (p["share"] == 0.0) | stands[..., :1] | stands[..., 1:]
+    stands = stands[..., :1] | stands[..., 1:]
     # both less one is the other: turning the tracks round would cost most of a compiled step
     other = deviation[..., :1] + deviation[..., 1:] - deviation
-    coupled = (p["own"] - (1.0 - c.b)) * deviation + p["other"] * other
-    return w + xp.where(apart, 0.0, coupled), s
+    rigid = (p["own"] - (1.0 - c.b)) * deviation + p["other"] * other
+    (body,) = s
+    behind = deviation + body - c.w
+    mean, left = _of_both(deviation), _of_both(behind)
+    turns, led = deviation - mean, behind - left
+    track = p["straight_of_track"] * mean + p["straight_of_body"] * left
+    track = track + p["turning_of_track"] * turns + p["turning_of_body"] * led
+    carried = p["straight_body_of_track"] * mean + p["straight_body_of_body"] * left
+    carried = carried + p["turning_body_of_track"] * turns + p["turning_body_of_body"] * led
+    soft = p["soft"] > 0.5
+    coupled = xp.where(soft, track - p["alone"] * deviation, rigid)
+    moved = w + xp.where(stands | ((p["share"] == 0.0) & ~soft), 0.0, coupled)
+    return moved, (xp.where(stands | ~soft, moved, c.w - deviation + carried),)
 
 
 EFFECTS = (
@@ -65,9 +126,10 @@ EFFECTS = (
         "A side gives way a little whenever the other one pulls.",
         "One side at a constant command while the other steps.",
         (
-            EffectParameter("share", "", 0.0, -0.6, 0.6, (0.1, -0.1, 0.0, 0.0), "one"),
-            EffectParameter("turning", "", 0.0, 0.0, 3.0, (0.0, 0.0, 0.1, 0.5), "one"),
-            EffectParameter("of_rate", "", 0.0, 0.0, 1.0, (0.0, 0.0, 1.0, 1.0), choice=True),
+            EffectParameter("share", "", 0.0, -0.6, 0.6, (0.1, -0.1) + (0.0,) * 3, "one"),
+            EffectParameter("turning", "", 0.0, 0.0, 30.0, (0.0, 0.0, 0.3, 1.0, 3.0), "one"),
+            EffectParameter("sliding", "speed", 0.0, 0.0, 10.0, (0.0,) * 3 + (0.3, 0.1), "speed"),
+            EffectParameter("of_rate", "", 0.0, 0.0, 2.0, (0.0, 0.0, 1.0, 2.0, 2.0), choice=True),
         ),
         _coupling,
         laws=(
@@ -76,6 +138,11 @@ EFFECTS = (
                 ("turning",),
                 choices={"of_rate": 1.0},
                 sentence="It resists turning in proportion to the rate, as soft ground does.",
+            ),
+            Law(
+                ("turning", "sliding"),
+                choices={"of_rate": 2.0},
+                sentence="It resists turning, ever less in addition as the tracks slide sideways.",
             ),
         ),
         inverse=inverses.against_coupling,
@@ -91,9 +158,23 @@ EFFECTS = (
         "The body's mass and yaw inertia tie both sides: one speeds up, the other feels it.",
         "A side twitches whenever the other one speeds up or slows down, not while it pulls.",
         "One side at a constant command while the other steps, then both together and opposed.",
-        (EffectParameter("share", "", 0.0, -0.9, 0.9, (0.25, -0.25), "one"),),
+        (
+            EffectParameter("share", "", 0.0, -0.9, 0.9, (0.25, -0.25, 0.3, -0.4), "one"),
+            EffectParameter("wheel", "", 0.3, 0.01, 0.99, (0.3,) * 4, "one", at_limit=True),
+            EffectParameter("lag", "s", 0.0, 0.0, 300.0, (0.0, 0.0, 5.0, 5.0), "dt"),
+            EffectParameter("soft", "", 0.0, 0.0, 1.0, (0.0, 0.0, 1.0, 1.0), choice=True),
+        ),
         _inertia,
         _together,
+        states=1,
+        laws=(
+            Law(("share",), choices={"soft": 0.0}),
+            Law(
+                ("share", "wheel", "lag"),
+                choices={"soft": 1.0},
+                sentence="The body follows the tracks late, as on soft ground.",
+            ),
+        ),
         shared=True,
         couples=True,
         programmes=(ONE_AND_OTHER, REVERSALS),
