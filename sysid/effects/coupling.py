@@ -14,24 +14,21 @@ P = Mapping[str, Signal]
 
 
 def _coupling(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    # resistance to turning at the difference of the speeds amid the step, in closed form
+    # resistance to turning at the difference of the speeds amid the step
     amid = 0.5 * (c.w + c.w_free + c.b * torque)
     free, damped = amid - _of_both(amid), 0.5 * _of_both(c.b * p["turning"])
     turning = free / (1.0 + damped)
-    # Newton's method from standstill: on a concave curve every step ends before the answer
-    edge = xp.maximum(p["sliding"], 1e-6)
-    slid, left = turning, 1.0
-    for _ in range(SOLVED):
-        left = 1.0 / xp.sqrt(1.0 + (slid / edge) ** 2)
-        over = slid * (1.0 + damped * left) - free
-        slid = slid - over / (1.0 + damped * left**3)
-    left = 1.0 / xp.sqrt(1.0 + (slid / edge) ** 2)
-    turning = xp.where(p["of_rate"] > 1.5, slid * left, turning)
+    # where tracks slide: δ (1 + k/(1 + |δ|/s)) = free, in |δ| a quadratic equation where both
+    # slide alike; two steps of Newton's method where they do not
+    over = xp.abs(free) / xp.maximum(_of_both(p["sliding"]), 1e-6)
+    half = 1.0 + damped - over
+    slid = 2.0 * free / (half + xp.sqrt(half**2 + 4.0 * over))
+    for _ in range(2):
+        left = inverses.before_sliding(xp, slid, p)
+        over = slid * (1.0 + 0.5 * _of_both(c.b * p["turning"] * left)) - free
+        slid = slid - over / (1.0 + 0.5 * _of_both(c.b * p["turning"] * left**2))
+    turning = xp.where(p["of_rate"] > 1.5, slid * inverses.before_sliding(xp, slid, p), turning)
     return torque - p["share"] * c.torque_other - p["turning"] * turning, s
-
-
-SOLVED = 5
-"""Steps by which the resistance of a track that slides is solved for."""
 
 
 def _of_both(x: Signal) -> Signal:
@@ -43,10 +40,14 @@ def _together(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
     """Shares of the deviations from steady speed that a sample leaves.
 
     ``own`` and ``other``: exp(−M⁻¹ dt) of M = [[τ_1, m], [m, τ_2]], m = μ √(τ_1 τ_2), in closed
-    form. The others, of a body on ground that gives: see ``_mode``.
+    form.
+
+    The others are of a body that the tracks pull through ground that gives, for both on average:
+    straight on (+) and turning (−) the track keeps the inertia ι τ, ι = wheel (1 − |μ|), and the
+    body has the rest of τ (1 ± μ); the damper is such that the heavier way follows with ``lag``.
     """
     if kept.shape[-1] != 2:
-        return {"own": kept, "other": 0.0 * kept} | {name: 0.0 * kept for name in _SOFT}
+        return {"own": kept, "other": 0.0 * kept} | dict.fromkeys(_SOFT, 0.0 * kept)
     rate = -xp.log(xp.maximum(kept, 1e-9))  # dt/τ
     free = 1.0 / (1.0 - p["share"] ** 2)
     mean = 0.5 * free * (rate + rate[..., ::-1])
@@ -121,7 +122,7 @@ EFFECTS = (
         "cross-coupling",
         "motor",
         Place.TORQUE,
-        "T → T − g T_other, or T → T − v (ω − ω_other)/2",
+        "T → T − g T_other, or T → T − v δ or T − v δ/(1 + |δ|/s) with δ = (ω − ω_other)/2",
         "One side's torque loads the other through the body.",
         "A side gives way a little whenever the other one pulls.",
         "One side at a constant command while the other steps.",
@@ -154,7 +155,8 @@ EFFECTS = (
         "inertial-coupling",
         "motor",
         Place.SPEED,
-        "τ ω̇ = T − ω − m ω̇_other, m = μ √(τ τ_other)",
+        "τ ω̇ = T − ω − m ω̇_other, m = μ √(τ τ_other), or with a body at z that follows through a "
+        "damper: ι τ ω̇ = T − ω − D (ω − z)",
         "The body's mass and yaw inertia tie both sides: one speeds up, the other feels it.",
         "A side twitches whenever the other one speeds up or slows down, not while it pulls.",
         "One side at a constant command while the other steps, then both together and opposed.",

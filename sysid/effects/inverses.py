@@ -98,10 +98,20 @@ def against_viscous(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
     return (torque + more * w) / xp.where(constant & (c.w < 0.0), p["ratio"], 1.0)
 
 
+def before_sliding(xp: Any, turning: Signal, p: P) -> Signal:
+    """What is left of the resistance to turning where tracks slide: 1/(1 + |δ|/s)."""
+    return 1.0 / (1.0 + xp.abs(turning) / xp.maximum(p["sliding"], 1e-6))
+
+
 def against_coupling(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
-    """The x with x_i − g_i x_j = T_i of both tracks; with T_i + v_i (ω_i − ω_j)/2 for T_i."""
+    """The x with x_i − g_i x_j = T_i of both tracks; with T_i + v_i δ_i for T_i.
+
+    δ_i = (ω_i − ω_j)/2, times what is left of it where tracks slide.
+    """
     share = p["share"]
     if share.shape[-1] != 2:
         return torque
-    torque = torque + 0.5 * p["turning"] * (c.w - c.w[..., ::-1])
+    apart = 0.5 * (c.w - c.w[..., ::-1])
+    left = xp.where(p["of_rate"] > 1.5, before_sliding(xp, apart, p), 1.0)
+    torque = torque + p["turning"] * apart * left
     return (torque + share * torque[..., ::-1]) / (1.0 - share * share[..., ::-1])

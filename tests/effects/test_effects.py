@@ -149,7 +149,11 @@ STEADY = {
         -0.5,
         -GAIN * 0.4 / (0.1 + 0.9 * 0.64),
     ),
-    "cross-coupling": ({"share": 0.1, "turning": 0.5, "of_rate": 0.0}, 0.5, GAIN * 0.5 * 0.9),
+    "cross-coupling": (
+        {"share": 0.1, "turning": 0.5, "sliding": 1.0, "of_rate": 0.0},
+        0.5,
+        GAIN * 0.5 * 0.9,
+    ),
     "sensor-bias": ({"bias": 0.7}, 0.5, GAIN * 0.5 + 0.7),
     "sensor-saturation": ({"limit": 6.0}, 0.5, 6.0),
     "unsigned-speed": ({"on": 1.0}, -0.5, GAIN * 0.5),
@@ -204,24 +208,73 @@ def test_inertial_coupling_is_the_exact_answer_of_the_coupled_equations(share: f
     drive = np.vstack([np.tile([0.5, 0.0], (20, 1)), commands(4)])
     two = Core(np.array([20.0, 15.0]), -kept[None], 1.0 - kept[None])
     active = (effect("inertial-coupling"),)
+    numbers = nulls(active[0]) | {"share": both(share)}
     state, w = rest_state(np, active, two, np.zeros(2)), np.zeros(2)
     for d in drive:
-        state, y = chain_step(
-            active, two, {"inertial-coupling": {"share": both(share)}}, state, d, 0.0, DT
-        )
+        state, y = chain_step(active, two, {"inertial-coupling": numbers}, state, d, 0.0, DT)
         # rounding of exp and of 1 − e^(−2x) in cosh and sinh
         np.testing.assert_allclose(y, w, atol=1e-9)
         w = E @ w + (np.eye(2) - E) @ (two.gain * d)
 
 
+@pytest.mark.parametrize("share", [0.4, -0.5])
+def test_a_body_on_ground_that_gives_is_the_exact_answer_of_its_equations(share: float) -> None:
+    """Both tracks (ω) and the body above them (z), by modes: straight on and turning."""
+    wheel, lag, tau = 0.4, 3.0 * DT, -DT / np.log(0.8)
+    own = wheel * (1.0 - abs(share))
+    straight, turning = (tau * (1.0 + s * share - own) for s in (1.0, -1.0))
+    damper = max(straight, turning) / lag
+    A = np.zeros((4, 4))
+    A[:2, :2] = -(1.0 + damper) / (own * tau) * np.eye(2)
+    A[:2, 2:] = damper / (own * tau) * np.eye(2)
+    mean, apart = 0.5 * (straight + turning), 0.5 * (straight - turning)
+    masses = np.array([[mean, apart], [apart, mean]])
+    A[2:, :2] = damper * np.linalg.inv(masses)
+    A[2:, 2:] = -A[2:, :2]
+    E, x = expm(A * DT), np.zeros(4)
+    active = (effect("inertial-coupling"),)
+    given = {"share": share, "wheel": wheel, "lag": lag, "soft": 1.0}
+    two = Core(np.full(2, GAIN), np.full((1, 2), -0.8), np.full((1, 2), 0.2))
+    state = rest_state(np, active, two, np.zeros(2))
+    for d in commands(4):
+        numbers = {"inertial-coupling": {k: both(v) for k, v in given.items()}}
+        state, y = chain_step(active, two, numbers, state, d, 0.0, DT)
+        np.testing.assert_allclose(y, x[:2], atol=1e-9)
+        steady = GAIN * np.concatenate([d, d])
+        x = steady + E @ (x - steady)
+
+
+def test_a_body_that_follows_at_once_is_tied_rigidly() -> None:
+    drive, rigid = commands(5), nulls(effect("inertial-coupling")) | {"share": both(0.4)}
+    soft = rigid | {"soft": both(1.0), "lag": both(1e-3 * DT)}
+    found, expected = (run({"inertial-coupling": numbers}, drive) for numbers in (soft, rigid))
+    # the damper is held to a hundredth of a sample
+    np.testing.assert_allclose(found, expected, atol=0.02 * GAIN)
+    assert np.abs(found - run({}, drive)).max() > 0.1 * GAIN
+
+
 def test_a_track_that_sticks_does_not_feel_the_other_ones_inertia() -> None:
     dry = {"level": both(3.0), "of_load": both(0.0)}
-    numbers = {"inertial-coupling": {"share": both(0.4)}, "coulomb-friction": dry}
+    coupled = nulls(effect("inertial-coupling")) | {"share": both(0.4)}
+    numbers = {"inertial-coupling": coupled, "coulomb-friction": dry}
     drive = np.column_stack([np.full(60, 0.1), np.full(60, 0.5)])
     found = run(numbers, drive)
     alone = run({"coulomb-friction": dry}, drive)
     assert not found[:, 0].any()
     np.testing.assert_array_equal(found, alone)
+
+
+@pytest.mark.parametrize("sliding", [0.01, 1.0, 8.0])
+def test_resistance_to_turning_of_tracks_that_slide(sliding: float) -> None:
+    """ω = T − v ω/(1 + |ω|/s) on both sides of a turn on the spot."""
+    given = {"turning": 2.0, "sliding": sliding, "of_rate": 2.0}
+    numbers = nulls(effect("cross-coupling")) | {k: both(v) for k, v in given.items()}
+    torque = GAIN * 0.5
+    left, right = run({"cross-coupling": numbers}, held(0.5) * np.array([1.0, -1.0]))[-1]
+    assert left == -right
+    assert left + 2.0 * left / (1.0 + left / sliding) == pytest.approx(torque, rel=1e-6)
+    straight = run({"cross-coupling": numbers}, held(0.5))
+    np.testing.assert_allclose(straight, run({}, held(0.5)), rtol=1e-12)
 
 
 def test_slip_shortens_turns_only() -> None:
@@ -350,7 +403,7 @@ def test_a_gap_between_two_masses_is_crossed_in_their_time(dt: float, rub: float
 
 def test_resistance_to_turning_slows_what_turns_and_nothing_else() -> None:
     """ω = T − v ω on both sides of a turn on the spot."""
-    numbers = {"share": both(0.0), "turning": both(0.5), "of_rate": both(1.0)}
+    numbers = nulls(effect("cross-coupling")) | {"turning": both(0.5), "of_rate": both(1.0)}
     found = run({"cross-coupling": numbers}, held(0.5) * np.array([1.0, -1.0]))[-1]
     np.testing.assert_allclose(found, GAIN * 0.5 / 1.5 * np.array([1.0, -1.0]), rtol=1e-9)
     straight = run({"cross-coupling": numbers}, held(0.5))
