@@ -26,7 +26,7 @@ class AcceptanceRule:
             effect is not worth more than one whose law is a case of its own.
         unrivalled: an effect whose score is so many times that of any other beside the same model,
             and beyond chance above it, is no stand-in, however little it takes: what stands in for
-            another has rivals.
+            another has rivals. One that others wait for need not meet ``in_loop`` then.
         touched: a block counts as touched by an effect when its predictions move by this share of
             the error.
         alike: runs that differ by less than this share of the error that is left are the same

@@ -109,7 +109,11 @@ class NamingSearch(CandidateSearch):
             say(f"{', '.join(node.effects)}: looking for more", 0.2 * len(node.effects))
             judged = self.candidates(node, effects)
             minor = self._minor(judged)
-            passed = [j for j in self.passing(judged) if j.evidence.ratio < needed]
+            passed = [
+                j
+                for j in self.passing(judged)
+                if j.evidence.ratio < needed or self.unrivalled(node, j.id, judged)
+            ]
             passed = [j for j in passed if not self.mends(base, node, j.node, judged)]
             if not passed or self.best_of(base, (node, passed[0].node)) is node:
                 break
