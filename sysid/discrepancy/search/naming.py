@@ -289,6 +289,7 @@ class NamingSearch(CandidateSearch):
                 rest = self.without(node, id)
                 judged = self.candidates(rest, others, most=4)
                 mine = self._in_place(node, rest, judged, len(effects))
+                judged = self._as_far(mine, judged)
             ties = tuple(
                 j.id
                 for j in judged
@@ -301,6 +302,32 @@ class NamingSearch(CandidateSearch):
             rivals = {id: mine.node} | {j.id: j.node for j in judged if j.id in (id, *ties)}
             named.append(Named(id, mine.evidence, ties, mine.node.touched, rivals, rest))
         return tuple(named)
+
+    def _as_far(self, mine: Judged, judged: Sequence[Judged]) -> Sequence[Judged]:
+        """Rivals beside the same numbers as an effect in place, where only those set them apart.
+
+        The numbers of the other effects were fitted beside the one in place, and not beside these.
+        """
+        anew = next((j for j in judged if j.id == mine.id), mine)
+        if anew is mine:
+            return judged
+
+        def behind(j: Judged) -> bool:
+            same = j.id in about(mine.id).ties and self.tied(anew.node, j.node)
+            return same and not self.tied(mine.node, j.node)
+
+        return [self._instead(mine, j) if behind(j) else j for j in judged]
+
+    def _instead(self, mine: Judged, rival: Judged) -> Judged:
+        """The rival with the other effects as they stand beside the one in place, if that fits."""
+        q = mine.node.q.copy()
+        own, theirs = self.model.of(mine.id), self.model.of(rival.id)
+        q[list(own)], q[list(theirs)] = self.origin[list(own)], rival.node.q[list(theirs)]
+        kept = [k for k in mine.node.free if k not in own]
+        free = tuple(sorted({*kept, *(k for k in rival.node.free if k in theirs)}))
+        moved = self.polished(replace(rival.node, q=q, free=free))
+        moved = replace(moved, excluded=rival.node.excluded)
+        return replace(rival, node=self.best_of(rival.node, (rival.node, moved)))
 
     def tied(self, best: Node, other: Node) -> bool:
         """Whether no log can tell two models apart."""
