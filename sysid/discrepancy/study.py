@@ -271,8 +271,8 @@ class Study:
         """The effect beside others that takes less than they leave, where they leave structure.
 
         What remains on one output speaks not against an effect that carries another one: there is
-        something else on that one alone. Nor does what remains speak against an effect that no
-        other comes near: a stand-in has rivals.
+        something else on that one alone. Nor does what remains speak against an effect that closes
+        some of the gap and that no other comes near: a stand-in has rivals.
         """
         mine = [n for n in naming.named if n.id not in NOT_NAMED]
         if len(mine) < 2 or not self.unexplained(naming):
@@ -285,7 +285,8 @@ class Study:
         search, rivals = self.base.search, self.base.search.model.effects
         while least := least_beside([(n.id, *self.explained_by(naming, n)) for n in short]):
             (own,) = (n for n in short if n.id == least.id)
-            if not search.unrivalled(own.rest, own.id, rivals):
+            closed, _ = self.explained_by(naming, own)
+            if closed <= 0.0 or not search.unrivalled(own.rest, own.id, rivals):
                 break
             short.remove(own)
         return least

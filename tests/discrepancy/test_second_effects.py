@@ -147,3 +147,60 @@ def test_what_explains_a_process_in_part_may_stand_for_other_physics(
     study = Study(base, NoiseFloor(np.ones(1), np.ones(1), np.ones(1)), np.ones(1), 0)
     naming = Naming(node(1.0), node(0.5, "dead-zone"), (), (), ())
     assert study.stand_in(naming) is doubted
+
+
+def test_a_tie_stays_one_beside_numbers_that_were_fitted_beside_one_of_the_two() -> None:
+    """An edge fitted without a load is another one; a load and a zero point are no less alike."""
+    slots = {"load-bias": (0,), "sensor-bias": (1,), "dead-zone": (2,)}
+    noise = np.random.default_rng(1).normal(size=(100, 1))
+
+    def model(id: str, edge: float) -> Node:
+        q = np.array([0.0, 0.0, edge])
+        q[list(slots[id])] = -1.0
+        errors = ((1.0 + abs(edge - 0.25)) * noise,)
+        free = (2, *slots[id])
+        return Node(("dead-zone", id), q, free, Errors(errors, errors), np.ones(1, dtype=bool))
+
+    class Search(NamingSearch):
+        def __init__(self) -> None:
+            self.model, self.logs = SimpleNamespace(of=slots.__getitem__), None  # type: ignore
+            self.origin = np.zeros(3)
+
+        def polished(self, node: Node) -> Node:
+            assert node.free == tuple(sorted(node.free))
+            return model(node.effects[-1], float(node.q[2]))
+
+        def best_of(self, base: Node, nodes: Any) -> Node:
+            return min(nodes, key=lambda n: n.held_rmse)
+
+    search, evidence = Search(), Evidence(-900.0, 9.0, 1.0, 0.5, 1e-9)
+    mine = Judged(model("sensor-bias", 0.25), evidence, 950.0)
+    anew = [Judged(model(id, 0.5), evidence, 900.0) for id in ("sensor-bias", "load-bias")]
+    assert not search.tied(mine.node, anew[1].node)
+    own, rival = search._as_far(mine, anew)
+    assert own is anew[0]
+    assert search.tied(mine.node, rival.node)
+    assert rival.node.q.tolist() == [-1.0, 0.0, 0.25]
+
+
+@pytest.mark.parametrize(
+    ("closed", "stays"), [(4.0, True), (-11.6, False)], ids=["some", "less-than-none"]
+)
+def test_what_closes_nothing_has_no_rivals_to_be_ahead_of(
+    closed: float, stays: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ids, shares = ("current-limit", "sensor-lag"), {"current-limit": 90.0, "sensor-lag": closed}
+    search: Any = SimpleNamespace(
+        unrivalled=lambda *_: True, model=SimpleNamespace(effects=()), needed=0.9
+    )
+    base: Any = SimpleNamespace(search=search, node=node(5.0))
+    study = Study(base, NoiseFloor(*(np.array([NOISE]),) * 3), np.ones(1), 0)
+    monkeypatch.setattr(Study, "unexplained", lambda *_: True)
+    monkeypatch.setattr(Study, "explained_by", lambda _, naming, n: (shares[n.id], 20.0))
+    # what each leaves on its only output is near what both do: none carries it
+    evidence, both = Evidence(-900.0, 9.0, 1.0, 0.5, 1e-9), node(2.0, *ids)
+    named = tuple(
+        Named(id, evidence, (), both.touched, {}, node(2.1 if id == ids[1] else 4.0)) for id in ids
+    )
+    least = study._absorber(Naming(node(5.0), both, named, (), ()))
+    assert (least is None) is stays
