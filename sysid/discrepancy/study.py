@@ -21,7 +21,12 @@ from sysid.discrepancy.proof.acceptance import (
     weakest,
 )
 from sysid.discrepancy.proof.exchange import with_exchanged_lags
-from sysid.discrepancy.proof.linear_rival import LinearRival, linear_rival, worse_than_linear
+from sysid.discrepancy.proof.linear_rival import (
+    LinearRival,
+    linear_motion,
+    linear_rival,
+    worse_than_linear,
+)
 from sysid.discrepancy.proof.model_error import FEWEST, ResidualStructure, error_structure
 from sysid.discrepancy.proof.noise import NoiseFloor, floor_of
 from sysid.discrepancy.proof.uneven_delay import UnevenDelay, rows_apart, uneven_delays
@@ -31,7 +36,6 @@ from sysid.discrepancy.search.naming import Progress
 from sysid.discrepancy.search.slopes import slopes
 from sysid.effects.base import Effect
 from sysid.effects.catalogue import NOT_NAMED, about
-from sysid.effects.conformance import superposes
 from sysid.effects.sensor import SAMPLING
 from sysid.errors import DataError
 
@@ -247,8 +251,8 @@ class Study:
     def _objection(self, naming: Naming) -> Dropped | None:
         """The accepted effect that evidence speaks against most, and what speaks against it."""
         least = weakest(self.base, naming)
-        if least is None and any(not superposes(about(n.id)) for n in naming.named):
-            least = worse_than_linear(self.linear_rival, naming)
+        if least is None and any(not linear_motion(self.base, naming, n) for n in naming.named):
+            least = worse_than_linear(self.base, self.linear_rival, naming)
         return least or self.too_small_a_share(naming) or self._absorber(naming)
 
     def too_small_a_share(self, naming: Naming) -> Dropped | None:

@@ -105,19 +105,22 @@ SCALED = -17.0
 
 
 @cache
-def superposes(effect: Effect) -> bool:
+def superposes(effect: Effect, chosen: frozenset[tuple[str, float]] = frozenset()) -> bool:
     """Whether the step is linear but for a constant: a linear model of higher order does the same.
 
-    f(a x) = a f(x) + (1 − a) f(0) at random instants, for each start of its numbers.
+    f(a x) = a f(x) + (1 − a) f(0) at random instants, for each start of its numbers; of an effect
+    with several laws, for each start of the law that the choices stand for, of all without them.
     """
     if effect.place is Place.SAMPLES or not effect.parameters:
         return False
     rng = np.random.default_rng(2)
     for trial in range(TRIALS * max(len(p.starts) for p in effect.parameters)):
-        numbers = {
-            p.name: np.full(2, p.starts[min(trial // TRIALS, len(p.starts) - 1)])
-            for p in effect.parameters
+        values = {
+            p.name: p.starts[min(trial // TRIALS, len(p.starts) - 1)] for p in effect.parameters
         }
+        if not chosen <= values.items():
+            continue
+        numbers = {name: np.full(2, value) for name, value in values.items()}
         signal, context, state = _instant(effect, rng)
         state = tuple(rng.uniform(-1.0, 1.0, 2) for _ in state)
         one, scaled, none = (

@@ -16,7 +16,7 @@ from sysid.data.record import Array, Record
 from sysid.discrepancy.base_model import Base
 from sysid.discrepancy.named_effects import Dropped
 from sysid.discrepancy.policies import RULE
-from sysid.discrepancy.search.named_sets import Naming
+from sysid.discrepancy.search.named_sets import Named, Naming
 from sysid.effects.catalogue import about
 from sysid.effects.conformance import superposes
 from sysid.errors import SysidError
@@ -69,7 +69,15 @@ class LinearRival:
         )
 
 
-def worse_than_linear(rival: LinearRival, naming: Naming) -> Dropped | None:
+def linear_motion(base: Base, naming: Naming, named: Named) -> bool:
+    """Whether an accepted effect is a case of linear motion, by the law that the data chose."""
+    e, model = about(named.id), base.search.model
+    if not e.laws or e not in model.effects:
+        return superposes(e)
+    return superposes(e, frozenset(model.chosen(e, naming.final.q).items()))
+
+
+def worse_than_linear(base: Base, rival: LinearRival, naming: Naming) -> Dropped | None:
     """The weakest accepted effect that is not linear and explains less than linear motion does.
 
     A linear effect is a case of that motion, however little its law fits.
@@ -78,7 +86,7 @@ def worse_than_linear(rival: LinearRival, naming: Naming) -> Dropped | None:
     failed = [
         n
         for n in naming.named
-        if n.touched.any() and better[n.touched].all() and not superposes(about(n.id))
+        if n.touched.any() and better[n.touched].all() and not linear_motion(base, naming, n)
     ]
     if not failed:
         return None
