@@ -140,7 +140,7 @@ INPUT_DELAY = Effect(
     states=DELAY_LINE,
     on_past=_delay_on,
     programmes=(REVERSALS, LEVELS),
-    beyond_a_sample=True,
+    beyond_sampling=True,
 )
 
 
@@ -325,7 +325,7 @@ EFFECTS = (
         states=1,
         ties=("sensor-lag",),
         programmes=(REVERSALS, TOP),
-        beyond_a_sample=True,
+        beyond_sampling=True,
         exchanges="lag",
     ),
 )

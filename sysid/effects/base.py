@@ -254,7 +254,7 @@ class Effect:
             from a larger one, too.
         level: whether it shifts torque or reading by a constant, which a base with a level of its
             own holds already: it is then not offered.
-        beyond_a_sample: whether it only shifts or smooths in time: below one sample it is how the
+        beyond_sampling: whether it only shifts or smooths in time: up to half a sample it is how the
             log was sampled (a difference over a sample is half of one late) and is not named.
         exchanges: its parameter that is a lag of first order like the motor's own: both may change
             places.
@@ -300,7 +300,7 @@ class Effect:
     starts_from: StartsFrom = StartsFrom.LISTED
     weakens: bool = False
     level: bool = False
-    beyond_a_sample: bool = False
+    beyond_sampling: bool = False
     exchanges: str = ""
     reverses: bool = False
     waves: tuple[Wave, ...] = ()

@@ -55,7 +55,7 @@ EFFECTS = (
         "(a pose in the log, a camera), or turn the wheel by hand: only a lag of the sensor is "
         "seen there.",
         programmes=(REVERSALS, TOP),
-        beyond_a_sample=True,
+        beyond_sampling=True,
         exchanges="lag",
     ),
     Effect(
@@ -117,16 +117,20 @@ def _counted_on(xp: Any, y: Signal, past: Past, p: Mapping[str, Signal], c: Cont
     return y + p["share"] * (past(y, xp.ones_like(p["share"])) - y)
 
 
+MOST_SAMPLED = 0.55
+"""The latest that a log's making leaves a reading [samples]: a speed counted over a sample is half
+of one late; the rest is for what the machine does within a sample (the inductance of a motor)."""
+
 SAMPLING = Effect(
     "sampling-lag",
     "sensor",
     Place.READING,
     "y(k) = (1 − φ) ω(k) + φ ω(k − 1)",
-    "Readings come a part of a sample late: a speed counted over a sample, or a command passed on "
+    "Readings come up to half a sample late: a speed counted over a sample, or a command passed on "
     "between two readings.",
     "Every response begins the same part of a sample late.",
     "Fast reversals.",
-    (EffectParameter("share", "1", 0.0, 0.0, 1.0, (0.5,)),),
+    (EffectParameter("share", "1", 0.0, 0.0, MOST_SAMPLED, (0.5,), at_limit=True),),
     _counted,
     states=1,
     on_past=_counted_on,

@@ -15,7 +15,7 @@ from sysid.discrepancy.base_model import Base, divided, plain_base
 from sysid.discrepancy.diagnose import diagnose
 from sysid.discrepancy.diagnosis import Diagnosis
 from sysid.discrepancy.integrating import rates
-from sysid.discrepancy.search.admission import beyond_a_sample
+from sysid.discrepancy.search.admission import beyond_sampling
 from sysid.discrepancy.search.batched_search import information, search
 from sysid.discrepancy.search.named_sets import Interval
 from sysid.discrepancy.search.naming import NamingSearch
@@ -309,7 +309,7 @@ def test_a_lag_below_one_sample_is_the_sampling_and_no_effect() -> None:
             node = s.node((id,), row, (*s.core, *slots))
             assert s.admissible(node) == stands, (id, samples)
             row[slots[1]] = 0.5 * m.dt
-            assert beyond_a_sample(m, id, row).tolist() == [stands, False]
+            assert beyond_sampling(m, id, row).tolist() == [stands, False]
 
 
 def test_a_share_of_the_largest_command_is_told_in_the_unit_of_the_input() -> None:

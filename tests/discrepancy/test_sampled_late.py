@@ -48,7 +48,7 @@ def searched(dead: float) -> tuple[dict[str, bool], Node, float]:
 def test_a_steep_rate_limit_is_not_named_for_counted_speeds() -> None:
     alone, final, share = searched(0.0)
     assert alone["rate-limit"]  # it would be named if nothing else were known
-    assert not alone["input-delay"]  # below one sample
+    assert not alone["input-delay"]  # up to half a sample
     assert final.effects == (SAMPLING.id,)
     assert share == pytest.approx(0.5, abs=0.03)  # a mean is half a sample late
 

@@ -12,16 +12,17 @@ from sysid.discrepancy.search.numbers import Slot
 from sysid.discrepancy.search.supermodel import SuperModel
 from sysid.effects.base import StartsFrom
 from sysid.effects.catalogue import CHANGED, about
+from sysid.effects.sensor import MOST_SAMPLED
 from sysid.fitting.holdout import Errors
 
 
-def beyond_a_sample(model: SuperModel, id: str, q: Array) -> NDArray[np.bool_]:
+def beyond_sampling(model: SuperModel, id: str, q: Array) -> NDArray[np.bool_]:
     """Tracks on which an effect is later than sampling itself makes it, (tracks,)."""
     found = np.ones(model.tracks, dtype=bool)
-    if about(id).beyond_a_sample:
+    if about(id).beyond_sampling:
         for k in model.of(id):
             if model.slots[k].track >= 0:
-                found[model.slots[k].track] = q[k] > model.dt
+                found[model.slots[k].track] = q[k] > MOST_SAMPLED * model.dt
     return found
 
 
@@ -43,7 +44,7 @@ def admissible(model: SuperModel, origin: Array, node: Node) -> bool:
             return False
     if not mine:
         return True  # no number of its own is searched: it is read off the data, or the core's are
-    if not beyond_a_sample(model, id, node.q).any():
+    if not beyond_sampling(model, id, node.q).any():
         return False
     first = about(id).parameters[0].name
     numbers = {p.name: p for p in about(id).parameters}

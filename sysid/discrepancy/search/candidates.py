@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
 from sysid.discrepancy.policies import BUDGET, RULE
-from sysid.discrepancy.search.admission import admissible, beyond_a_sample
+from sysid.discrepancy.search.admission import admissible, beyond_sampling
 from sysid.discrepancy.search.batched_search import best_tracks, refined, search
 from sysid.discrepancy.search.edges import between_levels, edges_of
 from sysid.discrepancy.search.evidence import (
@@ -305,7 +305,7 @@ class CandidateSearch:
         served = (gain > cost) & (v1 < RULE.own_part * v0)
         if any(self.model.slots[k].track < 0 for k in before.free):
             served &= self._needed_itself(before, e, q, v1)
-        served &= beyond_a_sample(self.model, e.id, q)
+        served &= beyond_sampling(self.model, e.id, q)
         if served.all() or not served.any():
             return replace(node, touched=served if served.any() else node.touched)
         out = q.copy()

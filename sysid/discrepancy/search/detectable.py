@@ -24,6 +24,7 @@ from sysid.discrepancy.search.named_sets import Node
 from sysid.discrepancy.search.naming import NamingSearch
 from sysid.discrepancy.search.slopes import slopes
 from sysid.effects.base import Effect, EffectParameter
+from sysid.effects.sensor import MOST_SAMPLED
 
 SIZES = 2.2 ** -np.arange(8.0)
 """Severities tried, in units of the greatest that the bounds allow."""
@@ -238,4 +239,4 @@ def _size(search: NamingSearch, e: Effect, severity: float, steepest: Array) -> 
         value = _value(slot.null, slot.lower, upper, model.starts(e)[0][k], severity)
         values.append(value if _is_limit(first) else abs(value - slot.null))
     size = float(np.mean(values))
-    return max(size, model.dt) if e.beyond_a_sample else size
+    return max(size, MOST_SAMPLED * model.dt) if e.beyond_sampling else size

@@ -7,7 +7,7 @@ from enum import Enum, auto
 import numpy as np
 
 from sysid.discrepancy.policies import BUDGET, RULE, VERDICT
-from sysid.discrepancy.search.admission import beyond_a_sample, tied
+from sysid.discrepancy.search.admission import beyond_sampling, tied
 from sysid.discrepancy.search.batched_search import refined
 from sysid.discrepancy.search.candidates import CandidateSearch, common_samples
 from sysid.discrepancy.search.evidence import Evidence, alike
@@ -354,7 +354,7 @@ class NamingSearch(CandidateSearch):
         """Effects that may not stand: all where a gain is chance, else delays that have shrunk."""
         if not all(n.evidence.significant for n in named):
             return list(named)
-        return [n for n in named if not beyond_a_sample(self.model, n.id, node.q).any()]
+        return [n for n in named if not beyond_sampling(self.model, n.id, node.q).any()]
 
     def _in_place(self, node: Node, rest: Node, judged: Sequence[Judged], tried: int) -> Judged:
         """The effect that ``rest`` lacks as it stands in the node, or as found anew.
