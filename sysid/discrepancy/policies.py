@@ -72,6 +72,8 @@ class VerdictRule:
         certain: structure as sure as this misses something, however little of it is foretold.
         slight: structure that holds less of the errors beyond the noise is no missing effect.
         loud: errors beyond this multiple of the noise of the readings are more than noise.
+        audible: the same beside an effect that is named already.
+        below: errors of a model below this share of the noise refute what was taken for noise.
         nearly_all: less of the gap [%] closed, and what remains is described.
         alone: an effect that stands alone and closes less of what is missing [%] while the rest
             keeps its structure is a share of something else.
@@ -88,6 +90,8 @@ class VerdictRule:
     certain: float = 1e-6
     slight: float = 0.15
     loud: float = 1.5
+    audible: float = 1.1
+    below: float = 0.8
     nearly_all: float = 90.0
     alone: float = 25.0
     minor: float = 1.0

@@ -177,18 +177,30 @@ class Study:
         """What one more effect must bring the held-out error below; 0 where nothing is left.
 
         Errors far above the noise that seem to depend on nothing may be a disturbance, or structure
-        that commands of few frequencies hide from the test: then the effect must do more.
+        that commands of few frequencies hide from the test: then the effect must do more. Where
+        something is missing for sure, errors need not be far above the noise to ask for more.
         """
         (_, old), (_, new) = (n.errors.mean_squares() for n in (naming.base, naming.final))
-        noise = VERDICT.quiet * self.floor**2
+        lower = self.refuted(naming)
+        floor = lower * self.floor
+        noise = VERDICT.quiet * floor**2
         # a small share of a large gap may be far above the noise: an effect beside a large one
-        minor = 0.01 * VERDICT.minor * np.maximum(old - self.floor**2, noise)
-        if np.all(new - self.floor**2 < np.minimum(minor, noise)):
+        minor = 0.01 * VERDICT.minor * np.maximum(old - floor**2, noise)
+        if np.all(new - floor**2 < np.minimum(minor, noise)):
             return 0.0
         structure = self.residual_structure(naming, after=True)
         if structure is None or structured(structure):
             return self.base.search.needed
-        return RULE.in_loop if self.loud(naming) else 0.0
+        above = VERDICT.audible if naming.final.effects else VERDICT.loud
+        return RULE.in_loop if np.any(np.sqrt(new) > above * lower * self.noise.high) else 0.0
+
+    def refuted(self, naming: Naming) -> float:
+        """What the noise is at most of what it was taken for: no model errs less than noise.
+
+        What makes readings look noisy (one without its sign) makes all of them so.
+        """
+        reached = np.sqrt(naming.final.errors.mean_squares()[1]) / self.floor
+        return float(min(np.min(reached), 1.0)) if reached.min() < VERDICT.below else 1.0
 
     def follows(self) -> bool:
         """Whether the base follows the data at all: else its errors tell nothing."""

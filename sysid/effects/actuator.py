@@ -304,7 +304,7 @@ EFFECTS = (
         "Steps of very different size.",
         (
             EffectParameter(
-                "rate", "drive/s", 1e12, 0.05, 100.0, (1.0, 3.0, 8.0), "one", kinks=True
+                "rate", "drive/s", 1e12, 0.05, 100.0, (0.4, 1.0, 3.0, 8.0), "one", kinks=True
             ),
         ),
         _rate_limit,
