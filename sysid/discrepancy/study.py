@@ -16,6 +16,7 @@ from sysid.discrepancy.named_effects import Dropped
 from sysid.discrepancy.policies import RULE, VERDICT
 from sysid.discrepancy.proof.acceptance import (
     doubtful_slots,
+    drifting_level,
     least_beside,
     small_share,
     weakest,
@@ -265,7 +266,12 @@ class Study:
         least = weakest(self.base, naming)
         if least is None and any(not linear_motion(self.base, naming, n) for n in naming.named):
             least = worse_than_linear(self.base, self.linear_rival, naming)
-        return least or self.too_small_a_share(naming) or self._absorber(naming)
+        return (
+            least
+            or drifting_level(naming)
+            or self.too_small_a_share(naming)
+            or self._absorber(naming)
+        )
 
     def too_small_a_share(self, naming: Naming) -> Dropped | None:
         """An effect that leaves more of the gap of its outputs than one of its kind may.

@@ -254,8 +254,8 @@ class Effect:
             from a larger one, too.
         level: whether it shifts torque or reading by a constant, which a base with a level of its
             own holds already: it is then not offered.
-        beyond_sampling: whether it only shifts or smooths in time: up to half a sample it is how the
-            log was sampled (a difference over a sample is half of one late) and is not named.
+        beyond_sampling: whether it only shifts or smooths in time: up to half a sample it is how
+            the log was sampled (a difference over a sample is half of one late) and is not named.
         exchanges: its parameter that is a lag of first order like the motor's own: both may change
             places.
         reverses: whether only commands of both signs can show it, so that an actuator without a

@@ -10,7 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from sysid.data.record import Array
 from sysid.discrepancy.augment import covariance_of
 from sysid.discrepancy.base_model import Base
 from sysid.discrepancy.named_effects import Dropped
@@ -18,8 +20,19 @@ from sysid.discrepancy.policies import RULE
 from sysid.discrepancy.search.evidence import Evidence
 from sysid.discrepancy.search.intervals import DOUBTED
 from sysid.discrepancy.search.named_sets import Interval, Named, Naming, Node
-from sysid.effects.catalogue import CHANGED
+from sysid.effects.catalogue import CHANGED, about
 from sysid.fitting.profile import NORMAL
+
+LEVEL_BLOCKS = 6
+"""Blocks of each log whose levels are compared."""
+
+CONSTANT = 3.0
+"""Spreads of the blocks' levels that a constant one is off zero. A random walk is off by one or two
+of them, seldom by more; white noise spreads the levels of blocks by a twentieth of itself."""
+
+DRIFTS = (
+    "what it shifts is no constant: over the logs the level wanders about as far as it is off zero"
+)
 
 ENDLESS = 100.0
 """A null value beyond this stands for no limit at all."""
@@ -95,6 +108,32 @@ def weakest(base: Base, naming: Naming) -> Dropped | None:
         return None
     named, reason = max(failed, key=lambda f: f[0].evidence.delta_bic)
     return Dropped(named.id, reason)
+
+
+def drifts(errors: Sequence[Array]) -> NDArray[np.bool_]:
+    """Outputs whose errors wander about as far as they are off zero, (ny,).
+
+    What a constant level is read off must be constant: a disturbance that drifts is off zero on
+    the whole, too, and by chance alike in two logs.
+
+    Args:
+        errors: (N, ny) of each record; NaN where a sample does not count.
+    """
+    blocks = [b for e in errors for b in np.array_split(e, LEVEL_BLOCKS) if len(b)]
+    levels = np.array([np.nanmean(b, axis=0) for b in blocks if np.isfinite(b).any(axis=0).all()])
+    if len(levels) < 2:
+        return np.zeros(errors[0].shape[1], dtype=bool)
+    off, spread = np.abs(levels.mean(axis=0)), levels.std(axis=0, ddof=1)
+    return np.asarray(off < CONSTANT * spread)
+
+
+def drifting_level(naming: Naming) -> Dropped | None:
+    """An accepted constant shift that is not constant on any output that it acts on."""
+    for n in naming.named:
+        errors = (*n.rest.errors.estimation, *n.rest.errors.held)
+        if about(n.id).level and drifts(errors)[n.touched].all():
+            return Dropped(n.id, DRIFTS)
+    return None
 
 
 def least_beside(shares: Sequence[tuple[str, float, float]]) -> Dropped | None:
