@@ -11,8 +11,14 @@ from sysid.discrepancy.base_model import Base, full_drive, plain_base
 from sysid.discrepancy.findings import sentence_of
 from sysid.discrepancy.gap import carries_an_output, share_closed
 from sysid.discrepancy.named_effects import NamedEffect, Value
-from sysid.discrepancy.policies import RULE
-from sysid.discrepancy.proof.acceptance import Number, against, doubtful_slots, least_beside
+from sysid.discrepancy.policies import RULE, VERDICT
+from sysid.discrepancy.proof.acceptance import (
+    Number,
+    against,
+    doubtful_slots,
+    drifts,
+    least_beside,
+)
 from sysid.discrepancy.search.evidence import Evidence
 from sysid.discrepancy.search.named_sets import Interval, Naming
 from sysid.discrepancy.study import Study, noise_of
@@ -54,6 +60,16 @@ def test_a_gain_beyond_chance_stands_although_few_blocks_hold_it() -> None:
     seldom = replace(CLEAR, delta_bic=-207.0, t=2.7, p_value=0.53)
     assert against(seldom, [AWAY]) == ""
     assert "may be chance" in against(replace(seldom, t=1.5), [AWAY])
+
+
+def test_a_random_walk_is_no_constant_level_and_a_constant_beside_noise_is() -> None:
+    rng = np.random.default_rng(4)
+    walks = [np.cumsum(0.01 * rng.standard_normal((2000, 1)), axis=0) for _ in range(200)]
+    said = [not drifts([w[:1200], w[1200:]])[0] for w in walks]
+    assert np.mean(said) < 0.25  # one whose end is far from its start is off zero on the whole
+    noise = 0.5 * rng.standard_normal((2000, 40)) + 0.25  # of six spreads of its blocks' means
+    noise[::7] = np.nan
+    assert not drifts([noise[:1200], noise[1200:]]).any()
 
 
 def test_one_number_away_from_its_null_is_enough_and_a_limit_needs_its_upper_end() -> None:
@@ -125,6 +141,26 @@ def test_a_name_that_does_not_stand_is_dropped_with_the_reason(base: Base) -> No
     assert gone.id == "dead-zone"
     assert gone.reason
     assert "dead-zone" in dict(kept.minor)
+
+
+def test_a_noise_that_a_model_undercuts_was_none_and_beside_a_name_less_asks_for_more(
+    base: Base,
+) -> None:
+    """Readings without a sign look noisy; what hides in that noise was never looked for."""
+    noise = noise_of(base)
+    study = Study(base, noise, full_drive(base.parts.estimation), 0)
+    rng, errors = np.random.default_rng(2), base.node.errors
+
+    def of(size: float, effects: tuple[str, ...]) -> Naming:
+        white = tuple(size * noise.high * rng.standard_normal(e.shape) for e in errors.held)
+        node = replace(base.node, effects=effects, errors=replace(errors, held=white))
+        return Naming(base.node, node, (), (), ())
+
+    assert study.refuted(of(0.5, ("unsigned-speed",))) < VERDICT.below
+    assert study.refuted(of(1.0, ("unsigned-speed",))) == 1.0
+    between = (VERDICT.audible + VERDICT.loud) / 2.0
+    assert study.remains(of(between, ())) == 0.0
+    assert study.remains(of(between, ("dead-zone",))) == RULE.in_loop
 
 
 def test_a_number_on_a_bound_is_said_to_be_on_it() -> None:

@@ -1,5 +1,7 @@
 """A speed counted over a sample comes half of one late: no effect, and none that looks like it."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from sysid.effects.sensor import SAMPLING
 DT, TAU, GAIN, SIGMA = 0.05, 0.25, 20.0, 0.2
 KEPT = float(np.exp(-DT / TAU))
 EFFECTS = (effect("input-delay"), effect("rate-limit"), effect("dead-zone"))
+MODEL = SuperModel((*EFFECTS, SAMPLING), 1, 1, np.array([15.0]), DT)
 
 
 def counted(seed: int, dead: float = 0.0, levels: int = 5) -> Record:
@@ -30,11 +33,25 @@ def counted(seed: int, dead: float = 0.0, levels: int = 5) -> Record:
     return Record(u[:, None], y[:, None], DT, (Channel("d", ""),), (Channel("omega", "rad/s"),))
 
 
-def searched(dead: float) -> tuple[dict[str, bool], Node, float]:
+def late(seed: int, share: float) -> Record:
+    """One motor whose commands act a part of a sample late."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.choice(np.linspace(-0.8, 0.8, 33), 80), 10)
+    y, w, before = np.zeros(len(u)), 0.0, 0.0
+    for k, d in enumerate(u):
+        y[k] = w
+        for command, part in ((before, share), (d, 1.0 - share)):
+            kept = float(np.exp(-part * DT / TAU))
+            w = GAIN * command + (w - GAIN * command) * kept
+        before = d
+    y += SIGMA * rng.standard_normal(len(u))
+    return Record(u[:, None], y[:, None], DT, (Channel("d", ""),), (Channel("omega", "rad/s"),))
+
+
+def searched(logs: Sequence[Record]) -> tuple[dict[str, bool], Node, float]:
     """Which effects pass the rule alone, what the search ends with, and its part of a sample."""
-    effects = (*EFFECTS, SAMPLING)
-    model = SuperModel(effects, 1, 1, np.array([15.0]), DT)
-    search = NamingSearch(model, [counted(1, dead)], [counted(2, dead)], np.ones(1), 1)
+    effects, model = (*EFFECTS, SAMPLING), MODEL
+    search = NamingSearch(model, logs[:1], logs[1:], np.ones(1), 1)
     start = model.null
     start[list(model.of("core"))] = [GAIN, -KEPT]
     base = search.base(start[None])
@@ -46,7 +63,7 @@ def searched(dead: float) -> tuple[dict[str, bool], Node, float]:
 
 
 def test_a_steep_rate_limit_is_not_named_for_counted_speeds() -> None:
-    alone, final, share = searched(0.0)
+    alone, final, share = searched([counted(1), counted(2)])
     assert alone["rate-limit"]  # it would be named if nothing else were known
     assert not alone["input-delay"]  # up to half a sample
     assert final.effects == (SAMPLING.id,)
@@ -54,9 +71,17 @@ def test_a_steep_rate_limit_is_not_named_for_counted_speeds() -> None:
 
 
 def test_a_dead_zone_is_found_in_counted_speeds() -> None:
-    _, final, share = searched(0.15)
+    _, final, share = searched([counted(1, 0.15), counted(2, 0.15)])
     assert set(final.effects) == {"dead-zone", SAMPLING.id}
     assert share == pytest.approx(0.5, abs=0.03)
+
+
+@pytest.mark.parametrize("share", [0.65, 0.8])
+def test_a_delay_longer_than_counting_makes_is_named_with_all_of_it(share: float) -> None:
+    _, final, _ = searched([late(1, share), late(2, share)])
+    assert final.effects == ("input-delay",)
+    delay = float(final.q[MODEL.place["input-delay", "delay", 0]])
+    assert delay == pytest.approx(share * DT, abs=0.02 * DT)
 
 
 def test_how_the_log_was_made_belongs_to_both_models_and_is_not_named() -> None:
