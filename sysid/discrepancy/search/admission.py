@@ -17,12 +17,22 @@ from sysid.fitting.holdout import Errors
 
 
 def beyond_sampling(model: SuperModel, id: str, q: Array) -> NDArray[np.bool_]:
-    """Tracks on which an effect is later than sampling itself makes it, (tracks,)."""
+    """Tracks on which an effect is later than sampling itself makes it, (tracks,).
+
+    Beside another delay or lag a part of a sample is what that one's law misses.
+    """
     found = np.ones(model.tracks, dtype=bool)
-    if about(id).beyond_sampling:
-        for k in model.of(id):
-            if model.slots[k].track >= 0:
-                found[model.slots[k].track] = q[k] > MOST_SAMPLED * model.dt
+    if not about(id).beyond_sampling:
+        return found
+    others = [e.id for e in model.effects if e.beyond_sampling and e.id != id]
+    late = np.zeros(model.tracks, dtype=bool)
+    for slot, value in ((model.slots[k], q[k]) for other in others for k in model.of(other)):
+        if slot.track >= 0:
+            late[slot.track] |= value != slot.null
+    for k in model.of(id):
+        i = model.slots[k].track
+        if i >= 0:
+            found[i] = q[k] > (1.0 if late[i] else MOST_SAMPLED) * model.dt
     return found
 
 
