@@ -14,6 +14,7 @@ a reversal, whose neighbours have opposite signs; a clipped sensor, which repeat
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -183,12 +184,14 @@ def inspect_samples(records: Sequence[Record]) -> SampleEffects:
         for w, m in zip(weights, masks, strict=True):
             w[m, i] = 0.0
         kept = np.concatenate([y[~m] for y, m in zip(series, masks, strict=True)])
-        step = step or blurred_step(kept)
+        behind_noise = 0.0 if step else blurred_step(kept)
+        step = step or behind_noise
         if step > 0.0:
             fresh_only = [y[~m] for y, m in zip(series, masks, strict=True)]
             noise = max(reading_noise(fresh_only), step / np.sqrt(12.0))
             size = float(np.quantile(np.abs(kept), 0.95)) or 1.0
-            if step >= COARSE * noise and step >= VISIBLE * size:
+            told = behind_noise > 0.0 or step >= COARSE * noise  # its readings gather: no chance
+            if told and step >= VISIBLE * size:
                 coarse.append(Coarse(name, step))
     return SampleEffects(tuple(coarse), tuple(lost), tuple(weights), tuple(held))
 
@@ -256,6 +259,9 @@ def lattice(y: Array) -> float:
 CELLS = 8
 """Steps within the largest reading, at least: of fewer no lattice is certain."""
 
+FEWEST_STEPS = 3
+"""… and of a multiple of one that is certain."""
+
 FEWEST_IN_CELL = 5
 
 SURE_LATTICE = 16.0
@@ -267,6 +273,22 @@ gather by so many standard errors of chance."""
 
 AGREE = 0.3
 """Mean resultant of a step's readings: noise of a quarter of a step leaves it."""
+
+
+PARTS, NEARBY = (2, 3, 4), np.linspace(0.98, 1.02, 9)
+"""A certain step may be such a part of the true one: of a step so coarse that fewer than `CELLS`
+lie within the readings only a part is sought, and multiples are tried near by."""
+
+
+class _Gathered(NamedTuple):
+    """How readings gather within steps of one length."""
+
+    share: float
+    """Mean resultant of their phases over the steps."""
+    sure: bool
+    """Whether chance gathers them so once in e^16."""
+    moves: bool
+    """Whether readings in motion gather there, too."""
 
 
 def blurred_step(y: Array) -> float:
@@ -282,21 +304,34 @@ def blurred_step(y: Array) -> float:
     best, most = 0.0, AGREE  # half a step gathers them, too, but less
     change = np.abs(np.gradient(y)) if len(y) > 1 else np.zeros(len(y))
     for f in np.arange(CELLS, 1.0 / VISIBLE, 0.25) / size:
-        cell, turned = np.floor(y * f).astype(np.intp), np.exp(2j * np.pi * y * f)
-        cell -= cell.min()
-        count = np.bincount(cell)
-        there = count >= FEWEST_IN_CELL
-        mean = np.bincount(cell, turned.real) + 1j * np.bincount(cell, turned.imag)
-        mean = mean[there] / count[there]
-        total, square = abs(np.sum(mean)), float(np.sum(np.abs(mean) ** 2))
-        sure = square > 0.0 and total**2 / square > SURE_LATTICE
-        if not sure or total / len(mean) <= most:
+        found = _gathered(y, change, float(f))
+        if found.sure and found.moves and found.share > most:
+            best, most = 1.0 / float(f), found.share
+    for coarser in [best * k * near for k in PARTS for near in NEARBY] if best > 0.0 else []:
+        if size < FEWEST_STEPS * coarser:
             continue
-        moving = turned[change * f > IN_MOTION]
-        chance = SURE_MOVING / np.sqrt(max(len(moving), 1))
-        if abs(np.sum(moving)) > max(0.5 * AGREE, chance) * len(moving):
-            best, most = 1.0 / f, total / len(mean)
+        found = _gathered(y, change, 1.0 / coarser)
+        if found.moves and found.share > most:
+            best, most = coarser, found.share
     return float(best)
+
+
+def _gathered(y: Array, change: Array, f: float) -> _Gathered:
+    """How readings `y` that change by `change` a sample gather within steps of 1/f."""
+    cell, turned = np.floor(y * f).astype(np.intp), np.exp(2j * np.pi * y * f)
+    cell -= cell.min()
+    count = np.bincount(cell)
+    there = count >= FEWEST_IN_CELL
+    mean = np.bincount(cell, turned.real) + 1j * np.bincount(cell, turned.imag)
+    mean = mean[there] / count[there]
+    total, square = abs(np.sum(mean)), float(np.sum(np.abs(mean) ** 2))
+    moving = turned[change * f > IN_MOTION]
+    chance = SURE_MOVING / np.sqrt(max(len(moving), 1))
+    return _Gathered(
+        total / max(len(mean), 1),
+        square > 0.0 and total**2 / square > SURE_LATTICE,
+        bool(abs(np.sum(moving)) > max(0.5 * AGREE, chance) * len(moving)),
+    )
 
 
 def _bursts(record: Record, i: int, step: float, holds: bool, strict: bool) -> Mask:

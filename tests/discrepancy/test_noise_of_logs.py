@@ -7,6 +7,7 @@ from sysid.data.record import Array, Channel, Record
 from sysid.discrepancy.base_model import full_drive, plain_base
 from sysid.discrepancy.gap import ChannelGap, Gap
 from sysid.discrepancy.proof.noise import between_repeats, floor_of
+from sysid.discrepancy.samples import inspect_samples
 from sysid.discrepancy.search.evidence import noise_floor
 from sysid.discrepancy.study import Study, noise_of
 from sysid.discrepancy.verdict import Remaining
@@ -90,3 +91,17 @@ def test_steps_of_a_coarse_sensor_are_noise_although_its_line_blurs_them() -> No
     noise = studied(record).noise
     assert noise.value[0] >= step / np.sqrt(12.0) * 0.99
     assert noise.low[0] <= noise.value[0] <= noise.high[0]
+
+
+@pytest.mark.parametrize("steps", [5.7, 7.0])
+def test_a_step_as_large_as_a_sixth_of_all_speeds_is_found_behind_noise(steps: float) -> None:
+    rng = np.random.default_rng(6)
+    d = np.repeat(rng.uniform(-1.0, 1.0, 80), 60)
+    y = np.convolve(d, 0.12 * 0.88 ** np.arange(60))[: len(d)] * GAIN
+    step = float(np.quantile(np.abs(y), 0.95)) / steps
+    blurred = np.round(y / step) * step + 0.06 * step * rng.standard_normal(len(d))
+    channels = (Channel("volts", "V"),), (Channel("omega", "rad/s"),)
+    (coarse,) = inspect_samples([Record(7.2 * d, blurred, DT, *channels)]).coarse
+    assert coarse.step == pytest.approx(step, rel=0.01)
+    smooth = Record(7.2 * d, y + 0.06 * step * rng.standard_normal(len(d)), DT, *channels)
+    assert not inspect_samples([smooth]).coarse
