@@ -329,7 +329,7 @@ def _gathered(y: Array, change: Array, f: float) -> _Gathered:
     chance = SURE_MOVING / np.sqrt(max(len(moving), 1))
     return _Gathered(
         total / max(len(mean), 1),
-        square > 0.0 and total**2 / square > SURE_LATTICE,
+        bool(square > 0.0 and total**2 / square > SURE_LATTICE),
         bool(abs(np.sum(moving)) > max(0.5 * AGREE, chance) * len(moving)),
     )
 

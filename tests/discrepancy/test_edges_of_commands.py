@@ -70,6 +70,7 @@ def test_edges_of_several_lanes_move_as_each_alone() -> None:
     together, cost = refined(model, q, free, data, 4, 1e-4)
     for k, mine in enumerate(free):
         alone, least = refined(model, q[k : k + 1], [mine], data, 4, 1e-4)
-        # the same runs; only the equations are solved in a wider frame
-        np.testing.assert_allclose(together[k], alone[0], rtol=1e-9, atol=1e-12)
+        # the same runs; only the equations are solved in a wider frame, whose rounding the
+        # conditioning of four steps multiplies (1.5e-8 seen on another processor)
+        np.testing.assert_allclose(together[k], alone[0], rtol=1e-6, atol=1e-12)
         np.testing.assert_allclose(cost[k], least[0], rtol=1e-9)
