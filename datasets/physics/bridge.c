@@ -51,6 +51,7 @@ void hold_bridge(const Drive *p, const DriveState *s, Held *h)
     int off = h->duty == 0.0 && (b->coast_at_zero > 0.0 || b->quadrants == 1.0);
     h->rectifying = off || b->quadrants == 1.0;
     h->side = off ? 0.0 : sign_of(h->duty);
+    h->flows = sign_of(s->current);
     h->blocked = 0;
     if (h->rectifying && s->current == 0.0) {
         double k, w, emf = back_emf(p, s, &k, &w);
@@ -65,9 +66,10 @@ void hold_bridge(const Drive *p, const DriveState *s, Held *h)
 static double with_diode(const Drive *p, const Held *h, double current, double emf)
 {
     const Bridge *b = &p->bridge;
-    double d = fabs(h->duty), i = h->side * current, e = h->side * emf;
+    /* which way it flows is held: a stage of RK4 beyond zero is not the current turning */
+    if (h->flows * h->side < 0.0) return h->side * (h->bus + 2.0 * b->diode_drop);
+    double d = fabs(h->duty), i = fmax(h->side * current, 0.0), e = h->side * emf;
     double on = h->bus - b->on_resistance * i, off = 1.0 - d;
-    if (i < 0.0) return h->side * (h->bus + 2.0 * b->diode_drop); /* it flows back */
     if (b->pwm_period > 0.0 && on > e) {
         double dry = 2.0 * p->motor.inductance * i / (d * b->pwm_period * (on - e)) - d;
         if (dry < off) off = dry > 0.0 ? dry : 0.0;
@@ -81,8 +83,8 @@ double bridge_voltage(const Drive *p, const Held *h, double current, double emf)
     double v;
     if (h->rectifying && h->side == 0.0)
         return b->quadrants == 1.0 && h->duty == 0.0 && !(b->coast_at_zero > 0.0)
-                   ? -sign_of(current) * b->diode_drop
-                   : -sign_of(current) * (h->bus + 2.0 * b->diode_drop);
+                   ? -h->flows * b->diode_drop
+                   : -h->flows * (h->bus + 2.0 * b->diode_drop);
     if (h->rectifying) return with_diode(p, h, current, emf);
     v = h->duty * h->bus - b->on_resistance * current;
     if (b->dead_time > 0.0 && h->duty != 0.0) {

@@ -40,6 +40,7 @@ typedef struct {
     double bus;         /* V */
     int rectifying;     /* the current has one sign or is zero */
     double side;        /* that sign; 0: it decays whatever its sign */
+    double flows;       /* sign of the current */
     int blocked;        /* no current flows: the diodes hold it */
     double motor_sign;  /* of dry friction; 0: it sticks */
     double sign;

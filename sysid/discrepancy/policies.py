@@ -24,6 +24,8 @@ class AcceptanceRule:
         minor: an effect that significantly lowers the error below this share is mentioned.
         mends: share of the gap below which a look-alike only mends the formula of another, and an
             effect is not worth more than one whose law is a case of its own.
+        of_rest: a third effect that takes more than this share of what the others leave above the
+            noise mends no formula, however small a part of the whole gap that is.
         unrivalled: an effect whose score is so many times that of any other beside the same model,
             and beyond chance above it, is no stand-in, however little it takes: what stands in for
             another has rivals. One that others wait for need not meet ``in_loop`` then.
@@ -51,6 +53,7 @@ class AcceptanceRule:
     own_part: float = 0.97
     minor: float = 0.98
     mends: float = 0.02
+    of_rest: float = 0.5
     unrivalled: float = 2.0
     touched: float = 0.02
     alike: float = 0.25

@@ -14,6 +14,11 @@ from sysid.effects.supply import USUAL_EMF
 P = Mapping[str, Signal]
 
 
+HEAVIEST = 30.0
+"""Dry friction in units of the usual speed: what hardly moves is slow beside the speed that its
+commands would reach without."""
+
+
 def _sticking(xp: Any, torque: Signal, level: Signal, hold: Signal, c: Context) -> Signal:
     """Torque after dry friction of ``level``, with which it sticks exactly.
 
@@ -148,7 +153,7 @@ EFFECTS = (
                 "speed",
                 0.0,
                 0.0,
-                3.0,
+                HEAVIEST,
                 (0.05, 0.15, 0.3, 0.03, 0.03),
                 "speed",
                 kinks=True,
@@ -188,7 +193,7 @@ EFFECTS = (
                 "speed",
                 0.0,
                 0.0,
-                3.0,
+                HEAVIEST,
                 (0.04, 0.1),
                 "speed",
                 kinks=True,
@@ -196,7 +201,15 @@ EFFECTS = (
                 as_command=True,
             ),
             EffectParameter(
-                "excess", "speed", 0.0, 0.0, 1.5, (0.08, 0.15), "speed", kinks=True, as_command=True
+                "excess",
+                "speed",
+                0.0,
+                0.0,
+                HEAVIEST,
+                (0.08, 0.15),
+                "speed",
+                kinks=True,
+                as_command=True,
             ),
             EffectParameter("speed", "speed", 0.1, 0.01, 0.35, (0.05, 0.15), "speed", kinks=True),
         ),

@@ -168,6 +168,21 @@ def test_one_quadrant_never_brakes() -> None:
     assert simulate(one(DRIVE), commands, KILO).truth["current"].min() < -1.0
 
 
+@pytest.mark.parametrize("duty", [0.0, 0.05, 0.15])
+@pytest.mark.parametrize("inductance", [2e-4, 3e-4, 5e-4, 2e-3])
+def test_a_winding_of_one_quadrant_stays_dry_whatever_its_inductance(
+    duty: float, inductance: float
+) -> None:
+    """A stage of RK4 that passes zero once drew current back, which held the speed."""
+    motor = replace(MOTOR, inductance=inductance)
+    bridge = Bridge(quadrants=ONE_QUADRANT, diode_drop=0.25)
+    commands = np.concatenate([held(0.5, 500), held(duty, 200)])
+    truth = simulate(one(replace(DRIVE, motor=motor, bridge=bridge)), commands, KILO).truth
+    assert np.all(truth["current"][540:] == 0.0)
+    fallen = truth["speed"][-1, 0] / truth["speed"][599, 0]
+    assert fallen == pytest.approx(np.exp(-0.1 * 1e-3 / TOTAL), rel=1e-6)
+
+
 def test_the_chopper_limits_the_torque() -> None:
     bridge = Bridge(current_limit=1.0)
     truth = simulate(one(replace(DRIVE, bridge=bridge)), held(1.0, 100), KILO).truth

@@ -39,7 +39,12 @@ def beyond_sampling(model: SuperModel, id: str, q: Array) -> NDArray[np.bool_]:
 def on_bound(slot: Slot, value: float) -> bool:
     """Whether a number ended on a bound of the search that is not its null value."""
     at = slot.lower if value - slot.lower < slot.upper - value else slot.upper
-    return abs(value - at) < 1e-3 * (slot.upper - slot.lower) and at != slot.null
+    return _at(slot, value, at) and at != slot.null
+
+
+def _at(slot: Slot, value: float, place: float) -> bool:
+    """Whether a number ended at a place, against its range and its usual size."""
+    return abs(value - place) < min(1e-3 * (slot.upper - slot.lower), 0.01 * slot.scale)
 
 
 def admissible(model: SuperModel, origin: Array, node: Node) -> bool:
@@ -63,7 +68,7 @@ def admissible(model: SuperModel, origin: Array, node: Node) -> bool:
         slot = model.slots[k]
         value = node.q[k]
         ended = on_bound(slot, value) and not numbers[slot.name].at_limit
-        at_null = abs(value - slot.null) < 1e-3 * (slot.upper - slot.lower)
+        at_null = _at(slot, value, slot.null)
         if slot.null in (slot.lower, slot.upper) and at_null:
             ended = slot.name == first and not numbers[slot.name].at_null
         inside.append((not ended, abs(value - slot.null) > 0.02 * slot.scale))

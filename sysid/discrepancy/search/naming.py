@@ -6,6 +6,7 @@ from enum import Enum, auto
 
 import numpy as np
 
+from sysid.data.record import Array
 from sysid.discrepancy.policies import BUDGET, RULE, VERDICT
 from sysid.discrepancy.search.admission import beyond_sampling, tied
 from sysid.discrepancy.search.batched_search import refined
@@ -18,6 +19,7 @@ from sysid.discrepancy.search.named_sets import (
     Node,
 )
 from sysid.discrepancy.search.starts import repeats_at_top
+from sysid.discrepancy.search.widening import on_more_tracks
 from sysid.effects.base import Effect, Place, StartsFrom
 from sysid.effects.catalogue import NOT_NAMED, about
 
@@ -107,14 +109,10 @@ class NamingSearch(CandidateSearch):
                     node = other
                     continue
             say(f"{', '.join(node.effects)}: looking for more", 0.2 * len(node.effects))
-            judged = self.candidates(node, effects)
+            passed, judged = self._next(base, node, effects, needed)
             minor = self._minor(judged)
-            passed = [
-                j
-                for j in self.passing(judged)
-                if j.evidence.ratio < needed or self.unrivalled(node, j.id, judged)
-            ]
-            passed = [j for j in passed if not self.mends(base, node, j.node, judged)]
+            if not passed and (wide := on_more_tracks(self, node)) is not None:
+                passed, _ = self._next(base, wide, effects, needed)
             if not passed or self.best_of(base, (node, passed[0].node)) is node:
                 break
             node = passed[0].node
@@ -122,14 +120,31 @@ class NamingSearch(CandidateSearch):
                 node = replace(self.polished(node), excluded=node.excluded)
         return node, minor
 
+    def _next(
+        self, base: Node, node: Node, effects: Sequence[Effect], needed: float
+    ) -> tuple[list[Judged], list[Judged]]:
+        """Effects that may be added to a node, the most likely first, and all that were tried."""
+        judged = self.candidates(node, effects)
+        passed = [
+            j
+            for j in self.passing(judged)
+            if j.evidence.ratio < needed or self.unrivalled(node, j.id, judged)
+        ]
+        return [j for j in passed if not self.mends(base, node, j.node, judged)], judged
+
     def _swapped(self, base: Node, node: Node, effects: Sequence[Effect]) -> Node:
         """Try look-alikes of the effects accepted so far: a later one may show one of them wrong.
 
-        What could not be told from another at first may well be told beside a second effect.
+        What could not be told from another at first may well be told beside a second effect; and
+        so for the laws of one.
         """
         for id in node.effects[:-1]:
-            likely = [e for e in effects if id in e.ties or e.id in about(id).ties]
-            likely = [e for e in likely if e.id not in node.effects]
+            likely = [
+                e
+                for e in effects
+                if (e.id == id and e.laws)
+                or ((id in e.ties or e.id in about(id).ties) and e.id not in node.effects)
+            ]
             if not likely:
                 continue
             judged = self.candidates(self.without(node, id), likely)
@@ -238,7 +253,8 @@ class NamingSearch(CandidateSearch):
 
         No formula is all of a machine, and what one leaves looks in part like its look-alikes; what
         two leave may look like anything. So a look-alike that takes little of the gap is none of
-        its own; nor is a third effect that takes less than a minor share and has rivals.
+        its own; nor is a third effect that takes less than a minor share, unless that is most of
+        what the others leave or it has no rivals.
 
         Args:
             base: the model before.
@@ -249,6 +265,8 @@ class NamingSearch(CandidateSearch):
         small = takes_little(base, rest, whole)
         if small is not Little.AMONG_OTHERS:
             return small is Little.LOOK_ALIKE
+        if takes_most_of_rest(rest, whole, self.data.noise):
+            return False
         return not self.unrivalled(rest, whole.effects[-1], judged)
 
     def unrivalled(self, rest: Node, id: str, judged: Sequence[Judged] | Sequence[Effect]) -> bool:
@@ -409,3 +427,17 @@ def takes_little(base: Node, rest: Node, whole: Node) -> Little:
     if np.any(now - then >= share * (first - then)):
         return Little.NO
     return Little.LOOK_ALIKE if alike else Little.AMONG_OTHERS
+
+
+def takes_most_of_rest(rest: Node, whole: Node, noise: Array) -> bool:
+    """Whether the newest effect takes most of what the others leave above the noise of an output.
+
+    Args:
+        rest: without the effect.
+        whole: with it.
+        noise: of each output, (ny,).
+    """
+    now, then = (n.errors.mean_squares()[1] for n in (rest, whole))
+    at = whole.touched
+    left = (now - noise**2)[at]
+    return bool(np.any((left > 0.0) & ((now - then)[at] > RULE.of_rest * left)))

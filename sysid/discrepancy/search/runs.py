@@ -11,6 +11,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,10 @@ LANES = 16
 """Simulations that go in one call. More of them are no cheaper each and keep the second core
 waiting; a smaller size for single runs would have to be compiled for itself, which takes longer
 than it saves."""
+
+KEPT = 256
+"""Simulations that a process keeps compiled: those of some machines, of which each needs 20 to
+60."""
 
 GROUP_PARAMETERS = 6
 """Parameters of the effects that are compiled together, one effect at least. Larger groups: fewer
@@ -57,8 +62,7 @@ class Runs:
 
     def __init__(self, numbers: Numbers) -> None:
         self.numbers = numbers
-        before, inside, self.after = stages(numbers.effects)
-        self.before = {e.id for e in before}
+        before, inside, _ = stages(numbers.effects)
         self.groups = (*groups(before), *groups(inside))
         owners = np.array([s.owner for s in numbers.slots])
         self._slots = [np.isin(owners, [e.id for e in group]) for group in self.groups]
@@ -116,53 +120,61 @@ class Runs:
 
     def simulation(self, some: Sequence[Effect]) -> Callable[..., Any]:
         """(q (lanes, slots), data) → readings (lanes, M, tracks) with some of the effects."""
-        from sysid.fitting.compiled import compiled, jax_module, vectorised
+        n = self.numbers
+        return _simulation(n.effects, n.order, n.tracks, n.dt, tuple(some))
 
-        jax = jax_module()
-        jnp = vectorised(jax.numpy)
-        after, numbers = self.after, self.numbers
-        before = [e for e in some if e.id in self.before]
-        inside = [e for e in some if e.id not in self.before]
-        dt, zero = numbers.dt, jnp.zeros(numbers.tracks)
-        effects = (*before, *inside, *after)
 
-        def readings(q: Any, data: dict[str, Any]) -> Any:
-            core, raw = unpacked(jnp, numbers, effects, q)
-            parameters = with_constants(jnp, effects, core, raw, dt)
-            nothing = jnp.zeros_like(data["drive"])
-            drive, t, counted, log = (data[name] for name in ("drive", "t", "counted", "log"))
-            whole = Sample(drive, drive, t, nothing, counted, log)
+@lru_cache(KEPT)
+def _simulation(
+    catalogue: tuple[Effect, ...], order: int, tracks: int, dt: float, some: tuple[Effect, ...]
+) -> Callable[..., Any]:
+    """``Runs.simulation``; machines of one kind share it, whatever their typical speeds."""
+    from sysid.fitting.compiled import compiled, jax_module, vectorised
 
-            rows, first = jnp.arange(len(data["first"]))[:, None], data["first"][:, None]
+    jax = jax_module()
+    jnp = vectorised(jax.numpy)
+    numbers = Numbers(catalogue, order, tracks, np.ones(tracks), dt)
+    whole_command, _, after = stages(catalogue)
+    before = [e for e in some if e in whole_command]
+    inside = [e for e in some if e not in whole_command]
+    zero = jnp.zeros(tracks)
+    effects = (*before, *inside, *after)
 
-            def past(signal: Any, k: Any) -> Any:
-                at = rows - k.astype(rows.dtype)
-                found = jnp.take_along_axis(signal, jnp.maximum(at, first), axis=0)
-                return found * jnp.where(at < first, data["moving"], 1.0)
+    def readings(q: Any, data: dict[str, Any]) -> Any:
+        core, raw = unpacked(jnp, numbers, effects, q)
+        parameters = with_constants(jnp, effects, core, raw, dt)
+        nothing = jnp.zeros_like(data["drive"])
+        drive, t, counted, log = (data[name] for name in ("drive", "t", "counted", "log"))
+        whole = Sample(drive, drive, t, nothing, counted, log)
 
-            acting = over_time(jnp, before, parameters, data["drive"], past, whole, dt)
+        rows, first = jnp.arange(len(data["first"]))[:, None], data["first"][:, None]
 
-            def body(carried: Any, x: tuple[Any, ...]) -> tuple[Any, Any]:
-                drive, now, t, y, moving, reset, counted, log = x
-                w = first_speed(after, parameters, y)
-                fresh = (rest_state(jnp, inside, core, w, moving * now), zero)
-                state, turned = jax.tree.map(
-                    lambda a, b: jnp.where(reset > 0.0, a, b), fresh, carried
-                )
-                speed = state[0][0]
-                sample = Sample(drive, now, t, turned, counted, log)
-                state, reading = step_with(jnp, inside, core, parameters, state, sample, dt)
-                return (state, turned + 0.5 * dt * (speed + state[0][0])), reading
+        def past(signal: Any, k: Any) -> Any:
+            at = rows - k.astype(rows.dtype)
+            found = jnp.take_along_axis(signal, jnp.maximum(at, first), axis=0)
+            return found * jnp.where(at < first, data["moving"], 1.0)
 
-            start = (rest_state(jnp, inside, core, zero, zero), zero)
-            names = ("t", "y", "moving", "reset", "counted", "log")
-            x = (data["drive"], acting, *(data[name] for name in names))
-            read = jax.lax.scan(body, start, x)[1]
-            sums = dt * (jnp.cumsum(read, axis=0) - 0.5 * read)
-            whole = replace(whole, turned=sums - sums[data["first"]])
-            return over_time(jnp, after, parameters, read, past, whole, dt)
+        acting = over_time(jnp, before, parameters, data["drive"], past, whole, dt)
 
-        return compiled(jax.vmap(readings, in_axes=(0, None)))  # type: ignore[no-any-return]
+        def body(carried: Any, x: tuple[Any, ...]) -> tuple[Any, Any]:
+            drive, now, t, y, moving, reset, counted, log = x
+            w = first_speed(after, parameters, y)
+            fresh = (rest_state(jnp, inside, core, w, moving * now), zero)
+            state, turned = jax.tree.map(lambda a, b: jnp.where(reset > 0.0, a, b), fresh, carried)
+            speed = state[0][0]
+            sample = Sample(drive, now, t, turned, counted, log)
+            state, reading = step_with(jnp, inside, core, parameters, state, sample, dt)
+            return (state, turned + 0.5 * dt * (speed + state[0][0])), reading
+
+        start = (rest_state(jnp, inside, core, zero, zero), zero)
+        names = ("t", "y", "moving", "reset", "counted", "log")
+        x = (data["drive"], acting, *(data[name] for name in names))
+        read = jax.lax.scan(body, start, x)[1]
+        sums = dt * (jnp.cumsum(read, axis=0) - 0.5 * read)
+        whole = replace(whole, turned=sums - sums[data["first"]])
+        return over_time(jnp, after, parameters, read, past, whole, dt)
+
+    return compiled(jax.vmap(readings, in_axes=(0, None)))  # type: ignore[no-any-return]
 
 
 def unpacked(
