@@ -144,10 +144,19 @@ class Base:
 
 
 def plain_base(
-    estimation: Sequence[Record], held: Sequence[Record] | None, effects: Sequence[Effect]
+    estimation: Sequence[Record],
+    held: Sequence[Record] | None,
+    effects: Sequence[Effect],
+    highest: int = LARGEST_ORDER,
 ) -> Base:
     """Robot logs: per track its own command, first order, nk = 1, no offset. Others: OE up to
     third order with dead time and level chosen on the estimation part.
+
+    Args:
+        estimation: what is fitted.
+        held: what judges; None holds blocks out.
+        effects: those that are tried.
+        highest: order at most.
 
     Raises:
         DataError: numbers of inputs and outputs differ.
@@ -177,7 +186,7 @@ def plain_base(
             linear, delay = _linear(without_repeats(estimation))
             order = int(np.max(linear.structure.order_values()["nf"]))
         level = not may_lack_sign(estimation)
-        order = order if level else LARGEST_ORDER
+        order = min(order if level else LARGEST_ORDER, highest)
         late = "one sample" if delay == 1 else f"{delay} samples"
         words = f"output error of order {order} with {late} of delay"
         words += " and a level" if level else ""

@@ -12,7 +12,7 @@ from sysid.data.record import Record
 from sysid.discrepancy.assembly import assembled
 from sysid.discrepancy.base_model import full_drive, given_base, plain_base
 from sysid.discrepancy.diagnosis import Diagnosis
-from sysid.discrepancy.given_model import around_model
+from sysid.discrepancy.given_model import around_model, or_on_first_order
 from sysid.discrepancy.pose.diagnosis import PoseDiagnosis, diagnose_pose
 from sysid.discrepancy.pose.readings import put_right
 from sysid.discrepancy.proof.mission import prove_on_mission
@@ -83,6 +83,7 @@ def diagnose(
     say("is there anything to explain?", 0.06)
     if model is None:
         found = study.searched(base.search.model.effects, say)
+        found = or_on_first_order(found, estimation, held, say)
     else:
         found = around_model(model, study, estimation, held, say)
     say("the proof", 0.72)

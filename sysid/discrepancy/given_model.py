@@ -1,10 +1,12 @@
-"""Effects around a given model, or on the plainest base where that explains more."""
+"""Effects around a given model or a base of high order, or on a plainer base where that explains
+more: what fits a log in part has absorbed a part of what is missing."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
+from sysid.data.column_words import may_move
 from sysid.data.record import Record
-from sysid.discrepancy.base_model import plain_base
+from sysid.discrepancy.base_model import LARGEST_ORDER, plain_base
 from sysid.discrepancy.policies import RULE
 from sysid.discrepancy.search.naming import Progress
 from sysid.discrepancy.study import Outcome, Study
@@ -48,12 +50,36 @@ def around_model(
     return other if other.study.explains_more(other.naming, found.naming.final, below) else found
 
 
+def or_on_first_order(
+    found: Outcome, estimation: Sequence[Record], held: Sequence[Record] | None, say: Progress
+) -> Outcome:
+    """What a search on the plain base has found, or on one of first order where that explains more.
+
+    Play and friction look like further poles, and a base with these poles leaves of them what no
+    law explains.
+    """
+    study, naming = found.study, found.naming
+    moves = any(may_move(c.name, c.unit) for c in study.base.parts.estimation[0].outputs)
+    if study.base.search.model.order == 1 or not moves or not study.doubtful:
+        return found
+    if naming.named and not study.unexplained(naming):
+        return found
+    other = _plainest(study, estimation, held, say, highest=1)
+    if other is None or not other.study.explains_more(other.naming, naming.final):
+        return found
+    return other
+
+
 def _plainest(
-    doubted: Study, estimation: Sequence[Record], held: Sequence[Record] | None, say: Progress
+    doubted: Study,
+    estimation: Sequence[Record],
+    held: Sequence[Record] | None,
+    say: Progress,
+    highest: int = LARGEST_ORDER,
 ) -> Outcome | None:
     """Effects on the plainest base, where they explain more than the doubted model; else None."""
     try:
-        base = plain_base(estimation, held, chain_effects())
+        base = plain_base(estimation, held, chain_effects(), highest)
     except SysidError:
         return None
     sizes = [[len(e) for e in b.node.errors.held] for b in (base, doubted.base)]

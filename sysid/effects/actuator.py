@@ -49,7 +49,8 @@ def _within_twist(xp: Any, d: Signal, p: P, c: Context) -> Signal:
 
 
 def _concave(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    return d * (1.0 - p["kappa"] * xp.abs(d)), s
+    size = xp.abs(d)
+    return d * (1.0 - p["kappa"] * xp.where(p["cubic"] > 0.5, size * size, size)), s
 
 
 def _direction(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
@@ -268,17 +269,29 @@ EFFECTS = (
         "concave-gain",
         "actuator",
         Place.COMMAND,
-        "d → d(1 − κ|d|)",
+        "d → d(1 − κ|d|), or d(1 − κ d²)",
         "The harder it is driven, the less it answers, on a soft static curve.",
         "Steady speed against command bends towards the command axis.",
         "Steps at many levels in both directions.",
-        (EffectParameter("kappa", "1/drive", 0.0, -0.9, 0.95, (0.3, -0.2), "one"),),
+        (
+            EffectParameter("kappa", "1/drive", 0.0, -0.9, 0.95, (0.3, -0.2) * 2, "one"),
+            EffectParameter("cubic", "", 0.0, 0.0, 1.0, (0.0,) * 2 + (1.0,) * 2, choice=True),
+        ),
         _concave,
         inverse=inverses.out_of_concave,
         ties=("supply-sag",),
         opposite="The harder it is driven, the more it answers to every further step.",
         programmes=(LEVELS, ONE_AND_OTHER, COASTING),
         weakens=True,
+        laws=(
+            Law(("kappa",), choices={"cubic": 0.0}),
+            Law(
+                ("kappa",),
+                choices={"cubic": 1.0},
+                sentence="It bends by the cube of the command, as the expo of a remote control "
+                "makes it: small commands answer evenly.",
+            ),
+        ),
     ),
     Effect(
         "direction-asymmetry",

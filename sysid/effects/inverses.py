@@ -30,12 +30,23 @@ def within_saturation(xp: Any, d: Signal, p: P, c: Context) -> Signal:
     return xp.minimum(xp.maximum(d, -p["minus"]), p["plus"])
 
 
+CUBIC_STEPS = 12
+"""Newton's steps on x − κ x³ = d; from x = d they come from one side and end at rounding, but for
+the last percent before the most that there is."""
+
+
 def out_of_concave(xp: Any, d: Signal, p: P, c: Context) -> Signal:
-    """The smaller x with x(1 − κ|x|) = d; beyond what there is, the x that gives most."""
+    """The smaller x with x(1 − κ|x|) = d, or x(1 − κ x²) = d; beyond, the x that gives most."""
+    kappa, size = p["kappa"], xp.abs(d)
     # the root as a quotient, which κ = 0 does not upset
-    root = xp.sqrt(xp.maximum(1.0 - 4.0 * p["kappa"] * xp.abs(d), 0.0))
-    most = 0.5 / xp.maximum(p["kappa"], 1e-9)
-    return xp.sign(d) * xp.minimum(2.0 * xp.abs(d) / (1.0 + root), most)
+    root = xp.sqrt(xp.maximum(1.0 - 4.0 * kappa * size, 0.0))
+    bent = xp.minimum(2.0 * size / (1.0 + root), 0.5 / xp.maximum(kappa, 1e-9))
+    most = 1.0 / xp.sqrt(3.0 * xp.maximum(kappa, 1e-9))
+    x = xp.minimum(size, most)
+    for _ in range(CUBIC_STEPS):
+        slope = xp.maximum(1.0 - 3.0 * kappa * x * x, 1e-3)
+        x = xp.minimum(x - (x * (1.0 - kappa * x * x) - size) / slope, most)
+    return xp.sign(d) * xp.where(p["cubic"] > 0.5, x, bent)
 
 
 def out_of_direction(xp: Any, d: Signal, p: P, c: Context) -> Signal:

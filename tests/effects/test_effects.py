@@ -138,7 +138,7 @@ def both(value: float) -> Array:
 STEADY = {
     "dead-zone": ({"plus": 0.2, "minus": 0.1, "jump": 0.05}, 0.5, GAIN * 0.35),
     "input-saturation": ({"plus": 0.4, "minus": 0.4}, 0.9, GAIN * 0.4),
-    "concave-gain": ({"kappa": 0.3}, 0.5, GAIN * 0.5 * 0.85),
+    "concave-gain": ({"kappa": 0.3, "cubic": 0.0}, 0.5, GAIN * 0.5 * 0.85),
     "direction-asymmetry": ({"rho": 0.8}, -0.5, -GAIN * 0.4),
     "supply-sag": ({"sag": 0.2, "emf": 0.0, "current": 0.0}, 0.5, GAIN * 0.5 * 0.9),
     "coulomb-friction": ({"level": 3.0, "of_load": 0.2}, 0.5, GAIN * 0.5 - 3.0 / 0.8),
@@ -166,6 +166,13 @@ def test_steady_speed_is_that_of_the_equation(id: str) -> None:
     found = run({id: {k: both(v) for k, v in numbers.items()}}, held(level))[-1]
     # 200 samples are 40 time constants
     np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def test_a_cubic_gain_bends_by_the_square_of_the_command() -> None:
+    numbers = {"kappa": both(0.3), "cubic": both(1.0)}
+    found = run({"concave-gain": numbers}, held(0.5))[-1]
+    # 200 samples are 40 time constants
+    np.testing.assert_allclose(found, GAIN * 0.5 * (1.0 - 0.3 * 0.25), rtol=1e-6)
 
 
 def test_dry_friction_holds_the_track_still_and_lets_it_go() -> None:
