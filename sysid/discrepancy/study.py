@@ -268,7 +268,7 @@ class Study:
             least = worse_than_linear(self.base, self.linear_rival, naming)
         return (
             least
-            or drifting_level(naming)
+            or drifting_level(self.base, naming)
             or self.too_small_a_share(naming)
             or self._absorber(naming)
         )

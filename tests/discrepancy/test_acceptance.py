@@ -72,6 +72,16 @@ def test_a_random_walk_is_no_constant_level_and_a_constant_beside_noise_is() -> 
     assert not drifts([noise[:1200], noise[1200:]]).any()
 
 
+def test_a_constant_in_the_model_is_judged_by_what_wanders_beside_it() -> None:
+    """Errors of the model without it, whose other numbers make up for it, wander with the drive."""
+    rng = np.random.default_rng(5)
+    walk = np.cumsum(0.01 * rng.standard_normal((2000, 1)), axis=0)
+    walk -= walk.mean()
+    size = float(np.std(walk))
+    assert drifts([walk[:1200], walk[1200:]], np.array([0.5 * size]))[0]
+    assert not drifts([walk[:1200], walk[1200:]], np.array([8.0 * size]))[0]
+
+
 def test_one_number_away_from_its_null_is_enough_and_a_limit_needs_its_upper_end() -> None:
     assert against(CLEAR, [Number(0.01, 0.0, 0.1), AWAY]) == ""
     assert Number(0.9, 1e6, 0.0, Interval(0.8, 0.95)).away

@@ -110,28 +110,34 @@ def weakest(base: Base, naming: Naming) -> Dropped | None:
     return Dropped(named.id, reason)
 
 
-def drifts(errors: Sequence[Array]) -> NDArray[np.bool_]:
-    """Outputs whose errors wander about as far as they are off zero, (ny,).
+def drifts(errors: Sequence[Array], shift: Array | float = 0.0) -> NDArray[np.bool_]:
+    """Outputs on which a level wanders about as far as it is off zero, (ny,).
 
     What a constant level is read off must be constant: a disturbance that drifts is off zero on
     the whole, too, and by chance alike in two logs.
 
     Args:
-        errors: (N, ny) of each record; NaN where a sample does not count.
+        errors: (N, ny) of each record, with the level in the model; NaN where a sample does not
+            count.
+        shift: the level in the model, (ny,).
     """
     blocks = [b for e in errors for b in np.array_split(e, LEVEL_BLOCKS) if len(b)]
     levels = np.array([np.nanmean(b, axis=0) for b in blocks if np.isfinite(b).any(axis=0).all()])
     if len(levels) < 2:
         return np.zeros(errors[0].shape[1], dtype=bool)
-    off, spread = np.abs(levels.mean(axis=0)), levels.std(axis=0, ddof=1)
+    off, spread = np.abs(levels.mean(axis=0) + shift), levels.std(axis=0, ddof=1)
     return np.asarray(off < CONSTANT * spread)
 
 
-def drifting_level(naming: Naming) -> Dropped | None:
+def drifting_level(base: Base, naming: Naming) -> Dropped | None:
     """An accepted constant shift that is not constant on any output that it acts on."""
+    model, final = base.search.model, naming.final
     for n in naming.named:
-        errors = (*n.rest.errors.estimation, *n.rest.errors.held)
-        if about(n.id).level and drifts(errors)[n.touched].all():
+        if not about(n.id).level:
+            continue
+        first = about(n.id).parameters[0].name
+        shift = np.array([abs(final.q[model.place[n.id, first, i]]) for i in range(model.tracks)])
+        if drifts((*final.errors.estimation, *final.errors.held), shift)[n.touched].all():
             return Dropped(n.id, DRIFTS)
     return None
 

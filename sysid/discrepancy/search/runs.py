@@ -35,7 +35,7 @@ LANES = 16
 waiting; a smaller size for single runs would have to be compiled for itself, which takes longer
 than it saves."""
 
-KEPT = 256
+KEPT = 128
 """Simulations that a process keeps compiled: those of some machines, of which each needs 20 to
 60."""
 
