@@ -50,6 +50,14 @@ def test_each_lane_runs_as_with_all_effects_at_once(record: Record) -> None:
     np.testing.assert_allclose(model.run(q, data), expected, atol=1e-12 * np.abs(expected).max())
 
 
+def test_machines_of_one_kind_share_what_is_compiled() -> None:
+    some = tuple(effect(id) for id in ("dead-zone", "load-bias"))
+    slow, fast = (SuperModel(some, 1, 2, np.full(2, v), 0.05) for v in (2.0, 40.0))
+    assert slow.runs.simulation(some[:1]) is fast.runs.simulation(some[:1])
+    other = SuperModel(some, 1, 2, np.full(2, 2.0), 0.02)
+    assert other.runs.simulation(some[:1]) is not slow.runs.simulation(some[:1])
+
+
 def test_more_lanes_than_a_call_holds_come_back_in_their_order(record: Record) -> None:
     model = SuperModel((effect("coulomb-friction"),), 1, 1, np.array([10.0]), record.dt)
     data = prepare([Record(record.u[:, :1], record.y[:, :1], record.dt)], np.ones(1), 1)

@@ -10,7 +10,13 @@ from sysid.data.record import Channel
 from sysid.discrepancy.proof.noise import NoiseFloor
 from sysid.discrepancy.search.evidence import Evidence
 from sysid.discrepancy.search.named_sets import Judged, Named, Naming, Node
-from sysid.discrepancy.search.naming import Little, NamingSearch, case_of, takes_little
+from sysid.discrepancy.search.naming import (
+    Little,
+    NamingSearch,
+    case_of,
+    takes_little,
+    takes_most_of_rest,
+)
 from sysid.discrepancy.study import Study
 from sysid.fitting.holdout import Errors
 
@@ -92,6 +98,7 @@ def judged(id: str, score: float, ratio: float = 0.5) -> Judged:
 def test_what_no_other_effect_comes_near_is_no_stand_in(rival: float, alone: bool) -> None:
     """However little of the gap it takes."""
     search = NamingSearch.__new__(NamingSearch)
+    search.data = SimpleNamespace(noise=np.array([NOISE]))  # type: ignore[assignment]
     tried = [judged("dead-time", 926.0), judged("gravity-load", rival)]
     assert search.unrivalled(node(1.0), "dead-time", tried) is alone
     little = [judged("dead-time", 40.0), judged("gravity-load", 2.0)]
@@ -204,3 +211,15 @@ def test_what_closes_nothing_has_no_rivals_to_be_ahead_of(
     )
     least = study._absorber(Naming(node(5.0), both, named, (), ()))
     assert (least is None) is stays
+
+
+@pytest.mark.parametrize(
+    ("after", "most"), [(0.12, True), (0.18, False)], ids=["most-of-it", "a-part-of-it"]
+)
+def test_a_third_effect_that_takes_most_of_what_two_leave_is_no_mend(
+    after: float, most: bool
+) -> None:
+    """Both are far below 1 % of the gap of the base; what two leave is twice the noise."""
+    rest, whole = node(0.2, "dead-time", "input-delay"), node(after, "dead-time", "supply-sag")
+    assert takes_most_of_rest(rest, whole, np.array([NOISE])) is most
+    assert not takes_most_of_rest(node(0.9 * NOISE), node(0.8 * NOISE), np.array([NOISE]))
