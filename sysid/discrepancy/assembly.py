@@ -247,7 +247,7 @@ def _warnings(
     found = list(findings.absorbed(study.base, naming))
     if study.doubted is not None:
         found.append(
-            "The model that was doubted has absorbed a part of what is missing: effects added "
+            "The model before has absorbed a part of what is missing: effects added "
             "to it explain less. They stand on the plainest base instead; with them its "
             "held-out error is the smaller one."
         )
