@@ -23,6 +23,7 @@ from sysid.discrepancy.search.prepared import prepare
 from sysid.discrepancy.search.starts import clip_level, repeats_at_top
 from sysid.discrepancy.search.supermodel import SuperModel
 from sysid.effects.catalogue import chain_effects
+from sysid.effects.friction import HEAVIEST
 from sysid.errors import DataError
 from sysid.estimation.identify import Request as FitRequest
 from sysid.estimation.identify import identify
@@ -235,6 +236,18 @@ def test_a_bound_holds_and_names_with_a_number_on_it_are_not_admitted() -> None:
     row = core(m)
     row[limit] = m.slots[limit].upper
     assert not s.admissible(s.node(("coulomb-friction",), row, (*s.core, limit)))
+
+
+def test_little_friction_is_none_at_its_null_however_far_the_search_may_go() -> None:
+    m, r = model(), record()
+    s = NamingSearch(m, [r], [r], np.full(2, 20000.0), 1)
+    s.origin = core(m)
+    level = m.place["coulomb-friction", "level", 0]
+    for size, stands in ((0.01, True), (0.0, False)):
+        row = core(m)
+        row[level] = size * m.slots[level].upper / HEAVIEST
+        node = s.node(("coulomb-friction",), row, (*s.core, level))
+        assert s.admissible(node) is stands
 
 
 def test_a_clip_is_seen_where_one_largest_reading_repeats() -> None:
