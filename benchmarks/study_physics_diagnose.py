@@ -15,13 +15,14 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field, replace
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 from diagnose_scores import SAMPLES_ONLY, Outcome, confusion, failures, matched
-from joblib import Parallel, delayed
 from sysid_datasets.physics.logs import make, write
 from sysid_datasets.physics.suites import FRESH, SUITES, case
 
@@ -254,10 +255,7 @@ def study(
     """Run what is not in ``results`` yet, at most ``limit``; all outcomes that there are."""
     done = _kept(results)
     rest = [w for w in wanted if f"{w[0]}-{w[1]}" not in done][:limit]
-    finished = Parallel(n_jobs=jobs, return_as="generator_unordered")(
-        delayed(run)(*w) for w in rest
-    )
-    for count, found in enumerate(finished, start=1):
+    for count, found in enumerate(_finished(rest, jobs), start=1):
         done[found.key] = found
         if results is not None:
             with results.open("a", encoding="utf-8") as file:
@@ -269,6 +267,16 @@ def study(
             file=sys.stderr,
         )
     return [done[f"{s}-{k}"] for s, k in wanted if f"{s}-{k}" in done]
+
+
+def _finished(wanted: Sequence[tuple[str, int]], jobs: int) -> Iterator[Run]:
+    """Runs as they end. Each process keeps what it has compiled for the machines that follow.
+
+    joblib would end a process whenever this grows by 300 MB.
+    """
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        for done in as_completed([pool.submit(run, *w) for w in wanted]):
+            yield done.result()
 
 
 def _numbers(
