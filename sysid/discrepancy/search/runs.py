@@ -36,8 +36,7 @@ waiting; a smaller size for single runs would have to be compiled for itself, wh
 than it saves."""
 
 KEPT = 128
-"""Simulations that a process keeps compiled: those of some machines, of which each needs 20 to
-60."""
+"""Simulations that a process keeps compiled: those of some machines, of which each needs dozens."""
 
 GROUP_PARAMETERS = 6
 """Parameters of the effects that are compiled together, one effect at least. Larger groups: fewer
