@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from sysid_datasets.physics.commands import SCHEDULES
 from sysid_datasets.physics.hidden import Hidden
 from sysid_datasets.physics.noises import NOISES, walk
-from sysid_datasets.physics.parameters import ANGLE, Controller, Machine
+from sysid_datasets.physics.parameters import ANGLE, TICKS, Controller, Machine
 from sysid_datasets.physics.processes import Process
 from sysid_datasets.physics.robots import Rig, figures
 from sysid_datasets.physics.simulate import POSE_STEP, simulate
@@ -170,7 +170,7 @@ def truth_of(logs: Logs) -> dict[str, Any]:
                 "also": list(h.also),
                 "channels": list(h.channels),
                 "sizes": dict(h.sizes),
-                "same_meaning": dict(h.same_meaning or {}),
+                "same_meaning": _as_read(h, case),
                 "spread": h.spread,
             }
             for h in case.hidden
@@ -185,6 +185,22 @@ def truth_of(logs: Logs) -> dict[str, Any]:
         "pose_floor": pose_floor(case.rig.pose),
         "pose_excess": pose_excess(logs.val, case.rig.lengths or (1.0, 1.0)),
     }
+
+
+def _as_read(hidden: Hidden, case: Case) -> dict[str, float]:
+    """True numbers as a log can show them.
+
+    Nobody tells a late command from a late reading: a delay is that of both. Ticks differenced over
+    a clock are the mean speed of it, which is half of one old.
+    """
+    numbers = dict(hidden.same_meaning or {})
+    if "delay" in numbers:
+        clocks = case.rig.telemetry
+        ticks = any(d.sensor.kind == TICKS for d in case.rig.machine.drives)
+        differenced = 0.5 * (clocks.refresh or 1.0 / clocks.rate) if ticks else 0.0
+        jitter = 0.5 * (clocks.command_jitter + clocks.reading_jitter)
+        numbers["delay"] += clocks.latency + differenced + jitter
+    return numbers
 
 
 def floor(log: Log) -> list[float]:

@@ -241,6 +241,7 @@ class Study:
     def confirmed(self, naming: Naming) -> tuple[Naming, tuple[Dropped, ...]]:
         """The effects that stand in the final model, and those that evidence speaks against."""
         naming, gone = self.measured(naming), []
+        self._least_left.clear()
         while (least := self._objection(naming)) is not None:
             gone.append(least)
             naming = self.measured(self.base.search.dropped(naming, least.id))
@@ -294,24 +295,37 @@ class Study:
 
         What remains on one output speaks not against an effect that carries another one: there is
         something else on that one alone. Nor does what remains speak against an effect that closes
-        some of the gap and that no other comes near: a stand-in has rivals.
+        some of the gap and that no other comes near: a stand-in has rivals. What an effect that is
+        gone by now had taken is no part of what the others leave: else one would go after another.
         """
         mine = [n for n in naming.named if n.id not in NOT_NAMED]
         if len(mine) < 2 or not self.unexplained(naming):
             return None
+        shares = {n.id: self._share_beside(naming, n) for n in mine}
         short = [
             n
             for n in mine
             if not carries_an_output(*self._errors_around(naming, n), self.floor, n.touched)
         ]
         search, rivals = self.base.search, self.base.search.model.effects
-        while least := least_beside([(n.id, *self.explained_by(naming, n)) for n in short]):
+        while least := least_beside([(n.id, *shares[n.id]) for n in short]):
             (own,) = (n for n in short if n.id == least.id)
-            closed, _ = self.explained_by(naming, own)
-            if closed <= 0.0 or not search.unrivalled(own.rest, own.id, rivals):
+            if shares[own.id][0] <= 0.0 or not search.unrivalled(own.rest, own.id, rivals):
                 break
             short.remove(own)
         return least
+
+    def _share_beside(self, naming: Naming, n: Named) -> tuple[float, float]:
+        """``explained_by``, and of what stays open on its outputs the least there ever was."""
+        closed, left = self.explained_by(naming, n)
+        at = tuple(n.touched.tolist())
+        self._least_left[at] = left = min(left, self._least_left.get(at, left))
+        return closed, left
+
+    @cached_property
+    def _least_left(self) -> dict[tuple[bool, ...], float]:
+        """Least share of the gap that stayed open, by the outputs that count."""
+        return {}
 
     @cached_property
     def linear_rival(self) -> LinearRival:

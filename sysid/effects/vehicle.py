@@ -90,12 +90,16 @@ def _carried(w: Signal, spin: float, dt: float) -> Signal:
     out = np.array(w, dtype=np.float64)
     for side in out.T:
         (jumps,) = np.nonzero(np.abs(np.diff(side)) > reach)
-        k = 1
+        if not len(jumps):
+            continue
+        speeds, k = side.tolist(), 1  # numbers of Python: one by one they are read much faster
         for jump in (jumps + 1).tolist():
             k = max(k, jump)
-            while k < len(side) and abs(side[k] - side[k - 1]) > reach:
-                side[k] = side[k - 1] + np.copysign(reach, side[k] - side[k - 1])
+            while k < len(speeds) and abs(speeds[k] - speeds[k - 1]) > reach:
+                up = speeds[k] > speeds[k - 1]
+                speeds[k] = speeds[k - 1] + (reach if up else -reach)
                 k += 1
+        side[:] = speeds
     return out
 
 

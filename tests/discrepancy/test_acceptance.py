@@ -14,6 +14,7 @@ from sysid.discrepancy.named_effects import NamedEffect, Value
 from sysid.discrepancy.policies import RULE, VERDICT
 from sysid.discrepancy.proof.acceptance import (
     Number,
+    _acting_alone,
     against,
     doubtful_slots,
     drifts,
@@ -139,6 +140,30 @@ def test_a_side_that_slopes_say_nothing_of_is_asked_of_the_likelihood(base: Base
     slots = base.search.model.slots
     doubted = {slots[k].name for k in doubtful_slots(base, named(base))}
     assert "minus" in doubted
+
+
+@pytest.mark.parametrize(
+    ("id", "values", "expected"),
+    [
+        ("dead-time", {"share": 0.1, "emf": 0.9, "ripple": 0.02}, {"share"}),
+        ("dead-zone", {"plus": 0.05, "minus": 0.05, "jump": 0.1}, {"plus", "jump"}),
+        ("gravity-load", {"cosine": 0.5, "sine": 0.7}, {"cosine", "sine"}),
+        ("thermal-fade", {"loss": 0.3, "time": 20.0}, {"loss"}),
+    ],
+)
+def test_numbers_that_only_shape_an_effect_are_no_sign_of_it(
+    id: str, values: dict[str, float], expected: set[str]
+) -> None:
+    u, y = lagging()  # never backwards: no log shows a zone on that side
+    record = Record(u, y, 0.05, (Channel("volts", "V"),), (Channel("omega", "rad/s"),))
+    base = plain_base([record], None, [e for e in chain_effects() if e.id == id])
+    search, q = base.search, base.node.q.copy()
+    mine = {name: search.model.place[id, name, 0] for name in values}
+    for name, k in mine.items():
+        q[k] = values[name]
+    node = search.node((id,), q, (*base.node.free, *mine.values()))
+    alone = _acting_alone(base, node, tuple(mine.values()))
+    assert {name for name, k in mine.items() if k in alone} == expected
 
 
 def test_a_name_that_does_not_stand_is_dropped_with_the_reason(base: Base) -> None:

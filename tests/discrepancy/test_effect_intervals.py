@@ -199,3 +199,30 @@ def test_every_value_of_an_equation_stands_beside_its_channel() -> None:
 )
 def test_a_number_says_what_is_known_of_it(value: Value, words: str) -> None:
     assert value.shown == words
+
+
+def test_another_cause_of_error_widens_both_sides() -> None:
+    assert Interval(0.7, 1.3).widened(1.0, 0.4) == Interval(0.5, 1.5)
+    assert Interval(None, 1.3).widened(1.0, 0.4) == Interval(None, 1.5)
+
+
+def test_a_delay_is_no_surer_than_its_sampling() -> None:
+    """A clean log of hundreds of changes, and nobody knows when in a sample a board acts."""
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-1.0, 1.0, (60, 1)), 12, axis=0)
+    y = np.zeros_like(u)
+    for k in range(3, len(u)):
+        y[k] = 0.8 * y[k - 1] + 0.2 * 10.0 * u[k - 3]
+    record = Record(u, y + 1e-3 * rng.standard_normal(y.shape), 0.05)
+    base = plain_base([record], None, (effect("input-delay"),))
+    model = base.search.model
+    (k,) = model.of("input-delay")
+    q = base.node.q.copy()
+    q[k] = 0.1 - 0.05 * max(base.delay - 1, 0)
+    core = [model.place["core", "gain", 0], model.place["core", "f1", 0]]
+    q[core] = 10.0, -0.8
+    node = base.search.node(("input-delay",), q, (*core, k))
+    node, intervals = intervals_of(base.search, node)
+    error = intervals[k].std_error(float(node.q[k]))
+    assert error is not None
+    assert 0.03 * record.dt <= error < 0.05 * record.dt

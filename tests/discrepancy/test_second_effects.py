@@ -213,6 +213,40 @@ def test_what_closes_nothing_has_no_rivals_to_be_ahead_of(
     assert (least is None) is stays
 
 
+def test_what_a_dropped_effect_had_taken_speaks_against_no_other(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A ripple takes 12 %; beside a third effect, which goes, 7 % stay open, without it 18 %."""
+    ids = ("viscous-asymmetry", "speed-ripple", "inertial-coupling")
+    closed = dict(zip(ids, (60.0, 12.0, 4.0), strict=True))
+    search: Any = SimpleNamespace(
+        unrivalled=lambda *_: False, model=SimpleNamespace(effects=()), needed=0.9
+    )
+    base: Any = SimpleNamespace(search=search, node=node(5.0))
+    study = Study(base, NoiseFloor(*(np.array([NOISE]),) * 3), np.ones(1), 0)
+    monkeypatch.setattr(Study, "unexplained", lambda *_: True)
+    monkeypatch.setattr(
+        Study,
+        "explained_by",
+        lambda _, naming, n: (closed[n.id], 7.0 if len(naming.named) == 3 else 18.0),
+    )
+    evidence = Evidence(-900.0, 9.0, 1.0, 0.5, 1e-9)
+
+    def naming(*kept: str) -> Naming:
+        whole = node(2.0, *kept)
+        named = tuple(Named(id, evidence, (), whole.touched, {}, node(2.1)) for id in kept)
+        return Naming(node(5.0), whole, named, (), ())
+
+    least = study._absorber(naming(*ids))
+    assert least is not None
+    assert least.id == "inertial-coupling"
+    assert study._absorber(naming(*ids[:2])) is None
+    fresh = Study(base, NoiseFloor(*(np.array([NOISE]),) * 3), np.ones(1), 0)
+    alone = fresh._absorber(naming(*ids[:2]))
+    assert alone is not None
+    assert alone.id == "speed-ripple"
+
+
 @pytest.mark.parametrize(
     ("after", "most"), [(0.12, True), (0.18, False)], ids=["most-of-it", "a-part-of-it"]
 )

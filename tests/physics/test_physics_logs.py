@@ -9,7 +9,7 @@ import pytest
 from sysid_datasets.physics import compiled
 from sysid_datasets.physics.__main__ import main
 from sysid_datasets.physics.commands import SCHEDULES
-from sysid_datasets.physics.logs import excess, floor, make, write
+from sysid_datasets.physics.logs import _as_read, excess, floor, make, write
 from sysid_datasets.physics.noises import NOISES
 from sysid_datasets.physics.parameters import (
     ANGLE,
@@ -68,6 +68,19 @@ def test_commands_arrive_late_and_jitter_does_not_overtake() -> None:
     assert np.all(shaken <= plain + 1e-9)
     with pytest.raises(ValueError, match="randomness"):
         simulate(Machine((Drive(),)), np.zeros((5, 1)), Telemetry(command_jitter=0.1))
+
+
+def test_a_true_delay_is_that_of_command_and_reading() -> None:
+    """Ticks of a sample of 50 ms are 25 ms old, and of a jitter half is always there."""
+    made = case("realistic", 0)
+    late = next(h for h in made.hidden if h.id == "input-delay")
+    told = _as_read(late, made)["delay"]
+    assert told == pytest.approx(late.sizes["delay_s"] + 0.025 + 0.0025 + 0.001)
+    plain = replace(made, rig=replace(made.rig, telemetry=Telemetry(latency=0.02)))
+    drives = tuple(replace(d, sensor=Sensor()) for d in made.rig.machine.drives)
+    machine = replace(made.rig.machine, drives=drives)
+    plain = replace(plain, rig=replace(plain.rig, machine=machine))
+    assert _as_read(late, plain)["delay"] == pytest.approx(late.sizes["delay_s"] + 0.02)
 
 
 def test_a_speed_loop_reaches_its_reference() -> None:

@@ -12,7 +12,7 @@ rest, and readings of the pose, or of its heading, that come late.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -160,13 +160,13 @@ def _diagnosed(
     always = lengths() if estimate is not None else ()
     noise = increments_noise((*tracks, *others), geometry)
 
-    def search(noise: Noise) -> PoseSearch:
+    def search(noise: Noise, begun: Mapping[frozenset[str], Fitted]) -> PoseSearch:
         first, second = (PoseProblem(part, geometry, noise) for part in (tracks, others))
-        return PoseSearch(first, second, always, known)
+        return PoseSearch(first, second, always, known, begun)
 
-    first = _searched(search(noise))
+    first = _searched(search(noise, {}))
     second = replace(noise, beyond=_beyond(first[3], noise))
-    return _pose_diagnosis(*_searched(search(second)), estimate)
+    return _pose_diagnosis(*_searched(search(second, first[0].fits)), estimate)
 
 
 _Found = tuple[PoseSearch, Fitted, list[Step], Fitted, tuple[tuple[str, float], ...]]

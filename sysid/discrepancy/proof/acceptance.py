@@ -18,7 +18,7 @@ from sysid.discrepancy.base_model import Base
 from sysid.discrepancy.named_effects import Dropped
 from sysid.discrepancy.policies import RULE
 from sysid.discrepancy.search.evidence import Evidence
-from sysid.discrepancy.search.intervals import DOUBTED
+from sysid.discrepancy.search.intervals import DOUBTED, SAME_RUN
 from sysid.discrepancy.search.named_sets import Interval, Named, Naming, Node
 from sysid.effects.catalogue import CHANGED, about
 from sysid.fitting.profile import NORMAL
@@ -178,15 +178,37 @@ def final_evidence(base: Base, naming: Naming, named: Named) -> Evidence:
 
 
 def numbers_of(base: Base, naming: Naming, named: Named) -> tuple[Number, ...]:
-    """The free numbers of an accepted effect in the final model."""
+    """The free numbers of an accepted effect that tell whether it is there, in the final model."""
     if named.id == CHANGED.id:
         return ()
     node, model = naming.final, base.search.model
     at = std_errors(base, node)
-    return tuple(
-        Number(float(node.q[k]), model.slots[k].null, at[k], naming.intervals.get(k))
+    found = {
+        k: Number(float(node.q[k]), model.slots[k].null, at[k], naming.intervals.get(k))
         for k in model.of(named.id)
         if k in at
+    }
+    if not any(n.away for n in found.values()) or all(n.away for n in found.values()):
+        return tuple(found.values())
+    acting = _acting_alone(base, node, tuple(found))
+    return tuple(found[k] for k in acting or found)
+
+
+def _acting_alone(base: Base, node: Node, mine: Sequence[int]) -> tuple[int, ...]:
+    """Slots of an effect that do something while its other free numbers do nothing.
+
+    What only shapes an effect says nothing of whether it is there: the time of a fading is no sign
+    of one as long as its depth may be none.
+    """
+    model, data = base.search.model, base.search.data
+    lanes = np.repeat(node.q[None], len(mine) + 1, axis=0)
+    lanes[:, list(mine)] = [model.slots[k].null for k in mine]
+    for row, k in zip(lanes, mine, strict=False):
+        row[k] = node.q[k]
+    *runs, without = np.nan_to_num(model.run(lanes, data)) * data.weight
+    least = SAME_RUN * max(float(np.max(np.abs(without))), 1e-300)
+    return tuple(
+        k for k, run in zip(mine, runs, strict=True) if np.max(np.abs(run - without)) > least
     )
 
 

@@ -1,5 +1,6 @@
 """Sets of effects in the course of a search: fitted, judged, named."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -35,6 +36,17 @@ class Interval:
         """The same, stretched to hold a value that nothing contradicts: the best there is."""
         low = None if self.low is None else min(self.low, value)
         high = None if self.high is None else max(self.high, value)
+        return Interval(low, high, self.visited)
+
+    def widened(self, value: float, by: float) -> "Interval":
+        """With another cause of error, independent of the log's.
+
+        Args:
+            value: the estimate.
+            by: half of the 95 % interval that the other cause makes alone.
+        """
+        low = None if self.low is None else value - math.hypot(value - self.low, by)
+        high = None if self.high is None else value + math.hypot(self.high - value, by)
         return Interval(low, high, self.visited)
 
     def times(self, factor: float) -> "Interval":

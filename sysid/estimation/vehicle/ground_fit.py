@@ -1,6 +1,6 @@
 """Maximum likelihood of vehicle effects from increments of the pose of known noise."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 
@@ -58,6 +58,9 @@ that does not read zero at rest, or a pose whose readings, or whose headings, co
 speeds, or are smoothed, lends its name to none."""
 
 LAGS = (POSE_LAG, HEADING_LAG, POSE_FILTER)
+
+DIFFERENCE = 1e-6
+"""Step of a difference, as a share of what a number may span."""
 
 
 @cache
@@ -158,16 +161,24 @@ def ground_of(q: Array, always: Sequence[Candidate] = ()) -> Ground:
     lengths = {k for c in always for k in c.slots}
     mine = [
         (s, v)
-        for k, (s, v) in enumerate(zip(every_slot(), q, strict=True))
-        if s not in COMPETITORS and k not in lengths
+        for k, (s, v) in enumerate(zip(_of_effects(), q.tolist(), strict=False))
+        if k not in lengths
     ]
     acting = {s.owner for s, v in mine if v != s.null}
-    found: dict[str, dict[str, Array]] = {}
+    found: dict[str, dict[str, list[float]]] = {}
     for slot, value in mine:
         if slot.owner in acting:
-            both = found.setdefault(slot.owner, {}).setdefault(slot.name, np.full(2, slot.null))
-            both[:] = value if slot.side < 0 else np.where(np.arange(2) == slot.side, value, both)
-    return Ground(tuple(found), found)
+            both = found.setdefault(slot.owner, {}).setdefault(slot.name, [slot.null, slot.null])
+            for side in (LEFT, RIGHT) if slot.side < 0 else (slot.side,):
+                both[side] = value
+    numbers = {id: {k: np.array(v) for k, v in mine.items()} for id, mine in found.items()}
+    return Ground(tuple(numbers), numbers)
+
+
+@cache
+def _of_effects() -> tuple[Slot, ...]:
+    """The slots of effects, which come first."""
+    return tuple(s for s in every_slot() if s not in COMPETITORS)
 
 
 @cache
@@ -285,14 +296,17 @@ class PoseProblem(Problem):
         return np.concatenate([e.ravel() for e in self.whitened(self.errors(p))])
 
     def jacobian(self, p: Array) -> Array:
-        """Differences in the free numbers, within their bounds; other columns are zero."""
+        """Differences in the free numbers, within their bounds; other columns are zero.
+
+        A step towards the farther bound: the increments are all but linear over one so short.
+        """
         J = np.zeros((sum(self.lengths), len(every_slot())))
+        here = self.residual(p)
         for k in self.free:
-            h = 1e-5 * max(every_slot()[k].upper - every_slot()[k].lower, 1.0)
-            up, down = p.copy(), p.copy()
-            up[k] = min(p[k] + h, every_slot()[k].upper)
-            down[k] = max(p[k] - h, every_slot()[k].lower)
-            J[:, k] = (self.residual(up) - self.residual(down)) / (up[k] - down[k])
+            slot, moved = every_slot()[k], p.copy()
+            h = DIFFERENCE * max(slot.upper - slot.lower, 1.0)
+            moved[k] += h if slot.upper - p[k] > p[k] - slot.lower else -h
+            J[:, k] = (self.residual(moved) - here) / (moved[k] - p[k])
         return J
 
 
@@ -320,15 +334,18 @@ class PoseSearch:
         always: what every fit frees: the lengths of a vehicle whose geometry nobody has given.
         radius_known: whether somebody has given the radius, so that a way that falls short of it
             on both sides is slip.
+        begun: what the same sets of candidates came to with another noise, where their fits begin.
     """
 
     estimation: PoseProblem
     held: PoseProblem
     always: tuple[Candidate, ...] = ()
     radius_known: bool = False
+    begun: Mapping[frozenset[str], Fitted] = field(default_factory=dict)
 
     @cached_property
-    def _fits(self) -> dict[frozenset[str], Fitted]:
+    def fits(self) -> dict[frozenset[str], Fitted]:
+        """What was fitted so far, by the keys of the candidates."""
         return {}
 
     def fit(self, candidates: Sequence[Candidate], near: Fitted | None = None) -> Fitted:
@@ -340,9 +357,9 @@ class PoseSearch:
             near: fit of some of them, where the search begins.
         """
         key = frozenset(c.key for c in candidates)
-        if key not in self._fits:
-            self._fits[key] = self._fitted(candidates, near)
-        return self._fits[key]
+        if key not in self.fits:
+            self.fits[key] = self._fitted(candidates, self.begun.get(key, near))
+        return self.fits[key]
 
     def _fitted(self, candidates: Sequence[Candidate], near: Fitted | None) -> Fitted:
         """The numbers of all candidates together, estimated anew.
