@@ -125,9 +125,17 @@ def marked(plain: Run, truth: Mapping[str, Any], answer: Mapping[str, Any]) -> R
 
 
 def _shown(truth: Mapping[str, Any]) -> tuple[str, ...]:
-    """Of several causes, those that show beside the others; what is seen in samples always."""
+    """Of several causes, those that show beside the others; what is seen in samples always.
+
+    Two for which either name is right (another motor constant, another friction turning backward)
+    make one curve together, so that nobody can ask for two entries.
+    """
     pairs = zip(truth["hidden"], truth["shows"], strict=False)
-    return tuple(dict.fromkeys(h["id"] for h, size in pairs if size is None or size >= SHOWN))
+    kept: list[Mapping[str, Any]] = []
+    for h in (h for h, size in pairs if size is None or size >= SHOWN):
+        if not any(h["id"] in k["also"] and k["id"] in h["also"] for k in kept):
+            kept.append(h)
+    return tuple(dict.fromkeys(h["id"] for h in kept))
 
 
 def translated(

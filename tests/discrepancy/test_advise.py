@@ -5,7 +5,7 @@ from fnmatch import fnmatch
 
 import numpy as np
 import pytest
-from test_model_error import SCALES, SIGMA, logged
+from plain_tracks import SCALES, SIGMA, logged
 
 from sysid.discrepancy.advise import (
     experiment_between,

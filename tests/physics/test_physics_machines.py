@@ -94,6 +94,20 @@ def test_every_suite_draws_seeds_of_both_kinds() -> None:
         case("singles", -1)
 
 
+def test_two_causes_for_which_either_name_is_right_ask_for_one_entry(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    study = load("benchmarks/study_physics_diagnose.py")
+    motor = {"id": "direction-asymmetry", "also": ["viscous-asymmetry"]}
+    friction = {"id": "viscous-asymmetry", "also": ["direction-asymmetry"]}
+    late = {"id": "input-delay", "also": []}
+    play = {"id": "backlash", "also": ["direction-asymmetry"]}
+    truth = {"hidden": [motor, late, friction, play], "shows": [5.0, None, 5.0, 5.0]}
+    assert study._shown(truth) == ("direction-asymmetry", "input-delay", "backlash")
+    assert study._shown({"hidden": [motor, late], "shows": [0.5, 2.0]}) == ("input-delay",)
+
+
 def test_a_name_that_is_also_right_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(ROOT / "benchmarks")
     study = load("benchmarks/study_physics_diagnose.py")

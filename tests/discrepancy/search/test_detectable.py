@@ -1,7 +1,7 @@
 """Could this log have shown it? Sizes fall with the noise; impossible ones are None."""
 
 import numpy as np
-from test_model_error import CHANNELS, DT, FULL, noise, simulate
+from plain_tracks import CHANNELS, DT, FULL, noise, simulate
 
 from sysid.data.record import Array, Record
 from sysid.discrepancy.base_model import plain_base

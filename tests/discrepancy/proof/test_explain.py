@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_model_error import FULL, SCALES, SIGMA, logged, simulate
+from plain_tracks import FULL, SCALES, SIGMA, logged, simulate
 
 from sysid.discrepancy.proof.explain import described, explain
 

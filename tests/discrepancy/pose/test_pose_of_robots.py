@@ -15,7 +15,7 @@ from sysid.discrepancy.pose.diagnosis import diagnose_pose
 from sysid.estimation.vehicle.logs import read_drives
 from sysid.vehicle.kinematics import Geometry
 
-DRIVES = Path(os.environ.get("SYSID_DATA", Path(__file__).parents[3] / "shared" / "data")) / "drive"
+DRIVES = Path(os.environ.get("SYSID_DATA", Path(__file__).parents[4] / "shared" / "data")) / "drive"
 
 EVERY = 5
 """Every so many rows of a measured drive are read, so that a test takes two seconds; the study of
