@@ -108,7 +108,7 @@ def marked(plain: Run, truth: Mapping[str, Any], answer: Mapping[str, Any]) -> R
     sizes = [*truth["excess"], *truth["pose_excess"]]
     noises = [*floors, *truth["pose_floor"]]
     pairs = [(v, s) for v, s in zip(sizes, noises, strict=True) if s > 0.0]
-    believed, wrong = _numbers(truth["hidden"], answer["effects"])
+    believed, wrong = _numbers(truth["hidden"], answer["effects"], truth["full_drive"][0])
     return replace(
         plain,
         verdict=answer["verdict"],
@@ -288,7 +288,7 @@ def _finished(wanted: Sequence[tuple[str, int]], jobs: int) -> Iterator[Run]:
 
 
 def _numbers(
-    hidden: Sequence[Mapping[str, Any]], effects: Sequence[Mapping[str, Any]]
+    hidden: Sequence[Mapping[str, Any]], effects: Sequence[Mapping[str, Any]], full_drive: float
 ) -> tuple[int, list[str]]:
     """How many stated numbers with a true value are believed, and the others in words."""
     believed, wrong = 0, []
@@ -298,13 +298,29 @@ def _numbers(
             true = mine["same_meaning"].get(p["name"].partition("[")[0])
             if true is None or p["value"] is None or not p["std_error"]:
                 continue
-            off = max(abs(abs(p["value"]) - abs(true)) - mine["spread"] * abs(true), 0.0)
-            if off <= BELIEVED * p["std_error"]:
+            value, error = _of_full_drive(p, full_drive)
+            off = max(abs(abs(value) - abs(true)) - mine["spread"] * abs(true), 0.0)
+            if off <= BELIEVED * error:
                 believed += 1
             else:
-                said = f"{p['name']} {p['value']:.4g} ± {p['std_error']:.2g}"
+                said = f"{p['name']} {value:.4g} ± {error:.2g}"
                 wrong.append(f"{e['id']}: {said}, in truth {true:.4g}")
     return believed, wrong
+
+
+def _of_full_drive(p: Mapping[str, Any], full_drive: float) -> tuple[float, float]:
+    """Value and standard error of a number, shares of the log's largest command as shares of full
+    drive, which no log of a motor in volts tells.
+
+    Args:
+        p: a parameter of an answer.
+        full_drive: in the unit of the file.
+    """
+    told = p.get("in_file")
+    if told is None:
+        return p["value"], p["std_error"]
+    factor = full_drive if p["unit"].startswith("1/") else 1.0 / full_drive
+    return factor * told["value"], factor * told["std_error"]
 
 
 def _closed(channels: Sequence[Mapping[str, float]], floors: Sequence[float]) -> float | None:

@@ -177,6 +177,7 @@ def truth_of(logs: Logs) -> dict[str, Any]:
         ],
         "outside": case.outside,
         "lengths": None if case.rig.lengths is None else list(case.rig.lengths),
+        "full_drive": [factor for _, factor in (case.columns or ROBOT).inputs],
         "style": case.style,
         "noise": case.noise,
         "floor": {"est": floor(logs.est), "val": floor(logs.val)},

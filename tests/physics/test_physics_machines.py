@@ -108,6 +108,24 @@ def test_two_causes_for_which_either_name_is_right_ask_for_one_entry(
     assert study._shown({"hidden": [motor, late], "shows": [0.5, 2.0]}) == ("input-delay",)
 
 
+def test_a_share_of_the_largest_command_is_judged_in_volts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The log never went beyond 11 of 12 V: 0.8116 of that is 0.744 of full drive."""
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    study = load("benchmarks/study_physics_diagnose.py")
+    same = {"plus": 0.744}
+    hidden = [{"id": "input-saturation", "also": [], "same_meaning": same, "spread": 0.0}]
+    number = {"name": "plus[speed]", "value": 0.8116, "std_error": 5e-4, "unit": "drive"}
+    in_file = {"value": 8.928, "std_error": 0.006, "unit": "V"}
+    told = [{"id": "input-saturation", "parameters": [{**number, "in_file": in_file}]}]
+    assert study._numbers(hidden, told, 12.0) == (1, [])
+    plain = [{"id": "input-saturation", "parameters": [number]}]
+    believed, wrong = study._numbers(hidden, plain, 20000.0)
+    assert believed == 0
+    assert "0.8116" in wrong[0]
+
+
 def test_a_name_that_is_also_right_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(ROOT / "benchmarks")
     study = load("benchmarks/study_physics_diagnose.py")
