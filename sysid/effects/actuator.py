@@ -5,6 +5,7 @@ from typing import Any
 
 from sysid.effects import inverses
 from sysid.effects.base import Context, Effect, EffectParameter, Law, Past, Place, Signal, State
+from sysid.effects.lag import ENDLESS, lagging_drive
 from sysid.effects.programmes import (
     COASTING,
     LEVELS,
@@ -66,15 +67,9 @@ def _rate_limit(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal,
     return s[0] + limited * (1.0 - lost), (s[0] + limited,)
 
 
-def _lagging(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
-    # exact for a held input; within the sample the lagged drive averages less than it reaches
-    share = 1.0 - xp.exp(-dt / xp.maximum(p["lag"], 1e-9))
-    return {"share": share, "short": share * p["lag"] / dt}
-
-
 def _lag(xp: Any, x: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
     behind = x - s[0]
-    return x - behind * p["short"], (s[0] + p["share"] * behind,)
+    return x - behind * p["late"], (s[0] + p["share"] * behind,)
 
 
 def _between(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
@@ -108,8 +103,8 @@ def _delay_on(xp: Any, d: Signal, past: Past, p: P, c: Context) -> Signal:
     return (1.0 - old) * past(d, whole) + old * past(d, whole + 1.0)
 
 
-NO_MOTION, ENDLESS = 0.05, 1.0 - 1e-6
-"""What is kept of the speed in a sample, below and beyond which a mean over the sample serves."""
+NO_MOTION = 0.05
+"""What is kept of the speed in a sample, below which a mean over the sample serves."""
 
 DELAY_LINE = 20
 """Longest extra delay [samples]."""
@@ -334,7 +329,7 @@ EFFECTS = (
         "Fast reversals sampled fast.",
         (EffectParameter("lag", "s", 0.0, 0.0, 40.0, (1.0, 6.0), "dt"),),
         _lag,
-        _lagging,
+        lagging_drive,
         states=1,
         ties=("sensor-lag",),
         programmes=(REVERSALS, TOP),

@@ -13,7 +13,7 @@ from sysid.effects.base import (
     StartsFrom,
     State,
 )
-from sysid.effects.lag import lagging
+from sysid.effects.lag import lagging_reading
 from sysid.effects.programmes import COASTING, LEVELS, RESTS, REVERSALS, TOP
 
 P = Mapping[str, Signal]
@@ -48,7 +48,7 @@ EFFECTS = (
         "Fast reversals sampled fast.",
         (EffectParameter("lag", "s", 0.0, 0.0, 40.0, (1.0, 6.0), "dt"),),
         _lag,
-        lagging,
+        lagging_reading,
         states=2,
         ties=("actuator-lag",),
         by_hand="Two lags in a row can change places. Measure the speed in another way as well "

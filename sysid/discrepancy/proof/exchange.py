@@ -19,15 +19,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.data.record import Array
 from sysid.discrepancy.augment import covariance_of
 from sysid.discrepancy.base_model import Base
 from sysid.discrepancy.policies import BUDGET, RULE
 from sysid.discrepancy.proof.acceptance import std_errors
 from sysid.discrepancy.search.batched_search import refined
 from sysid.discrepancy.search.evidence import effective_samples
+from sysid.discrepancy.search.exchanged import exchanged, lags_of
 from sysid.discrepancy.search.named_sets import Interval, Naming, Node
-from sysid.effects.catalogue import CHANGED, about
 from sysid.fitting.profile import LEVEL, NORMAL
 
 
@@ -37,21 +36,16 @@ def with_exchanged_lags(base: Base, naming: Naming) -> Naming:
     Of both places the likelier one is the estimate.
     """
     for n in naming.named:
-        if n.id != CHANGED.id and about(n.id).exchanges and base.search.model.order == 1:
-            naming = _with_both(base, naming, _lags(base, naming.final, n.id))
+        lags = lags_of(base.search.model, naming.final)
+        naming = _with_both(
+            base, naming, [k for k in lags if base.search.model.slots[k].owner == n.id]
+        )
     return naming
-
-
-def _lags(base: Base, node: Node, id: str) -> tuple[int, ...]:
-    """Free slots of an effect's lag that are longer than none."""
-    model, name = base.search.model, about(id).exchanges
-    mine = [k for k in model.of(id) if k in node.free and model.slots[k].name == name]
-    return tuple(k for k in mine if node.q[k] > 0.0 and model.slots[k].track >= 0)
 
 
 def _with_both(base: Base, naming: Naming, lags: Sequence[int]) -> Naming:
     here = naming.final
-    there = _exchanged(base, here, lags)
+    there = _other_place(base, here, lags)
     if there is None:
         return naming
     samples = effective_samples(here.errors.estimation)
@@ -93,18 +87,11 @@ def _roots(base: Base, node: Node, lag: int) -> tuple[float, float]:
     return float(max(total + d_total - apart, 0.0) / 2.0), float(total + d_total + apart) / 2.0
 
 
-def _exchanged(base: Base, node: Node, lags: Sequence[int]) -> Node | None:
+def _other_place(base: Base, node: Node, lags: Sequence[int]) -> Node | None:
     """The model searched from where lags and the core's time constants change places."""
-    model, q = base.search.model, node.q.copy()
-    for k in lags:
-        pole = model.place["core", "f1", model.slots[k].track]
-        if not (-1.0 < q[pole] < 0.0 and pole in node.free):
-            return None
-        slot, lag = model.slots[k], q[k]
-        q[k] = np.clip(-model.dt / np.log(-q[pole]), slot.lower, slot.upper)
-        q[pole] = -np.exp(-model.dt / lag)
     if not lags:
         return None
-    found: Array
-    found, _ = refined(model, q[None], [node.free], base.search.data, BUDGET.polish)
+    model = base.search.model
+    start = exchanged(model, node.q, lags)
+    found, _ = refined(model, start[None], [node.free], base.search.data, BUDGET.polish)
     return base.search.node(node.effects, found[0], node.free, node.touched)

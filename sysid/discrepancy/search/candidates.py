@@ -20,6 +20,7 @@ from sysid.discrepancy.search.evidence import (
     compare_errors,
     effective_samples,
 )
+from sysid.discrepancy.search.exchanged import exchanged, lags_of
 from sysid.discrepancy.search.logs import logs_of
 from sysid.discrepancy.search.named_sets import Judged, Node
 from sysid.discrepancy.search.numbers import Slot
@@ -154,14 +155,15 @@ class CandidateSearch:
         now = np.sum((self.data.weight * errors) ** 2, axis=0)
         lanes: list[Array] = []
         owners: list[Effect] = []
+        lags = lags_of(self.model, node)
         for e in effects:
             if e.id in (*node.effects, *node.excluded):
                 continue
             if self.level and e.level:
                 continue
             for row in starts_of(self.model, e, node.q, errors, self.data, not self.core):
-                lanes.append(row)
-                owners.append(e)
+                lanes += [row, exchanged(self.model, row, lags)] if lags else [row]
+                owners += [e] * (1 + bool(lags))
         if not lanes:
             return []
         q, cost = self._search(node, np.array(lanes), owners, BUDGET.first_steps)

@@ -18,6 +18,7 @@ from sysid.discrepancy.search.named_sets import (
     Naming,
     Node,
 )
+from sysid.discrepancy.search.other_lag import beside_either
 from sysid.discrepancy.search.starts import repeats_at_top
 from sysid.discrepancy.search.widening import on_more_tracks
 from sysid.effects.base import Effect, Place, StartsFrom
@@ -124,13 +125,13 @@ class NamingSearch(CandidateSearch):
         self, base: Node, node: Node, effects: Sequence[Effect], needed: float
     ) -> tuple[list[Judged], list[Judged]]:
         """Effects that may be added to a node, the most likely first, and all that were tried."""
-        judged = self.candidates(node, effects)
+        judged, beside = beside_either(self, node, effects)
         passed = [
             j
             for j in self.passing(judged)
-            if j.evidence.ratio < needed or self.unrivalled(node, j.id, judged)
+            if j.evidence.ratio < needed or self.unrivalled(beside[j.id], j.id, judged)
         ]
-        return [j for j in passed if not self.mends(base, node, j.node, judged)], judged
+        return [j for j in passed if not self.mends(base, beside[j.id], j.node, judged)], judged
 
     def _swapped(self, base: Node, node: Node, effects: Sequence[Effect]) -> Node:
         """Try look-alikes of the effects accepted so far: a later one may show one of them wrong.
