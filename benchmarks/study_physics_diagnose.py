@@ -208,7 +208,7 @@ def _marks(some: Sequence[Run]) -> list[str]:
     gaps = sorted(
         r.closed_true
         for r in some
-        if r.right and r.closed_true is not None and not set(r.truth) <= SAMPLES_ONLY
+        if r.right and r.closed_true is not None and not set(r.shown or r.truth) <= SAMPLES_ONLY
     )
     hides = [r for r in some if r.truth]
     stated = sum(r.stated for r in some)
@@ -293,9 +293,13 @@ def _numbers(
     """How many stated numbers with a true value are believed, and the others in words."""
     believed, wrong = 0, []
     for e in effects:
+        names = {e["id"], *e["indistinguishable"]}
+        if len([h for h in hidden if h["id"] in names]) > 1:
+            continue  # a tie of two that are both there: its number is that of both together
         mine = next((h for h in hidden if e["id"] in (h["id"], *h["also"])), None)
         for p in e["parameters"] if mine is not None else ():
-            true = mine["same_meaning"].get(p["name"].partition("[")[0])
+            told = mine["same_meaning"]
+            true = told.get(p["name"], told.get(p["name"].partition("[")[0]))
             if true is None or p["value"] is None or not p["std_error"]:
                 continue
             value, error = _of_full_drive(p, full_drive)

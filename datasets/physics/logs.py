@@ -192,9 +192,18 @@ def _as_read(hidden: Hidden, case: Case) -> dict[str, float]:
     """True numbers as a log can show them.
 
     Nobody tells a late command from a late reading: a delay is that of both. Ticks differenced over
-    a clock are the mean speed of it, which is half of one old.
+    a clock are the mean speed of it, which is half of one old. An edge on the axis of the duty lies
+    on that of the command where the curve of a remote control before it puts it: an entry of its
+    own for each output.
     """
     numbers = dict(hidden.same_meaning or {})
+    names = [name for name, _ in (case.columns or ROBOT).outputs]
+    for k, (name, drive) in enumerate(zip(names, case.rig.machine.drives, strict=False)):
+        if k in hidden.channels and drive.firmware.expo != 0.0:
+            for side in ("plus", "minus"):
+                if side in numbers:
+                    edge = _before_curve(numbers[side], drive.firmware.expo)
+                    numbers[f"{side}[{name}]"] = edge
     if "delay" in numbers:
         clocks = case.rig.telemetry
         ticks = any(d.sensor.kind == TICKS for d in case.rig.machine.drives)
@@ -202,6 +211,13 @@ def _as_read(hidden: Hidden, case: Case) -> dict[str, float]:
         jitter = 0.5 * (clocks.command_jitter + clocks.reading_jitter)
         numbers["delay"] += clocks.latency + differenced + jitter
     return numbers
+
+
+def _before_curve(duty: float, expo: float) -> float:
+    """The command that d + expo (d − d³) makes a duty of."""
+    from scipy.optimize import brentq
+
+    return float(brentq(lambda d: d + expo * (d - d**3) - duty, 0.0, 1.0))
 
 
 def floor(log: Log) -> list[float]:

@@ -9,6 +9,7 @@ import pytest
 from sysid_datasets.physics import compiled
 from sysid_datasets.physics.__main__ import main
 from sysid_datasets.physics.commands import SCHEDULES
+from sysid_datasets.physics.hidden import Hidden
 from sysid_datasets.physics.logs import _as_read, excess, floor, make, write
 from sysid_datasets.physics.noises import NOISES
 from sysid_datasets.physics.parameters import (
@@ -17,6 +18,7 @@ from sysid_datasets.physics.parameters import (
     TICKS,
     Controller,
     Drive,
+    Firmware,
     Machine,
     Sensor,
 )
@@ -81,6 +83,20 @@ def test_a_true_delay_is_that_of_command_and_reading() -> None:
     machine = replace(made.rig.machine, drives=drives)
     plain = replace(plain, rig=replace(plain.rig, machine=machine))
     assert _as_read(late, plain)["delay"] == pytest.approx(late.sizes["delay_s"] + 0.02)
+
+
+def test_an_edge_behind_a_curve_of_the_command_lies_where_the_command_shows_it() -> None:
+    """0.15 + 0.3 (0.15 − 0.15³) = 0.194: the duty at which a pulse gets through."""
+    made = case("singles", 0)
+    bent = replace(Drive(), firmware=Firmware(expo=0.3))
+    drives = (Drive(), bent)
+    made = replace(made, rig=replace(made.rig, machine=Machine(drives)), columns=None)
+    duty = 0.15 + 0.3 * (0.15 - 0.15**3)
+    edges = Hidden("dead-zone", "", {}, (), (0, 1), {"plus": duty, "minus": duty})
+    told = _as_read(edges, made)
+    assert told["plus"] == duty
+    assert told["plus[omega_r]"] == pytest.approx(0.15)
+    assert "plus[omega_l]" not in told
 
 
 def test_a_speed_loop_reaches_its_reference() -> None:

@@ -118,12 +118,41 @@ def test_a_share_of_the_largest_command_is_judged_in_volts(
     hidden = [{"id": "input-saturation", "also": [], "same_meaning": same, "spread": 0.0}]
     number = {"name": "plus[speed]", "value": 0.8116, "std_error": 5e-4, "unit": "drive"}
     in_file = {"value": 8.928, "std_error": 0.006, "unit": "V"}
-    told = [{"id": "input-saturation", "parameters": [{**number, "in_file": in_file}]}]
+    entry = {"id": "input-saturation", "indistinguishable": []}
+    told = [{**entry, "parameters": [{**number, "in_file": in_file}]}]
     assert study._numbers(hidden, told, 12.0) == (1, [])
-    plain = [{"id": "input-saturation", "parameters": [number]}]
+    plain = [{**entry, "parameters": [number]}]
     believed, wrong = study._numbers(hidden, plain, 20000.0)
     assert believed == 0
     assert "0.8116" in wrong[0]
+
+
+def test_a_number_of_a_tie_of_two_that_are_both_there_is_of_both(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    study = load("benchmarks/study_physics_diagnose.py")
+    zero = {"id": "sensor-bias", "also": ["load-bias"], "same_meaning": {"bias": 1.0}}
+    load_ = {"id": "load-bias", "also": ["sensor-bias"], "same_meaning": {}, "spread": 0.0}
+    number = {"name": "bias[omega_l]", "value": 5.0, "std_error": 0.1, "unit": "speed"}
+    entry = {"id": "sensor-bias", "indistinguishable": ["load-bias"], "parameters": [number]}
+    assert study._numbers([{**zero, "spread": 0.0}, load_], [entry], 1.0) == (0, [])
+    assert study._numbers([{**zero, "spread": 0.0}], [entry], 1.0)[1]
+
+
+def test_a_number_with_a_true_value_of_its_own_output_is_judged_by_that(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    study = load("benchmarks/study_physics_diagnose.py")
+    same = {"plus": 0.2, "plus[omega_r]": 0.15}
+    hidden = [{"id": "dead-zone", "also": [], "same_meaning": same, "spread": 0.0}]
+    numbers = [
+        {"name": f"plus[{name}]", "value": value, "std_error": 1e-3, "unit": "drive"}
+        for name, value in (("omega_l", 0.2), ("omega_r", 0.15))
+    ]
+    told = [{"id": "dead-zone", "indistinguishable": [], "parameters": numbers}]
+    assert study._numbers(hidden, told, 1.0) == (2, [])
 
 
 def test_a_name_that_is_also_right_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:
