@@ -31,6 +31,9 @@ FULL = 20000
 SEEN_IN_SAMPLES = ("quantisation", "held-telemetry", "dropouts")
 """Causes that are seen in the readings themselves, and are more noise to all others."""
 
+CURVES = ("dead-zone", "concave-gain", "input-saturation")
+"""Causes that bend the command alone: of one with a single level they are another gain."""
+
 VALIDATION = 0.6
 """Length of val.csv over that of est.csv."""
 
@@ -239,8 +242,11 @@ def excess(log: Log, integrating: bool = False, level: float = 0.0) -> list[floa
 
 def pose_excess(log: Log, lengths: tuple[float, float]) -> list[float]:
     """RMS by which way [m] and turn [rad] of two seconds differ from wheels that roll as drawn."""
-    if log.pose is None:
-        return []
+    return [] if log.pose is None else _sizes(_off_wheels(log, log.pose, lengths))
+
+
+def _off_wheels(log: Log, pose: Array, lengths: tuple[float, float]) -> Array:
+    """What a pose changes by in two seconds beyond wheels that roll as drawn, (N, 3)."""
     radius, width = lengths
     dt = float(log.t[1] - log.t[0])
     rows = round(WINDOW / dt)
@@ -250,18 +256,21 @@ def pose_excess(log: Log, lengths: tuple[float, float]) -> list[float]:
     steps = way.mean(axis=1)[:, None] * np.column_stack([np.cos(middle), np.sin(middle)])
     place = np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
     rolled = _increments(np.column_stack([place, heading]), rows)
-    off = _increments(log.pose, rows) - rolled
-    return [
-        float(np.sqrt(np.mean(off[:, 0] ** 2 + off[:, 1] ** 2))),
-        float(np.sqrt(np.mean(off[:, 2] ** 2))),
-    ]
+    return _increments(pose, rows) - rolled
+
+
+def _sizes(off: Array) -> list[float]:
+    """RMS of way [m] and turn [rad]."""
+    way = np.sqrt(np.mean(off[:, 0] ** 2 + off[:, 1] ** 2))
+    return [float(way), float(np.sqrt(np.mean(off[:, 2] ** 2)))]
 
 
 def shows(logs: Logs) -> list[float | None]:
     """How far each of several causes shows beside the others, over the noise.
 
     RMS by which the reading where it shows most differs from that without the cause, beyond
-    another gain and another lag. None for what is seen in the samples.
+    another gain and another lag; 0 for a curve of a command that has a single level. None for
+    what is seen in the samples.
     """
     case, full = logs.case, logs.val
     if not case.spared:
@@ -276,20 +285,31 @@ def shows(logs: Logs) -> list[float | None]:
         ]
         if bare.pose is not None:
             sizes += [v / f for v, f in zip(_on_ground(case, bare, without), floors, strict=True)]
-        found.append(None if h.id in SEEN_IN_SAMPLES else round(float(max(sizes)), 3))
+        size = 0.0 if h.id in CURVES and _single_level(logs.est.command) else float(max(sizes))
+        found.append(None if h.id in SEEN_IN_SAMPLES else round(size, 3))
     return found
 
 
+def _single_level(command: Array) -> bool:
+    """Whether no command is anything but zero or one size, either way."""
+    return all(len(set(np.abs(c[c != 0.0]).tolist())) < 2 for c in command.T)
+
+
 def _on_ground(case: Case, log: Log, other: Log) -> list[float]:
-    """RMS by which way [m] and turn [rad] differ; from wheels as drawn where the other has none."""
+    """RMS by which way [m] and turn [rad] beyond the wheels differ from another machine's.
+
+    From those of wheels that roll as drawn where the other one has no pose. What differs by a
+    factor is the same ground under other speeds.
+    """
+    lengths = case.rig.lengths or (1.0, 1.0)
     if log.pose is None or other.pose is None:
-        return pose_excess(log, case.rig.lengths or (1.0, 1.0))
-    rows = round(WINDOW / float(log.t[1] - log.t[0]))
-    off = _increments(log.pose, rows) - _increments(other.pose, rows)
-    return [
-        float(v)
-        for v in np.sqrt([np.mean(off[:, 0] ** 2 + off[:, 1] ** 2), np.mean(off[:, 2] ** 2)])
-    ]
+        return pose_excess(log, lengths)
+    mine, theirs = (_off_wheels(v, v.pose, lengths) for v in (log, other) if v.pose is not None)
+    for part in (slice(0, 2), slice(2, 3)):
+        size = float(np.sum(theirs[:, part] ** 2))
+        if size > 0.0:
+            theirs[:, part] *= float(np.sum(mine[:, part] * theirs[:, part])) / size
+    return _sizes(mine - theirs)
 
 
 def _apart(reading: Array, other: Array) -> float:

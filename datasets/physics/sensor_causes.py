@@ -121,7 +121,9 @@ def scrubbing(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
         slip_speed=0.005,
     )
     rig = seen_from_above(replace(rig, machine=replace(machine, body=body)))
+    # on such ground the body slides outwards in arcs, by .03 to .05 s of its speed and turn
     also = ("track-slip", "cross-coupling", "coulomb-friction", "longitudinal-slip", "scrub-lag")
+    also = (*also, "lateral-slip")
     return rig, Hidden("track-width", "scrubbing", {"length_over_width": ratio}, also)
 
 

@@ -6,7 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from studies import ROOT, load
-from sysid_datasets.physics.logs import PERIOD, csv_of, excess, floor, make, pose_excess, shows
+from sysid_datasets.physics.logs import (
+    PERIOD,
+    _on_ground,
+    csv_of,
+    excess,
+    floor,
+    make,
+    pose_excess,
+    shows,
+)
 from sysid_datasets.physics.others import MACHINES, OUTSIDE
 from sysid_datasets.physics.processes import GRAVITY, Heater, Tanks
 from sysid_datasets.physics.suites import FRESH, NOTHINGS, SUITES, case
@@ -69,6 +78,34 @@ def test_of_several_causes_it_is_told_how_far_each_shows(
         assert sizes[hidden] == pytest.approx(0.0, abs=0.05)
     assert sizes[seen] is None or (sizes[seen] or 0.0) > 1.0
     assert shows(make(replace(case("nothing", 0), duration=5.0))) == []
+
+
+def test_a_curve_of_a_command_with_one_level_does_not_show() -> None:
+    """Speeds without it differ by more than a gain where friction is there, but so they do under
+    other commands."""
+    pair = next(
+        c
+        for c in (case("pairs", k) for k in range(200))
+        if any(h.id == "concave-gain" for h in c.hidden)
+    )
+    at = [h.id for h in pair.hidden].index("concave-gain")
+    binary, steps = (
+        shows(make(replace(pair, style=style, duration=20.0))) for style in ("binary", "steps")
+    )
+    assert binary[at] == 0.0
+    assert (steps[at] or 0.0) > 0.0
+
+
+def test_more_speed_on_the_same_ground_does_not_show_in_the_pose() -> None:
+    """A curve of the command makes the robot faster; how it slips for its speed stays."""
+    made = case("pairs", 3)
+    logs = make(replace(made, duration=20.0))
+    way = np.cumsum(np.ones((400, 1)) * [0.004, 0.0, 0.0], axis=0)
+    slow = replace(logs.val, clean=np.ones((400, 2)), pose=way)
+    fast = replace(logs.val, clean=2.0 * np.ones((400, 2)), pose=way * 2.0)
+    straight = replace(made, rig=replace(made.rig, lengths=(0.1, 0.3)))
+    assert pose_excess(fast, (0.1, 0.3))[0] == pytest.approx(0.08)  # a fifth of .4 m
+    assert _on_ground(straight, fast, slow) == pytest.approx([0.0, 0.0], abs=1e-9)
 
 
 def test_wheels_that_roll_as_drawn_leave_the_noise_of_the_pose() -> None:
