@@ -13,13 +13,12 @@ from sysid.discrepancy.assembly import assembled
 from sysid.discrepancy.base_model import full_drive, given_base, plain_base
 from sysid.discrepancy.diagnosis import Diagnosis
 from sysid.discrepancy.given_model import around_model, or_on_first_order
-from sysid.discrepancy.pose.diagnosis import PoseDiagnosis, diagnose_pose
-from sysid.discrepancy.pose.readings import put_right
+from sysid.discrepancy.pose.tied_readings import with_pose
 from sysid.discrepancy.proof.mission import prove_on_mission
 from sysid.discrepancy.search.logs import require_one_machine
 from sysid.discrepancy.search.naming import Progress
 from sysid.discrepancy.several.ground import with_ground
-from sysid.discrepancy.study import Outcome, Study, noise_of
+from sysid.discrepancy.study import Study, noise_of
 from sysid.effects.catalogue import chain_effects
 from sysid.effects.measured import Measured, within
 from sysid.errors import DataError, UsageError
@@ -89,7 +88,7 @@ def diagnose(
     say("the proof", 0.72)
     if geometry is None and mission is not None:
         geometry = load_mission(mission).vehicle.given_geometry
-    pose_diagnosis = _pose(found, geometry)
+    found, pose_diagnosis = with_pose(found, geometry)
     result = assembled(found, model, pose_diagnosis)
     every = (*base.parts.estimation, *base.parts.held)
     several = with_ground(result.several, every, base.search.logs, pose_diagnosis, geometry)
@@ -140,16 +139,6 @@ def require_apart(estimation: Sequence[Record], held: Sequence[Record]) -> None:
                 f"{r.name} is both a log and a `validation` log and would prove nothing; leave "
                 "`validation` away and the log is split"
             )
-
-
-def _pose(found: Outcome, geometry: Geometry | None) -> PoseDiagnosis | None:
-    base = found.study.base
-    if base.parts.estimation[0].pose is None:
-        return None
-    estimation, held = put_right(base, found.naming)
-    return diagnose_pose(
-        estimation, () if base.parts.held is base.parts.estimation else held, geometry
-    )
 
 
 def _path(
