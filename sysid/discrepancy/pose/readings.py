@@ -6,7 +6,9 @@ right by
 
     ω̂ = y + (run without the sensor's effects − run with them),
 
-which is the model's speed where the reading says nothing, and the reading itself elsewhere.
+which is the model's speed where the reading says nothing, and the reading itself elsewhere. A
+reading that was lost, or repeats the last one, takes the model's speed and the error of its
+neighbours.
 """
 
 from collections.abc import Sequence
@@ -16,6 +18,7 @@ import numpy as np
 
 from sysid.data.record import Array, Record
 from sysid.discrepancy.base_model import Base
+from sysid.discrepancy.samples import inspect_samples
 from sysid.discrepancy.search.named_sets import Naming
 from sysid.discrepancy.search.prepared import Data
 from sysid.effects.base import Place
@@ -40,23 +43,41 @@ def put_right(base: Base, naming: Naming) -> Parts:
         for n in naming.named
         if all(about(id).place is Place.READING for id in (n.id, *n.ties))
     ]
-    if not sensors or base.on_rate:
+    lost = tuple(inspect_samples(part).weights for part in both)
+    if base.on_rate or not (sensors or any(np.any(w == 0.0) for part in lost for w in part)):
         return both
     search, node = base.search, naming.final
     held = search.in_phase(node.q, node.effects)
     return (
-        _corrected(base, both[0], node.q, search.data, sensors),
-        _corrected(base, both[1], held, search.held_data, sensors),
+        _corrected(base, both[0], lost[0], node.q, search.data, sensors),
+        _corrected(base, both[1], lost[1], held, search.held_data, sensors),
     )
 
 
 def _corrected(
-    base: Base, records: tuple[Record, ...], q: Array, data: Data, sensors: Sequence[str]
+    base: Base,
+    records: tuple[Record, ...],
+    weights: Sequence[Array],
+    q: Array,
+    data: Data,
+    sensors: Sequence[str],
 ) -> tuple[Record, ...]:
     model, plain = base.search.model, q.copy()
     for id in sensors:
         mine = list(model.of(id))
         plain[mine] = model.null[mine]
-    read, moved = model.run(np.array([q, plain]), data)
-    changes = data.split(moved - read)
-    return tuple(replace(r, y=r.y + c) for r, c in zip(records, changes, strict=True))
+    read, moved = (data.split(run) for run in model.run(np.array([q, plain]), data))
+    return tuple(
+        replace(r, y=m + _bridged(r.y - a, w))
+        for r, a, m, w in zip(records, read, moved, weights, strict=True)
+    )
+
+
+def _bridged(errors: Array, weights: Array) -> Array:
+    """Errors (N, ny), along straight lines where a reading has no weight."""
+    out = errors.copy()
+    rows = np.arange(len(errors))
+    for column, good in zip(out.T, (weights > 0.0).T, strict=True):
+        if good.any() and not good.all():
+            column[~good] = np.interp(rows[~good], rows[good], column[good])
+    return out

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from pose_cases import DT, GAIN, TAU, driven, ground
+from pose_cases import DT, GAIN, TAU, driven, ground, wandering
 
 from sysid import diagnose
 from sysid.data.record import PWM_FULL_SCALE, Record
@@ -34,3 +34,19 @@ def test_a_sensor_that_clips_is_no_effect_of_the_ground() -> None:
     (number,) = found.effects[1].parameters
     assert number.std_error is not None
     assert abs(number.value - RATIO) < 3.0 * number.std_error
+
+
+def test_lost_readings_are_no_turns() -> None:
+    """Zeros in place of 3 % of the readings of one track: each was half a turn of two seconds."""
+    parts = []
+    for seed in (1, 2):
+        rng = np.random.default_rng([seed, 9])
+        made = driven(wandering(900, seed), ground("radius-mismatch", 1.0, 0.94), seed)
+        y = made.y.copy()
+        y[rng.random(len(y)) < 0.03, 0] = 0.0
+        parts.append(replace(made, y=y, sha256=""))
+    found = diagnose(*parts, geometry=Geometry())
+    assert {e.id for e in found.effects if e.stage == "vehicle"} == {"radius-mismatch"}
+    (mismatch,) = (e for e in found.effects if e.id == "radius-mismatch")
+    (number,) = mismatch.parameters
+    assert abs(number.value - 0.94) < 0.005  # it was 0.916 ± 0.006
