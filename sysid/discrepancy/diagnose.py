@@ -13,6 +13,7 @@ from sysid.discrepancy.assembly import assembled
 from sysid.discrepancy.base_model import full_drive, given_base, plain_base
 from sysid.discrepancy.diagnosis import Diagnosis
 from sysid.discrepancy.given_model import around_model, or_on_first_order
+from sysid.discrepancy.pose.readings import put_right
 from sysid.discrepancy.pose.tied_readings import with_pose
 from sysid.discrepancy.proof.mission import prove_on_mission
 from sysid.discrepancy.search.logs import require_one_machine
@@ -90,9 +91,11 @@ def diagnose(
         geometry = load_mission(mission).vehicle.given_geometry
     found, pose_diagnosis = with_pose(found, geometry)
     result = assembled(found, model, pose_diagnosis)
-    every = (*base.parts.estimation, *base.parts.held)
-    several = with_ground(result.several, every, base.search.logs, pose_diagnosis, geometry)
-    result = replace(result, several=several)
+    if pose_diagnosis is not None and result.several.logs:
+        mine, theirs = put_right(found.study.base, found.naming)
+        every = mine if base.parts.held is base.parts.estimation else (*mine, *theirs)
+        several = with_ground(result.several, every, base.search.logs, pose_diagnosis, geometry)
+        result = replace(result, several=several)
     if geometry is not None and pose_diagnosis is None and mission is None:
         result = replace(result, warnings=(*result.warnings, NO_POSE))
     if mission is not None:
