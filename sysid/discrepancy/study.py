@@ -46,6 +46,10 @@ STAND_IN = (
 )
 
 
+LeastLeft = dict[tuple[bool, ...], float]
+"""Least share of the gap that stayed open while effects were dropped, by the outputs that count."""
+
+
 @dataclass(frozen=True, eq=False)
 class Study:
     """One diagnosis in the making.
@@ -241,8 +245,8 @@ class Study:
     def confirmed(self, naming: Naming) -> tuple[Naming, tuple[Dropped, ...]]:
         """The effects that stand in the final model, and those that evidence speaks against."""
         naming, gone = self.measured(naming), []
-        self._least_left.clear()
-        while (least := self._objection(naming)) is not None:
+        least_left: LeastLeft = {}
+        while (least := self._objection(naming, least_left)) is not None:
             gone.append(least)
             naming = self.measured(self.base.search.dropped(naming, least.id))
         while naming.named and self.stand_in(naming):
@@ -262,7 +266,7 @@ class Study:
         left = self.residual_structure(naming, after=True)
         return structured(left) and self.gap(naming).closed_percent < VERDICT.nearly_all
 
-    def _objection(self, naming: Naming) -> Dropped | None:
+    def _objection(self, naming: Naming, least_left: LeastLeft) -> Dropped | None:
         """The accepted effect that evidence speaks against most, and what speaks against it."""
         least = weakest(self.base, naming)
         if least is None and any(not linear_motion(self.base, naming, n) for n in naming.named):
@@ -271,7 +275,7 @@ class Study:
             least
             or drifting_level(self.base, naming)
             or self.too_small_a_share(naming)
-            or self._absorber(naming)
+            or self._absorber(naming, least_left)
         )
 
     def too_small_a_share(self, naming: Naming) -> Dropped | None:
@@ -290,18 +294,22 @@ class Study:
                     return Dropped(n.id, small_share(closed, left))
         return None
 
-    def _absorber(self, naming: Naming) -> Dropped | None:
+    def _absorber(self, naming: Naming, least_left: LeastLeft) -> Dropped | None:
         """The effect beside others that takes less than they leave, where they leave structure.
 
         What remains on one output speaks not against an effect that carries another one: there is
         something else on that one alone. Nor does what remains speak against an effect that closes
         some of the gap and that no other comes near: a stand-in has rivals. What an effect that is
         gone by now had taken is no part of what the others leave: else one would go after another.
+
+        Args:
+            naming: what is named.
+            least_left: of the rounds before; brought up to date.
         """
         mine = [n for n in naming.named if n.id not in NOT_NAMED]
         if len(mine) < 2 or not self.unexplained(naming):
             return None
-        shares = {n.id: self._share_beside(naming, n) for n in mine}
+        shares = {n.id: self._share_beside(naming, n, least_left) for n in mine}
         short = [
             n
             for n in mine
@@ -315,17 +323,12 @@ class Study:
             short.remove(own)
         return least
 
-    def _share_beside(self, naming: Naming, n: Named) -> tuple[float, float]:
+    def _share_beside(self, naming: Naming, n: Named, least_left: LeastLeft) -> tuple[float, float]:
         """``explained_by``, and of what stays open on its outputs the least there ever was."""
         closed, left = self.explained_by(naming, n)
         at = tuple(n.touched.tolist())
-        self._least_left[at] = left = min(left, self._least_left.get(at, left))
+        least_left[at] = left = min(left, least_left.get(at, left))
         return closed, left
-
-    @cached_property
-    def _least_left(self) -> dict[tuple[bool, ...], float]:
-        """Least share of the gap that stayed open, by the outputs that count."""
-        return {}
 
     @cached_property
     def linear_rival(self) -> LinearRival:

@@ -17,7 +17,7 @@ from sysid.discrepancy.search.naming import (
     takes_little,
     takes_most_of_rest,
 )
-from sysid.discrepancy.study import Study
+from sysid.discrepancy.study import LeastLeft, Study
 from sysid.fitting.holdout import Errors
 
 NOISE = 0.1
@@ -209,7 +209,7 @@ def test_what_closes_nothing_has_no_rivals_to_be_ahead_of(
     named = tuple(
         Named(id, evidence, (), both.touched, {}, node(2.1 if id == ids[1] else 4.0)) for id in ids
     )
-    least = study._absorber(Naming(node(5.0), both, named, (), ()))
+    least = study._absorber(Naming(node(5.0), both, named, (), ()), {})
     assert (least is None) is stays
 
 
@@ -237,12 +237,12 @@ def test_what_a_dropped_effect_had_taken_speaks_against_no_other(
         named = tuple(Named(id, evidence, (), whole.touched, {}, node(2.1)) for id in kept)
         return Naming(node(5.0), whole, named, (), ())
 
-    least = study._absorber(naming(*ids))
+    least_left: LeastLeft = {}
+    least = study._absorber(naming(*ids), least_left)
     assert least is not None
     assert least.id == "inertial-coupling"
-    assert study._absorber(naming(*ids[:2])) is None
-    fresh = Study(base, NoiseFloor(*(np.array([NOISE]),) * 3), np.ones(1), 0)
-    alone = fresh._absorber(naming(*ids[:2]))
+    assert study._absorber(naming(*ids[:2]), least_left) is None
+    alone = study._absorber(naming(*ids[:2]), {})
     assert alone is not None
     assert alone.id == "speed-ripple"
 
