@@ -78,6 +78,7 @@ class VerdictRule:
         audible: the same beside an effect that is named already.
         below: errors of a model below this share of the noise refute what was taken for noise.
         nearly_all: less of the gap [%] closed, and what remains is described.
+        swings: a base with less damping is held by a spring; the catalogue has no law of one.
         alone: an effect that stands alone and closes less of what is missing [%] while the rest
             keeps its structure is a share of something else.
         minor: an effect that would close less of the gap [%] is too small to matter, …
@@ -96,6 +97,7 @@ class VerdictRule:
     audible: float = 1.1
     below: float = 0.8
     nearly_all: float = 90.0
+    swings: float = 0.2
     alone: float = 25.0
     minor: float = 1.0
     quiet: float = 0.3

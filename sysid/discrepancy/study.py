@@ -259,9 +259,11 @@ class Study:
         """Whether what is named of a process may stand for physics that the catalogue has not.
 
         Outflow, radiation and boiling are none of its effects, and bend like a dead zone. Without
-        friction and gears beside it, an effect of the actuator or sensor explains nearly all.
+        friction and gears beside it, an effect of the actuator or sensor explains nearly all. Nor
+        is the stiffness of a spring one of its effects: beside what swings long, the same is asked.
         """
-        if any(may_move(c.name, c.unit) for c in self.base.parts.estimation[0].outputs):
+        moves = any(may_move(c.name, c.unit) for c in self.base.parts.estimation[0].outputs)
+        if moves and least_damping(self.base) >= VERDICT.swings:
             return False
         left = self.residual_structure(naming, after=True)
         return structured(left) and self.gap(naming).closed_percent < VERDICT.nearly_all
@@ -358,13 +360,26 @@ class Study:
         return bool(naming.named) and float(np.sqrt(np.mean(new / old))) < below
 
 
+def poles_of(base: Base) -> Array:
+    """Discrete poles of all cores of the base."""
+    model = base.search.model
+    names = [f"f{k + 1}" for k in range(model.order)]
+    cores = [[base.node.q[model.place["core", n, i]] for n in names] for i in range(model.tracks)]
+    return np.concatenate([np.roots([1.0, *f]) for f in cores])
+
+
+def least_damping(base: Base) -> float:
+    """The least damping ratio ζ of its poles, ln z = −ζ ω₀ Δt ± …; 1 where none swings."""
+    z = poles_of(base)
+    swinging = z[(np.abs(z.imag) > 0.0) & (np.abs(z) > 0.0)].astype(complex)
+    s = np.log(swinging)
+    return float(np.min(-s.real / np.abs(s), initial=1.0))
+
+
 def noise_of(base: Base) -> NoiseFloor:
     """Measurement noise from all logs of a diagnosis and the errors that its base leaves there."""
     parts, errors = base.parts, base.node.errors
-    model, slow = base.search.model, 0.0
-    for i in range(model.tracks):
-        f = [base.node.q[model.place["core", f"f{k + 1}", i]] for k in range(model.order)]
-        slow = max(slow, float(np.max(np.abs(np.roots([1.0, *f])), initial=0.0)))
+    slow = float(np.max(np.abs(poles_of(base)), initial=0.0))
     records, left = (*parts.estimation, *parts.held), [*errors.estimation, *errors.held]
     if parts.held is parts.estimation:  # blocks of the same logs: together they are whole
         records, pairs = parts.estimation, zip(errors.estimation, errors.held, strict=True)

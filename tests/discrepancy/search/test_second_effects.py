@@ -17,7 +17,7 @@ from sysid.discrepancy.search.naming import (
     takes_little,
     takes_most_of_rest,
 )
-from sysid.discrepancy.study import LeastLeft, Study
+from sysid.discrepancy.study import LeastLeft, Study, least_damping
 from sysid.fitting.holdout import Errors
 
 NOISE = 0.1
@@ -140,12 +140,20 @@ def test_what_is_alone_closes_a_quarter_and_a_description_nearly_all(
 
 
 @pytest.mark.parametrize(
-    ("output", "closed", "doubted"),
-    [("level_cm", 70.0, True), ("level_cm", 95.0, False), ("speed_rpm", 70.0, False)],
+    ("output", "damping", "closed", "doubted"),
+    [
+        ("level_cm", 1.0, 70.0, True),
+        ("level_cm", 1.0, 95.0, False),
+        ("speed_rpm", 1.0, 70.0, False),
+        ("deflection", 0.05, 83.0, True),  # a drag for a cubic spring
+        ("deflection", 0.05, 95.0, False),
+        ("deflection", 0.5, 83.0, False),
+    ],
 )
-def test_what_explains_a_process_in_part_may_stand_for_other_physics(
-    output: str, closed: float, doubted: bool, monkeypatch: pytest.MonkeyPatch
+def test_what_explains_a_process_or_a_spring_in_part_may_stand_for_other_physics(
+    output: str, damping: float, closed: float, doubted: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("sysid.discrepancy.study.least_damping", lambda _: damping)
     structured: Any = SimpleNamespace(p_value=0.0)
     monkeypatch.setattr(Study, "residual_structure", lambda *_, **__: structured)
     monkeypatch.setattr(Study, "gap", lambda *_: SimpleNamespace(closed_percent=closed))
@@ -154,6 +162,15 @@ def test_what_explains_a_process_in_part_may_stand_for_other_physics(
     study = Study(base, NoiseFloor(np.ones(1), np.ones(1), np.ones(1)), np.ones(1), 0)
     naming = Naming(node(1.0), node(0.5, "dead-zone"), (), (), ())
     assert study.stand_in(naming) is doubted
+
+
+@pytest.mark.parametrize("damping", [0.05, 0.3, 1.5])
+def test_the_damping_of_a_base_is_that_of_its_swing(damping: float) -> None:
+    poles = np.roots([1.0, 2.0 * damping * 8.0, 64.0])  # s² + 2 ζ ω s + ω²
+    f = np.poly(np.exp(poles * 0.05))[1:]
+    model = SimpleNamespace(tracks=1, order=2, place={("core", "f1", 0): 0, ("core", "f2", 0): 1})
+    base: Any = SimpleNamespace(search=SimpleNamespace(model=model), node=SimpleNamespace(q=f))
+    assert least_damping(base) == pytest.approx(min(damping, 1.0))
 
 
 def test_a_tie_stays_one_beside_numbers_that_were_fitted_beside_one_of_the_two() -> None:
