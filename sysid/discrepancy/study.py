@@ -35,7 +35,7 @@ from sysid.discrepancy.search.intervals import intervals_of
 from sysid.discrepancy.search.named_sets import Named, Naming, Node, without_name
 from sysid.discrepancy.search.naming import Progress
 from sysid.discrepancy.search.slopes import slopes
-from sysid.effects.base import Effect
+from sysid.effects.base import Effect, Place
 from sysid.effects.catalogue import NOT_NAMED, about
 from sysid.effects.sensor import SAMPLING
 from sysid.errors import DataError
@@ -260,10 +260,12 @@ class Study:
 
         Outflow, radiation and boiling are none of its effects, and bend like a dead zone. Without
         friction and gears beside it, an effect of the actuator or sensor explains nearly all. Nor
-        is the stiffness of a spring one of its effects: beside what swings long, the same is asked.
+        is the stiffness of a spring one of its effects: beside what swings long, the same is asked
+        of all but what a sensor does.
         """
         moves = any(may_move(c.name, c.unit) for c in self.base.parts.estimation[0].outputs)
-        if moves and least_damping(self.base) >= VERDICT.swings:
+        by_sensor = all(about(n.id).place is Place.READING for n in naming.named)
+        if moves and (by_sensor or least_damping(self.base) >= VERDICT.swings):
             return False
         left = self.residual_structure(naming, after=True)
         return structured(left) and self.gap(naming).closed_percent < VERDICT.nearly_all

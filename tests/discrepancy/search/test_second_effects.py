@@ -140,18 +140,24 @@ def test_what_is_alone_closes_a_quarter_and_a_description_nearly_all(
 
 
 @pytest.mark.parametrize(
-    ("output", "damping", "closed", "doubted"),
+    ("id", "output", "damping", "closed", "doubted"),
     [
-        ("level_cm", 1.0, 70.0, True),
-        ("level_cm", 1.0, 95.0, False),
-        ("speed_rpm", 1.0, 70.0, False),
-        ("deflection", 0.05, 83.0, True),  # a drag for a cubic spring
-        ("deflection", 0.05, 95.0, False),
-        ("deflection", 0.5, 83.0, False),
+        ("dead-zone", "level_cm", 1.0, 70.0, True),
+        ("dead-zone", "level_cm", 1.0, 95.0, False),
+        ("dead-zone", "speed_rpm", 1.0, 70.0, False),
+        ("quadratic-drag", "deflection", 0.05, 83.0, True),  # for a cubic spring
+        ("quadratic-drag", "deflection", 0.05, 95.0, False),
+        ("quadratic-drag", "deflection", 0.5, 83.0, False),
+        ("unsigned-speed", "speed_rpm", 0.05, 64.0, False),
     ],
 )
 def test_what_explains_a_process_or_a_spring_in_part_may_stand_for_other_physics(
-    output: str, damping: float, closed: float, doubted: bool, monkeypatch: pytest.MonkeyPatch
+    id: str,
+    output: str,
+    damping: float,
+    closed: float,
+    doubted: bool,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("sysid.discrepancy.study.least_damping", lambda _: damping)
     structured: Any = SimpleNamespace(p_value=0.0)
@@ -160,7 +166,9 @@ def test_what_explains_a_process_or_a_spring_in_part_may_stand_for_other_physics
     record = SimpleNamespace(outputs=(Channel(output),))
     base: Any = SimpleNamespace(parts=SimpleNamespace(estimation=(record,)))
     study = Study(base, NoiseFloor(np.ones(1), np.ones(1), np.ones(1)), np.ones(1), 0)
-    naming = Naming(node(1.0), node(0.5, "dead-zone"), (), (), ())
+    alone = np.ones(1, dtype=bool)
+    named = Named(id, judged(id, 9.0).evidence, (), alone, {}, node(1.0))
+    naming = Naming(node(1.0), node(0.5, id), (named,), (), ())
     assert study.stand_in(naming) is doubted
 
 
