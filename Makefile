@@ -6,7 +6,7 @@ DEMO   := demo_out
 SYSID  := $(BIN)/sysid
 LOGS   := datasets/devastator
 
-.PHONY: demo test bench reports study study-diagnose study-real datasets clean help
+.PHONY: demo test test-slow bench reports study study-diagnose study-real datasets clean help
 
 help:  ## List what make can do
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
@@ -38,12 +38,18 @@ demo: $(VENV)/.installed  ## The main job on bundled data: fit, compare, export,
 	$(SYSID) diagnose $(LOGS)/multilevel.csv --val $(LOGS)/multilevel_val.csv --workspace $(DEMO)/workspace -o $(DEMO)/diagnosis
 	@echo "== Done. Pictures: $(DEMO)/fit.svg, ranking.svg, mission.svg, diagnosis/index.html; plant: $(DEMO)/workspace/plant"
 
-test: $(VENV)/.installed-test  ## Lint, types, layers and tests
+# NPROC: JAX's threads, which spin while they wait
+PYTEST := OPENBLAS_NUM_THREADS=1 NPROC=1 $(BIN)/pytest -n 2 --dist worksteal
+
+test: $(VENV)/.installed-test  ## Lint, types, layers and all tests but the slow ones
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy --strict sysid cli
 	$(BIN)/lint-imports
-	OPENBLAS_NUM_THREADS=1 NPROC=1 $(BIN)/pytest -n 2 --dist worksteal  # NPROC: JAX's threads, which spin while they wait
+	$(PYTEST) -m "not slow"
+
+test-slow: $(VENV)/.installed-test  ## Tests of whole diagnoses and long fits; the gate runs them, too
+	$(PYTEST) -m slow
 
 BENCH := .venv-bench
 $(BENCH)/.installed: pyproject.toml constraints.txt constraints-bench.txt

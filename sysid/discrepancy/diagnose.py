@@ -14,12 +14,12 @@ from sysid.discrepancy.base_model import full_drive, given_base, plain_base
 from sysid.discrepancy.diagnosis import Diagnosis
 from sysid.discrepancy.given_model import around_model, or_on_first_order
 from sysid.discrepancy.pose.readings import put_right
-from sysid.discrepancy.pose.tied_readings import with_pose
 from sysid.discrepancy.proof.mission import prove_on_mission
 from sysid.discrepancy.search.logs import require_one_machine
 from sysid.discrepancy.search.naming import Progress
 from sysid.discrepancy.several.ground import with_ground
 from sysid.discrepancy.study import Study, noise_of
+from sysid.discrepancy.tied_readings import with_pose
 from sysid.effects.catalogue import chain_effects
 from sysid.effects.measured import Measured, within
 from sysid.errors import DataError, UsageError

@@ -35,6 +35,7 @@ def test_the_motion_between_rows_is_that_of_the_equations() -> None:
         assert np.max(np.abs(found - truth)) < 3e-3 * np.max(np.abs(truth))
 
 
+@pytest.mark.slow
 def test_one_drive_with_an_encoder_tells_everything(tmp_path: Path) -> None:
     log = drive_log(tmp_path / "ticks.csv", TRUE, staircase(0.8, 0.1, 2), 0.002, ticks=500)
     options = MotorOptions(gear=60.0, units={"ticks": "counts=500/rev"})
@@ -48,6 +49,7 @@ def test_one_drive_with_an_encoder_tells_everything(tmp_path: Path) -> None:
     assert found.method == "joint"
 
 
+@pytest.mark.slow
 def test_inductance_is_not_told_by_slow_sampling(tmp_path: Path) -> None:
     small = replace(TRUE, L=4e-4)
     log = drive_log(tmp_path / "slow.csv", small, staircase(3.0, 0.2, 3), 0.02)

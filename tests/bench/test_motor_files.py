@@ -227,6 +227,7 @@ def bench_of(folder: Path) -> MotorBench:
     return characterise_motor(experiments(folder, 2), MotorOptions(gear=TRUE.gear))
 
 
+@pytest.mark.slow
 def test_readings_that_err_by_a_share_widen_the_joint_errors(tmp_path: Path) -> None:
     """Errors in proportion to a reading turn a line by more than one level for all of them says."""
     away = []

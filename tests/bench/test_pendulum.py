@@ -120,6 +120,7 @@ def test_the_interval_of_a_log_holds_the_truth(tmp_path: Path, rate: float, most
     assert not study.findings
 
 
+@pytest.mark.slow
 def test_an_angle_may_come_in_any_form(tmp_path: Path) -> None:
     t, angle = noisy(20.0, seed=5)
     half, still = angle / 2.0, np.zeros(len(t))
@@ -155,6 +156,7 @@ def test_what_is_no_free_swing_is_left_out(tmp_path: Path) -> None:
     assert study.logs[0].oscillation.t[0] > 3.0
 
 
+@pytest.mark.slow
 def test_logs_are_weighed_and_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     paths = []
     for seed, stretched in ((1, 1.0), (2, 1.0), (3, 1.001)):

@@ -390,6 +390,7 @@ def _arguments(line: str, bench: Bench) -> list[str]:
     return words
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=lambda c: re.sub(r"[^\w.=-]+", " ", c.line).strip())
 def test_bad_input_is_one_sentence_and_leaves_everything_as_it_was(
     case: Case,

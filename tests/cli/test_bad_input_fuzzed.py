@@ -90,6 +90,7 @@ FUZZ = settings(
 )
 
 
+@pytest.mark.slow
 @FUZZ
 @given(text=csv_texts(), options=st.lists(OPTION, max_size=2))
 def test_no_text_breaks_inspect(
@@ -100,6 +101,7 @@ def test_no_text_breaks_inspect(
     _survives(capsys, "inspect", log, *(w for o in options for w in o))
 
 
+@pytest.mark.slow
 @FUZZ
 @given(text=csv_texts(), options=st.lists(st.one_of(OPTION, FIT_OPTION), max_size=3))
 def test_no_text_and_no_option_breaks_fit(

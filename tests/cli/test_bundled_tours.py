@@ -13,6 +13,7 @@ MODELS = {"arx": "na=2 nb=2", "oe": "nb=2 nf=2", "bj": "nb=2 nc=1 nd=1 nf=2"}
 """Small orders stand for the order search, whose tours a study walks; BJ is the one that drifts."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("log", LOGS)
 def test_every_criterion_leads_to_a_plant_that_drives(
     log: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

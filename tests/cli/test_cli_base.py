@@ -121,6 +121,7 @@ WRONG: dict[str, tuple[str, int, str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", WRONG)
 def test_wrong_use_ends_in_one_sentence(
     here: Path, capsys: pytest.CaptureFixture[str], kind: str

@@ -82,6 +82,7 @@ def timeless(value: Any) -> Any:
     return [timeless(v) for v in value] if isinstance(value, list) else value
 
 
+@pytest.mark.slow
 def test_four_commands_in_a_row_in_an_empty_folder(tmp_path: Path, capsys: Capture) -> None:
     robot_log(tmp_path / "data.csv", 400)
     (tmp_path / "mission.yaml").write_text("goal: [1, 0]\n")
@@ -120,6 +121,7 @@ def test_four_commands_in_a_row_in_an_empty_folder(tmp_path: Path, capsys: Captu
     assert min(again["estimation"]["fit_percent"].values()) > 95, "a mission's log can be fitted"
 
 
+@pytest.mark.slow
 def test_the_default_fit_finds_the_truth(tmp_path: Path, capsys: Capture) -> None:
     log = robot_log(tmp_path / "log.csv", 600, seed=3)
     found = run(capsys, "fit", log, "--structure", "oe", "--json").document
@@ -150,6 +152,7 @@ def test_the_delay_is_found(delay: int, tmp_path: Path, capsys: Capture) -> None
     assert found["orders"]["nk"] == delay
 
 
+@pytest.mark.slow
 def test_the_winner_follows_the_plant_with_few_parameters(tmp_path: Path, capsys: Capture) -> None:
     """Under output noise ARX needs many lags for what OE and ARMAX say with one pole a track."""
     log = robot_log(tmp_path / "log.csv", 600, seed=4, noise=0.5)
@@ -183,6 +186,7 @@ def test_ranges_of_orders_are_searched(tmp_path: Path, capsys: Capture) -> None:
     assert 1 <= found["orders"]["na"] <= 4
 
 
+@pytest.mark.slow
 def test_two_runs_say_the_same(tmp_path: Path, capsys: Capture) -> None:
     log = robot_log(tmp_path / "log.csv", 200)
     words = ("fit", log, "--split", "0.7", "--json", "--workspace")
@@ -300,6 +304,7 @@ def test_stable_admits_no_unstable_model(tmp_path: Path, capsys: Capture) -> Non
     assert kept["properties"]["stable"]
 
 
+@pytest.mark.slow
 def test_an_unstable_model_does_not_lead(tmp_path: Path, capsys: Capture) -> None:
     log = robot_log(tmp_path / "log.csv", 300, seed=9, noise=2.0)
     found = run(capsys, "fit", log, "--json").document
@@ -404,6 +409,7 @@ def test_compare_goes_on_without_the_log(tmp_path: Path, capsys: Capture) -> Non
         assert any("gone or have changed" in note for note in found["notes"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["svg", "png"])
 def test_pictures_are_drawn(suffix: str, tmp_path: Path, capsys: Capture) -> None:
     log = robot_log(tmp_path / "log.csv")

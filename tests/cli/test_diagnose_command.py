@@ -78,6 +78,7 @@ class Ids(HTMLParser):
 # What it leaves behind ----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_story_files_and_page(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     told = run(capsys, "diagnose", "log.csv")
     assert told.code == 0, told.err
@@ -112,6 +113,7 @@ def test_story_files_and_page(here: Path, capsys: pytest.CaptureFixture[str]) ->
     assert len(page) < 1_500_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("answer", ["nothing", "unexplained"])
 def test_page_and_story_without_an_effect(
     answer: str, here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -176,6 +178,7 @@ def test_both_models_are_ordinary_models(
     assert exported["selftest"]["max_error"] < 1e-6
 
 
+@pytest.mark.slow
 def test_a_mission_is_told_and_drawn(
     here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -207,6 +210,7 @@ def test_a_mission_is_told_and_drawn(
     assert "cannot be driven by the model after" in page
 
 
+@pytest.mark.slow
 def test_sizes_on_the_page_have_their_unit(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(capsys, "diagnose", "log.csv").code == 0
     page = Path(".sysid/diagnosis/index.html").read_text()
@@ -235,6 +239,7 @@ def test_the_engine_takes_what_the_command_gives() -> None:
 # Which model is doubted ---------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_best_model_of_these_channels_is_doubted(
     here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -324,6 +329,7 @@ def test_a_model_of_other_channels_is_refused(
     refused(run(capsys, "diagnose", "log.csv", "--model", other), 1, "0.1 s", "0.05 s")
 
 
+@pytest.mark.slow
 def test_empty_readings_are_dropouts(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

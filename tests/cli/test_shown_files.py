@@ -29,6 +29,7 @@ def test_files_of_the_examples_are_bundled() -> None:
     assert set(named) <= bundled, sorted(set(named) - bundled)
 
 
+@pytest.mark.slow
 def test_listed_files_are_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -126,6 +126,7 @@ def test_what_only_describes_models_waits_for_no_filter(
     assert (done["code"], done["found"]) == (0, [])
 
 
+@pytest.mark.slow
 def test_linear_fit_costs_little_more_than_its_libraries(tmp_path: Path) -> None:
     """Processor time of a fit of 10⁴ samples as a command, over that of what it must import.
 
@@ -188,6 +189,7 @@ def test_a_mission_waits_for_no_reader_and_no_solver(tmp_path: Path) -> None:
     assert (done["code"], done["found"]) == (0, [])
 
 
+@pytest.mark.slow
 def test_linear_fit_imports_nothing_heavy_and_caps_blas(tmp_path: Path) -> None:
     line = ["fit", str(LOG), "--structure", "arx", "--orders", "na=2 nb=2 nk=1"]
     assert imported_by(line, HEAVY, tmp_path) == {"code": 0, "found": [], "cap": "1"}

@@ -159,6 +159,7 @@ def test_a_right_value_passes(kind: str) -> None:
     assert min(t.p_value for t in tests) > 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["arx", "oe"])
 def test_alarm_rate_with_a_right_fixed_value(kind: str) -> None:
     """At a nominal 1 %, five or more alarms of 100 have a chance below 0.4 %."""
@@ -176,6 +177,7 @@ def test_alarm_rate_with_a_right_fixed_value(kind: str) -> None:
 # ------------------------------------------------------------------ data not fitted to
 
 
+@pytest.mark.slow
 def test_alarm_rate_on_data_the_model_was_not_fitted_to() -> None:
     """Fitted to 150 samples, tested on 1000 others: parameter errors are no fault of the model."""
     case = KINDS["oe"]

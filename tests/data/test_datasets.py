@@ -185,6 +185,7 @@ def _drive_to(goal: tuple[float, float]) -> tuple[float, State]:
 # --- the logs -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_files_are_what_the_generator_writes(tmp_path: Path) -> None:
     assert generate.main(["--out", str(tmp_path)]) == 0
     bundled = sysid_datasets.folder("devastator")
@@ -230,6 +231,7 @@ def test_a_perfect_model_fits_99_percent_on_multilevel() -> None:
         assert fit == pytest.approx(99.0, abs=0.3)
 
 
+@pytest.mark.slow
 def test_the_noise_is_the_stated_one_in_every_log() -> None:
     for name in generate.LOGS:
         truth, log = generate.truth_of(name), columns(name)

@@ -154,6 +154,7 @@ def test_feedback_is_not_called_nonlinear() -> None:
     assert sum("answers nonlinearly" in f.text for f in found) < 2
 
 
+@pytest.mark.slow
 def test_the_contest_acts_on_feedback() -> None:
     """OE's free run is the best one on the log, and far from the plant."""
     u = np.random.default_rng(99).standard_normal((1000, 1))
@@ -200,6 +201,7 @@ def test_noise_alone_has_no_far_delay() -> None:
         assert estimate_delays([log])[0].delay is None
 
 
+@pytest.mark.slow
 def test_the_order_search_uses_a_long_delay() -> None:
     log = open_loop("prbs", 4, 700, delay=61)
     assert choose_delay(hold_out([log])) == 61

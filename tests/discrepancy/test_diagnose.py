@@ -56,6 +56,7 @@ def entries(found: Diagnosis) -> list[set[str]]:
     return [{e.id, *e.indistinguishable} for e in found.effects]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "seed", "style"),
     [
@@ -79,6 +80,7 @@ def test_the_hidden_effect_comes_first_and_the_error_falls_to_the_noise(
     assert found.gap.interval[0] <= found.gap.closed_percent <= found.gap.interval[1] + 1e-9
 
 
+@pytest.mark.slow
 def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path) -> None:
     for seed, disturbance in ((21, "white"), (22, "ar")):
         log = logs(tmp_path, "", seed, disturbance=disturbance)
@@ -87,6 +89,7 @@ def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path) -> None:
         assert found.after is found.before
 
 
+@pytest.mark.slow
 def test_two_effects_are_named_by_an_entry_each(tmp_path: Path) -> None:
     log = logs(tmp_path, "dead-zone+sensor-saturation", 31)
     found = diagnose([log["est"]], [log["val"]])
@@ -107,6 +110,7 @@ def test_a_log_without_validation_is_divided_and_lost_readings_do_not_count(
     assert 0.2 < np.mean(held.counted) < 0.4
 
 
+@pytest.mark.slow
 def test_a_changed_robot_is_told_from_a_missing_effect(tmp_path: Path) -> None:
     log = logs(tmp_path, "changed-parameter", 51, clean=True)
     fit = identify([log["clean"]], [], FitRequest(structures=("oe",), orders="nb=1 nf=1 nk=1"))
@@ -120,6 +124,7 @@ def test_a_changed_robot_is_told_from_a_missing_effect(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.simulate(u), found.after.simulate(u))
 
 
+@pytest.mark.slow
 def test_a_model_that_has_absorbed_the_effect_gives_way_to_the_plainest_base(
     tmp_path: Path,
 ) -> None:
@@ -140,6 +145,7 @@ def test_a_model_that_has_absorbed_the_effect_gives_way_to_the_plainest_base(
     assert found.gap.closed_percent > 95.0
 
 
+@pytest.mark.slow
 def test_the_augmented_model_runs_as_the_search_did(tmp_path: Path) -> None:
     log = logs(tmp_path, "dead-zone", 11)
     found = diagnose([log["est"]], [log["val"]])
@@ -155,6 +161,7 @@ def test_the_augmented_model_runs_as_the_search_did(tmp_path: Path) -> None:
     assert all(p.std_error is not None and p.std_error < 0.05 for p in named.parameters)
 
 
+@pytest.mark.slow
 def test_the_same_log_gives_the_same_diagnosis(tmp_path: Path) -> None:
     log = logs(tmp_path, "coulomb-friction", 13)
     once = diagnose([log["est"]], [log["val"]]).to_json()

@@ -111,6 +111,7 @@ def test_marks(
     assert (o.right, o.all_right, o.false_names) == (right, every, false)
 
 
+@pytest.mark.slow
 def test_a_study_with_a_stub_writes_its_report(study: SimpleNamespace, tmp_path: Path) -> None:
     out, kept = tmp_path / "report.md", tmp_path / "runs.jsonl"
     arguments = ["--quick", "--jobs", "1", "-o", str(out), "--results", str(kept)]

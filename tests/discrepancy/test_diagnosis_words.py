@@ -166,6 +166,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_log_that_no_input_moves_is_never_nothing_missing(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -66,6 +66,7 @@ def test_first_order_is_taken_where_it_explains_more(
     assert taken or result is found
 
 
+@pytest.mark.slow
 def test_a_plain_base_keeps_to_the_highest_order_asked_for() -> None:
     rng = np.random.default_rng(7)
     u = np.repeat(rng.uniform(-1.0, 1.0, 40), 25)

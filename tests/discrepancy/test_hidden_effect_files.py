@@ -45,6 +45,7 @@ def nothing_hidden() -> dict[str, str]:
 # ------------------ the catalogue
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", KNOWN[1:])
 def test_an_effect_shows_at_its_strength_and_is_gone_at_none(effect: str) -> None:
     hidden = hide(asked(effect))
@@ -109,6 +110,7 @@ def _first_order(pwm: Array, gain: float, tau: float) -> Array:
     return np.array(out)
 
 
+@pytest.mark.slow
 def test_the_disturbances_are_what_their_names_say() -> None:
     for disturbance in ("white", "ar", "walk"):
         request = replace(SHORT, duration=90.0, disturbance=disturbance)

@@ -41,6 +41,7 @@ def short_log(effect: str, samples: int, seed: int = 1) -> Record:
     return Record(u[:, None], y[:, None], 0.02, volts, speed, name="log.csv")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "samples"),
     [("dead-zone", 120), ("input-saturation", 200), ("direction-asymmetry", 400)],
@@ -55,6 +56,7 @@ def test_the_log_of_an_earlier_version_is_not_without_its_dead_zone() -> None:
     assert [e.id for e in found.effects] == ["dead-zone"]
 
 
+@pytest.mark.slow
 def test_a_load_on_a_short_log_is_neither_named_nor_nothing() -> None:
     found = diagnose([short_log("load", 300)])
     assert found.effects == ()

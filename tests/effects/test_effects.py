@@ -358,6 +358,7 @@ def test_a_winding_warms_by_its_current_and_resists_it() -> None:
     assert np.max(np.abs(expected - run({}, np.tile(drive, (2, 1)).T)[:, 0])) > 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rub", [0.0, 1.5])
 @pytest.mark.parametrize("dt", [0.02, 0.1])
 def test_a_gap_between_two_masses_is_crossed_in_their_time(dt: float, rub: float) -> None:

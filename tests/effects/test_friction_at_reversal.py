@@ -18,6 +18,7 @@ def speeds(drives: list[float], parts: int, effect: str, numbers: list[float]) -
     return s.simulate(np.array([*core, *numbers]), u)[::parts, 0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("back", [-1.0, -0.5, -0.16, -0.14, 0.0])
 def test_a_reversal_within_a_sample_is_exact(back: float) -> None:
     drives = [0.0, 1.0, back, 0.6, back]

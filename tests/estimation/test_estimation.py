@@ -304,6 +304,7 @@ def test_the_callers_arrays_are_left_alone() -> None:
 # ------------------ uncertainty
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ARX", "ARMAX", "OE, white noise", "OE, AR(1) noise 0.9", "BJ"])
 def test_intervals_cover_the_truth(name: str) -> None:
     """The fast part of the coverage study: 60 records, intervals over all parameters pooled."""

@@ -111,6 +111,7 @@ def test_stability_is_enforced_where_asked(name: str, focus: Focus) -> None:
 # ------------------ losses and foci
 
 
+@pytest.mark.slow
 @every_structure
 @pytest.mark.parametrize("focus", list(Focus))
 def test_five_per_cent_of_outliers_hurt_the_robust_loss_less(name: str, focus: Focus) -> None:
@@ -315,6 +316,7 @@ def test_one_output_with_more_unknowns_than_samples_is_refused() -> None:
         estimated("oe", orders, [record])
 
 
+@pytest.mark.slow
 @every_structure
 @pytest.mark.parametrize("initial", list(Initial))
 def test_barely_enough_samples_raise_nothing_unexpected(name: str, initial: Initial) -> None:
@@ -342,6 +344,7 @@ def noisy_motor(seed: int, ratio: float, hold: int, samples: int = 500) -> tuple
 # ------------------ starts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ratio", "hold"), [(3.0, 1), (1.0, 10), (0.3, 1)])
 def test_output_error_ends_in_the_global_minimum(ratio: float, hold: int) -> None:
     """No worse than a search started at the truth."""

@@ -93,6 +93,7 @@ def test_errors_of_the_bench_are_errors_of_the_mass(weighed: Weighed) -> None:
     assert named(weighed.numbers())["mass"].std_error > 0.9 * 0.01 * rotors
 
 
+@pytest.mark.slow
 def test_straight_runs_do_not_tell_what_turns_would(weighed: Weighed, drives: Drives) -> None:
     windows = drives.each[0].windows()
     ahead = windows[drives.each[0].at[windows[:, 1]] <= STRAIGHT]
@@ -178,6 +179,7 @@ def test_a_model_of_speeds_is_no_motor() -> None:
         motors_of_model(two_tracks())
 
 
+@pytest.mark.slow
 def test_commands_of_both_motors_are_needed() -> None:
     pytest.importorskip("mujoco", reason="the extra physics is not installed")
     record = replace(made(), u=made().u[:, :1], inputs=(Channel("u_l", "V"),))

@@ -120,6 +120,7 @@ def test_readings_that_repeat_are_no_measurements(folder: Path) -> None:
     assert found.number("pose_lag").value == pytest.approx(0.137, abs=0.02)
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_document_a_vehicle_and_a_mission(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -219,6 +219,7 @@ def test_given_terms_are_products_of_readings() -> None:
     assert "the term constant" in m.level_sentence()
 
 
+@pytest.mark.slow
 def test_levels_of_a_searched_polynomial() -> None:
     rng = np.random.default_rng(0)
     u = rng.uniform(0.0, 1.0, 50).repeat(8)

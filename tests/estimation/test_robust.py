@@ -45,6 +45,7 @@ SLOW = ("narx-wavelet", "dc-motor", "tanks", "wiener-hammerstein")
 QUICK = ("arx", "armax", "oe", "bj", "hammerstein-wiener", "narmax", "dc-motor")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "kind"), [*((n, k) for n in QUICK for k in study.KINDS), ("tanks", "reading")]
 )
@@ -108,6 +109,7 @@ def test_least_squares_needs_it() -> None:
     assert study.fits("arx", "reading", False, 6).within < 50.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(CASES))
 def test_a_clean_record_costs_nothing(name: str) -> None:
     """Without outliers and heavy tails the fit is that of least squares, digit for digit."""
@@ -285,6 +287,7 @@ def test_figures_do_not_count_outliers(structure: str, tmp_path: Path, capsys: C
     assert plain["criteria"]["naic"] - clean["criteria"]["naic"] > gap + 0.3
 
 
+@pytest.mark.slow
 def test_networks_take_robust_on_the_command_line(tmp_path: Path, capsys: Capture) -> None:
     case = CASES["narx-wavelet"]
     r = case.record(0, "reading")

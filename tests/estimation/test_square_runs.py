@@ -74,6 +74,7 @@ def _square(clockwise: bool) -> Array:
     return np.column_stack([np.convolve(both[:, k], smooth, "same") for k in (0, 1)])
 
 
+@pytest.mark.slow
 def test_squares_are_found_in_logs(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     left, right = scales(1.01)
     skid = Skid((0.1 * left, 0.1 * right), 0.4 * 1.04, lag=0.1, heading_lag=0.1, noise=(1e-3, 1e-3))

@@ -97,6 +97,7 @@ def test_the_first_mission_is_driven_in_c_as_well(tmp_path: Path) -> None:
     assert found["later"] == 0
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_every_law_of_a_mission_with_filter_and_sensors_is_written(tmp_path: Path) -> None:
     mission = mission_of(FUSED, tmp_path)
@@ -192,6 +193,7 @@ def test_clang_has_nothing_to_say(second: Path) -> None:
     assert errors(second, "./by_clang")["closed-loop"] < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cppcheck") is None, reason="no cppcheck here")
 def test_cppcheck_has_nothing_to_say(second: Path) -> None:
     checks = "--enable=warning,performance,portability"

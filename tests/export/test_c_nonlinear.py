@@ -236,6 +236,7 @@ CASES = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("case", CASES)
 def test_c_equals_python(tmp_path: Path, case: str) -> None:

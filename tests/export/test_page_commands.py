@@ -25,6 +25,7 @@ def shown(page: str) -> list[list[str]]:
     return [shlex.split(line)[1:] for line in lines if re.match(r"sysid (export|verify) ", line)]
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.skipif(find_spec("fmpy") is None, reason="the extra fmu is not installed")
 @pytest.mark.parametrize("page", ["c.md", "fmu.md", "ros.md"])

@@ -32,6 +32,7 @@ def found() -> Diagnosis:
     return sysid.diagnose(motor(1), motor(2))
 
 
+@pytest.mark.slow
 def test_the_dead_zone_is_named_with_its_size_and_the_gap_closes() -> None:
     result = found()
     assert result.verdict == "effects-found"
@@ -42,6 +43,7 @@ def test_the_dead_zone_is_named_with_its_size_and_the_gap_closes() -> None:
     np.testing.assert_array_equal(after.simulate(motor(3).u), result.after.simulate(motor(3).u))
 
 
+@pytest.mark.slow
 def test_it_is_the_diagnosis_of_the_engine() -> None:
     again = engine([motor(1)], [motor(2)]).to_json("before", "after")
     mine = found().to_json("before", "after")
@@ -50,6 +52,7 @@ def test_it_is_the_diagnosis_of_the_engine() -> None:
     }
 
 
+@pytest.mark.slow
 def test_a_log_alone_is_divided_and_a_given_model_is_doubted() -> None:
     model = sysid.fit("oe", motor(1), "nb=1 nf=1 nk=1")
     result = sysid.diagnose([motor(1)], model=model)

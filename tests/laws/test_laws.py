@@ -49,6 +49,7 @@ def test_every_registered_structure_has_a_case() -> None:
 # ------------------------------------------------------------------------------- fits
 
 
+@pytest.mark.slow
 @every
 def test_its_own_truth_is_recovered(name: str) -> None:
     """θ within its errors, and the free run under fresh inputs well inside the noise."""

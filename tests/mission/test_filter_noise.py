@@ -22,6 +22,7 @@ def mission(noise: float, kind: str = "odometry") -> Mission:
     )
 
 
+@pytest.mark.slow
 def test_the_variance_of_fixes_is_found_where_the_file_is_wrong(tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
     driven = mission(0.05)

@@ -302,6 +302,7 @@ class Tracks:
         return self.leak * state + 1e-5 * u, state
 
 
+@pytest.mark.slow
 def test_a_robots_plant_that_never_rests_is_driven_with_a_warning() -> None:
     plant = Tracks()
     assert settle(plant, np.zeros(2), np.full(2, 1.0)).ending is Ending.KEEPS_MOVING

@@ -65,6 +65,7 @@ def test_the_curves_are_those_of_the_formulas() -> None:
     assert half == pytest.approx(0.15, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_command_draws_where_it_is_told_or_in_the_workspace(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

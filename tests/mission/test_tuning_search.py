@@ -76,6 +76,7 @@ def test_the_proposed_set_is_no_worse_than_any_that_was_tried() -> None:
     assert better > len(tuning.tried) / 2
 
 
+@pytest.mark.slow
 def test_a_search_is_that_of_its_seed_and_of_its_plants() -> None:
     again = sysid.tune(SHORT, model(), trials=24, robust=3)
     nominal = tune(SHORT, model(), SearchOptions(24, 1))
@@ -198,6 +199,7 @@ def test_a_file_keeps_its_comments_and_gets_the_gains(tmp_path: Path) -> None:
         write_mission(source, source, mission)
 
 
+@pytest.mark.slow
 def test_the_command_tells_writes_and_draws(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -215,6 +217,7 @@ def test_the_command_tells_writes_and_draws(
     assert (refused.code, refused.err.count("\n")) == (2, 1)
 
 
+@pytest.mark.slow
 def test_the_noise_of_a_filter_is_tuned_to_a_log(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -236,6 +239,7 @@ def test_the_noise_of_a_filter_is_tuned_to_a_log(
     assert "--navigation" in refused.err
 
 
+@pytest.mark.slow
 def test_the_page_shows_a_command_that_runs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

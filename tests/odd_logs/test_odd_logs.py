@@ -13,6 +13,7 @@ from catalogue import CATALOGUE, OddLog
 from judged import judge
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "log", [o for o in CATALOGUE if not o.slow], ids=lambda o: re.sub(r"\W+", "-", o.name)
 )

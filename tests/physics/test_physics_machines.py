@@ -80,6 +80,7 @@ def test_of_several_causes_it_is_told_how_far_each_shows(
     assert shows(make(replace(case("nothing", 0), duration=5.0))) == []
 
 
+@pytest.mark.slow
 def test_a_curve_of_a_command_with_one_level_does_not_show() -> None:
     """Speeds without it differ by more than a gain where friction is there, but so they do under
     other commands."""

@@ -89,6 +89,7 @@ def log(
     return request.param, list(signals)
 
 
+@pytest.mark.slow
 def test_every_command_speaks_of_the_log_it_reads(
     log: tuple[str, list[str]], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -120,6 +121,7 @@ def test_every_command_speaks_of_the_log_it_reads(
     assert f"fitted to data of {file}" in said["compare", "--val", file]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("log", ["oven"], indirect=True)
 def test_a_diagnosis_speaks_of_the_oven(
     log: tuple[str, list[str]], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

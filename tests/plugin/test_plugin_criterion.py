@@ -12,6 +12,7 @@ ARX, BJ = "arx-eba84e", "bj-476fc8"
 SAMPLES = 280 - 2  # the first 70 % of 400, less those that BJ needs before the first it predicts
 
 
+@pytest.mark.slow
 def test_the_example_criterion_ranks_from_its_wheel(installed: Installed, tmp_path: Path) -> None:
     shutil.copytree(OLDER, tmp_path / "0.1")
     ask = ("compare", ARX, BJ, "--workspace", "workspace", "--criteria", "hannan-quinn")

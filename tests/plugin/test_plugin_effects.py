@@ -4,6 +4,7 @@ import textwrap
 from pathlib import Path
 
 import numpy as np
+import pytest
 from command_line import write_log
 from example_package import Installed
 
@@ -33,6 +34,7 @@ def driven(samples: int, seed: int, drag: float = 0.0, least: float = -1.0) -> l
     return [PWM_FULL_SCALE * d, omega]
 
 
+@pytest.mark.slow
 def test_an_effect_that_couples_tracks_is_named(installed: Installed, tmp_path: Path) -> None:
     for name, seed in (("est.csv", 1), ("val.csv", 2)):
         pwm, omega = driven(900, seed, DRAG)
@@ -47,6 +49,7 @@ def test_an_effect_that_couples_tracks_is_named(installed: Installed, tmp_path: 
         assert abs(number["value"] - DRAG) < 4.0 * number["std_error"] + 0.05 * DRAG
 
 
+@pytest.mark.slow
 def test_an_effect_between_tracks_and_ground_is_named(installed: Installed, tmp_path: Path) -> None:
     pwm, omega = driven(900, 3, least=-0.2)
     rng = np.random.default_rng(4)

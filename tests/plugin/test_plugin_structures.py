@@ -60,6 +60,7 @@ TRUTHS = {
 }
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("name", TRUTHS)
 def test_it_goes_from_a_log_to_c_by_the_command_line(

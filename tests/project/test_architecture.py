@@ -137,6 +137,7 @@ def circles(edges: Mapping[str, Mapping[str, str]]) -> list[list[str]]:
     return found
 
 
+@pytest.mark.slow
 def test_no_packages_need_each_other_not_even_lazily() -> None:
     """Within one package a class and its fit may know each other: a reader holds both at once."""
     edges = graph()

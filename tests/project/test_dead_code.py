@@ -6,6 +6,8 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 USERS = ("sysid", "cli", "datasets", "benchmarks", "examples", "docs")
 
@@ -41,6 +43,7 @@ def words() -> Counter[str]:
     return found
 
 
+@pytest.mark.slow
 def test_nothing_is_there_for_tests_alone() -> None:
     counted = words()
     sources = [p for package in ("sysid", "cli") for p in sorted((ROOT / package).rglob("*.py"))]

@@ -4,6 +4,8 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 ROOMS = ("sysid", "cli", "benchmarks", "datasets", "docs", "examples", "tests")
 
@@ -42,6 +44,7 @@ def functions() -> Iterator[tuple[str, Function]]:
                 yield f"{path.relative_to(ROOT).as_posix()}: {node.name}", node
 
 
+@pytest.mark.slow
 def test_no_function_is_longer_than_a_screen() -> None:
     found = {name: lines_of(f) for name, f in functions()}
     assert {name: n for name, n in found.items() if n > LONGEST} == {}

@@ -137,6 +137,7 @@ def test_the_library_names_no_option() -> None:
     assert not wrong, "\n".join(wrong)
 
 
+@pytest.mark.slow
 def test_every_field_a_message_names_is_an_option_and_an_argument() -> None:
     every = named_fields()
     assert len(every) > 120

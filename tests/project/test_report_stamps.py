@@ -16,6 +16,7 @@ def test_every_report_has_a_maker_and_every_maker_exists() -> None:
         assert (studies.ROOT / "benchmarks" / script).is_file()
 
 
+@pytest.mark.slow
 def test_no_report_is_silently_older_than_the_code() -> None:
     if stamps.stamps().get("python") != stamps.PYTHON:
         pytest.skip(

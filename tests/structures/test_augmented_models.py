@@ -99,6 +99,7 @@ def test_a_refit_from_elsewhere_finds_the_truth_again(tmp_path: Path) -> None:
         fit(s, records)
 
 
+@pytest.mark.slow
 def test_a_diagnosed_model_goes_through_every_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

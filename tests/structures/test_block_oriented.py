@@ -351,6 +351,7 @@ def test_what_is_left_open_is_chosen() -> None:
     assert run_error(model, fresh) < 0.02
 
 
+@pytest.mark.slow
 def test_wiener_hammerstein_chooses_orders_and_static() -> None:
     record = simulated("lag, dead-zone, motor", 1500)
     fresh = simulated("lag, dead-zone, motor", seed=41)

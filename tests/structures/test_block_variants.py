@@ -114,6 +114,7 @@ def two_track_fit(records: list[Record]) -> Model:
     return fit(s, records, FitOptions())
 
 
+@pytest.mark.slow
 def test_wiener_hammerstein_of_two_tracks_from_two_records() -> None:
     u, y = two_tracks(1600, 5)
     whole = record(u, y)

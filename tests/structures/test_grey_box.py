@@ -177,6 +177,7 @@ def test_a_saturated_drive_gives_no_more() -> None:
     assert x[0] == beyond[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", FITS)
 def test_compiled_runs_are_the_steps(case: str) -> None:
     s, theta, log, _ = FITS[case]()

@@ -65,6 +65,7 @@ def test_a_position_never_forgets_what_its_first_speed_was_wrong_by() -> None:
         assert head_window(motor, theta) == pytest.approx(least, abs=1)
 
 
+@pytest.mark.slow
 def test_a_fit_of_a_position_is_as_good_in_its_figures_as_in_its_search(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

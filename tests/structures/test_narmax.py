@@ -311,6 +311,7 @@ def test_fits_together_are_fits_alone() -> None:
     np.testing.assert_array_equal(found[2], TRUTH[:2])
 
 
+@pytest.mark.slow
 def test_the_input_of_the_same_sample_enters_only_where_it_acts() -> None:
     rng = np.random.default_rng(20)
     u = rng.uniform(-1, 1, 600)

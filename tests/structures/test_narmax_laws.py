@@ -43,6 +43,7 @@ def test_damaged_settings_are_refused() -> None:
         structure_from_json(raw)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("selection", ["err", "auto"])
 def test_invariant_to_the_channels_scale(selection: str) -> None:
     r = record(300, process=0.05, seed=3)
@@ -83,6 +84,7 @@ def test_a_direction_without_information_is_named() -> None:
     assert np.isfinite(table["y(t-1)"])
 
 
+@pytest.mark.slow
 def test_a_two_level_input_gets_no_powers() -> None:
     rng = np.random.default_rng(17)
     u = np.repeat(rng.choice([-1.0, 1.0], 300), 4)[:, None]

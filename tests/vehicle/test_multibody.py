@@ -81,6 +81,7 @@ def test_points_turn_as_a_uniform_pressure_does() -> None:
     assert 0.9 * wong < MOMENT < wong
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RUNS)
 def test_speeds_follow_the_multibody_simulation(name: str) -> None:
     """Acceleration, steady speed and coasting down; turns against scrub, on the spot and in arcs.

@@ -63,6 +63,7 @@ def test_lengths_that_nobody_gave_are_estimated_and_are_no_effects(geometry: Geo
     assert "contradicts" in found.geometry.sentence
 
 
+@pytest.mark.slow
 def test_a_robot_as_assumed_or_as_given_needs_no_estimate() -> None:
     assert told_of(ROBOT).geometry is None
     assert told_of(WARTHOG, given=WARTHOG).geometry is None
@@ -70,6 +71,7 @@ def test_a_robot_as_assumed_or_as_given_needs_no_estimate() -> None:
     assert told_of(Geometry(0.0215, 0.186 * 1.15)).geometry is None
 
 
+@pytest.mark.slow
 def test_standard_errors_of_the_lengths_hold_the_truth() -> None:
     z = []
     for seed in range(0, 14, 2):
@@ -86,6 +88,7 @@ def test_standard_errors_of_the_lengths_hold_the_truth() -> None:
     assert np.sqrt(np.mean(np.square(z))) < 1.7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slip", [0.25, 0.35])
 def test_lengths_as_assumed_are_no_estimate_where_slip_explains_the_turns(slip: float) -> None:
     found = told_of(ROBOT, ground("track-slip", slip))

@@ -30,6 +30,7 @@ def test_a_soil_under_the_bundled_robot(capsys: pytest.CaptureFixture[str]) -> N
     assert moments == sorted(moments, reverse=True)
 
 
+@pytest.mark.slow
 def test_files_of_soil_and_vehicle_and_a_picture(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -51,6 +51,7 @@ def commands(steps: Steps, environment: dict[str, str]) -> dict[str, dict[str, A
     return found
 
 
+@pytest.mark.slow
 def test_two_nodes_in_lock_step_and_what_is_said_when_one_ends(
     ready: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

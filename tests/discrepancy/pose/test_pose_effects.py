@@ -42,6 +42,7 @@ def true_value(truth: dict[str, Any]) -> float:
     return 1.0 / value if truth["effects"][0]["id"] == "track-width" else value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", ["low", "high"])
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_a_hidden_effect_is_named_from_mission_logs(
@@ -121,6 +122,7 @@ def test_two_effects_are_both_named() -> None:
     assert told.gap.closed_percent > 95.0
 
 
+@pytest.mark.slow
 def test_a_wrapped_heading_and_holes_do_no_harm() -> None:
     slip = ground("track-slip", 0.25)
     whole = [driven(wandering(seed=s), slip, seed=s) for s in (5, 6)]
@@ -248,6 +250,7 @@ def noisier(record: Record, heading: float, seed: int) -> Record:
     return replace(record, pose=record.pose + np.outer(more, [0.0, 0.0, 1.0]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("heading", [0.0, 0.01, 0.03])
 def test_standard_errors_hold_the_truth_whatever_the_heading_is_worth(heading: float) -> None:
     true = ground("radius-mismatch", 0.94, 1.0)
@@ -266,6 +269,7 @@ def test_standard_errors_hold_the_truth_whatever_the_heading_is_worth(heading: f
     assert np.sqrt(np.mean(np.square(z))) < 2.0
 
 
+@pytest.mark.slow
 def test_a_small_effect_beside_a_large_one_is_named() -> None:
     both = Ground(
         ("track-slip", "radius-mismatch"),

@@ -44,6 +44,7 @@ def lost(**numbers: float) -> dict[int, Array]:
     return {s: path_of(w, DT, ground, Geometry()) for s, w in SPEEDS.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.0, 0.1])
 def test_a_body_that_is_slow_to_turn_is_named_whatever_the_latency(delay: float) -> None:
     found = told({s: late(HEAVY.pose(w), delay) for s, w in SPEEDS.items()})

@@ -55,6 +55,7 @@ def test_logs_that_turn_where_they_begin_only_judge_each_other() -> None:
     assert found.effects[0].parameters[0].value == pytest.approx(0.8, abs=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not DRIVES.is_dir(), reason=f"the measured drives are not at {DRIVES}")
 @pytest.mark.parametrize(
     ("file", "geometry"),

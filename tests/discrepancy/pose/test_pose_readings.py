@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from pose_cases import DT, GAIN, TAU, driven, ground, wandering
 
 from sysid import diagnose
@@ -24,6 +25,7 @@ def clipped(seed: int, samples: int = 900) -> Record:
     return replace(made, u=u * PWM_FULL_SCALE, y=np.clip(made.y, -CLIP, CLIP), sha256="")
 
 
+@pytest.mark.slow
 def test_a_sensor_that_clips_is_no_effect_of_the_ground() -> None:
     estimation, held = clipped(1), clipped(2)
     alone = diagnose_pose([estimation], [held], Geometry())
@@ -36,6 +38,7 @@ def test_a_sensor_that_clips_is_no_effect_of_the_ground() -> None:
     assert abs(number.value - RATIO) < 3.0 * number.std_error
 
 
+@pytest.mark.slow
 def test_lost_readings_are_no_turns() -> None:
     """Zeros in place of 3 % of the readings of one track: each was half a turn of two seconds."""
     parts = []

@@ -24,6 +24,7 @@ def log(seed: int, motor: float, sensor: float, samples: int = 2000) -> Record:
     return Record(u[:, None], y[:, None], DT, *names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("motor", "sensor"), [(0.3, 0.15), (0.15, 0.3)])
 def test_the_interval_of_a_lag_holds_both_places(motor: float, sensor: float) -> None:
     found = diagnose(log(1, motor, sensor), log(2, motor, sensor))

@@ -34,6 +34,7 @@ def symmetric(*levels: float) -> Array:
     return np.array([*levels, *(-v for v in levels)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "held",
     [

@@ -69,6 +69,7 @@ def holds(told: Interval, true: float) -> bool:
     return bool(low <= true <= high)
 
 
+@pytest.mark.slow
 def test_intervals_hold_edges_and_jump() -> None:
     inside, by_slopes = [], []
     for seed in (0, 1, 2):

@@ -26,6 +26,7 @@ def log(seed: int, backward: float, drag: float = 0.0, samples: int = 2400) -> R
     return Record(volts[:, None], y[:, None], DT, *names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backward", [0.8, 1.2])
 def test_brushes_off_the_neutral_are_one_effect(backward: float) -> None:
     found = diagnose(log(1, backward), log(2, backward))
@@ -41,6 +42,7 @@ def test_brushes_off_the_neutral_are_one_effect(backward: float) -> None:
     assert found.gap.closed_percent > 99.0
 
 
+@pytest.mark.slow
 def test_what_stands_beside_them_is_seen() -> None:
     found = diagnose(log(1, 0.8, drag=3e-6), log(2, 0.8, drag=3e-6))
     assert {e.id for e in found.effects} == {"viscous-asymmetry", "quadratic-drag"}

@@ -144,17 +144,20 @@ def test_a_delay_on_a_whole_record_is_that_of_its_steps() -> None:
     np.testing.assert_allclose(run, y, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_what_one_track_loses_the_other_feels(tmp_path: Path) -> None:
     found = answer(tmp_path, "coulomb-friction+cross-coupling", 215, "prbs")
     assert any("coulomb-friction" in n for n in names(found))
     assert any("cross-coupling" in n for n in names(found))
 
 
+@pytest.mark.slow
 def test_a_clip_behind_noise_is_no_saturated_command(tmp_path: Path) -> None:
     found = answer(tmp_path, "sensor-saturation", 1, "prbs", "high")
     assert names(found) == [{"sensor-saturation"}]
 
 
+@pytest.mark.slow
 def test_a_name_whose_law_fits_in_part_says_how_much_is_left(tmp_path: Path) -> None:
     """Cogging with dead bands: a torque over the angle of the two laws' places, but not their form.
 
@@ -172,6 +175,7 @@ def test_a_name_whose_law_fits_in_part_says_how_much_is_left(tmp_path: Path) -> 
     assert "is left" in found.story
 
 
+@pytest.mark.slow
 def test_a_load_that_no_channel_records_is_told_from_noise() -> None:
     rng = np.random.default_rng(9)
     s, theta = chain((), [])
@@ -195,6 +199,7 @@ def test_a_floor_that_errors_fall_below_is_read_off_them() -> None:
     assert gap.channels["omega"].noise_floor == pytest.approx(0.3, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pair", "seed"),
     [
@@ -212,6 +217,7 @@ def test_both_of_a_pair_are_named(pair: str, seed: int, tmp_path: Path) -> None:
         assert any(id in entry for entry in found)
 
 
+@pytest.mark.slow
 def test_a_delay_that_has_shrunk_below_a_sample_is_taken_back(tmp_path: Path) -> None:
     # a moving average over six samples looks like a delay and a lag
     asked = Request(("actuator-lag",), seed=3, style="multisine", duration=60.0)

@@ -34,6 +34,7 @@ def log(seed: int, motor: float, sensor: float, samples: int = 1200) -> Record:
     return Record(u[:, None], y[:, None], DT, *names)
 
 
+@pytest.mark.slow
 def test_friction_before_the_filter_of_a_sensor_is_friction() -> None:
     """It was named a dead zone beside a lag of the actuator."""
     motor, sensor = 0.1, 0.2

@@ -84,6 +84,7 @@ def test_a_delay_longer_than_counting_makes_is_named_with_all_of_it(share: float
     assert delay == pytest.approx(share * DT, abs=0.02 * DT)
 
 
+@pytest.mark.slow
 def test_how_the_log_was_made_belongs_to_both_models_and_is_not_named() -> None:
     found = diagnose([counted(1, 0.15, levels=33)], [counted(2, 0.15, levels=33)])
     assert [e.id for e in found.effects] == ["dead-zone"]

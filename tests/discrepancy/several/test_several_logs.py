@@ -88,6 +88,7 @@ def test_a_short_log_without_the_effect_says_so() -> None:
     assert "dead-zone is not there in new driver.csv." in sentences(said)
 
 
+@pytest.mark.slow
 def test_a_log_of_one_speed_cannot_tell() -> None:
     still = log("still.csv", 3)
     u = np.full_like(still.u, 1.0)
@@ -155,6 +156,7 @@ def test_logs_that_contradict_each_other_break_no_tie() -> None:
 # Between tracks and ground ------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_another_ground_is_seen_as_another_width_and_a_short_log_cannot_tell() -> None:
     speeds = wandering(300)
     lab, carpet = (driven(speeds, ground("track-width", r), seed=3) for r in (0.8, 0.6))

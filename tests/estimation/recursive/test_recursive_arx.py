@@ -148,6 +148,7 @@ def test_nothing_is_claimed_about_an_input_that_never_moved() -> None:
     assert np.all(np.isfinite(np.diag(found.covariance)[:2]))
 
 
+@pytest.mark.slow
 def test_false_alarms_are_rarer_than_stated() -> None:
     alarms = 0
     for seed in range(100):

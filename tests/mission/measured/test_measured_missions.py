@@ -84,6 +84,7 @@ def judged(record: Record) -> Comparison:
 # The judgement ------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_robots_like_the_runs_leave_in_few_drives() -> None:
     """5 % at most: of 60 drives 8 or more would be a chance below 1 in 100 at that."""
     others, t = short_runs(RUNS, 1), short_runs(RUNS, 2).t
@@ -202,6 +203,7 @@ def saved(name: str, record: Record) -> Path:
     return write_log(Path(name), names, [*record.u.T, *record.y.T, *record.pose.T])
 
 
+@pytest.mark.slow
 def test_a_robot_that_slips_leaves_and_the_diagnosis_says_so(
     bench: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -47,6 +47,7 @@ def batch() -> MissionRuns:
 # The same runs as one after the other ------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_runs_at_once_are_runs_alone() -> None:
     """Two or three commands a sample, a sensor, everything varied."""
     mission = goal(
@@ -236,6 +237,7 @@ def test_numbers_and_names_without_sense_are_refused(runs: int, vary: list[str] 
 # On the command line ------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_command_drives_many_and_replays_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -46,6 +46,7 @@ class Interrupted(Processes):
         return super()._heard()
 
 
+@pytest.mark.slow
 def test_a_process_that_is_killed_costs_no_run() -> None:
     setup = Setup.of(MISSION, [Robot()])
     parts = chunks(setup, run_seeds(2, 12), 3)

@@ -33,6 +33,7 @@ def late(where: str, seed: int, samples: int = 900) -> Record:
     return replace(made, u=u * PWM_FULL_SCALE, y=read + noise, sha256="")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", ["sensor", "actuator"])
 def test_the_pose_says_whose_lag_it_is(where: str) -> None:
     found = diagnose(late(where, 1), late(where, 2), geometry=Geometry())
