@@ -81,6 +81,29 @@ def test_of_several_causes_it_is_told_how_far_each_shows(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("cause", ["heavy body on soft feet", "scrubbing"])
+def test_on_ground_that_gives_bodies_slide_outwards_so_that_name_is_right(cause: str) -> None:
+    """v_y = −(a + β v) ψ̇ in the pose that the log holds: β is far from none."""
+    made = next(
+        c
+        for c in (case("singles", k) for k in range(300))
+        if [h.cause for h in c.hidden] == [cause]
+    )
+    assert "lateral-slip" in made.hidden[0].also
+    log = make(made).est
+    assert log.pose is not None
+    rows, dt = 4, float(log.t[1] - log.t[0])
+    change = (log.pose[rows:] - log.pose[:-rows]) / (rows * dt)
+    heading = 0.5 * (log.pose[rows:, 2] + log.pose[:-rows, 2])
+    along = change[:, 0] * np.cos(heading) + change[:, 1] * np.sin(heading)
+    across = change[:, 1] * np.cos(heading) - change[:, 0] * np.sin(heading)
+    X = np.column_stack([change[:, 2], along * change[:, 2]])
+    numbers = np.linalg.lstsq(X, -across, rcond=None)[0]
+    left = across + X @ numbers  # neighbours share three of four rows
+    error = np.sqrt(rows * np.var(left) * np.linalg.inv(X.T @ X)[1, 1])
+    assert numbers[1] > 5.0 * error
+
+
 def test_a_curve_of_a_command_with_one_level_does_not_show() -> None:
     """Speeds without it differ by more than a gain where friction is there, but so they do under
     other commands."""

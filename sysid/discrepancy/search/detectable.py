@@ -32,6 +32,9 @@ SIZES = 2.2 ** -np.arange(8.0)
 ENDLESS = 100.0
 """A null value above this stands for infinity: the effect is a limit."""
 
+RUN_AWAY = 1e60
+"""A run that leaves all bounds shows its effect: the square of what it is off stays a number."""
+
 WIDE = 20.0
 """Limits whose bounds are further apart than this factor are tried on a logarithmic scale."""
 
@@ -146,6 +149,7 @@ def _unexplained(search: NamingSearch, node: Node, lanes: Array, noise: _Noise) 
         base = search.model.run(node.q, data)[0]
         change = (search.model.run(lanes, data) - base)[:, :total] * weight
         flat = np.nan_to_num(change.reshape(len(lanes), -1), posinf=0.0, neginf=0.0)
+        flat = np.clip(flat, -RUN_AWAY, RUN_AWAY)
         if coefficients is None:
             size = np.maximum(np.sqrt(np.sum(J**2, axis=0)), 1e-300)
             A = (J / size).T @ (J / size)

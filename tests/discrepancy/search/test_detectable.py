@@ -1,12 +1,15 @@
 """Could this log have shown it? Sizes fall with the noise; impossible ones are None."""
 
 import numpy as np
+import pytest
 from plain_tracks import CHANNELS, DT, FULL, noise, simulate
 
 from sysid.data.record import Array, Record
 from sysid.discrepancy.base_model import plain_base
 from sysid.discrepancy.search.detectable import detectable
+from sysid.discrepancy.search.prepared import Data
 from sysid.discrepancy.search.slopes import slopes
+from sysid.discrepancy.search.supermodel import SuperModel
 from sysid.effects.catalogue import chain_effects, effect
 
 IDS = ("dead-zone", "input-saturation", "cross-coupling", "direction-asymmetry", "rate-limit")
@@ -47,6 +50,27 @@ def test_small_effects_show_on_rich_logs_and_need_more_size_in_more_noise() -> N
     assert tightest is not None
     assert looser is not None
     assert looser > tightest > 0.5
+
+
+def test_a_run_that_leaves_all_bounds_shows_its_effect_without_an_overflow(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Warnings are errors here: the square of 1e200 had been one on the terminal."""
+    u, run = steps(False), SuperModel.run
+    records = [
+        Record(
+            u, simulate(u / FULL) + noise(np.random.default_rng(k), "white", len(u)), DT, **CHANNELS
+        )
+        for k in (1, 2)
+    ]
+    base = plain_base(records[:1], records[1:], EFFECTS)
+
+    def far(model: SuperModel, q: Array, data: Data) -> Array:
+        found = np.asarray(run(model, q, data))
+        return found if found.shape[0] < 2 else np.where(np.abs(found) > 1.0, 1e200, found)
+
+    monkeypatch.setattr(SuperModel, "run", far)
+    assert detectable(base.search, base.node, ["dead-zone"])["dead-zone"] is not None
 
 
 def test_a_size_that_it_gives_would_be_found_about_there() -> None:
