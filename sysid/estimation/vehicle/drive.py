@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.column_words import meaning, words
+from sysid.data.outliers import mended
 from sysid.data.reading.held import without_repeats
 from sysid.data.record import Array, Index, Record
 from sysid.errors import DataError
@@ -146,6 +147,14 @@ def drives_of(records: Sequence[Record], geometry: Geometry) -> Drives:
             "No wheel speeds were measured: the commanded ones stand for them, so that the lag of "
             "the pose holds the answer of the wheels, too."
         )
+    elif all(np.isfinite(r.y).all() for r in records):
+        clean = mended(records)
+        records = clean.records
+        if clean.words:
+            said.append(
+                f"Put on the line between their neighbours: {clean.words} that stand far out of "
+                "them, as lost telegrams do; for the vehicle each would be a turn."
+            )
     raw = tuple(Track(r.y, r.pose, r.dt) for r in records if r.pose is not None)
     if max(float(np.nanmax(np.abs(t.omega))) for t in raw) < STILL:
         raise DataError(f"the wheels of {records[0].name} never turn; give a log of a drive")
