@@ -156,7 +156,8 @@ def soft_ground(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
     machine = with_body(rig.machine, rng)
     body = replace(machine.body, creep=creep, rolling=rng.uniform(0.1, 0.3), slip_speed=0.005)
     rig = seen_from_above(replace(rig, machine=replace(machine, body=body)))
-    also = ("coulomb-friction", "stiction", "scrub-lag", SIDEWAYS)
+    # a body that ground which gives pulls along late is a law of inertial-coupling, share or none
+    also = ("coulomb-friction", "stiction", "scrub-lag", "inertial-coupling", SIDEWAYS)
     return rig, Hidden("longitudinal-slip", "soft ground", {"creep": creep}, also)
 
 

@@ -158,7 +158,7 @@ def inspect_samples(records: Sequence[Record]) -> SampleEffects:
     lost: list[Lost] = []
     held: list[Held] = []
     total = sum(len(r) for r in records)
-    slow = refreshes(records)
+    slow, few_ways = refreshes(records), _on_few_ways(records)
     for i, name in enumerate(records[0].output_names):
         series = [r.y[:, i] for r in records]
         whole = np.concatenate(series)
@@ -184,7 +184,7 @@ def inspect_samples(records: Sequence[Record]) -> SampleEffects:
         for w, m in zip(weights, masks, strict=True):
             w[m, i] = 0.0
         kept = np.concatenate([y[~m] for y, m in zip(series, masks, strict=True)])
-        behind_noise = 0.0 if step else blurred_step(kept)
+        behind_noise = 0.0 if step or few_ways else blurred_step(kept)
         step = step or behind_noise
         if step > 0.0:
             fresh_only = [y[~m] for y, m in zip(series, masks, strict=True)]
@@ -289,6 +289,18 @@ class _Gathered(NamedTuple):
     """Whether chance gathers them so once in e^16."""
     moves: bool
     """Whether readings in motion gather there, too."""
+
+
+def _on_few_ways(records: Sequence[Record]) -> bool:
+    """Whether no command is anything but zero or one size, either way.
+
+    Such a command drives a motor along the same few ways, over and over: the readings on them are
+    the same few values, and some step suits them by chance.
+    """
+    if not records[0].nu:
+        return False
+    commands = np.abs(np.concatenate([r.u for r in records]))
+    return all(len(np.unique(c[c > 0.0])) < 2 for c in commands.T)
 
 
 def blurred_step(y: Array) -> float:

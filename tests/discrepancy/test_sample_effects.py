@@ -4,10 +4,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from sysid_datasets.hidden_logs import NOISE, TYPICAL_SPEED, Request, hide
 
 from sysid.data.record import Channel, Record
-from sysid.discrepancy.samples import inspect_samples, smallest_named
+from sysid.discrepancy.samples import blurred_step, inspect_samples, smallest_named
 
 
 @cache
@@ -147,3 +148,14 @@ def test_equal_steps_of_a_staircase_are_no_step_of_the_sensor(levels: int, step:
     y += 0.05 * rng.standard_normal(len(u))
     found = inspect_samples([Record(u=u[:, None], y=y[:, None], dt=0.05)]).coarse
     assert [c.step for c in found] == pytest.approx([step] if step else [], rel=0.02)
+
+
+def test_a_command_of_one_size_gathers_readings_on_few_ways_which_is_no_step() -> None:
+    """Some step suits the same few values: one of an eighteenth of the speed had been named."""
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.choice([-1.0, 1.0], 400), rng.integers(5, 12, 400))[:3000]
+    speed = lfilter([0.0, 0.0, 0.2], np.poly([0.6, 0.5]), 20.0 * u)  # a motor and a lag
+    y = speed + rng.normal(0.0, 0.05, len(u))
+    assert blurred_step(y) > 0.0
+    channels = (Channel("u"),), (Channel("omega", "rad/s"),)
+    assert not inspect_samples([Record(u[:, None], y[:, None], 0.05, *channels)]).coarse
