@@ -22,12 +22,14 @@ def with_pose(found: Outcome, geometry: Geometry | None) -> tuple[Outcome, PoseD
     """What was found, ties resolved that the pose can tell, and what is missing on the ground."""
     if found.study.base.parts.estimation[0].pose is None:
         return found, None
-    pose = _examined(found, found.naming, geometry)
+    pose, fitted = _examined(found, found.naming, geometry), found.naming.final
     for n in found.naming.named if pose is not None else ():
         sensors = tuple(id for id in (n.id, *n.ties) if about(id).place is Place.READING)
         motors = tuple(id for id in (n.id, *n.ties) if id not in sensors)
         if not (sensors and motors) or found.study.base.on_rate:
             continue
+        if found.naming.final is not fitted:
+            break  # the rivals of a further tie were fitted beside the name that was exchanged
         by_sensor = _as(found.naming, n, sensors)
         other = _examined(found, by_sensor, geometry)
         if pose is None or other is None:
