@@ -21,6 +21,7 @@ from sysid.discrepancy.search.supermodel import SuperModel
 from sysid.effects.base import Effect, Place
 from sysid.effects.by_log import for_logs
 from sysid.effects.sensor import SAMPLING
+from sysid.effects.servo import is_of_servo, of_motor, of_servo
 from sysid.errors import DataError, ModelError
 from sysid.estimation.assessment.figures import Start, outputs
 from sysid.estimation.selection.contest import run_contest
@@ -32,6 +33,9 @@ from sysid.structures.linear.oe import OE
 from sysid.structures.model import Model
 
 LARGEST_ORDER = 3
+LEAST_OF_SERVO = 2
+"""A loop around a motor's position; friction may hide the second pole."""
+
 FULL_DRIVE = 20000.0
 """Pulse width of full drive of a robot log [µs]."""
 
@@ -185,6 +189,7 @@ def plain_base(
         if not on_rate:
             linear, delay = _linear(without_repeats(estimation))
             order = int(np.max(linear.structure.order_values()["nf"]))
+            order = max(order, LEAST_OF_SERVO if _is_servo(first) else 1)
         level = not may_lack_sign(estimation)
         order = min(order if level else LARGEST_ORDER, highest)
         late = "one sample" if delay == 1 else f"{delay} samples"
@@ -276,15 +281,29 @@ def given_base(
 
 
 def _possible(effects: Sequence[Effect], first: Record) -> tuple[Effect, ...]:
-    """Effects that what is read can have.
+    """Effects, and laws of them, that what is read can have.
 
-    A heater has no friction, no gear and no armature; the sum of positions is no wheel's angle.
+    A heater has no friction, no gear and no armature; the sum of positions is no wheel's angle. Of
+    a servo, whose command is the position to be reached, nothing in the log is a torque or speed,
+    and its loop has lags of its own.
     """
+    servo = _is_servo(first)
+    effects = [of_servo(e) if servo else of_motor(e) for e in effects]
+    if servo:
+        effects = [
+            e for e in effects if is_of_servo(e) or e.level or not (e.of_motion or e.exchanges)
+        ]
     if any(c.unit in POSITIONS for c in first.outputs):
         effects = [e for e in effects if not e.waves]
     if any(may_move(c.name, c.unit) for c in first.outputs):
         return tuple(effects)
     return tuple(e for e in effects if e.level or not e.of_motion)
+
+
+def _is_servo(first: Record) -> bool:
+    """Whether each command is a set point of the position that is read: both in one such unit."""
+    pairs = zip(first.inputs, first.outputs, strict=True)
+    return all(u.unit == y.unit and y.unit in POSITIONS for u, y in pairs)
 
 
 def _with_logs(effects: Sequence[Effect], parts: Parts, level: bool) -> tuple[Effect, ...]:

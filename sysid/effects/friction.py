@@ -45,7 +45,10 @@ def _sticking(xp: Any, torque: Signal, level: Signal, hold: Signal, c: Context) 
 def _coulomb(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
     # what speeds the track up is nearly all that is transmitted, as the back-emf takes the rest
     level = p["level"] + p["of_load"] * xp.abs(torque - c.w)
-    return _sticking(xp, torque, level, level, c), s
+    # of a servo T is the set point, ω the position: friction takes what would move it
+    to_stay = torque + (c.w_free - c.w) / c.b
+    short = torque - xp.minimum(xp.maximum(to_stay, -p["level"]), p["level"])
+    return xp.where(p["of_servo"] > 0.5, short, _sticking(xp, torque, level, level, c)), s
 
 
 def _stiction(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
@@ -143,7 +146,8 @@ EFFECTS = (
         "coulomb-friction",
         "motor",
         Place.TORQUE,
-        "T → T − (c + s |T − ω|) sign ω; sticks while |T| is no larger",
+        "T → T − (c + s |T − ω|) sign ω; sticks while |T| is no larger. Of a servo with set point "
+        "T and position y: T → T − c sign ẏ; sticks while |T − y| ≤ c",
         "Dry friction: a constant resistance while moving, standstill below it.",
         "It stands at small commands and stops sooner than it should.",
         "A slow staircase through zero, and coasting from speed.",
@@ -154,14 +158,19 @@ EFFECTS = (
                 0.0,
                 0.0,
                 HEAVIEST,
-                (0.05, 0.15, 0.3, 0.03, 0.03),
+                (0.05, 0.15, 0.3, 0.03, 0.03, 0.03, 0.1, 0.3),
                 "speed",
                 kinks=True,
                 at_null=True,
                 as_command=True,
             ),
-            EffectParameter("of_load", "", 0.0, 0.0, 0.6, (0.0,) * 3 + (0.1, 0.25), kinks=True),
-            EffectParameter("by_load", "", 0.0, 0.0, 1.0, (0.0,) * 3 + (1.0,) * 2, choice=True),
+            EffectParameter(
+                "of_load", "", 0.0, 0.0, 0.6, (0.0,) * 3 + (0.1, 0.25) + (0.0,) * 3, kinks=True
+            ),
+            EffectParameter(
+                "by_load", "", 0.0, 0.0, 1.0, (0.0,) * 3 + (1.0,) * 2 + (0.0,) * 3, choice=True
+            ),
+            EffectParameter("of_servo", "", 0.0, 0.0, 1.0, (0.0,) * 5 + (1.0,) * 3, choice=True),
         ),
         _coulomb,
         inverse=inverses.against_coulomb,
@@ -170,12 +179,18 @@ EFFECTS = (
         programmes=(STAIRCASE, COASTING, RAMPS),
         weakens=True,
         laws=(
-            Law(("level",), choices={"by_load": 0.0}),
+            Law(("level",), choices={"by_load": 0.0, "of_servo": 0.0}),
             Law(
                 ("level", "of_load"),
-                choices={"by_load": 1.0},
+                choices={"by_load": 1.0, "of_servo": 0.0},
                 sentence="It grows with the torque that is transmitted, as in a worm or planetary "
                 "gear.",
+            ),
+            Law(
+                ("level",),
+                choices={"of_servo": 1.0},
+                sentence="The loop of the servo pushes less than it holds within so much of the "
+                "set point: there it stays.",
             ),
         ),
     ),

@@ -79,11 +79,15 @@ def _onward(xp: Any, torque: Signal, c: Context) -> Signal:
 
 
 def against_coulomb(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
-    """The x with x − (c + s |x − ω|) sign ω = T, in the direction against which friction acts."""
+    """The x with x − (c + s |x − ω|) sign ω = T, in the direction against which friction acts.
+
+    Of a servo the set point beyond the wanted one, T + c sign(T − y).
+    """
     way = _onward(xp, torque, c)
     wanted = torque - c.w + p["level"] * way
     against = xp.where(wanted * way >= 0.0, 1.0 - p["of_load"], 1.0 + p["of_load"])
-    return c.w + wanted / against
+    short = torque + p["level"] * xp.sign(torque - c.w)
+    return xp.where(p["of_servo"] > 0.5, short, c.w + wanted / against)
 
 
 def against_stiction(xp: Any, torque: Signal, p: P, c: Context) -> Signal:

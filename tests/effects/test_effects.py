@@ -141,7 +141,11 @@ STEADY = {
     "concave-gain": ({"kappa": 0.3, "cubic": 0.0}, 0.5, GAIN * 0.5 * 0.85),
     "direction-asymmetry": ({"rho": 0.8}, -0.5, -GAIN * 0.4),
     "supply-sag": ({"sag": 0.2, "emf": 0.0, "current": 0.0}, 0.5, GAIN * 0.5 * 0.9),
-    "coulomb-friction": ({"level": 3.0, "of_load": 0.2}, 0.5, GAIN * 0.5 - 3.0 / 0.8),
+    "coulomb-friction": (
+        {"level": 3.0, "of_load": 0.2, "of_servo": 0.0},
+        0.5,
+        GAIN * 0.5 - 3.0 / 0.8,
+    ),
     "quadratic-drag": ({"drag": 0.1}, 0.5, (np.sqrt(1.0 + 4 * 0.1 * 10.0) - 1.0) / 0.2),
     "load-bias": ({"load": 1.0}, 0.5, GAIN * 0.5 - 1.0),
     "viscous-asymmetry": (
@@ -176,7 +180,9 @@ def test_a_cubic_gain_bends_by_the_square_of_the_command() -> None:
 
 
 def test_dry_friction_holds_the_track_still_and_lets_it_go() -> None:
-    friction = {"coulomb-friction": {"level": both(3.0), "of_load": both(0.0)}}
+    friction = {
+        "coulomb-friction": {"level": both(3.0), "of_load": both(0.0), "of_servo": both(0.0)}
+    }
     assert np.all(run(friction, held(0.149)) == 0.0)
     assert np.all(run(friction, held(0.16))[-1] > 0.0)
     braked = run(friction, np.vstack([held(0.5, 60), held(0.0, 60)]))
@@ -261,7 +267,7 @@ def test_a_body_that_follows_at_once_is_tied_rigidly() -> None:
 
 
 def test_a_track_that_sticks_does_not_feel_the_other_ones_inertia() -> None:
-    dry = {"level": both(3.0), "of_load": both(0.0)}
+    dry = {"level": both(3.0), "of_load": both(0.0), "of_servo": both(0.0)}
     coupled = nulls(effect("inertial-coupling")) | {"share": both(0.4)}
     numbers = {"inertial-coupling": coupled, "coulomb-friction": dry}
     drive = np.column_stack([np.full(60, 0.1), np.full(60, 0.5)])

@@ -22,8 +22,8 @@ def speeds(drives: list[float], parts: int, effect: str, numbers: list[float]) -
 @pytest.mark.parametrize("back", [-1.0, -0.5, -0.16, -0.14, 0.0])
 def test_a_reversal_within_a_sample_is_exact(back: float) -> None:
     drives = [0.0, 1.0, back, 0.6, back]
-    coarse = speeds(drives, 1, "coulomb-friction", [LEVEL, 0.0, 0.0])
-    fine = speeds(drives, 2000, "coulomb-friction", [LEVEL, 0.0, 0.0])
+    coarse = speeds(drives, 1, "coulomb-friction", [LEVEL, 0.0, 0.0, 0.0])
+    fine = speeds(drives, 2000, "coulomb-friction", [LEVEL, 0.0, 0.0, 0.0])
     # small steps err by what one of them is worth at a passage, Δt/2000 · T/τ
     np.testing.assert_allclose(coarse, fine, atol=DT / 2000 * 2.0 * GAIN / TAU)
     assert np.ptp(coarse) > 5.0

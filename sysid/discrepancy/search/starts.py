@@ -7,11 +7,13 @@ import numpy as np
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array
 from sysid.discrepancy.over_angle import over_angle, strongest_lines
+from sysid.discrepancy.search.from_motion import from_motion
 from sysid.discrepancy.search.numbers import Slot
 from sysid.discrepancy.search.prepared import Data
 from sysid.discrepancy.search.supermodel import SuperModel
 from sysid.effects.base import Effect, StartsFrom, Wave
 from sysid.effects.catalogue import CHANGED
+from sysid.effects.servo import is_of_servo
 from sysid.structures.blocks.sign_recovery import LAGS, recovered
 
 PILE_UP = 0.01
@@ -64,6 +66,8 @@ def _starts_of(model: SuperModel, e: Effect, q: Array, errors: Array, data: Data
         for slot, value in values.items():
             row[slot] = value
         found.append(row)
+    if is_of_servo(e):
+        return [*found, *from_motion(model, e, q, data)]
     if e.weakens:
         found += [_stronger(model, row) for row in found]
     return found
