@@ -18,10 +18,9 @@ from sysid.discrepancy.search.logs import logs_of
 from sysid.discrepancy.search.named_sets import Node
 from sysid.discrepancy.search.naming import NamingSearch
 from sysid.discrepancy.search.supermodel import SuperModel
-from sysid.effects.base import Effect, Place
+from sysid.effects.base import Effect, Place, is_of_servo, of_motor, of_servo
 from sysid.effects.by_log import for_logs
 from sysid.effects.sensor import SAMPLING
-from sysid.effects.servo import is_of_servo, of_motor, of_servo
 from sysid.errors import DataError, ModelError
 from sysid.estimation.assessment.figures import Start, outputs
 from sysid.estimation.selection.contest import run_contest
