@@ -3,8 +3,9 @@
 An effect at its null value costs as much as one that acts. With all of the catalogue a step takes
 thirty times as long as with one effect, while most lanes hold one or two. So lanes are parted by
 the effects that act in them, rounded up to groups so that few simulations are compiled. Effects of
-what is read that are computed for a whole record at once cost next to nothing and are in all of
-them.
+what is read that are computed for a whole record at once, and effects of the command that look at
+one sample of it only, cost next to nothing and are in all of them: beside a dead zone all others
+are tried with the simulations that were compiled to try them alone.
 """
 
 import os
@@ -62,7 +63,7 @@ class Runs:
     def __init__(self, numbers: Numbers) -> None:
         self.numbers = numbers
         before, inside, _ = stages(numbers.effects)
-        self.groups = (*groups(before), *groups(inside))
+        self.groups = (*groups([e for e in before if not at_once(e)]), *groups(inside))
         owners = np.array([s.owner for s in numbers.slots])
         self._slots = [np.isin(owners, [e.id for e in group]) for group in self.groups]
         self._compiled: dict[tuple[bool, ...], Callable[..., Any]] = {}
@@ -134,7 +135,7 @@ def _simulation(
     jnp = vectorised(jax.numpy)
     numbers = Numbers(catalogue, order, tracks, np.ones(tracks), dt)
     whole_command, _, after = stages(catalogue)
-    before = [e for e in some if e in whole_command]
+    before = [e for e in whole_command if e in some or at_once(e)]
     inside = [e for e in some if e not in whole_command]
     zero = jnp.zeros(tracks)
     effects = (*before, *inside, *after)
@@ -204,6 +205,11 @@ def groups(effects: Sequence[Effect]) -> tuple[tuple[Effect, ...], ...]:
         else:
             found.append((e,))
     return tuple(found)
+
+
+def at_once(e: Effect) -> bool:
+    """Whether an effect of the command looks at nothing but the command of the same sample."""
+    return e.on_past is None and not e.states
 
 
 def stages(

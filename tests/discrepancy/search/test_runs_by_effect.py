@@ -9,7 +9,7 @@ import pytest
 from sysid.data.record import Record
 from sysid.discrepancy.search.batched_search import best_tracks, squares
 from sysid.discrepancy.search.prepared import prepare
-from sysid.discrepancy.search.runs import GROUP_PARAMETERS, LANES, groups, stages
+from sysid.discrepancy.search.runs import GROUP_PARAMETERS, LANES, at_once, groups, stages
 from sysid.discrepancy.search.supermodel import SuperModel
 from sysid.effects.base import Effect
 from sysid.effects.catalogue import chain_effects, effect
@@ -79,7 +79,7 @@ def test_every_effect_up_to_the_motion_is_in_one_group(stage: int) -> None:
     assert max(sizes) <= GROUP_PARAMETERS
 
 
-def test_a_run_holds_no_effect_of_the_command_that_does_not_act(
+def test_what_looks_at_one_sample_of_the_command_is_compiled_for_no_other_simulation(
     record: Record, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     some = stages(chain_effects())[0]
@@ -92,10 +92,12 @@ def test_a_run_holds_no_effect_of_the_command_that_does_not_act(
         return whole(acting)
 
     monkeypatch.setattr(model.runs, "simulation", noted)
-    q = np.repeat(model.null[None], 2, axis=0)
+    q = np.repeat(model.null[None], 3, axis=0)
     q[1, model.place["dead-zone", "plus", 0]] = 0.2
+    q[2, model.place["input-delay", "delay", 0]] = 0.1
     model.run(q, prepare([record], np.ones(2), 1))
-    (own,) = (group for group in groups(some) if effect("dead-zone") in group)
+    later = [e for e in some if not at_once(e)]
+    (own,) = (group for group in groups(later) if effect("input-delay") in group)
     assert sorted(held, key=len) == [set(), {e.id for e in own}]
     assert len(own) < len(some)
 
