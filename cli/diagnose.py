@@ -16,12 +16,16 @@ from .diagnose_report import show
 from .field_options import with_options
 from .mission_options import Driven, driven
 
+SEARCHED = 0.7
+"""Share of a diagnosis after which the search is over and the page is near."""
+
 if TYPE_CHECKING:
     from sysid.data.finding import Finding
     from sysid.data.preparation import Preparation
     from sysid.data.reading.read_options import ReadOptions
     from sysid.data.record import Record
     from sysid.discrepancy.diagnosis import Diagnosis
+    from sysid.report.second_process import SecondProcess
     from sysid.structures.model import Model
 
 
@@ -73,15 +77,19 @@ def diagnose(
     if drive.package is not None and model is not None:
         raise UsageError("--model and --plant both name the model to doubt; give one of them")
     given = place.load(model) if model is not None else None
+    from sysid.report.html import drawing_tools
+    from sysid.report.second_process import SecondProcess
+
     read, steps = as_fitted(given, read, steps)
     data = _estimation_data(logs, read, steps, place, given, drive)
     held, held_as = _records(validation, data.read, steps) if validation else (None, ())
-    found = _run(data, held, drive, (*data.findings, *held_as), bench)
     files = [str(p.resolve()) for p in logs]
     origin = {"files": files, "read": data.read.to_json(), "prepare": steps.to_json()}
     judged = judged_on(held or (), validation or ())
-    before, after = keep_models(place, found, data.base, origin, judged)
-    document = write_results(folder, found, before, after)
+    with SecondProcess(drawing_tools) as second:
+        found = _run(data, held, drive, (*data.findings, *held_as), bench, second)
+        before, after = keep_models(place, found, data.base, origin, judged)
+        document = write_results(folder, found, before, after, second)
     render.document(document) if json else show(found, before, after, folder, validation or ())
 
 
@@ -155,8 +163,18 @@ def _run(
     drive: Driven,
     read_as: "tuple[Finding, ...]",
     bench: Path | None,
+    second: "SecondProcess",
 ) -> "Diagnosis":
-    """The diagnosis, with what there is to say about the reading of its logs."""
+    """The diagnosis, with what there is to say about the reading of its logs.
+
+    Args:
+        data: what effects are searched on.
+        held: what judges.
+        drive: the mission and the vehicle.
+        read_as: what there is to say about the reading.
+        bench: what a bench measured.
+        second: started when the search is over: it will draw.
+    """
     from sysid.data.finding import notes, warned
     from sysid.discrepancy.diagnose import diagnose
     from sysid.effects.catalogue import chain_effects
@@ -168,7 +186,13 @@ def _run(
     for record in (*data.records, *(held or ())):
         if data.doubted is not None:
             data.doubted.check(record)
-    with render.stages("Diagnosing") as progress:
+    with render.stages("Diagnosing") as shown:
+
+        def progress(what: str, share: float) -> None:
+            if share > SEARCHED:
+                second.start()
+            shown(what, share)
+
         found = diagnose(
             data.records,
             held,
