@@ -6,7 +6,7 @@ DEMO   := demo_out
 SYSID  := $(BIN)/sysid
 LOGS   := datasets/devastator
 
-.PHONY: demo test test-slow bench reports study study-diagnose study-real datasets clean help
+.PHONY: demo test test-slow bench reports study study-diagnose study-physics study-real datasets clean help
 
 help:  ## List what make can do
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
@@ -80,6 +80,11 @@ study: $(VENV)/.installed-test  ## Slow studies: coverage, alarm rates, every st
 
 study-diagnose: $(VENV)/.installed-test  ## Slow study: what sysid diagnose names on hidden effects, blind
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_diagnose.py
+
+PHYSICS_RUNS ?= .study-cache/physics_runs.jsonl
+study-physics: $(VENV)/.installed-test  ## Hours: what it names on machines simulated from physics; goes on where it was stopped
+	@mkdir -p $(dir $(PHYSICS_RUNS))
+	OPENBLAS_NUM_THREADS=1 NPROC=1 $(BIN)/python benchmarks/study_physics_diagnose.py --results $(PHYSICS_RUNS)
 
 study-real: $(VENV)/.installed-test  ## Study: what sysid diagnose names on measured records
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_real_diagnose.py

@@ -7,7 +7,8 @@ would, and calls the function without any further knowledge. Marks are those of
     python benchmarks/study_physics_diagnose.py --suite singles,nothing --seeds 0:20 --results FILE
 
 ``--results FILE`` keeps finished runs, a line of JSON each, and does not run them again. Without
-``--suite`` all suites run. Seeds from 10000 on judge, once: no rule may be set on them.
+``--suite`` all suites run, some 600 runs; the page tells of those that are done. Seeds from 10000
+on judge, once: no rule may be set on them.
 """
 
 import argparse
@@ -33,6 +34,9 @@ BELIEVED = 3.0
 
 SHOWN = 1.0
 """Error of the best plain line over the noise from which an effect is called visible."""
+
+WHOLE = "singles:160,small:60,nothing:170,pairs:80,triples:48,realistic:3,machines:60,outside:40"
+"""Runs of a whole study: some three hours on two quiet cores."""
 
 HIDES_NOTHING = frozenset({"nothing", "outside"})
 
@@ -228,7 +232,9 @@ def _marks(some: Sequence[Run]) -> list[str]:
 def main(arguments: list[str] | None = None) -> int:
     """Run the study and write its report; 1 if a run had no answer."""
     parser = argparse.ArgumentParser(description="Diagnose machines simulated from physics.")
-    parser.add_argument("--suite", default=",".join(SUITES), metavar="LIST", help="by commas")
+    parser.add_argument(
+        "--suite", default=WHOLE, metavar="NAME[:RUNS],…", help="suites, or suites and their runs"
+    )
     parser.add_argument(
         "--seeds", default=f"{FRESH}:{FRESH + 60}", metavar="FROM:TO", help="of each suite"
     )
@@ -239,22 +245,44 @@ def main(arguments: list[str] | None = None) -> int:
         "-o", "--out", type=Path, default=Path("reports/physics_diagnose.md"), metavar="FILE"
     )
     options = parser.parse_args(arguments)
-    suites = options.suite.split(",")
     try:
         first, last = (int(s) for s in options.seeds.split(":"))
+        runs_of = {
+            name: int(count) if count else last - first
+            for name, _, count in (s.partition(":") for s in options.suite.split(","))
+        }
     except ValueError:
-        parser.error("--seeds is FROM:TO, two whole numbers")
-    if unknown := [s for s in suites if s not in SUITES]:
+        parser.error("--seeds is FROM:TO and runs are counted, all whole numbers")
+    if unknown := [s for s in runs_of if s not in SUITES]:
         parser.error(f"no suite {', '.join(unknown)}; there are {', '.join(SUITES)}")
-    wanted = [(suite, seed) for seed in range(first, last) for suite in suites]
+    wanted = interleaved(runs_of, first)
     runs = study(wanted, options.jobs, options.results, options.limit)
-    asked = f"{', '.join(suites)}; seeds {first} to {last - 1}"
+    runs = sorted(runs, key=lambda r: (list(runs_of).index(r.group), r.key))
+    done = {s: [k for suite, k in map(_place, runs) if suite == s] for s in runs_of}
+    asked = "; ".join(f"{s} {min(k)} to {max(k)}" for s, k in done.items() if k)
+    asked = f"seeds of {asked}"
     options.out.write_text(report(runs, asked), encoding="utf-8")
     from stamps import stamped
 
     stamped(options.out)
     print(f"{len(runs)} of {len(wanted)} runs; report in {options.out}")
     return int(any(r.error for r in runs))
+
+
+def interleaved(runs_of: Mapping[str, int], first: int) -> list[tuple[str, int]]:
+    """(suite, seed) of all runs, each suite spread evenly: whenever it stops, all have their share.
+
+    Args:
+        runs_of: runs of each suite.
+        first: seed of each suite's first run.
+    """
+    places = [((k + 0.5) / n, suite, first + k) for suite, n in runs_of.items() for k in range(n)]
+    return [(suite, seed) for _, suite, seed in sorted(places)]
+
+
+def _place(run: Run) -> tuple[str, int]:
+    suite, _, seed = run.key.rpartition("-")
+    return suite, int(seed)
 
 
 def study(

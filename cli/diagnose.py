@@ -16,8 +16,9 @@ from .diagnose_report import show
 from .field_options import with_options
 from .mission_options import Driven, driven
 
-SEARCHED = 0.7
-"""Share of a diagnosis after which the search is over and the page is near."""
+SEARCHING = 0.1
+"""Share of a diagnosis from which it searches, on less than two cores: a second process is then
+ready to draw when there is something to be drawn."""
 
 if TYPE_CHECKING:
     from sysid.data.finding import Finding
@@ -173,7 +174,7 @@ def _run(
         drive: the mission and the vehicle.
         read_as: what there is to say about the reading.
         bench: what a bench measured.
-        second: started when the search is over: it will draw.
+        second: started with the search: it will draw.
     """
     from sysid.data.finding import notes, warned
     from sysid.discrepancy.diagnose import diagnose
@@ -189,7 +190,7 @@ def _run(
     with render.stages("Diagnosing") as shown:
 
         def progress(what: str, share: float) -> None:
-            if share > SEARCHED:
+            if share >= SEARCHING:
                 second.start()
             shown(what, share)
 

@@ -228,3 +228,17 @@ def test_a_name_that_is_also_right_counts_once(monkeypatch: pytest.MonkeyPatch) 
         ("dead-zone",),
     )
     assert study.translated([], said) == tuple(said)
+
+
+def test_a_study_that_is_stopped_has_run_its_share_of_every_suite(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    study = load("benchmarks/study_physics_diagnose.py")
+    wanted = study.interleaved({"singles": 40, "pairs": 20, "realistic": 2}, 500)
+    assert len(set(wanted)) == len(wanted) == 62
+    for share in (0.25, 0.5, 0.8):
+        some = wanted[: round(share * len(wanted))]
+        for suite, runs in (("singles", 40), ("pairs", 20), ("realistic", 2)):
+            assert abs(sum(s == suite for s, _ in some) - share * runs) <= 1.0
+    assert sorted(k for s, k in wanted if s == "pairs") == list(range(500, 520))
