@@ -19,6 +19,7 @@ from sysid.discrepancy.proof.acceptance import (
     drifting_level,
     least_beside,
     small_share,
+    unknown_wave,
     weakest,
 )
 from sysid.discrepancy.proof.exchange import with_exchanged_lags
@@ -278,6 +279,7 @@ class Study:
         return (
             least
             or drifting_level(self.base, naming)
+            or unknown_wave(self.base, naming)
             or self.too_small_a_share(naming)
             or self._absorber(naming, least_left)
         )

@@ -34,6 +34,9 @@ DRIFTS = (
     "what it shifts is no constant: over the logs the level wanders about as far as it is off zero"
 )
 
+KNOWN = 3.0
+"""Standard errors that the number of waves in a rad is worth where such a wave is named."""
+
 ENDLESS = 100.0
 """A null value beyond this stands for no limit at all."""
 
@@ -139,6 +142,30 @@ def drifting_level(base: Base, naming: Naming) -> Dropped | None:
         shift = np.array([abs(final.q[model.place[n.id, first, i]]) for i in range(model.tracks)])
         if drifts((*final.errors.estimation, *final.errors.held), shift)[n.touched].all():
             return Dropped(n.id, DRIFTS)
+    return None
+
+
+def unknown_wave(base: Base, naming: Naming) -> Dropped | None:
+    """An accepted wave over the angle of which no track knows how often it comes in a rad.
+
+    A disturbance that wanders looks like a part of one long wave.
+    """
+    model, final = base.search.model, naming.final
+    at = std_errors(base, final)
+    for n in naming.named:
+        places = [
+            model.place[n.id, wave.line, i]
+            for wave in about(n.id).waves
+            for i in np.flatnonzero(n.touched).tolist()
+        ]
+        rates = [k for k in dict.fromkeys(places) if k in at]
+        if rates and all(final.q[k] < KNOWN * at[k] for k in rates):
+            said = ", ".join(f"{final.q[k]:.2g} ± {at[k]:.1g}" for k in rates)
+            return Dropped(
+                n.id,
+                f"how often it comes in a rad of the angle is not known ({said}): what wanders "
+                "looks like a part of one long wave",
+            )
     return None
 
 

@@ -2,6 +2,8 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from sysid.discrepancy.findings import sentence_of
 from sysid.discrepancy.gap import carries_an_output, share_closed
 from sysid.discrepancy.named_effects import NamedEffect, Value
 from sysid.discrepancy.policies import RULE, VERDICT
+from sysid.discrepancy.proof import acceptance
 from sysid.discrepancy.proof.acceptance import (
     Number,
     _acting_alone,
@@ -22,6 +25,7 @@ from sysid.discrepancy.proof.acceptance import (
 )
 from sysid.discrepancy.search.evidence import Evidence
 from sysid.discrepancy.search.named_sets import Interval, Naming
+from sysid.discrepancy.search.supermodel import SuperModel
 from sysid.discrepancy.study import Study, noise_of
 from sysid.discrepancy.verdict import Remaining, verdict_of
 from sysid.effects.catalogue import about, chain_effects
@@ -81,6 +85,24 @@ def test_a_constant_in_the_model_is_judged_by_what_wanders_beside_it() -> None:
     size = float(np.std(walk))
     assert drifts([walk[:1200], walk[1200:]], np.array([0.5 * size]))[0]
     assert not drifts([walk[:1200], walk[1200:]], np.array([8.0 * size]))[0]
+
+
+@pytest.mark.parametrize(("error", "dropped"), [(0.015, True), (0.002, False), (None, False)])
+def test_a_wave_that_may_come_any_number_of_times_is_what_wanders(
+    monkeypatch: pytest.MonkeyPatch, error: float | None, dropped: bool
+) -> None:
+    """A random walk beside a multisine had been a weight with 0.030 ± 0.015 waves a rad."""
+    model = SuperModel((about("gravity-load"),), 1, 1, np.array([10.0]), 0.05)
+    rate = model.place["gravity-load", "per_turn", 0]
+    q = model.null.copy()
+    q[rate] = 0.03
+    monkeypatch.setattr(acceptance, "std_errors", lambda base, node: {rate: error} if error else {})
+    named = SimpleNamespace(id="gravity-load", touched=np.array([True]))
+    naming: Any = SimpleNamespace(final=SimpleNamespace(q=q), named=[named])
+    base: Any = SimpleNamespace(search=SimpleNamespace(model=model))
+    found = acceptance.unknown_wave(base, naming)
+    assert (found is not None) == dropped
+    assert found is None or "0.03 ± 0.01" in found.reason
 
 
 def test_one_number_away_from_its_null_is_enough_and_a_limit_needs_its_upper_end() -> None:
