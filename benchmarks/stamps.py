@@ -48,10 +48,7 @@ MADE_BY: dict[str, tuple[str, str]] = {
     "narx_wavelet.md": ("study_narx_wavelet.py", "python benchmarks/study_narx_wavelet.py"),
     "grey_boxes.md": ("study_grey_box.py", "python benchmarks/study_grey_box.py"),
     "diagnose_study.md": ("study_diagnose.py", "make study-diagnose"),
-    "physics_diagnose.md": (
-        "study_physics_diagnose.py",
-        "python benchmarks/study_physics_diagnose.py",
-    ),
+    "physics_diagnose.md": ("study_physics_diagnose.py", "make study-physics"),
     "detectable.md": ("study_detectable.py", "python benchmarks/study_detectable.py"),
     "real_diagnose.md": ("study_real_diagnose.py", "make study-real"),
     "ties.md": ("study_ties.py", "python benchmarks/study_ties.py"),
