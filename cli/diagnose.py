@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
     from sysid.data.record import Record
     from sysid.discrepancy.diagnosis import Diagnosis
-    from sysid.report.second_process import SecondProcess
+    from sysid.second_process import SecondProcess
     from sysid.structures.model import Model
 
 
@@ -79,7 +79,7 @@ def diagnose(
         raise UsageError("--model and --plant both name the model to doubt; give one of them")
     given = place.load(model) if model is not None else None
     from sysid.report.html import drawing_tools
-    from sysid.report.second_process import SecondProcess
+    from sysid.second_process import SecondProcess
 
     read, steps = as_fitted(given, read, steps)
     data = _estimation_data(logs, read, steps, place, given, drive)

@@ -10,7 +10,7 @@ from sysid.workspace.store import StoredModel, Workspace
 
 if TYPE_CHECKING:
     from sysid.discrepancy.diagnosis import Diagnosis, Experiment
-    from sysid.report.second_process import SecondProcess
+    from sysid.second_process import SecondProcess
     from sysid.structures.model import Model
 
 

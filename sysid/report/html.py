@@ -17,7 +17,7 @@ from sysid.report import diagnosis_bars, diagnosis_drawing, diagnosis_picture, s
 from sysid.report import diagnosis_words as words
 from sysid.report.layout import NARROW, NARROWEST_WIDE, WIDE, Layout
 from sysid.report.plots import inline_svg, share_letters
-from sysid.report.second_process import SecondProcess
+from sysid.second_process import SecondProcess
 
 _TEMPLATE = "diagnosis.html.j2"
 

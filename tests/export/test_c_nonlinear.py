@@ -192,7 +192,7 @@ def behind(inner: Callable[[], Model]) -> Model:
         model.structure, model.theta, *offsets, np.array([2.0, 1.5]), np.array([-0.7, -0.8])
     )
     made = Augmented(1, 1, (1.0, 1.0), DT, ("dead-zone", "coulomb-friction", "sensor-lag"), given)
-    effects = [0.1, 0.12, 0.02] * 2 + [0.05, 0.1, 1.0] * 2 + [0.03] * 2
+    effects = [0.1, 0.12, 0.02] * 2 + [0.05, 0.1, 1.0, 0.0] * 2 + [0.03] * 2
     return hand_made(made, np.array([2.0, -0.7, 1.5, -0.8, *effects]), reach=(-2.0, 2.0))
 
 

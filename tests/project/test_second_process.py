@@ -6,7 +6,7 @@ from functools import partial
 
 import pytest
 
-from sysid.report.second_process import SecondProcess
+from sysid.second_process import SecondProcess
 
 
 def own_process(name: str = "") -> int:
