@@ -16,10 +16,6 @@ from .diagnose_report import show
 from .field_options import with_options
 from .mission_options import Driven, driven
 
-SEARCHING = 0.1
-"""Share of a diagnosis from which it searches, on less than two cores: a second process is then
-ready to draw when there is something to be drawn."""
-
 if TYPE_CHECKING:
     from sysid.data.finding import Finding
     from sysid.data.preparation import Preparation
@@ -28,6 +24,10 @@ if TYPE_CHECKING:
     from sysid.discrepancy.diagnosis import Diagnosis
     from sysid.second_process import SecondProcess
     from sysid.structures.model import Model
+
+SEARCHING = 0.1
+"""Share of a diagnosis from which it searches, on less than two cores: a second process is then
+ready to draw when there is something to be drawn."""
 
 
 @reading.composed(drive=driven, steps=reading.preparation, read=reading.read_options)
@@ -78,15 +78,15 @@ def diagnose(
     if drive.package is not None and model is not None:
         raise UsageError("--model and --plant both name the model to doubt; give one of them")
     given = place.load(model) if model is not None else None
-    from sysid.report.html import drawing_tools
-    from sysid.second_process import SecondProcess
-
     read, steps = as_fitted(given, read, steps)
     data = _estimation_data(logs, read, steps, place, given, drive)
     held, held_as = _records(validation, data.read, steps) if validation else (None, ())
     files = [str(p.resolve()) for p in logs]
     origin = {"files": files, "read": data.read.to_json(), "prepare": steps.to_json()}
     judged = judged_on(held or (), validation or ())
+    from sysid.report.html import drawing_tools
+    from sysid.second_process import SecondProcess
+
     with SecondProcess(drawing_tools) as second:
         found = _run(data, held, drive, (*data.findings, *held_as), bench, second)
         before, after = keep_models(place, found, data.base, origin, judged)

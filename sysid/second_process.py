@@ -35,10 +35,17 @@ class SecondProcess:
             self._pool.shutdown(wait=False, cancel_futures=True)
 
     def start(self) -> None:
-        """Start the process, once; its imports go on beside what follows here."""
-        if self._pool is None and (os.cpu_count() or 1) > 1:
+        """Start the process, once; its imports go on beside what follows here.
+
+        Where a system lends no further process or semaphore, there is none.
+        """
+        if self._pool is not None or (os.cpu_count() or 1) < 2:
+            return
+        try:
             self._pool = ProcessPoolExecutor(1, get_context("spawn"))
             self._pool.submit(self._ready)
+        except (OSError, ImportError, NotImplementedError):
+            self._pool = None
 
     def call(self, function: Callable[[], T]) -> Callable[[], T]:
         """What gives the result of a function, which is run there if the process was started.

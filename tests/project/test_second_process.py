@@ -6,6 +6,7 @@ from functools import partial
 
 import pytest
 
+from sysid import second_process
 from sysid.second_process import SecondProcess
 
 
@@ -52,4 +53,15 @@ def test_what_a_dead_process_leaves_is_done_here() -> None:
         second.start()
         os.kill(second.call(own_process)(), signal.SIGKILL)
         assert second.call(own_process)() == os.getpid()
+        assert second.call(own_process)() == os.getpid()
+
+
+@pytest.mark.usefixtures("two_cores")
+def test_a_system_that_lends_no_process_does_without(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object) -> None:
+        raise OSError("no semaphores here")
+
+    monkeypatch.setattr(second_process, "ProcessPoolExecutor", refused)
+    with SecondProcess(own_process) as second:
+        second.start()
         assert second.call(own_process)() == os.getpid()
