@@ -6,7 +6,14 @@ from dataclasses import replace
 import numpy as np
 from sysid_datasets.physics.hidden import Cause, Hidden, in_drives, part
 from sysid_datasets.physics.parameters import Drive
-from sysid_datasets.physics.robots import SPREAD, Rig, figures, log_uniform, with_body
+from sysid_datasets.physics.robots import (
+    SPREAD,
+    Rig,
+    figures,
+    log_uniform,
+    on_firm_ground,
+    with_body,
+)
 
 Drawn = tuple[Rig, Hidden]
 
@@ -214,7 +221,7 @@ def soft_ground_turns(rng: np.random.Generator, rig: Rig, factor: float) -> Draw
     """A body that the ground resists in turning, in proportion to the rate."""
     f = figures(rig.machine)
     share = log_uniform(rng, 0.05, 0.8) * factor
-    machine = with_body(rig.machine, rng)
+    machine = on_firm_ground(with_body(rig.machine, rng))
     b = machine.body
     damping = f.stall_torque / f.speed
     rate = share * damping * (b.width / b.radius_left) ** 2 / 2.0
@@ -228,7 +235,8 @@ def body_inertia(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
     """A body whose mass and yaw inertia do not balance: each track feels the other accelerate."""
     more = log_uniform(rng, 0.15, 1.5) * factor
     off = more if rng.uniform() < 0.5 else -more / (1.0 + more)
-    rig = replace(rig, machine=with_body(rig.machine, rng, coupled=off))
+    machine = on_firm_ground(with_body(rig.machine, rng, coupled=off))
+    rig = replace(rig, machine=machine)
     return rig, Hidden("inertial-coupling", "mass of the body", {"yaw_over_balanced": off})
 
 

@@ -119,6 +119,19 @@ def with_body(machine: Machine, rng: np.random.Generator, *, coupled: float = 0.
     return replace(machine, body=body)
 
 
+FIRM = 2.2
+"""A track turns on firm ground however hard its drive pulls: at stall, or twice that when it is
+reversed from speed."""
+
+
+def on_firm_ground(machine: Machine) -> Machine:
+    """A machine with a body whose tracks do not slide along the ground, which gives as before."""
+    b = machine.body
+    weight = 0.5 * b.mass * b.gravity * b.radius_left
+    grip = max(b.grip, FIRM * figures(machine).stall_torque / weight)
+    return replace(machine, body=replace(b, grip=grip, slip_speed=b.slip_speed * grip / b.grip))
+
+
 SPREAD = 0.08
 """By what share a cause may be larger or smaller in a drive."""
 

@@ -13,7 +13,12 @@ from sysid.data.reading.held import own_rate, without_repeats
 from sysid.data.record import Array, Record
 from sysid.discrepancy.integrating import rates, step_of
 from sysid.discrepancy.policies import RULE
-from sysid.discrepancy.samples import SampleEffects, inspect_rates, inspect_samples
+from sysid.discrepancy.samples import (
+    SampleEffects,
+    inspect_rates,
+    inspect_samples,
+    with_steps_of,
+)
 from sysid.discrepancy.search.logs import logs_of
 from sysid.discrepancy.search.named_sets import Node
 from sysid.discrepancy.search.naming import NamingSearch
@@ -75,6 +80,8 @@ def divided(
     mine = seen.weights
     if held:
         theirs = inspect(held).weights
+        if inspect is inspect_samples:
+            seen = with_steps_of(seen, (*estimation, *held))
         return Parts(tuple(estimation), tuple(held), (mine, theirs), "the validation data", seen)
     cut = hold_out(estimation)
     masks = [m[:, None].astype(np.float64) for m in cut.counted]

@@ -24,6 +24,8 @@ class AcceptanceRule:
         minor: an effect that significantly lowers the error below this share is mentioned.
         mends: share of the gap below which a look-alike only mends the formula of another, and an
             effect is not worth more than one whose law is a case of its own.
+        look_alike: a look-alike of a named effect that takes less than this share of the gap has to
+            take ``of_rest`` of what is left: else it takes a share of what the law misses.
         of_rest: a third effect that takes more than this share of what the others leave above the
             noise mends no formula, however small a part of the whole gap that is.
         unrivalled: an effect whose score is so many times that of any other beside the same model,
@@ -53,6 +55,7 @@ class AcceptanceRule:
     own_part: float = 0.97
     minor: float = 0.98
     mends: float = 0.02
+    look_alike: float = 0.10
     of_rest: float = 0.5
     unrivalled: float = 2.0
     touched: float = 0.02

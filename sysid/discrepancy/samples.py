@@ -184,7 +184,8 @@ def inspect_samples(records: Sequence[Record]) -> SampleEffects:
         for w, m in zip(weights, masks, strict=True):
             w[m, i] = 0.0
         kept = np.concatenate([y[~m] for y, m in zip(series, masks, strict=True)])
-        behind_noise = 0.0 if step or few_ways else blurred_step(kept)
+        agree = CLEARLY_AGREE if few_ways else AGREE
+        behind_noise = 0.0 if step else blurred_step(kept, agree)
         step = step or behind_noise
         if step > 0.0:
             fresh_only = [y[~m] for y, m in zip(series, masks, strict=True)]
@@ -194,6 +195,16 @@ def inspect_samples(records: Sequence[Record]) -> SampleEffects:
             if told and step >= VISIBLE * size:
                 coarse.append(Coarse(name, step))
     return SampleEffects(tuple(coarse), tuple(lost), tuple(weights), tuple(held))
+
+
+def with_steps_of(seen: SampleEffects, records: Sequence[Record]) -> SampleEffects:
+    """What was seen in some logs, with the steps of its sensors that more logs show.
+
+    A sensor is the same in all logs, and a command of few sizes shows its steps in none alone.
+    """
+    known = {c.output for c in seen.coarse}
+    more = tuple(c for c in inspect_samples(records).coarse if c.output not in known)
+    return replace(seen, coarse=(*seen.coarse, *more)) if more else seen
 
 
 def inspect_rates(rates: Sequence[Record], positions: Sequence[Record], step: int) -> SampleEffects:
@@ -271,8 +282,9 @@ IN_MOTION, SURE_MOVING = 0.25, 3.0
 """Readings that move by more than this share of a step in a sample are none of a steady speed, and
 gather by so many standard errors of chance."""
 
-AGREE = 0.3
-"""Mean resultant of a step's readings: noise of a quarter of a step leaves it."""
+AGREE, CLEARLY_AGREE = 0.3, 0.7
+"""Mean resultant of a step's readings: noise of a quarter of a step leaves it; one of an eighth
+leaves more than those few values do that a command of one size leads to again and again."""
 
 
 PARTS, NEARBY = (2, 3, 4), np.linspace(0.98, 1.02, 9)
@@ -292,28 +304,32 @@ class _Gathered(NamedTuple):
 
 
 def _on_few_ways(records: Sequence[Record]) -> bool:
-    """Whether no command is anything but zero or one size, either way.
+    """Whether no command of any log is anything but zero or one size, either way.
 
     Such a command drives a motor along the same few ways, over and over: the readings on them are
     the same few values, and some step suits them by chance.
     """
     if not records[0].nu:
         return False
-    commands = np.abs(np.concatenate([r.u for r in records]))
-    return all(len(np.unique(c[c > 0.0])) < 2 for c in commands.T)
+    commands = [np.abs(c) for r in records for c in r.u.T]
+    return all(len(np.unique(c[c > 0.0])) < 2 for c in commands)
 
 
-def blurred_step(y: Array) -> float:
+def blurred_step(y: Array, agree: float = AGREE) -> float:
     """Step of a lattice that noise has blurred, as of ticks behind a noisy line; 0 for none.
 
     In every interval of one step readings gather at one place. Each interval has one vote, however
     many readings it holds: a few levels held for long are no lattice. Nor are many at equal
     distances, as a staircase of the command leaves: readings in motion must gather there, too.
+
+    Args:
+        y: readings, (N,).
+        agree: mean resultant within the steps that is asked.
     """
     size = float(np.quantile(np.abs(y), 0.95)) if len(y) else 0.0
     if size <= 0.0:
         return 0.0
-    best, most = 0.0, AGREE  # half a step gathers them, too, but less
+    best, most = 0.0, agree  # half a step gathers them, too, but less
     change = np.abs(np.gradient(y)) if len(y) > 1 else np.zeros(len(y))
     for f in np.arange(CELLS, 1.0 / VISIBLE, 0.25) / size:
         found = _gathered(y, change, float(f))

@@ -22,6 +22,9 @@ from sysid.effects.programmes import (
 
 P = Mapping[str, Signal]
 
+STRAIGHT, STEEPEST = 1e-6, 30.0
+"""Below this bend [1/s] a curve is straight; the largest power of e of one that is tried."""
+
 MOST_LOSS = 0.1
 """Share of its voltage that a battery loses at most in a second at full drive: beyond, it would be
 empty before a log has twenty commands."""
@@ -105,7 +108,8 @@ def _taken(xp: Any, c: Context) -> Signal:
 
 
 def _discharged(xp: Any, d: Signal, taken: Signal, p: P, c: Context) -> Signal:
-    curved = taken * (1.0 + p["bend"] * taken)
+    bend = xp.where(xp.abs(p["bend"]) < STRAIGHT, STRAIGHT, p["bend"])
+    curved = xp.expm1(xp.minimum(bend * taken, STEEPEST)) / bend
     return d * (1.0 - p["loss"] * xp.where(p["charge"] > 0.5, curved, c.t))
 
 
@@ -202,7 +206,7 @@ EFFECTS = (
         "battery-discharge",
         "actuator",
         Place.COMMAND,
-        "d → d(1 − b t), or d → d(1 − b q(1 + c q)) with q̇ = (d_L² + d_R²)/2",
+        "d → d(1 − b t), or d → d(1 − b (exp(c q) − 1)/c) with q̇ = (d_L² + d_R²)/2",
         "The battery empties: everything slows with time.",
         "The same command reaches less speed late in the log.",
         "The same sequence at the beginning and the end of a long run.",
@@ -217,7 +221,7 @@ EFFECTS = (
                 "one",
                 measured_as="loss",
             ),
-            EffectParameter("bend", "1/s", 0.0, -0.02, 0.5, (0.0,) * 4 + (-0.01, 0.03), "one"),
+            EffectParameter("bend", "1/s", 0.0, -0.1, 2.0, (0.0,) * 4 + (-0.02, 0.1), "one"),
             EffectParameter(
                 "charge", "", 0.0, 0.0, 2.0, (0.0, 0.0, 1.0, 1.0, 2.0, 2.0), choice=True
             ),

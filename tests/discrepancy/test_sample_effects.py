@@ -8,7 +8,12 @@ from scipy.signal import lfilter
 from sysid_datasets.hidden_logs import NOISE, TYPICAL_SPEED, Request, hide
 
 from sysid.data.record import Channel, Record
-from sysid.discrepancy.samples import blurred_step, inspect_samples, smallest_named
+from sysid.discrepancy.samples import (
+    blurred_step,
+    inspect_samples,
+    smallest_named,
+    with_steps_of,
+)
 
 
 @cache
@@ -159,3 +164,27 @@ def test_a_command_of_one_size_gathers_readings_on_few_ways_which_is_no_step() -
     assert blurred_step(y) > 0.0
     channels = (Channel("u"),), (Channel("omega", "rad/s"),)
     assert not inspect_samples([Record(u[:, None], y[:, None], 0.05, *channels)]).coarse
+
+
+def two_level(size: float, step: float) -> Record:
+    """A motor under ± one size, read by a sensor of some step behind a little noise."""
+    rng = np.random.default_rng(5)
+    u = size * np.repeat(rng.choice([-1.0, 1.0], 400), rng.integers(5, 40, 400))[:3000]
+    y = lfilter([0.0, 0.15], [1.0, -0.85], 20.0 * u)
+    y = step * np.round(y / step) + step / 15.0 * rng.standard_normal(len(u))
+    channels = (Channel("u"),), (Channel("omega", "rad/s"),)
+    return Record(u[:, None], y[:, None], 0.05, *channels)
+
+
+def test_clear_steps_behind_little_noise_are_steps_under_a_command_of_one_size_too() -> None:
+    (coarse,) = inspect_samples([two_level(1.0, 0.9)]).coarse
+    assert coarse.step == pytest.approx(0.9, rel=0.02)
+
+
+def test_a_sensor_of_which_one_log_shows_the_steps_has_them_in_all() -> None:
+    """One log of ± half, too little to tell; the one that judges shows them."""
+    poor = two_level(0.1, 0.9)
+    seen = inspect_samples([poor])
+    assert not seen.coarse
+    (coarse,) = with_steps_of(seen, [poor, two_level(1.0, 0.9)]).coarse
+    assert coarse.step == pytest.approx(0.9, rel=0.02)

@@ -117,7 +117,7 @@ def test_dead_time_does_nothing_at_rest_and_holds_a_motor_under_small_commands()
 
 
 def test_a_battery_empties_by_the_charge_that_both_motors_take() -> None:
-    """v = 1 − b q(1 + c q), q the integral of the mean of d²: nothing while both rest."""
+    """v = 1 − b (exp(c q) − 1)/c, q the integral of the mean of d²: nothing while both rest."""
     dt, loss, bend = 0.05, 0.02, 0.05
     rng = np.random.default_rng(3)
     u = np.repeat(rng.uniform(-1.0, 1.0, (30, 2)), 20, axis=0)
@@ -127,7 +127,7 @@ def test_a_battery_empties_by_the_charge_that_both_motors_take() -> None:
     found = Augmented(1, 1, (1.0, 1.0), dt, ("battery-discharge",)).simulate(theta, u)
     q = dt * (np.cumsum(np.mean(u**2, axis=1)) - np.mean(u**2, axis=1))[:, None]
     plain = Augmented(1, 1, (1.0, 1.0), dt)
-    weaker = plain.simulate(np.array(core), u * (1.0 - loss * q * (1.0 + bend * q)))
+    weaker = plain.simulate(np.array(core), u * (1.0 - loss * np.expm1(bend * q) / bend))
     np.testing.assert_allclose(found, weaker, atol=1e-9)
     assert q[200, 0] == pytest.approx(q[399, 0])
     fresh = plain.simulate(np.array(core), u)

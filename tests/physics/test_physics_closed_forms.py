@@ -20,6 +20,7 @@ from sysid_datasets.physics.parameters import (
     Motor,
     Thermal,
 )
+from sysid_datasets.physics.robots import on_firm_ground
 from sysid_datasets.physics.simulate import Telemetry, simulate, substeps
 
 Array = NDArray[np.float64]
@@ -247,6 +248,21 @@ def test_grip_holds_on_a_slope_and_the_pose_follows_the_wheels() -> None:
     slower = torque / (0.3**2 / 2.0 + 1e-3)
     lost = flat.truth["speed"][-1, 0] - up.truth["speed"][-1, 0]
     assert lost == pytest.approx(slower, rel=1e-3)
+
+
+def test_no_drive_makes_a_track_slide_on_firm_ground() -> None:
+    """A light body on grip of 0.8 stays where it is while its tracks spin: another cause."""
+    width, mass = 0.2, 2.0 * TOTAL / 0.0215**2
+    body = Body(
+        mass=mass, yaw_inertia=mass * width**2 / 4.0, width=width, length=0.0,
+        side_grip=0.8, slip_speed=0.002,
+    )  # fmt: skip
+    light = Machine((DRIVE, DRIVE), body=replace(body, gravity=1.0))
+    commands = np.full((400, 2), 1.0)
+    runs = [simulate(m, commands, KILO) for m in (light, on_firm_ground(light))]
+    slid, firm = (r.pose[-1, 0] / (0.0215 * r.truth["angle"][-1].mean()) for r in runs)
+    assert slid < 0.8
+    assert firm == pytest.approx(1.0, abs=0.03)  # it gives below its grip
 
 
 def test_scrubbing_tracks_turn_less_than_their_wheels_say() -> None:

@@ -254,8 +254,9 @@ class NamingSearch(CandidateSearch):
 
         No formula is all of a machine, and what one leaves looks in part like its look-alikes; what
         two leave may look like anything. So a look-alike that takes little of the gap is none of
-        its own; nor is a third effect that takes less than a minor share, unless that is most of
-        what the others leave or it has no rivals.
+        its own, nor is one that takes a part of it and leaves more; nor is a third effect that
+        takes less than a minor share, unless that is most of what the others leave or it has no
+        rivals.
 
         Args:
             base: the model before.
@@ -264,9 +265,12 @@ class NamingSearch(CandidateSearch):
             judged: effects tried on ``rest``, or those to try.
         """
         small = takes_little(base, rest, whole)
+        most = takes_most_of_rest(rest, whole, self.data.noise)
+        if small is Little.IN_PART:
+            return not most
         if small is not Little.AMONG_OTHERS:
             return small is Little.LOOK_ALIKE
-        if takes_most_of_rest(rest, whole, self.data.noise):
+        if most:
             return False
         return not self.unrivalled(rest, whole.effects[-1], judged)
 
@@ -413,6 +417,7 @@ class Little(Enum):
 
     NO = auto()
     LOOK_ALIKE = auto()
+    IN_PART = auto()
     AMONG_OTHERS = auto()
 
 
@@ -424,8 +429,10 @@ def takes_little(base: Node, rest: Node, whole: Node) -> Little:
     if id in NOT_NAMED or not (alike or len(others) > 1):
         return Little.NO
     first, now, then = (n.errors.mean_squares()[1][whole.touched] for n in (base, rest, whole))
-    share = RULE.mends if alike else 0.01 * VERDICT.minor
-    if np.any(now - then >= share * (first - then)):
+    taken, gap = now - then, first - then
+    if alike and np.any(taken >= RULE.mends * gap):
+        return Little.NO if np.any(taken >= RULE.look_alike * gap) else Little.IN_PART
+    if not alike and np.any(taken >= 0.01 * VERDICT.minor * gap):
         return Little.NO
     return Little.LOOK_ALIKE if alike else Little.AMONG_OTHERS
 

@@ -48,17 +48,34 @@ def test_a_small_share_of_a_large_gap_is_looked_into_while_it_is_above_the_noise
 
 
 @pytest.mark.parametrize(
-    ("second", "after", "mends"),
-    [("speed-ripple", 0.4, True), ("speed-ripple", 0.1, False), ("cross-coupling", 0.4, False)],
-    ids=["look-alike-of-little", "look-alike-of-much", "another"],
+    ("second", "before", "after", "little"),
+    [
+        ("speed-ripple", 0.45, 0.4, Little.LOOK_ALIKE),
+        ("speed-ripple", 1.0, 0.1, Little.IN_PART),
+        ("speed-ripple", 2.0, 0.1, Little.NO),
+        ("cross-coupling", 0.45, 0.4, Little.NO),
+    ],
+    ids=["look-alike-of-little", "look-alike-of-a-part", "look-alike-of-much", "another"],
 )
 def test_what_only_mends_the_formula_of_its_look_alike_is_no_second_effect(
-    second: str, after: float, mends: bool
+    second: str, before: float, after: float, little: Little
 ) -> None:
     """Beside gravity, which takes 99.75 of 100 % of the gap in the first case."""
-    base, rest = node(5.0), node(0.45 if after > 0.2 else 1.0, "gravity-load")
-    little = takes_little(base, rest, node(after, "gravity-load", second))
-    assert little is (Little.LOOK_ALIKE if mends else Little.NO)
+    base, rest = node(5.0), node(before, "gravity-load")
+    assert takes_little(base, rest, node(after, "gravity-load", second)) is little
+
+
+@pytest.mark.parametrize(("after", "mends"), [(0.9, True), (0.5, False)], ids=["part", "most"])
+def test_a_look_alike_that_takes_a_part_of_the_gap_takes_most_of_what_is_left(
+    after: float, mends: bool
+) -> None:
+    """A fan and a weight: of what the weight's law left a curve of the command took a fifth."""
+    search: Any = NamingSearch.__new__(NamingSearch)
+    search.data = SimpleNamespace(noise=np.array([NOISE]))
+    base, rest = node(5.0), node(1.0, "quadratic-drag")
+    whole = node(after, "quadratic-drag", "concave-gain")
+    assert takes_little(base, rest, whole) in (Little.IN_PART, Little.LOOK_ALIKE)
+    assert search.mends(base, rest, whole, ()) is mends
 
 
 def test_a_look_alike_must_take_more_of_the_gap_than_another_effect() -> None:
