@@ -11,6 +11,7 @@ from sysid_datasets.physics.robots import (
     Rig,
     figures,
     log_uniform,
+    on_firm_ground,
     seen_from_above,
     with_body,
 )
@@ -164,8 +165,8 @@ def soft_ground(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
 def turning_follows(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
     """A long, heavy body on soft feet: its heading follows the wheels, its way hardly lags."""
     lag, long = log_uniform(rng, 0.05, 0.4) * factor, rng.uniform(4.0, 8.0)
-    machine = with_body(rig.machine, rng, coupled=long - 1.0)
-    # at small slip the ground is a damper of grip m g/slip_speed: both lags follow from it
+    machine = on_firm_ground(with_body(rig.machine, rng, coupled=long - 1.0))
+    # the ground is a damper of grip m g/slip_speed: both lags follow from it
     soft = lag / long * machine.body.grip * machine.body.gravity
     rig = replace(rig, machine=replace(machine, body=replace(machine.body, slip_speed=soft)))
     also = ("inertial-coupling", "longitudinal-slip", SIDEWAYS)
