@@ -43,11 +43,20 @@ def compiled(function: Any) -> Any:
 
 
 def vectorised(jnp: Any) -> Any:
-    """``jax.numpy`` with sines that run on several numbers at once.
+    """``jax.numpy`` with sines that run on several numbers at once, and a plain ``where``.
 
     XLA calls the C library for each sine of a double, which costs as much as ten other steps of an
-    effect. With n = round(x/π), sin x = (−1)ⁿ sin(x − nπ), where a polynomial serves.
+    effect. With n = round(x/π), sin x = (−1)ⁿ sin(x − nπ), where a polynomial serves. And each
+    ``where`` of JAX is a compiled function of its own, which takes longer to trace and to lower.
     """
+    lax = jax_module().lax
+
+    def where(condition: Any, yes: Any, no: Any) -> Any:
+        yes, no = jnp.asarray(yes), jnp.asarray(no)
+        kind = jnp.promote_types(yes.dtype, no.dtype)
+        shape = jnp.broadcast_shapes(condition.shape, yes.shape, no.shape)
+        chosen = (jnp.broadcast_to(x.astype(kind), shape) for x in (yes, no))
+        return lax.select(jnp.broadcast_to(condition, shape), *chosen)
 
     def sin(x: Any) -> Any:
         n = jnp.round(x / np.pi)
@@ -61,7 +70,7 @@ def vectorised(jnp: Any) -> Any:
     def cos(x: Any) -> Any:
         return sin(x + 0.5 * np.pi)
 
-    return SimpleNamespace(**{**vars(jnp), "sin": sin, "cos": cos})
+    return SimpleNamespace(**{**vars(jnp), "sin": sin, "cos": cos, "where": where})
 
 
 _SINE = tuple((-1.0) ** k / factorial(2 * k + 1) for k in range(11))

@@ -137,62 +137,108 @@ def _simulation(
     whole_command, _, after = stages(catalogue)
     before = [e for e in whole_command if e in some or at_once(e)]
     inside = [e for e in some if e not in whole_command]
-    zero = jnp.zeros(tracks)
     effects = (*before, *inside, *after)
+    rows = _rows(numbers, effects)
 
-    def readings(q: Any, data: dict[str, Any]) -> Any:
-        core, raw = unpacked(jnp, numbers, effects, q)
+    # signals are (M, lanes, tracks) and numbers (lanes, tracks): JAX takes three times as long to
+    # trace the same for one lane and then to make lanes of it by ``vmap``
+    def readings(table: Any, data: dict[str, Any]) -> Any:
+        core, raw = _unpacked(jax, order, rows, table)
         parameters = with_constants(jnp, effects, core, raw, dt)
-        nothing = jnp.zeros_like(data["drive"])
-        drive, t, counted, log = (data[name] for name in ("drive", "t", "counted", "log"))
-        whole = Sample(drive, drive, t, nothing, counted, log)
+        shape = table.shape[1:]
 
-        rows, first = jnp.arange(len(data["first"]))[:, None], data["first"][:, None]
+        def of_lanes(signal: Any) -> Any:
+            return jnp.broadcast_to(signal, (*signal.shape[:-2], *shape))
+
+        def in_lanes(name: str) -> Any:
+            return jax.lax.expand_dims(data[name], (1,))
+
+        drive, t, counted, log = (in_lanes(name) for name in ("drive", "t", "counted", "log"))
+        moving, y = in_lanes("moving"), in_lanes("y")
+        whole = Sample(drive, drive, t, jnp.zeros_like(drive), counted, log)
+        first = data["first"][:, None, None]
+        row = jnp.arange(len(first))[:, None, None]
 
         def past(signal: Any, k: Any) -> Any:
-            at = rows - k.astype(rows.dtype)
-            found = jnp.take_along_axis(signal, jnp.maximum(at, first), axis=0)
-            return found * jnp.where(at < first, data["moving"], 1.0)
+            at = row - k.astype(row.dtype)
+            found = jnp.take_along_axis(of_lanes(signal), jnp.maximum(of_lanes(at), first), axis=0)
+            return found * jnp.where(at < first, moving, 1.0)
 
-        acting = over_time(jnp, before, parameters, data["drive"], past, whole, dt)
+        acting = over_time(jnp, before, parameters, drive, past, whole, dt)
 
         def body(carried: Any, x: tuple[Any, ...]) -> tuple[Any, Any]:
-            drive, now, t, y, moving, reset, counted, log = x
+            drive, now, y, moving, counted = (of_lanes(signal) for signal in x[:5])
+            t, reset, log = x[5:]
             w = first_speed(after, parameters, y)
-            fresh = (rest_state(jnp, inside, core, w, moving * now), zero)
-            state, turned = jax.tree.map(lambda a, b: jnp.where(reset > 0.0, a, b), fresh, carried)
+            fresh = (rest_state(jnp, inside, core, w, moving * now), jnp.zeros(shape))
+            begins = reset > 0.0
+            state, turned = jax.tree.map(lambda a, b: jnp.where(begins, a, b), fresh, carried)
             speed = state[0][0]
             sample = Sample(drive, now, t, turned, counted, log)
             state, reading = step_with(jnp, inside, core, parameters, state, sample, dt)
             return (state, turned + 0.5 * dt * (speed + state[0][0])), reading
 
+        zero = jnp.zeros(shape)
         start = (rest_state(jnp, inside, core, zero, zero), zero)
-        names = ("t", "y", "moving", "reset", "counted", "log")
-        x = (data["drive"], acting, *(data[name] for name in names))
+        x = (drive, acting, y, moving, counted, t, data["reset"], log)
         read = jax.lax.scan(body, start, x)[1]
         sums = dt * (jnp.cumsum(read, axis=0) - 0.5 * read)
         whole = replace(whole, turned=sums - sums[data["first"]])
-        return over_time(jnp, after, parameters, read, past, whole, dt)
+        return jnp.swapaxes(of_lanes(over_time(jnp, after, parameters, read, past, whole, dt)), 0, 1)
 
-    return compiled(jax.vmap(readings, in_axes=(0, None)))  # type: ignore[no-any-return]
+    run = compiled(readings)
+
+    def simulated(q: Array, data: dict[str, Any]) -> Any:
+        return run(np.ascontiguousarray(np.moveaxis(q[:, rows.places], 1, 0)), data)
+
+    return simulated
 
 
-def unpacked(
-    jnp: Any, numbers: Numbers, effects: Sequence[Effect], q: Any
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Which slots a simulation takes: one row a number.
+
+    Attributes:
+        names: owner and name of each row.
+        places: slots of each row, (rows, tracks).
+    """
+
+    names: tuple[tuple[str, str], ...]
+    places: Index
+
+
+def _rows(numbers: Numbers, effects: Sequence[Effect]) -> _Rows:
+    """Rows of the core (gain, f, b but the first), then of each effect."""
+    order = range(1, numbers.order + 1)
+    core = ["gain", *(f"f{k}" for k in order), *(f"b{k}" for k in order[1:])]
+    names = [("core", name) for name in core]
+    names += [(e.id, p.name) for e in effects for p in e.parameters]
+    shared = {e.id for e in effects if e.shared}
+    tracks = range(numbers.tracks)
+    places = [[numbers.place[o, n, -1 if o in shared else i] for i in tracks] for o, n in names]
+    return _Rows(tuple(names), np.array(places))
+
+
+def _unpacked(
+    jax: Any, order: int, rows: _Rows, table: Any
 ) -> tuple[Core, dict[str, dict[str, Any]]]:
-    """The core and the parameters of some effects of a lane q (slots,)."""
-    place, tracks, order = numbers.place, numbers.tracks, numbers.order
+    """The core and the parameters of some effects, each (lanes, tracks).
 
-    def row(owner: str, name: str, shared: bool = False) -> Any:
-        return jnp.stack([q[place[owner, name, -1 if shared else i]] for i in range(tracks)])
-
-    f = jnp.stack([row("core", f"f{k + 1}") for k in range(order)])
-    tail = [row("core", f"b{k + 1}") for k in range(1, order)]
-    first = 1.0 + jnp.sum(f, axis=0) - (sum(tail) if tail else 0.0)
-    parameters = {
-        e.id: {p.name: row(e.id, p.name, e.shared) for p in e.parameters} for e in effects
-    }
-    return Core(row("core", "gain"), f, jnp.stack([first, *tail])), parameters
+    Args:
+        jax: the module.
+        order: of the core.
+        rows: what the table holds.
+        table: (rows, lanes, tracks).
+    """
+    lax = jax.lax
+    each = [lax.squeeze(row, (0,)) for row in lax.split(table, (1,) * len(rows.names))]
+    f, tail = each[1 : order + 1], each[order + 1 : 2 * order]
+    stacked = jax.numpy.stack
+    core = Core(each[0], stacked(f), stacked([1.0 + sum(f) - sum(tail, 0.0), *tail]))
+    parameters: dict[str, dict[str, Any]] = {owner: {} for owner, _ in rows.names[2 * order :]}
+    for (owner, name), row in zip(rows.names[2 * order :], each[2 * order :], strict=True):
+        parameters[owner][name] = row
+    return core, parameters
 
 
 def groups(effects: Sequence[Effect]) -> tuple[tuple[Effect, ...], ...]:
