@@ -29,14 +29,15 @@ void ground_torques(const Body *b, const State *s, const Held *held, double torq
 {
     const double radius[2] = {b->radius_left, b->radius_right}, side[2] = {0.5, -0.5};
     double forward = 0.0, sideways = 0.0, moment = 0.0;
+    int points = b->length == 0.0 ? 1 : POINTS; /* all of a short track are one */
     for (int k = 0; k < 2; k++) {
         double y = side[k] * b->width, track = radius[k] * s->drive[k].speed, pull = 0.0;
         double along = s->forward - s->turning * y - track;
         double soft = b->slip_speed + b->creep * fabs(track);
-        for (int j = 0; j < POINTS; j++) {
-            double x = b->length * ((j + 0.5) / POINTS - 0.5) - b->ahead;
+        for (int j = 0; j < points; j++) {
+            double x = b->length * ((j + 0.5) / points - 0.5) - b->ahead;
             double across = s->sideways + s->turning * x;
-            double per = held[k].load / POINTS / sqrt(along * along + across * across + soft * soft);
+            double per = held[k].load / points / sqrt(along * along + across * across + soft * soft);
             double f = -b->grip * per * along, g = -b->side_grip * per * across;
             pull += f;
             sideways += g;
