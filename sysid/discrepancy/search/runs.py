@@ -23,6 +23,7 @@ from sysid.discrepancy.search.prepared import Data
 from sysid.effects.base import Effect, Place
 from sysid.structures.augmented.chain import (
     Core,
+    Parameters,
     Sample,
     first_speed,
     over_time,
@@ -129,69 +130,109 @@ def _simulation(
     catalogue: tuple[Effect, ...], order: int, tracks: int, dt: float, some: tuple[Effect, ...]
 ) -> Callable[..., Any]:
     """``Runs.simulation``; machines of one kind share it, whatever their typical speeds."""
-    from sysid.fitting.compiled import compiled, jax_module, vectorised
+    from sysid.fitting.compiled import compiled
 
-    jax = jax_module()
-    jnp = vectorised(jax.numpy)
     numbers = Numbers(catalogue, order, tracks, np.ones(tracks), dt)
     whole_command, _, after = stages(catalogue)
-    before = [e for e in whole_command if e in some or at_once(e)]
-    inside = [e for e in some if e not in whole_command]
-    effects = (*before, *inside, *after)
-    rows = _rows(numbers, effects)
-
-    # signals are (M, lanes, tracks) and numbers (lanes, tracks): JAX takes three times as long to
-    # trace the same for one lane and then to make lanes of it by ``vmap``
-    def readings(table: Any, data: dict[str, Any]) -> Any:
-        core, raw = _unpacked(jax, order, rows, table)
-        parameters = with_constants(jnp, effects, core, raw, dt)
-        shape = table.shape[1:]
-
-        def of_lanes(signal: Any) -> Any:
-            return jnp.broadcast_to(signal, (*signal.shape[:-2], *shape))
-
-        def in_lanes(name: str) -> Any:
-            return jax.lax.expand_dims(data[name], (1,))
-
-        drive, t, counted, log = (in_lanes(name) for name in ("drive", "t", "counted", "log"))
-        moving, y = in_lanes("moving"), in_lanes("y")
-        whole = Sample(drive, drive, t, jnp.zeros_like(drive), counted, log)
-        first = data["first"][:, None, None]
-        row = jnp.arange(len(first))[:, None, None]
-
-        def past(signal: Any, k: Any) -> Any:
-            at = row - k.astype(row.dtype)
-            found = jnp.take_along_axis(of_lanes(signal), jnp.maximum(of_lanes(at), first), axis=0)
-            return found * jnp.where(at < first, moving, 1.0)
-
-        acting = over_time(jnp, before, parameters, drive, past, whole, dt)
-
-        def body(carried: Any, x: tuple[Any, ...]) -> tuple[Any, Any]:
-            drive, now, y, moving, counted = (of_lanes(signal) for signal in x[:5])
-            t, reset, log = x[5:]
-            w = first_speed(after, parameters, y)
-            fresh = (rest_state(jnp, inside, core, w, moving * now), jnp.zeros(shape))
-            begins = reset > 0.0
-            state, turned = jax.tree.map(lambda a, b: jnp.where(begins, a, b), fresh, carried)
-            speed = state[0][0]
-            sample = Sample(drive, now, t, turned, counted, log)
-            state, reading = step_with(jnp, inside, core, parameters, state, sample, dt)
-            return (state, turned + 0.5 * dt * (speed + state[0][0])), reading
-
-        zero = jnp.zeros(shape)
-        start = (rest_state(jnp, inside, core, zero, zero), zero)
-        x = (drive, acting, y, moving, counted, t, data["reset"], log)
-        read = jax.lax.scan(body, start, x)[1]
-        sums = dt * (jnp.cumsum(read, axis=0) - 0.5 * read)
-        whole = replace(whole, turned=sums - sums[data["first"]])
-        return jnp.swapaxes(of_lanes(over_time(jnp, after, parameters, read, past, whole, dt)), 0, 1)
-
-    run = compiled(readings)
+    before = tuple(e for e in whole_command if e in some or at_once(e))
+    inside = tuple(e for e in some if e not in whole_command)
+    rows = _rows(numbers, (*before, *inside, *after))
+    run = compiled(_readings(_Chain(before, inside, after, dt), order, rows))
 
     def simulated(q: Array, data: dict[str, Any]) -> Any:
         return run(np.ascontiguousarray(np.moveaxis(q[:, rows.places], 1, 0)), data)
 
     return simulated
+
+
+@dataclass(frozen=True, eq=False)
+class _Chain:
+    """Effects of the command, within the motion, and of what is read; sample time [s]."""
+
+    before: tuple[Effect, ...]
+    inside: tuple[Effect, ...]
+    after: tuple[Effect, ...]
+    dt: float
+
+
+def _readings(chain: _Chain, order: int, rows: "_Rows") -> Callable[..., Any]:
+    """(table (rows, lanes, tracks), data) → readings (lanes, M, tracks).
+
+    Signals are (M, lanes, tracks) and numbers (lanes, tracks): JAX takes three times as long to
+    trace the same for one lane and then to make lanes of it by ``vmap``.
+    """
+    from sysid.fitting.compiled import jax_module, vectorised
+
+    jax = jax_module()
+    jnp, dt = vectorised(jax.numpy), chain.dt
+
+    def readings(table: Any, data: dict[str, Any]) -> Any:
+        core, raw = _unpacked(jax, order, rows, table)
+        effects = (*chain.before, *chain.inside, *chain.after)
+        parameters = with_constants(jnp, effects, core, raw, dt)
+        names = ("drive", "t", "counted", "log", "moving", "y")
+        drive, t, counted, log, moving, y = (data[name][:, None] for name in names)
+        whole = Sample(drive, drive, t, jnp.zeros_like(drive), counted, log)
+        first = data["first"][:, None, None]
+        row = jnp.arange(len(first))[:, None, None]
+        shape = table.shape[1:]
+
+        def past(signal: Any, k: Any) -> Any:
+            at = _of_lanes(jnp, row - k.astype(row.dtype), shape)
+            signal = _of_lanes(jnp, signal, shape)
+            found = jnp.take_along_axis(signal, jnp.maximum(at, first), axis=0)
+            return found * jnp.where(at < first, moving, 1.0)
+
+        acting = over_time(jnp, chain.before, parameters, drive, past, whole, dt)
+        x = (drive, acting, y, moving, counted, t, data["reset"], log)
+        read = _moved(jax, jnp, chain, core, parameters, x, shape)
+        sums = dt * (jnp.cumsum(read, axis=0) - 0.5 * read)
+        whole = replace(whole, turned=sums - sums[data["first"]])
+        read = over_time(jnp, chain.after, parameters, read, past, whole, dt)
+        return jnp.swapaxes(_of_lanes(jnp, read, shape), 0, 1)
+
+    return readings
+
+
+def _moved(
+    jax: Any,
+    jnp: Any,
+    chain: _Chain,
+    core: Core,
+    parameters: Parameters,
+    x: tuple[Any, ...],
+    shape: tuple[int, ...],
+) -> Any:
+    """Readings (M, lanes, tracks) of the motion, before what acts on them as a whole.
+
+    Args:
+        jax, jnp: the module, and its functions of arrays.
+        chain: what acts.
+        core, parameters: numbers (lanes, tracks).
+        x: drive, drive that acts, readings, whether the record begins in motion, counted angle;
+            then time, whether a record begins, and its log.
+        shape: lanes and tracks.
+    """
+    zero = jnp.zeros(shape)
+
+    def body(carried: Any, x: tuple[Any, ...]) -> tuple[Any, Any]:
+        drive, now, y, moving, counted = (_of_lanes(jnp, signal, shape) for signal in x[:5])
+        t, reset, log = x[5:]
+        w, begins = first_speed(chain.after, parameters, y), reset > 0.0
+        fresh = (rest_state(jnp, chain.inside, core, w, moving * now), zero)
+        state, turned = jax.tree.map(lambda a, b: jnp.where(begins, a, b), fresh, carried)
+        speed = state[0][0]
+        sample = Sample(drive, now, t, turned, counted, log)
+        state, reading = step_with(jnp, chain.inside, core, parameters, state, sample, chain.dt)
+        return (state, turned + 0.5 * chain.dt * (speed + state[0][0])), reading
+
+    start = (rest_state(jnp, chain.inside, core, zero, zero), zero)
+    return jax.lax.scan(body, start, x)[1]
+
+
+def _of_lanes(jnp: Any, signal: Any, shape: tuple[int, ...]) -> Any:
+    """A signal (…, lanes or 1, tracks or 1) with all lanes and tracks."""
+    return jnp.broadcast_to(signal, (*signal.shape[:-2], *shape))
 
 
 @dataclass(frozen=True, eq=False)
