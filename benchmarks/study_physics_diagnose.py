@@ -389,8 +389,8 @@ without looking at any formula of the catalogue. *Visible*: the best plain line 
 or more. *Right first*: a hidden cause stands first, alone or in a reported tie;
 *all right*: each cause that changes a reading by the noise or more beside the others has an entry
 of its own; *gap closed*: median / worst of what the true model closes, of runs that were right;
-*numbers*: stated numbers with a known true value that are within three standard errors. Seeds below
-10000 are for development.
+*numbers*: stated numbers with a known true value that are within three standard errors. What coarse
+readings are rounded by counts as gap, which no model closes. Seeds below 10000 are for development.
 """
 
 if __name__ == "__main__":
