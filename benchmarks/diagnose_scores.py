@@ -17,6 +17,16 @@ from sysid.report.markdown import table
 SAMPLES_ONLY = frozenset({"quantisation", "held-telemetry", "dropouts"})
 """Found by looking at the samples: named in any place, and no gap to close."""
 
+A_PART_IS = {
+    "other-1": frozenset({"input-delay"}),
+    "other-4": frozenset({"gravity-load", "speed-ripple"}),
+}
+"""Names that are true of a part of what is outside the catalogue: the mean of a delay that swings,
+and a torque over the angle, which the catalogue did not hold when these logs were made up."""
+
+NO_GAP = 0.1
+"""Excess of squared errors over those of the noise that is none: errors within 5 % of it."""
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -114,6 +124,7 @@ def summary(outcomes: Sequence[Outcome]) -> str:
     for group, aim in _nothing_groups(outcomes):
         line(f"{group}: a false name", group, lambda o: bool(o.entries) or bool(o.error), "≤", aim)
     line("outside: no name", "outside", lambda o: not o.entries and not o.error, "≥", 80)
+    line("outside: no name, or that of a part", "outside", _no_wrong_name, "≥", 80)
     for name, values in (
         ("gap closed, by its own account", [o.closed for o in _gaps(outcomes)]),
         ("gap closed, by the true floor", [o.closed_true for o in _gaps(outcomes)]),
@@ -195,6 +206,11 @@ def failures(outcomes: Sequence[Outcome]) -> str:
     return table(["run", "answer"], rows) if rows else "None.\n"
 
 
+def _no_wrong_name(o: Outcome) -> bool:
+    partly = A_PART_IS.get(o.truth[0], frozenset())
+    return not o.error and all(partly & set(entry) for entry in o.entries)
+
+
 def _wrong(o: Outcome) -> bool:
     if not o.truth or o.group == "outside":
         return bool(o.entries)
@@ -213,11 +229,15 @@ def matched(truth: Sequence[str], entries: Sequence[Sequence[str]]) -> int:
 
 
 def _closed(channels: Mapping[str, Any], floor: Mapping[str, float]) -> float | None:
-    """Σ(before² − after²)/Σ(before² − floor²) over the channels whose true floor is known [%]."""
+    """Σ(before² − after²)/Σ(before² − floor²) over the channels whose true floor is known [%].
+
+    None where they have no gap: what acts between tracks and ground leaves none in the wheels.
+    """
     known = [(channels[c], floor[c]) for c in floor if c in channels]
-    gap = sum(float(c["rmse_before"]) ** 2 - f**2 for c, f in known)
+    noise = sum(f**2 for _, f in known)
+    gap = sum(float(c["rmse_before"]) ** 2 for c, _ in known) - noise
     gone = sum(float(c["rmse_before"]) ** 2 - float(c["rmse_after"]) ** 2 for c, _ in known)
-    return 100.0 * gone / gap if gap > 0.0 else None
+    return 100.0 * gone / gap if gap > NO_GAP * noise else None
 
 
 def _gaps(outcomes: Sequence[Outcome]) -> list[Outcome]:

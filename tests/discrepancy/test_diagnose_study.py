@@ -170,3 +170,21 @@ def test_an_answer_against_the_contract_is_refused(
     case = study.diagnose_cases.all_cases(quick=True)[0]
     with pytest.raises((KeyError, ValueError)):
         study.diagnose_scores.outcome(case, answer, {"floor": {"val": {}}})
+
+
+def test_no_gap_in_the_wheels_is_none_to_close(study: SimpleNamespace) -> None:
+    closed = study.diagnose_scores._closed
+    on_the_ground = {"omega_l": {"rmse_before": 0.102, "rmse_after": 0.102}}
+    in_the_motor = {"omega_l": {"rmse_before": 0.2, "rmse_after": 0.1}}
+    assert closed(on_the_ground, {"omega_l": 0.1}) is None
+    assert closed(in_the_motor, {"omega_l": 0.1}) == pytest.approx(100.0)
+
+
+def test_the_name_of_a_part_is_not_wrong_outside_the_catalogue(study: SimpleNamespace) -> None:
+    scores = study.diagnose_scores
+    cogged = scores.Outcome("", "outside", "low", ("other-4",), "effects-found")
+    right = replace(cogged, entries=(("speed-ripple",), ("gravity-load",)))
+    assert scores._no_wrong_name(right)
+    assert scores._no_wrong_name(cogged)
+    assert not scores._no_wrong_name(replace(right, entries=(("dead-zone",),)))
+    assert "outside: no name, or that of a part" in scores.summary([right])
