@@ -234,10 +234,22 @@ def _closed(channels: Mapping[str, Any], floor: Mapping[str, float]) -> float | 
     None where they have no gap: what acts between tracks and ground leaves none in the wheels.
     """
     known = [(channels[c], floor[c]) for c in floor if c in channels]
-    noise = sum(f**2 for _, f in known)
-    gap = sum(float(c["rmse_before"]) ** 2 for c, _ in known) - noise
-    gone = sum(float(c["rmse_before"]) ** 2 - float(c["rmse_after"]) ** 2 for c, _ in known)
-    return 100.0 * gone / gap if gap > NO_GAP * noise else None
+    return share_closed(
+        [(float(c["rmse_before"]), float(c["rmse_after"]), f) for c, f in known], NO_GAP
+    )
+
+
+def share_closed(errors: Sequence[tuple[float, float, float]], least: float = 0.0) -> float | None:
+    """Σ(before² − after²)/Σ(before² − floor²) [%]: what the true model closes is 100 %.
+
+    Args:
+        errors: RMSE before, after, and of the true model, of each channel.
+        least: gap over the squares of the floor beyond which there is one; None without.
+    """
+    noise = sum(floor**2 for *_, floor in errors)
+    gap = sum(before**2 for before, *_ in errors) - noise
+    gone = sum(before**2 - after**2 for before, after, _ in errors)
+    return 100.0 * gone / gap if gap > least * noise else None
 
 
 def _gaps(outcomes: Sequence[Outcome]) -> list[Outcome]:

@@ -124,6 +124,7 @@ def of_machine(seed: int, times: float, done: Mapping[str, Any]) -> Sequence[dic
 
 def report(runs: Sequence[Mapping[str, Any]], times: float) -> str:
     """The page."""
+    seeds = sorted({int(r["key"].split("/")[0]) for r in runs})
     kept = [r for r in runs if r["kept"]]
     asked = [r for r in runs if r["kept"] is not None]
     rows = []
@@ -134,7 +135,13 @@ def report(runs: Sequence[Mapping[str, Any]], times: float) -> str:
         missed = "; ".join(", ".join(r["said"]) or "no name" for r in told if not r["kept"])
         rows.append([f"`{id}`", sizes, f"{sum(r['kept'] for r in told)}/{len(told)}", missed])
     share = 100.0 * len(kept) / max(len(asked), 1)
-    page = HEAD.format(times=times, kept=len(kept), asked=len(asked), share=share)
+    page = HEAD.format(
+        times=times,
+        seeds=f"{seeds[0]}:{seeds[-1] + 1}",
+        kept=len(kept),
+        asked=len(asked),
+        share=share,
+    )
     return page + table(["effect", "stated", "named", "else"], rows, "llrl") + "\n"
 
 
@@ -167,11 +174,11 @@ def main(arguments: list[str] | None = None) -> int:
 
 HEAD = """# Does a log show what `sysid.diagnose` says that it would show?
 
-`benchmarks/study_detectable.py`: on logs of plain machines simulated from physics
-(`datasets/physics`; steps, joystick, multisine), `detectable` states the smallest size of each
-effect that would have been found. A cause of {times:g} times that size is then put into the same
-machine. Its right name came in {kept} of {asked} ({share:.0f} %). *Stated*: a machine each, – where
-no size shows there; *else*: what was said where the right name did not come.
+`benchmarks/study_detectable.py --seeds {seeds}`: on logs of plain machines simulated from
+physics (`datasets/physics`; steps, joystick, multisine), `detectable` states the smallest size of
+each effect that would have been found. A cause of {times:g} times that size is then put into the
+same machine. Its right name came in {kept} of {asked} ({share:.1f} %). *Stated*: a machine each,
+– where no size shows there; *else*: what was said where the right name did not come.
 
 """
 

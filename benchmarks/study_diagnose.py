@@ -240,6 +240,12 @@ taken for the state in which that mode began. All runs around given models were 
 that, and those of the vehicle after a fourth generator had changed its weights. Last, the compiled
 step was made faster and candidates with a gap are polished less: the runs of a single backlash were
 made again, the others were not.
+
+With the names that came later (`current-limit`, `dead-time`, `gravity-load`, further laws), and a
+verdict that no longer drops a name because something remains beside it, a tenth of these runs
+(`--quick`) and all outside the catalogue (`--only outside`) were made again: 44 of 44 single
+effects, 5 of 5 pairs and 9 of 9 logs with nothing hidden are right; outside, 14 of 24 have no name,
+6 the name of a part, 4 a wrong one.
 """
 
 BY_EFFECT = """## By hidden effect

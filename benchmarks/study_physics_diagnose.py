@@ -23,7 +23,14 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from diagnose_scores import SAMPLES_ONLY, Outcome, confusion, failures, matched
+from diagnose_scores import (
+    SAMPLES_ONLY,
+    Outcome,
+    confusion,
+    failures,
+    matched,
+    share_closed,
+)
 from sysid_datasets.physics.logs import make, write
 from sysid_datasets.physics.suites import FRESH, SUITES, case
 
@@ -356,12 +363,11 @@ def _of_full_drive(p: Mapping[str, Any], full_drive: float) -> tuple[float, floa
 
 
 def _closed(channels: Sequence[Mapping[str, float]], floors: Sequence[float]) -> float | None:
-    """Σ(before² − after²)/Σ(before² − floor²): what the true model closes is 100 %."""
+    """Share of the gap that is closed [%]; None where not all channels have a true floor."""
     if len(channels) != len(floors):
         return None
-    gap = sum(c["rmse_before"] ** 2 - f**2 for c, f in zip(channels, floors, strict=True))
-    gone = sum(c["rmse_before"] ** 2 - c["rmse_after"] ** 2 for c in channels)
-    return 100.0 * gone / gap if gap > 0.0 else None
+    pairs = zip(channels, floors, strict=True)
+    return share_closed([(c["rmse_before"], c["rmse_after"], f) for c, f in pairs])
 
 
 def _visible(some: Sequence[Run]) -> list[Run]:
