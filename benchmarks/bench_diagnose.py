@@ -40,7 +40,7 @@ from time import perf_counter
 began = perf_counter()
 import json, pathlib
 from jax import monitoring
-from sysid.discrepancy import diagnose as whole
+from sysid.diagnosis import diagnose as whole
 from sysid.report import html
 from sysid_cli.app import main
 

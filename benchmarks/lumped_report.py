@@ -20,8 +20,6 @@ import numpy as np
 from stamps import REPORTS, stamped
 
 import sysid
-from sysid.bench.motor.characterise import MotorOptions, characterise_motor
-from sysid.bench.motor.model import bench_model
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import SysidError
 from sysid.estimation.selection.comparison import Ranking
@@ -29,6 +27,8 @@ from sysid.export.c.counting import operations
 from sysid.export.c.step import c_step
 from sysid.report.markdown import table
 from sysid.structures.model import Model
+from sysid.testbench.motor.characterise import MotorOptions, characterise_motor
+from sysid.testbench.motor.model import bench_model
 
 NAME = "lumped_or_black_box.md"
 TIMES = REPORTS / "lumped_times.json"

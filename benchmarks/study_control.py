@@ -18,7 +18,7 @@ from stamps import stamped
 
 from sysid.data.preprocess import Detrend
 from sysid.data.record import PWM_FULL_SCALE, Record
-from sysid.discrepancy.diagnose import diagnose
+from sysid.diagnosis.diagnose import diagnose
 from sysid.effects.catalogue import effect
 from sysid.effects.programmes import LEVELS, STAIRCASE
 from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS

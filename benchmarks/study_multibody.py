@@ -130,7 +130,7 @@ def model_of(plant: str) -> Model:
         return best_by_aic(identified("prbs"))
     from thesis.bench_motor import bench
 
-    from sysid.bench.motor.model import bench_model
+    from sysid.testbench.motor.model import bench_model
 
     found = bench_model(bench())
     assert found is not None

@@ -27,8 +27,8 @@ from motion_report import VOLTS, motor  # noqa: E402
 from sysid.data.preparation import Preparation  # noqa: E402
 from sysid.data.reading.read_options import ReadOptions  # noqa: E402
 from sysid.data.record import Array, Channel, Record  # noqa: E402
-from sysid.discrepancy.diagnose import diagnose  # noqa: E402
-from sysid.discrepancy.pose.diagnosis import diagnose_pose  # noqa: E402
+from sysid.diagnosis.diagnose import diagnose  # noqa: E402
+from sysid.diagnosis.pose.diagnosis import diagnose_pose  # noqa: E402
 from sysid.effects.ground import Ground  # noqa: E402
 from sysid.estimation.vehicle.logs import read_drives  # noqa: E402
 from sysid.estimation.vehicle.windows import path_of  # noqa: E402

@@ -13,8 +13,8 @@ import typer
 from sysid.errors import SysidError
 
 from . import compare, diagnose, excite, fit, inspect, models, structures
-from .bench import motor, pendulum, power
-from .bench.group import bench
+from .testbench import motor, pendulum, power
+from .testbench.group import bench
 from .cosim import plant
 from .exporting import export, verify
 from .field_options import Command, every_command

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sysid.data.preparation import Preparation
     from sysid.data.reading.read_options import ReadOptions
     from sysid.data.record import Record
-    from sysid.discrepancy.diagnosis import Diagnosis
+    from sysid.diagnosis.diagnosis import Diagnosis
     from sysid.second_process import SecondProcess
     from sysid.structures.model import Model
 
@@ -177,7 +177,7 @@ def _run(
         second: started with the search: it will draw.
     """
     from sysid.data.finding import notes, warned
-    from sysid.discrepancy.diagnose import diagnose
+    from sysid.diagnosis.diagnose import diagnose
     from sysid.effects.catalogue import chain_effects
     from sysid.effects.measured import measured_keys, read_measured
 

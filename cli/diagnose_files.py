@@ -9,7 +9,7 @@ from sysid.data import documents
 from sysid.workspace.store import StoredModel, Workspace
 
 if TYPE_CHECKING:
-    from sysid.discrepancy.diagnosis import Diagnosis, Experiment
+    from sysid.diagnosis.diagnosis import Diagnosis, Experiment
     from sysid.second_process import SecondProcess
     from sysid.structures.model import Model
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from . import render
 
 if TYPE_CHECKING:
-    from sysid.discrepancy.diagnosis import Diagnosis
+    from sysid.diagnosis.diagnosis import Diagnosis
 
 _MOST = 5
 """Regimes and candidates shown; the page has them all."""
@@ -98,7 +98,7 @@ def _what(found: "Diagnosis") -> None:
 
 def _logs(found: "Diagnosis") -> None:
     """What each of several logs shows, what is the same in all, and what differs."""
-    from sysid.discrepancy.several.words import sentences, table_of_logs
+    from sysid.diagnosis.several.words import sentences, table_of_logs
 
     if not found.several.logs:
         return

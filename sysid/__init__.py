@@ -19,12 +19,12 @@ _PLACES = {
     "DataError": "sysid.errors",
     "FitOptions": "sysid.fitting.options",
     "Focus": "sysid.fitting.problem",
-    "Hanging": "sysid.bench.pendulum.inertia",
-    "LiveFit": "sysid.estimation.recursive.live_fit",
+    "Hanging": "sysid.testbench.pendulum.inertia",
+    "LiveFit": "sysid.estimation.online.live_fit",
     "Mission": "sysid.mission.spec",
     "Model": "sysid.structures.model",
     "ModelError": "sysid.errors",
-    "MotorOptions": "sysid.bench.motor.characterise",
+    "MotorOptions": "sysid.testbench.motor.characterise",
     "Plant": "sysid.structures.plant",
     "ReadOptions": "sysid.data.reading.read_options",
     "Record": "sysid.data.record",
@@ -32,16 +32,16 @@ _PLACES = {
     "UsageError": "sysid.errors",
     "Vehicle": "sysid.vehicle.wheels.vehicle",
     "Wheel": "sysid.vehicle.wheels.wheel",
-    "bench_power": "sysid.bench.power.study",
-    "characterise_motor": "sysid.bench.motor.characterise",
+    "bench_power": "sysid.testbench.power.study",
+    "characterise_motor": "sysid.testbench.motor.characterise",
     "compare": "sysid.interface",
     "diagnose": "sysid.interface",
     "estimate_pose": "sysid.interface",
     "fit": "sysid.interface",
     "fit_vehicle": "sysid.interface",
     "identify": "sysid.interface",
-    "inertia_of_logs": "sysid.bench.pendulum.study",
-    "inertia_of_period": "sysid.bench.pendulum.study",
+    "inertia_of_logs": "sysid.testbench.pendulum.study",
+    "inertia_of_period": "sysid.testbench.pendulum.study",
     "inspect": "sysid.interface",
     "load_mission": "sysid.mission.spec",
     "load_model": "sysid.interface",
@@ -59,12 +59,6 @@ _PLACES = {
 """Name → the module that holds it."""
 
 if TYPE_CHECKING:
-    from sysid.bench.motor.characterise import MotorOptions as MotorOptions
-    from sysid.bench.motor.characterise import characterise_motor as characterise_motor
-    from sysid.bench.pendulum.inertia import Hanging as Hanging
-    from sysid.bench.pendulum.study import inertia_of_logs as inertia_of_logs
-    from sysid.bench.pendulum.study import inertia_of_period as inertia_of_period
-    from sysid.bench.power.study import bench_power as bench_power
     from sysid.data.io import read_log as read_log
     from sysid.data.io import read_logs as read_logs
     from sysid.data.reading.read_options import ReadOptions as ReadOptions
@@ -74,7 +68,7 @@ if TYPE_CHECKING:
     from sysid.errors import ModelError as ModelError
     from sysid.errors import SysidError as SysidError
     from sysid.errors import UsageError as UsageError
-    from sysid.estimation.recursive.live_fit import LiveFit as LiveFit
+    from sysid.estimation.online.live_fit import LiveFit as LiveFit
     from sysid.export.package import write_package as write_package
     from sysid.fitting.options import FitOptions as FitOptions
     from sysid.fitting.problem import Focus as Focus
@@ -96,6 +90,12 @@ if TYPE_CHECKING:
     from sysid.plant.package import load_plant as load_plant
     from sysid.structures.model import Model as Model
     from sysid.structures.plant import Plant as Plant
+    from sysid.testbench.motor.characterise import MotorOptions as MotorOptions
+    from sysid.testbench.motor.characterise import characterise_motor as characterise_motor
+    from sysid.testbench.pendulum.inertia import Hanging as Hanging
+    from sysid.testbench.pendulum.study import inertia_of_logs as inertia_of_logs
+    from sysid.testbench.pendulum.study import inertia_of_period as inertia_of_period
+    from sysid.testbench.power.study import bench_power as bench_power
     from sysid.vehicle.wheels.description import load_vehicle as load_vehicle
     from sysid.vehicle.wheels.vehicle import Vehicle as Vehicle
     from sysid.vehicle.wheels.wheel import Wheel as Wheel

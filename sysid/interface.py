@@ -19,7 +19,7 @@ from sysid.structures.registry import structure_class
 
 if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
-    from sysid.discrepancy.diagnosis import Diagnosis
+    from sysid.diagnosis.diagnosis import Diagnosis
     from sysid.estimation.selection.comparison import Ranking
     from sysid.estimation.vehicle.dynamic_motors import KnownMotors
     from sysid.estimation.vehicle.vehicle_fit import VehicleFit
@@ -342,7 +342,7 @@ def diagnose(
         ModelError: the model cannot be run on them.
         UsageError: there is no such mission file, or a log that judges is one of ``records``.
     """
-    from sysid.discrepancy.diagnose import diagnose as search
+    from sysid.diagnosis.diagnose import diagnose as search
     from sysid.effects.measured import read_measured
 
     if mission is not None and not Path(mission).is_file():

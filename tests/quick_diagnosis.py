@@ -11,12 +11,12 @@ from command_line import write_log
 from sysid.criteria.information import information_criteria
 from sysid.data.preprocess import Detrend
 from sysid.data.record import PWM_FULL_SCALE, Array, Channel, Record
-from sysid.discrepancy.diagnose import require_apart
-from sysid.discrepancy.diagnosis import Diagnosis, Experiment, Trace
-from sysid.discrepancy.gap import measure_gap
-from sysid.discrepancy.named_effects import NamedEffect, Value
-from sysid.discrepancy.proof.localise import localise
-from sysid.discrepancy.proof.model_error import ResidualVerdict
+from sysid.diagnosis.diagnose import require_apart
+from sysid.diagnosis.diagnosis import Diagnosis, Experiment, Trace
+from sysid.diagnosis.gap import measure_gap
+from sysid.diagnosis.named_effects import NamedEffect, Value
+from sysid.diagnosis.validation.localise import localise
+from sysid.diagnosis.validation.model_error import ResidualVerdict
 from sysid.errors import Termination
 from sysid.structures.augmented.structure import Augmented
 from sysid.structures.model import Model, Provenance, Source

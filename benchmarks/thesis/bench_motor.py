@@ -5,8 +5,10 @@ from functools import cache
 import numpy as np
 import sysid_datasets
 
-from sysid.bench.motor.characterise import MotorBench, characterise_motor
-from sysid.bench.motor.equations import (
+from sysid.data.record import Array
+from sysid.report.plots import Line, Panel, ResponsePicture
+from sysid.testbench.motor.characterise import MotorBench, characterise_motor
+from sysid.testbench.motor.equations import (
     PUBLISHED,
     MotorConstants,
     steady_state,
@@ -14,9 +16,7 @@ from sysid.bench.motor.equations import (
     time_constant,
     torque_speed,
 )
-from sysid.bench.motor.experiments import Kind
-from sysid.data.record import Array
-from sysid.report.plots import Line, Panel, ResponsePicture
+from sysid.testbench.motor.experiments import Kind
 from thesis.entries import DRAWN, Row, Sheet, compared, line, number
 
 RPM = 30.0 / np.pi

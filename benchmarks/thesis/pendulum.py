@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sysid.bench.pendulum.study import inertia_of_period
 from sysid.report.plots import Panel, ResponsePicture
+from sysid.testbench.pendulum.study import inertia_of_period
 from thesis.entries import DRAWN, MISPRINT, Row, Sheet, compared, line, number
 
 PERIOD = 1.735

@@ -7,7 +7,6 @@ import sysid_datasets
 from sysid_datasets.twin import AT_REST, DEVASTATOR, SAMPLE_TIME, Twin, advance
 
 import sysid
-from sysid.bench.motor.model import bench_model
 from sysid.data.record import Array, Channel, Record
 from sysid.effects.ground import Ground
 from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS, SteppablePlant
@@ -16,6 +15,7 @@ from sysid.mission.robot.mapping import as_robot
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission
 from sysid.structures.model import Model
+from sysid.testbench.motor.model import bench_model
 from thesis.bench_motor import bench
 
 ORDERS = "na=1 nb=1 nk=1"

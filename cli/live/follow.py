@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from sysid.data.preparation import Preparation
     from sysid.data.reading.read_options import ReadOptions
     from sysid.estimation.identify import Identification, Request
-    from sysid.estimation.recursive.follower import Feed, Follower
-    from sysid.estimation.recursive.live_state import LiveState
+    from sysid.estimation.online.follower import Feed, Follower
+    from sysid.estimation.online.live_state import LiveState
 
 POLL = 0.05
 """Seconds between two looks at a file: a person sees no delay, and a core is left alone."""
@@ -68,7 +68,7 @@ def follow(
         UsageError: an option does not go with following.
         DataError: nothing can be made of what came.
     """
-    from sysid.estimation.recursive.follower import Follower, LiveOptions
+    from sysid.estimation.online.follower import Follower, LiveOptions
 
     options = LiveOptions(_orders(request), how.forgetting, how.false_alarms, request.detrend)
     feed = _feed(logs, read)
@@ -122,7 +122,7 @@ def _orders(request: "Request") -> Any:
 def _feed(logs: Sequence[Path], read: "ReadOptions") -> "Feed":
     from sysid.data.following.lines import lines_of
     from sysid.data.following.rows import check_followable
-    from sysid.estimation.recursive.follower import LogFeed
+    from sysid.estimation.online.follower import LogFeed
 
     if len(logs) != 1:
         raise UsageError(f"one log can be followed at a time, got {len(logs)}; name one")
@@ -192,7 +192,7 @@ def _kept(follower: "Follower", ending: str, request: "Request", workspace: Work
     """The model, and the rows it stands on as a log of the workspace."""
     from sysid.data.files import write_atomic
     from sysid.data.preparation import Preparation, read_prepared
-    from sysid.estimation.recursive.follower import identification, kept_log
+    from sysid.estimation.online.follower import identification, kept_log
 
     if follower.live is None:
         raise DataError(f"{follower.feed.where}: no rows have come; is it the right log?")

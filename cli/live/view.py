@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from sysid.estimation.assessment.step_response import Estimate
-    from sysid.estimation.recursive.live_state import LiveChange, LivePair, LiveState
+    from sysid.estimation.online.live_state import LiveChange, LivePair, LiveState
 
 ZONE_WORDS = {"command": "in the command", "friction": "friction", "both": "command and friction"}
 """What a dead zone is, by its law."""

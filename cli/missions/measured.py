@@ -28,7 +28,7 @@ def lay_over(
         The comparison, ``measured`` of the document, and warnings.
     """
     from sysid.data.finding import warned
-    from sysid.discrepancy.likely_cause import likely_cause
+    from sysid.diagnosis.likely_cause import likely_cause
     from sysid.mission.measured.against import RUNS, against_runs
 
     record, findings = _drive(log, read)

@@ -14,7 +14,7 @@ from sysid.errors import DataError, UsageError
 from sysid.estimation.assessment.data_notes import notes_for
 from sysid.estimation.assessment.figures import require_samples
 from sysid.estimation.assessment.findings import Assessment, Policy, assess
-from sysid.estimation.levels.choice import start_of
+from sysid.estimation.offsets.choice import start_of
 from sysid.estimation.selection.contest import run_contest, structures_for
 from sysid.estimation.selection.grid import parse_grids
 from sysid.estimation.selection.standings import Entry

@@ -11,8 +11,8 @@ from sysid.data.outliers import mended
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.errors import DataError, UsageError
-from sysid.estimation.levels.estimated_level import fit_with_level
-from sysid.estimation.levels.offsets import Offsets
+from sysid.estimation.offsets.estimated_level import fit_with_level
+from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.robust_fit import bounded_errors, fitter
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial, Parameter
@@ -96,7 +96,7 @@ def _offsets(
         return Offsets.none(structure.nu, structure.ny)
     else:
         # it tries models on held-out data, which are fitted here
-        from sysid.estimation.levels.choice import choose_offsets
+        from sysid.estimation.offsets.choice import choose_offsets
 
         offsets = choose_offsets(mended(records).records, detrend)
     return offsets.for_structure(structure, records)

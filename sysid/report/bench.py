@@ -4,18 +4,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.bench.motor.characterise import MotorBench
-from sysid.bench.motor.drive import DriveLog, motion
-from sysid.bench.motor.equations import (
+from sysid.data.record import Array
+from sysid.report.plots import Line, Panel, ResponsePicture
+from sysid.testbench.motor.characterise import MotorBench
+from sysid.testbench.motor.drive import DriveLog, motion
+from sysid.testbench.motor.equations import (
     MotorConstants,
     steady_state,
     step_response,
     time_constant,
     torque_speed,
 )
-from sysid.bench.motor.experiments import Kind, SteadyTest
-from sysid.data.record import Array
-from sysid.report.plots import Line, Panel, ResponsePicture
+from sysid.testbench.motor.experiments import Kind, SteadyTest
 
 THESIS_STEP = 3.0
 """Voltage of the thesis's steps [V] (figures 6.3, 6.4)."""

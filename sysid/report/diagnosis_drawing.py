@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.discrepancy.proof.localise import Region
+from sysid.diagnosis.validation.localise import Region
 from sysid.report import style
 from sysid.report.diagnosis_picture import Profile, RegimeLine, Window, reach
 from sysid.report.layout import LINE, WIDE, Layout, Row, arrange, broken, legend, legend_height

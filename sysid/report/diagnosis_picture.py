@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.record import PWM_FULL_SCALE, Array, Record
-from sysid.discrepancy.diagnosis import Diagnosis, Trace
-from sysid.discrepancy.proof.localise import regimes
+from sysid.diagnosis.diagnosis import Diagnosis, Trace
+from sysid.diagnosis.validation.localise import regimes
 from sysid.report.diagnosis_words import held_out
 
 BINS = 26

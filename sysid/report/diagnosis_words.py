@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.discrepancy.base_model import full_drive
-from sysid.discrepancy.diagnosis import OF_THE_LOG, Diagnosis, Trace
-from sysid.discrepancy.named_effects import NamedEffect, Value
-from sysid.discrepancy.proof.localise import Region
-from sysid.discrepancy.proof.model_error import ResidualVerdict
+from sysid.diagnosis.base_model import full_drive
+from sysid.diagnosis.diagnosis import OF_THE_LOG, Diagnosis, Trace
+from sysid.diagnosis.named_effects import NamedEffect, Value
+from sysid.diagnosis.validation.localise import Region
+from sysid.diagnosis.validation.model_error import ResidualVerdict
 from sysid.effects.catalogue import effect
 from sysid.effects.samples import DROPOUTS, QUANTISATION
 from sysid.estimation.assessment.figures import Figures

@@ -11,8 +11,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.discrepancy.diagnosis import Diagnosis, Experiment
-from sysid.discrepancy.several.words import sentences, table_of_logs
+from sysid.diagnosis.diagnosis import Diagnosis, Experiment
+from sysid.diagnosis.several.words import sentences, table_of_logs
 from sysid.report import diagnosis_bars, diagnosis_drawing, diagnosis_picture, style
 from sysid.report import diagnosis_words as words
 from sysid.report.layout import NARROW, NARROWEST_WIDE, WIDE, Layout

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from sysid.data.record import Channel
-from sysid.structures.recursive.expressions import FUNCTIONS
+from sysid.structures.difference_equations.expressions import FUNCTIONS
 
 EXPRESSIONS = ("regressors", "terms")
 """Options of structures that hold expressions in signals."""

@@ -16,7 +16,7 @@ import quick_diagnosis
 from command_line import Run, contents, robot_log, run, write_log
 from quick_diagnosis import dead_zone_log
 
-from sysid.discrepancy.diagnosis import Diagnosis
+from sysid.diagnosis.diagnosis import Diagnosis
 from sysid.workspace.logs import StoredData
 from sysid.workspace.store import Workspace
 
@@ -38,7 +38,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def engine(answer: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the command get one of the quick answers."""
-    stub = types.ModuleType("sysid.discrepancy.diagnose")
+    stub = types.ModuleType("sysid.diagnosis.diagnose")
     stub.diagnose = getattr(quick_diagnosis, answer)  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, stub.__name__, stub)
 
@@ -199,7 +199,7 @@ def test_a_mission_is_told_and_drawn(
         asked.append(mission)
         return replace(quick_diagnosis.nothing(*logs, **facts), path=path)
 
-    monkeypatch.setattr(sys.modules["sysid.discrepancy.diagnose"], "diagnose", on_mission)
+    monkeypatch.setattr(sys.modules["sysid.diagnosis.diagnose"], "diagnose", on_mission)
     told = run(capsys, "diagnose", "log.csv", "--mission", "mission.yaml")
     assert told.code == 0, told.err
     assert asked == [Path("mission.yaml")]
@@ -231,7 +231,7 @@ def test_diagnosed_models_say_what_they_were_judged_on(
 
 
 def test_the_engine_takes_what_the_command_gives() -> None:
-    from sysid.discrepancy.diagnose import diagnose
+    from sysid.diagnosis.diagnose import diagnose
 
     assert {"estimation", "held", "model", "progress"} <= set(signature(diagnose).parameters)
 

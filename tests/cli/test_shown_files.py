@@ -36,7 +36,7 @@ def test_listed_files_are_written(
     """Each file that a page lists is there after the commands, under that very name."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sysid.report.html.diagnosis_page", lambda *_: "<html></html>")
-    engine = types.ModuleType("sysid.discrepancy.diagnose")
+    engine = types.ModuleType("sysid.diagnosis.diagnose")
     engine.diagnose = quick_diagnosis.diagnose  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, engine.__name__, engine)
     quick_diagnosis.dead_zone_log(tmp_path / "log.csv")

@@ -11,8 +11,8 @@ from sysid.data.io import read_file
 from sysid.data.reading.held import refreshed, without_repeats
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Array, Channel, Record
-from sysid.discrepancy.samples import inspect_samples
-from sysid.discrepancy.search.evidence import noise_floor
+from sysid.diagnosis.samples import inspect_samples
+from sysid.diagnosis.search.evidence import noise_floor
 from sysid.errors import UsageError
 
 MEASURED = Path(

@@ -156,7 +156,7 @@ def test_every_command_says_what_reading_did_to_the_numbers(
 ) -> None:
     log, camera, _ = files
     monkeypatch.chdir(log.parent)
-    stub = types.ModuleType("sysid.discrepancy.diagnose")
+    stub = types.ModuleType("sysid.diagnosis.diagnose")
     stub.diagnose = quick_diagnosis.diagnose  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, stub.__name__, stub)
     monkeypatch.setattr("sysid.report.html.diagnosis_page", lambda *_: "<html></html>")

@@ -5,8 +5,8 @@ import pytest
 from scipy.signal import lfilter
 
 from sysid.data.record import Record
-from sysid.discrepancy.gap import floor_of_errors, measure_gap
-from sysid.discrepancy.search.evidence import noise_floor
+from sysid.diagnosis.gap import floor_of_errors, measure_gap
+from sysid.diagnosis.search.evidence import noise_floor
 
 
 def quick_plant(noise: float, quantum: float = 0.0, seed: int = 0) -> tuple[Record, np.ndarray]:

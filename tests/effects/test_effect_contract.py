@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sysid.discrepancy.search.supermodel import SuperModel
+from sysid.diagnosis.search.supermodel import SuperModel
 from sysid.effects.base import Effect
 from sysid.effects.catalogue import CHANGED, about, catalogue, chain_effects
 from sysid.effects.conformance import fault
 from sysid.effects.samples import EFFECTS as OF_SAMPLES
 
 ROOT = Path(__file__).resolve().parents[2]
-FOLDERS = ("sysid/discrepancy", "sysid/report", "sysid/estimation", "sysid/structures", "cli")
+FOLDERS = ("sysid/diagnosis", "sysid/report", "sysid/estimation", "sysid/structures", "cli")
 NAMESAKES = {
     "cli/diagnose.py": {"held-telemetry"},  # a finding of the reader
     "sysid/structures/blocks/static/kinds.py": {"dead-zone"},  # a kind of static curve

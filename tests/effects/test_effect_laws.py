@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from sysid.data.record import Channel, Record
-from sysid.discrepancy.search.candidates import CandidateSearch
-from sysid.discrepancy.search.named_sets import Judged, Node
-from sysid.discrepancy.search.starts import free_slots
-from sysid.discrepancy.search.supermodel import SuperModel
+from sysid.diagnosis.search.candidates import CandidateSearch
+from sysid.diagnosis.search.named_sets import Judged, Node
+from sysid.diagnosis.search.starts import free_slots
+from sysid.diagnosis.search.supermodel import SuperModel
 from sysid.effects.base import Law
 from sysid.effects.catalogue import effect
 from sysid.structures.augmented.structure import Augmented

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pose_cases import DT, two_tracks, wandering
 
-from sysid.discrepancy.pose.ground_model import with_ground
+from sysid.diagnosis.pose.ground_model import with_ground
 from sysid.effects.ground import Ground
 from sysid.errors import UsageError
 from sysid.estimation.vehicle.windows import path_of

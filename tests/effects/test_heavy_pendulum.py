@@ -3,8 +3,8 @@
 import numpy as np
 
 from sysid.data.record import Channel, Record
-from sysid.discrepancy.search.naming import NamingSearch
-from sysid.discrepancy.search.supermodel import SuperModel
+from sysid.diagnosis.search.naming import NamingSearch
+from sysid.diagnosis.search.supermodel import SuperModel
 from sysid.effects.catalogue import effect
 
 DT, FINE, TAU, GAIN = 0.02, 20, 0.1, 10.0

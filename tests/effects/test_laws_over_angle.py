@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from sysid.data.record import Channel, Record
-from sysid.discrepancy.over_angle import over_angle, strongest_lines
-from sysid.discrepancy.search.candidates import CandidateSearch
-from sysid.discrepancy.search.supermodel import SuperModel
+from sysid.diagnosis.over_angle import over_angle, strongest_lines
+from sysid.diagnosis.search.candidates import CandidateSearch
+from sysid.diagnosis.search.supermodel import SuperModel
 from sysid.effects.catalogue import effect
 from sysid.structures.augmented.structure import Augmented
 

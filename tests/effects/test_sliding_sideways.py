@@ -5,7 +5,7 @@ import pytest
 from pose_cases import DT, two_tracks, wandering
 
 from sysid.data.record import Array
-from sysid.discrepancy.pose.ground_model import with_ground
+from sysid.diagnosis.pose.ground_model import with_ground
 from sysid.effects.ground import Ground
 from sysid.estimation.vehicle.windows import path_of
 from sysid.mission.robot.mapping import as_robot

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from sysid.data.record import Array, Channel, Record
-from sysid.discrepancy.search.named_sets import Judged
-from sysid.discrepancy.search.naming import NamingSearch
-from sysid.discrepancy.search.supermodel import SuperModel
+from sysid.diagnosis.search.named_sets import Judged
+from sysid.diagnosis.search.naming import NamingSearch
+from sysid.diagnosis.search.supermodel import SuperModel
 from sysid.effects.base import Context
 from sysid.effects.catalogue import effect
 

@@ -12,7 +12,7 @@ from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel, Record
 from sysid.data.rest import rest_head
 from sysid.errors import ModelError
-from sysid.estimation.levels.choice import choose_offsets
+from sysid.estimation.offsets.choice import choose_offsets
 from sysid.estimation.pem import fit
 from sysid.estimation.selection.contest import run_contest
 from sysid.fitting.options import FitOptions

@@ -15,7 +15,7 @@ from plant_models import robot_model
 from pose_cases import two_tracks
 
 import sysid
-from sysid.discrepancy.pose.ground_model import with_ground
+from sysid.diagnosis.pose.ground_model import with_ground
 from sysid.effects.ground import Ground
 from sysid.export.c.counting import operations
 from sysid.export.c.precision import in_single, single

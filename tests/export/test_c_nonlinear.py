@@ -28,6 +28,7 @@ from sysid.structures.augmented.structure import Augmented
 from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
 from sysid.structures.blocks.static.kinds import KINDS
 from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
+from sysid.structures.difference_equations.expressions import FUNCTIONS
 from sysid.structures.grey_box.constants import Constant
 from sysid.structures.grey_box.dc_motor.structure import DCMotor
 from sysid.structures.grey_box.structure import GreyBox
@@ -37,7 +38,6 @@ from sysid.structures.narmax.structure import NARMAX
 from sysid.structures.narx.structure import NarxWavelet
 from sysid.structures.narx.wavelet_network import KINDS as ESTIMATORS
 from sysid.structures.narx.wavelet_network import RowDesign
-from sysid.structures.recursive.expressions import FUNCTIONS
 
 EXACT = 1e-10
 """Relative to the output's range: other orders of addition and another libm cost some 1e-16 a

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import sysid
-from sysid.discrepancy.diagnose import diagnose as engine
-from sysid.discrepancy.diagnosis import Diagnosis
+from sysid.diagnosis.diagnose import diagnose as engine
+from sysid.diagnosis.diagnosis import Diagnosis
 
 ZONE, GAIN, POLE, NOISE = 0.2, 15.0, 0.8, 0.1
 

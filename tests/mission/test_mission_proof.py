@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from pose_cases import hidden_mission, logs, true_base
 
-from sysid.discrepancy.pose.diagnosis import diagnose_pose
-from sysid.discrepancy.pose.ground_model import with_ground
-from sysid.discrepancy.proof.mission import MissionProof, not_this_mission, prove_on_mission
+from sysid.diagnosis.pose.diagnosis import diagnose_pose
+from sysid.diagnosis.pose.ground_model import with_ground
+from sysid.diagnosis.validation.mission import MissionProof, not_this_mission, prove_on_mission
 from sysid.errors import ModelError
 from sysid.mission.spec import load_mission
 

@@ -1,8 +1,7 @@
-"""The shape of the code: no circles, lazy imports and registries included, and small rooms."""
+"""The shape of the code: no circles, lazy imports and registries included, and no long file."""
 
 import ast
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
@@ -11,9 +10,6 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PLACES = {"sysid": ROOT / "sysid", "sysid_cli": ROOT / "cli"}
-
-MOST_FILES = 20
-"""Files of its own that a folder may hold: as many as a reader keeps apart."""
 
 MOST_LINES = 500
 
@@ -166,12 +162,6 @@ def test_the_walk_sees_lazy_imports_and_registries() -> None:
     ]
 
 
-@pytest.mark.parametrize("package", [m for m in modules() if is_package(m)])
-def test_a_folder_holds_few_files(package: str) -> None:
-    files = [p for p in modules()[package].parent.glob("*.py") if p.name != "__init__.py"]
-    assert len(files) <= MOST_FILES, f"{package} holds {len(files)} files"
-
-
 def test_no_file_is_long() -> None:
     places = ("sysid", "cli", "tests", "benchmarks", "datasets", "docs", "examples")
     long = {
@@ -181,13 +171,6 @@ def test_no_file_is_long() -> None:
         if len(path.read_text(encoding="utf-8").splitlines()) > MOST_LINES
     }
     assert not long, f"over {MOST_LINES} lines: {sorted(long)}"
-
-
-def test_every_package_is_in_the_wheel() -> None:
-    listed = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    names = set(listed["tool"]["setuptools"]["packages"])
-    there = {m for m in modules() if is_package(m)} | {"sysid_datasets", "sysid_datasets.physics"}
-    assert names == there, f"differ: {sorted(names ^ there)}"
 
 
 def test_no_two_test_files_have_the_same_name() -> None:

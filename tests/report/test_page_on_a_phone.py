@@ -14,7 +14,7 @@ import pytest
 from quick_diagnosis import dead_zone_log, diagnose
 
 from sysid.data.io import read_log
-from sysid.discrepancy.proof.localise import Region
+from sysid.diagnosis.validation.localise import Region
 from sysid.effects.catalogue import catalogue
 from sysid.report import diagnosis_bars, diagnosis_drawing
 from sysid.report.diagnosis_picture import RegimeLine, Window

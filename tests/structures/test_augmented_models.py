@@ -107,7 +107,7 @@ def test_a_diagnosed_model_goes_through_every_command(
     monkeypatch.chdir(tmp_path)
     dead_zone_log(tmp_path / "log.csv")
     dead_zone_log(tmp_path / "other.csv", seed=2)
-    stub = types.ModuleType("sysid.discrepancy.diagnose")
+    stub = types.ModuleType("sysid.diagnosis.diagnose")
     stub.diagnose = quick_diagnosis.diagnose  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, stub.__name__, stub)
     monkeypatch.setattr("sysid.report.html.diagnosis_page", lambda *_: "<html></html>")

@@ -15,18 +15,13 @@ from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial, Problem
 from sysid.fitting.solvers import Descent, levenberg_marquardt
-from sysid.structures.narmax.candidate_runs import CandidateRuns
-from sysid.structures.narmax.chunk_fits import ChunkFit, fit_together
-from sysid.structures.narmax.problems import ChunkedRuns
-from sysid.structures.narmax.runs import PolynomialRun
-from sysid.structures.narmax.structure import NARMAX
-from sysid.structures.recursive.frols import (
+from sysid.structures.difference_equations.frols import (
     best_sizes,
     bic_size,
     forward,
     term_gram,
 )
-from sysid.structures.recursive.monomials import (
+from sysid.structures.difference_equations.monomials import (
     columns,
     is_noise,
     parsed,
@@ -34,7 +29,12 @@ from sysid.structures.recursive.monomials import (
     term,
     typed_name,
 )
-from sysid.structures.recursive.signals import Signal
+from sysid.structures.difference_equations.signals import Signal
+from sysid.structures.narmax.candidate_runs import CandidateRuns
+from sysid.structures.narmax.chunk_fits import ChunkFit, fit_together
+from sysid.structures.narmax.problems import ChunkedRuns
+from sysid.structures.narmax.runs import PolynomialRun
+from sysid.structures.narmax.structure import NARMAX
 
 COUPLED = (
     "constant, y1(t-1), y2(t-2)*u1(t), u2(t-1), y1(t-1)^2*y2(t-1), e(t-1), u1(t)*e(t-2);"

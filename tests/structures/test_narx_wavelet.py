@@ -12,6 +12,7 @@ from sysid.errors import DataError, Termination, UsageError
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
+from sysid.structures.difference_equations.expressions import parse, written
 from sysid.structures.model import Model
 from sysid.structures.narx.fit import all_data
 from sysid.structures.narx.problems import FreeRuns
@@ -24,7 +25,6 @@ from sysid.structures.narx.wavelet_network import (
     gradients,
     value,
 )
-from sysid.structures.recursive.expressions import parse, written
 from sysid.structures.registry import structure_class, structure_from_json
 
 ORDERS = {"na": 1, "nb": 1, "nk": 1}

@@ -10,10 +10,10 @@ from command_line import run, write_log
 from sysid.data.record import Channel
 from sysid.errors import UsageError
 from sysid.estimation.selection.grid import parse_grids
+from sysid.structures.difference_equations.expressions import parse
+from sysid.structures.difference_equations.monomials import parsed, printed, typed_name
+from sysid.structures.difference_equations.regressors import named
 from sysid.structures.own_names import in_generic_names
-from sysid.structures.recursive.expressions import parse
-from sysid.structures.recursive.monomials import parsed, printed, typed_name
-from sysid.structures.recursive.regressors import named
 
 NAMES = [
     ("u", "y"),

@@ -11,7 +11,7 @@ from pose_cases import DT, driven, ground, wandering
 from scipy.signal import lfilter
 
 from sysid.data.record import Record
-from sysid.discrepancy.pose.diagnosis import PoseDiagnosis, diagnose_pose
+from sysid.diagnosis.pose.diagnosis import PoseDiagnosis, diagnose_pose
 from sysid.effects.ground import Ground
 from sysid.estimation.vehicle.geometry import contradicted
 from sysid.estimation.vehicle.windows import path_of, track_channels, tracks_of

@@ -14,7 +14,7 @@ from sysid.criteria.verdicts import ResidualReport
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError, argument
 from sysid.estimation.assessment.robust_judging import judged
-from sysid.estimation.levels.states import (
+from sysid.estimation.offsets.states import (
     estimated_columns,
     held_tests,
     level_column,

@@ -10,8 +10,8 @@ from sysid.data.outliers import mended
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
 from sysid.errors import DataError, ModelError, SysidError, UsageError
-from sysid.estimation.levels.choice import choose_offsets, start_of
-from sysid.estimation.levels.offsets import Offsets
+from sysid.estimation.offsets.choice import choose_offsets, start_of
+from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.pem import check_data, fit
 from sysid.estimation.selection.delays import ChosenDelay, chosen_delay
 from sysid.estimation.selection.orders import (

@@ -9,7 +9,7 @@ from sysid.data.record import Record
 from sysid.errors import DataError, SysidError, UsageError
 from sysid.estimation.assessment.figures import Start, outputs
 from sysid.estimation.assessment.robust_judging import judged
-from sysid.estimation.levels.offsets import Offsets
+from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial

@@ -28,9 +28,9 @@ from sysid.data.filtering import lfilter, lfilter_zi
 from sysid.data.record import Array, Index
 from sysid.fitting.marquardt import Conditions, loss, marquardt
 from sysid.structures.blocks.layers import Layer, LinearLayer, StaticLayer
+from sysid.structures.difference_equations.single_values import together
 from sysid.structures.linear.many_thetas import all_roots_inside
 from sysid.structures.linear.predictor import roots_inside
-from sysid.structures.recursive.single_values import together
 
 FORGOTTEN = 1e-24
 """Size to which an impulse decays before its further course is taken for zero. Left to itself it

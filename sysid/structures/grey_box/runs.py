@@ -16,8 +16,8 @@ from sysid.data.record import Array, Index
 from sysid.fitting.batched import OneTrial, descend_alone
 from sysid.fitting.compiled import compiled, jax_module
 from sysid.fitting.problem import Problem
+from sysid.structures.difference_equations.probing import probing_inputs
 from sysid.structures.linear.predictor import HUGE
-from sysid.structures.recursive.probing import probing_inputs
 
 if TYPE_CHECKING:
     from sysid.structures.grey_box.structure import GreyBox

@@ -12,10 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data.record import Array, Index
+from sysid.structures.difference_equations.chunks import Data, Piece, side_by_side
+from sysid.structures.difference_equations.frols import TermGram
+from sysid.structures.difference_equations.monomials import Term
 from sysid.structures.narmax.runs import PolynomialRun
-from sysid.structures.recursive.chunks import Data, Piece, side_by_side
-from sysid.structures.recursive.frols import TermGram
-from sysid.structures.recursive.monomials import Term
 
 CHUNK = 150
 """Samples a run: several time constants, short enough that a bad candidate costs no more."""

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array, Index
 from sysid.fitting.batched import Damping, descend_together
+from sysid.structures.difference_equations.chunks import Data, Piece, pieces, side_by_side
+from sysid.structures.difference_equations.monomials import Term
 from sysid.structures.narmax.runs import PolynomialRun
-from sysid.structures.recursive.chunks import Data, Piece, pieces, side_by_side
-from sysid.structures.recursive.monomials import Term
 
 DAMPING = Damping(first=1e-9, fall=0.1, rise=30.0, least=1e-13, most=1e5, loose=1e-4)
 """Next to none at first: lagged signals are nearly collinear, and shorter steps lead nowhere."""

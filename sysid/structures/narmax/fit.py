@@ -13,6 +13,14 @@ from sysid.fitting.problem import Parameter, Problem
 from sysid.fitting.robust import huber_widths, weighted
 from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
 from sysid.structures.base import Structure
+from sysid.structures.difference_equations.frols import forward, term_gram
+from sysid.structures.difference_equations.monomials import Term, is_noise
+from sysid.structures.difference_equations.trials import (
+    RUN_SAMPLES,
+    SEARCH_SAMPLES,
+    Estimate,
+    start_report,
+)
 from sysid.structures.held_out_error import free_run_error
 from sysid.structures.narmax.noise_terms import with_noise_terms
 from sysid.structures.narmax.problems import ChunkedRuns
@@ -21,9 +29,6 @@ from sysid.structures.narmax.term_search import search_terms
 from sysid.structures.narmax.term_trials import LADDER, Row
 from sysid.structures.orders import Orders
 from sysid.structures.outcome import FitOutcome, StartReport
-from sysid.structures.recursive.frols import forward, term_gram
-from sysid.structures.recursive.monomials import Term, is_noise
-from sysid.structures.recursive.trials import RUN_SAMPLES, SEARCH_SAMPLES, Estimate, start_report
 from sysid.structures.solved import outcome_of, valued, worst
 
 SEARCH_EVALUATIONS = 20

@@ -11,14 +11,14 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.data.record import Array, Record
-from sysid.structures.narmax.structure import NARMAX
-from sysid.structures.recursive.frols import bic_size, forward, gram_beyond
-from sysid.structures.recursive.monomials import (
+from sysid.structures.difference_equations.frols import bic_size, forward, gram_beyond
+from sysid.structures.difference_equations.monomials import (
     Term,
     columns,
     is_noise,
     noise_pool,
 )
+from sysid.structures.narmax.structure import NARMAX
 
 ROUNDS = 8
 RUNAWAY = 10.0

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 from sysid.errors import UsageError
+from sysid.structures.difference_equations.monomials import Term, is_noise, parsed
+from sysid.structures.difference_equations.options import by_output
+from sysid.structures.difference_equations.signals import lagged_signals
 from sysid.structures.orders import Orders
-from sysid.structures.recursive.monomials import Term, is_noise, parsed
-from sysid.structures.recursive.options import by_output
-from sysid.structures.recursive.signals import lagged_signals
 
 SELECTIONS = ("auto", "err", "simulation")
 """What chooses the terms, the usual one first."""

@@ -6,9 +6,9 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.fitting.problem import Problem
+from sysid.structures.difference_equations.chunks import Data, pieces, side_by_side
+from sysid.structures.difference_equations.monomials import Term, columns, is_noise, lagged
 from sysid.structures.narmax.runs import PolynomialRun
-from sysid.structures.recursive.chunks import Data, pieces, side_by_side
-from sysid.structures.recursive.monomials import Term, columns, is_noise, lagged
 
 DIVERGED = 1e100
 """Residual reported where the recursion of past errors overflows: the solver rejects the step."""

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 
 from sysid.data.record import Array, Index
-from sysid.structures.recursive.free_run import FreeRun
-from sysid.structures.recursive.monomials import Term, columns, is_noise
-from sysid.structures.recursive.signals import Signal
-from sysid.structures.recursive.single_values import Limits, kept_inside, together
+from sysid.structures.difference_equations.free_run import FreeRun
+from sysid.structures.difference_equations.monomials import Term, columns, is_noise
+from sysid.structures.difference_equations.signals import Signal
+from sysid.structures.difference_equations.single_values import Limits, kept_inside, together
 
 BLOCK = 8192
 """Samples whose input products are held at a time."""

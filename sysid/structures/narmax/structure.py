@@ -12,12 +12,8 @@ from sysid.fitting.problem import (
     Parameter,
 )
 from sysid.structures.base import refuse_options
-from sysid.structures.narmax.options import SELECTIONS, explicit_terms, require_inside
-from sysid.structures.narmax.problems import ChunkedRuns, OneStep
-from sysid.structures.narmax.runs import PolynomialRun
-from sysid.structures.orders import MAX_ORDER, spread
-from sysid.structures.recursive.chunks import Data, spreads
-from sysid.structures.recursive.monomials import (
+from sysid.structures.difference_equations.chunks import Data, spreads
+from sysid.structures.difference_equations.monomials import (
     MAX_DEGREE,
     Term,
     from_json,
@@ -26,10 +22,14 @@ from sysid.structures.recursive.monomials import (
     to_json,
     typed_name,
 )
-from sysid.structures.recursive.options import MARGIN, choice, margin, whole_number
-from sysid.structures.recursive.signals import Signal
-from sysid.structures.recursive.single_values import Limits
-from sysid.structures.recursive.structure import RecursiveStructure, ranges_from
+from sysid.structures.difference_equations.options import MARGIN, choice, margin, whole_number
+from sysid.structures.difference_equations.signals import Signal
+from sysid.structures.difference_equations.single_values import Limits
+from sysid.structures.difference_equations.structure import RecursiveStructure, ranges_from
+from sysid.structures.narmax.options import SELECTIONS, explicit_terms, require_inside
+from sysid.structures.narmax.problems import ChunkedRuns, OneStep
+from sysid.structures.narmax.runs import PolynomialRun
+from sysid.structures.orders import MAX_ORDER, spread
 
 if TYPE_CHECKING:
     from sysid.structures.outcome import Fitter

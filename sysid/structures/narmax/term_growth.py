@@ -12,10 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.structures.difference_equations.monomials import Term
 from sysid.structures.narmax.chunk_fits import ChunkFit, fit_together
 from sysid.structures.narmax.problems import ChunkedRuns
 from sysid.structures.narmax.term_trials import Row, Trial, fit_folds
-from sysid.structures.recursive.monomials import Term
 
 TRIED = 3
 """Candidates refined at each step."""

@@ -7,20 +7,20 @@ from math import comb
 import numpy as np
 
 from sysid.errors import UsageError
-from sysid.structures.narmax.candidate_runs import CandidateRuns, select_by_simulation
-from sysid.structures.narmax.term_growth import grown, pruned
-from sysid.structures.narmax.term_trials import Row, Trial, refined
-from sysid.structures.orders import MAX_ORDER, Orders
-from sysid.structures.recursive.frols import (
+from sysid.structures.difference_equations.frols import (
     TermGram,
     best_sizes,
     bic_size,
     forward,
     term_gram,
 )
-from sysid.structures.recursive.monomials import Term, pool
-from sysid.structures.recursive.signals import lagged_signals
-from sysid.structures.recursive.trials import as_good_as
+from sysid.structures.difference_equations.monomials import Term, pool
+from sysid.structures.difference_equations.signals import lagged_signals
+from sysid.structures.difference_equations.trials import as_good_as
+from sysid.structures.narmax.candidate_runs import CandidateRuns, select_by_simulation
+from sysid.structures.narmax.term_growth import grown, pruned
+from sysid.structures.narmax.term_trials import Row, Trial, refined
+from sysid.structures.orders import MAX_ORDER, Orders
 
 DEGREES = (1, 2, 3)
 """Degrees tried when none is given."""

@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
 from sysid.fitting.holdout import hold_out
+from sysid.structures.difference_equations.free_run import ranges, widened
+from sysid.structures.difference_equations.monomials import Term, term
+from sysid.structures.difference_equations.one_output import OneOutput
+from sysid.structures.difference_equations.probing import stays_near
+from sysid.structures.difference_equations.trials import TIE
 from sysid.structures.narmax.chunk_fits import ChunkFit, fit_together
 from sysid.structures.narmax.runs import PolynomialRun
 from sysid.structures.narmax.structure import NARMAX
-from sysid.structures.recursive.free_run import ranges, widened
-from sysid.structures.recursive.monomials import Term, term
-from sysid.structures.recursive.one_output import OneOutput
-from sysid.structures.recursive.probing import stays_near
-from sysid.structures.recursive.trials import TIE
 
 SHORT = 1500
 """Samples below which every fifth block is held out in turn."""

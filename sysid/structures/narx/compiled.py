@@ -15,6 +15,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
 
+from sysid.structures.difference_equations.expressions import evaluate, signals
+from sysid.structures.difference_equations.regressors import Row
+from sysid.structures.difference_equations.signals import Signal
 from sysid.structures.narx.wavelet_network import (
     KINDS,
     Frame,
@@ -24,9 +27,6 @@ from sysid.structures.narx.wavelet_network import (
     split,
     value,
 )
-from sysid.structures.recursive.expressions import evaluate, signals
-from sysid.structures.recursive.regressors import Row
-from sysid.structures.recursive.signals import Signal
 
 Values = Any
 """An array of jax.numpy."""

@@ -13,6 +13,13 @@ from sysid.fitting.problem import Parameter, Problem
 from sysid.fitting.robust import weighted
 from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
 from sysid.structures.base import Structure
+from sysid.structures.difference_equations.chunks import spreads
+from sysid.structures.difference_equations.trials import (
+    RUN_SAMPLES,
+    SEARCH_SAMPLES,
+    Estimate,
+    start_report,
+)
 from sysid.structures.narx.problems import FreeRuns, OneStepRow
 from sysid.structures.narx.search import (
     RUNGS,
@@ -31,8 +38,6 @@ from sysid.structures.narx.structure import NarxWavelet
 from sysid.structures.narx.wavelet_frame import least_squares
 from sysid.structures.narx.wavelet_network import RowDesign
 from sysid.structures.outcome import FitOutcome, StartReport
-from sysid.structures.recursive.chunks import spreads
-from sysid.structures.recursive.trials import RUN_SAMPLES, SEARCH_SAMPLES, Estimate, start_report
 from sysid.structures.solved import outcome_of, valued
 
 ROUNDS, FEWER_ROUNDS = 20, 14

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from sysid.errors import UsageError
+from sysid.structures.difference_equations.options import MARGIN, choice, margin, whole_number
+from sysid.structures.difference_equations.regressors import MAX_REGRESSORS, Row
+from sysid.structures.difference_equations.signals import lagged_signals
 from sysid.structures.narx.wavelet_network import DEGREE, KINDS, RowDesign
 from sysid.structures.orders import Orders
-from sysid.structures.recursive.options import MARGIN, choice, margin, whole_number
-from sysid.structures.recursive.regressors import MAX_REGRESSORS, Row
-from sysid.structures.recursive.signals import lagged_signals
 
 MAX_UNITS = 200
 SUBSETS = ("auto", "each", "pairs", "outputs", "all")

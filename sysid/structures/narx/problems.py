@@ -4,11 +4,11 @@ import numpy as np
 
 from sysid.data.record import Array, Index
 from sysid.fitting.problem import Problem
+from sysid.structures.difference_equations.chunks import Chunks, Data, pieces, side_by_side, spreads
+from sysid.structures.difference_equations.regressors import columns
 from sysid.structures.narx.compiled import Shape, WeightedChunks, chunk_functions
 from sysid.structures.narx.run import NarxRun
 from sysid.structures.narx.wavelet_network import gradients
-from sysid.structures.recursive.chunks import Chunks, Data, pieces, side_by_side, spreads
-from sysid.structures.recursive.regressors import columns
 
 
 class OneStepRow(Problem):

@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 
 from sysid.data.record import Array, Index
+from sysid.structures.difference_equations.expressions import FLOATS, evaluate, signals
+from sysid.structures.difference_equations.free_run import FreeRun
+from sysid.structures.difference_equations.regressors import Row, columns, holds_output, scalar
+from sysid.structures.difference_equations.signals import Signal
+from sysid.structures.difference_equations.single_values import Limits, kept_inside, together
 from sysid.structures.narx.wavelet_network import (
     KINDS,
     Kind,
     RowDesign,
     value,
 )
-from sysid.structures.recursive.expressions import FLOATS, evaluate, signals
-from sysid.structures.recursive.free_run import FreeRun
-from sysid.structures.recursive.regressors import Row, columns, holds_output, scalar
-from sysid.structures.recursive.signals import Signal
-from sysid.structures.recursive.single_values import Limits, kept_inside, together
 
 LONG = 20_000
 """Samples from which a run is compiled: importing and compiling then cost less than they save."""

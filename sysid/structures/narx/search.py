@@ -7,6 +7,8 @@ from itertools import combinations
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.structures.difference_equations.signals import Signal
+from sysid.structures.difference_equations.trials import as_good_as
 from sysid.structures.narx.simulation_error import RowRuns, Trial
 from sysid.structures.narx.structure import NarxWavelet
 from sysid.structures.narx.wavelet_frame import (
@@ -21,8 +23,6 @@ from sysid.structures.narx.wavelet_frame import (
     separate,
 )
 from sysid.structures.narx.wavelet_network import DEGREE, RowDesign
-from sysid.structures.recursive.signals import Signal
-from sysid.structures.recursive.trials import as_good_as
 
 RUNGS = (50, 500)
 """Chunk lengths of the refinement, each started from the last."""

@@ -18,6 +18,11 @@ from sysid.data.record import Array, Index
 from sysid.errors import Termination
 from sysid.fitting.holdout import HoldOut
 from sysid.fitting.solvers import many_starts
+from sysid.structures.difference_equations.chunks import Piece, pieces, side_by_side, spreads
+from sysid.structures.difference_equations.expressions import replaced
+from sysid.structures.difference_equations.one_output import OneOutput
+from sysid.structures.difference_equations.regressors import columns
+from sysid.structures.difference_equations.signals import Signal
 from sysid.structures.narx.compiled import Shape, WeightedChunks, chunk_functions
 from sysid.structures.narx.problems import weighted_chunks
 from sysid.structures.narx.run import NarxRun
@@ -31,11 +36,6 @@ from sysid.structures.narx.wavelet_network import (
     split,
 )
 from sysid.structures.narx.words import shapes
-from sysid.structures.recursive.chunks import Piece, pieces, side_by_side, spreads
-from sysid.structures.recursive.expressions import replaced
-from sysid.structures.recursive.one_output import OneOutput
-from sysid.structures.recursive.regressors import columns
-from sysid.structures.recursive.signals import Signal
 
 LANES = 12
 """Maps judged side by side."""

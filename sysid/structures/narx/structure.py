@@ -11,6 +11,12 @@ from sysid.fitting.problem import (
     Parameter,
 )
 from sysid.structures.base import refuse_options
+from sysid.structures.difference_equations.chunks import Data
+from sysid.structures.difference_equations.expressions import parse, written
+from sysid.structures.difference_equations.regressors import Row, custom
+from sysid.structures.difference_equations.signals import lagged_signals
+from sysid.structures.difference_equations.single_values import Limits
+from sysid.structures.difference_equations.structure import RecursiveStructure, ranges_from
 from sysid.structures.narx import options as narx_options
 from sysid.structures.narx import words as narx_words
 from sysid.structures.narx.options import NarxOptions
@@ -22,12 +28,6 @@ from sysid.structures.narx.wavelet_network import (
     RowDesign,
 )
 from sysid.structures.orders import spread
-from sysid.structures.recursive.chunks import Data
-from sysid.structures.recursive.expressions import parse, written
-from sysid.structures.recursive.regressors import Row, custom
-from sysid.structures.recursive.signals import lagged_signals
-from sysid.structures.recursive.single_values import Limits
-from sysid.structures.recursive.structure import RecursiveStructure, ranges_from
 
 if TYPE_CHECKING:
     from sysid.structures.outcome import Fitter

@@ -14,8 +14,8 @@ from itertools import combinations_with_replacement, product
 import numpy as np
 
 from sysid.data.record import Array, Index
+from sysid.structures.difference_equations.frols import Path, forward, gram_beyond
 from sysid.structures.narx.wavelet_network import KINDS, RowDesign, seen
-from sysid.structures.recursive.frols import Path, forward, gram_beyond
 
 POOL = 400
 """Candidate products at most."""

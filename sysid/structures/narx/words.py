@@ -7,9 +7,9 @@ import numpy as np
 from sysid.data.record import Channel
 from sysid.data.unit_words import ratio
 from sysid.fitting.problem import Parameter
+from sysid.structures.difference_equations.regressors import Row, named
+from sysid.structures.difference_equations.signals import Signal
 from sysid.structures.narx.wavelet_network import Kind, RowDesign, Weights
-from sysid.structures.recursive.regressors import Row, named
-from sysid.structures.recursive.signals import Signal
 
 DILATIONS = (0.05, 40.0)
 """Admissible dilations: narrower units fit single samples, wider ones are the linear part."""

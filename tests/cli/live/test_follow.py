@@ -171,7 +171,7 @@ def test_the_table_of_a_terminal() -> None:
     from rich.console import Console
 
     from sysid.data.record import Channel
-    from sysid.estimation.recursive.live_fit import LiveFit
+    from sysid.estimation.online.live_fit import LiveFit
 
     u = steps_of(LEVELS, 300, 15, 1)
     y = TurningMotor(bridge=1.5).speeds(u, 0.02)

@@ -10,7 +10,7 @@ from mission_cases import Robot, goal
 from plant_models import robot_record
 from pose_cases import two_tracks
 
-from sysid.discrepancy.pose.ground_model import with_ground
+from sysid.diagnosis.pose.ground_model import with_ground
 from sysid.effects.ground import Ground
 from sysid.errors import DataError, ModelError, UsageError
 from sysid.estimation.pem import fit

@@ -1,0 +1,170 @@
+"""Next experiments: command schedules that a robot can run and that tell what this log cannot.
+
+An effect names the programmes that show it; for one effect its first is written. For a
+tie the tied models are run on the programmes of all of them, and the one on which they differ most
+against the noise is taken.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.data.record import Array, Record
+from sysid.diagnosis.diagnosis import Experiment
+from sysid.diagnosis.search.named_sets import Node
+from sysid.diagnosis.search.naming import NamingSearch
+from sysid.diagnosis.search.prepared import prepare
+from sysid.effects.catalogue import about, is_known
+from sysid.effects.programmes import Programme, Row
+from sysid.estimation.vehicle.windows import track_channels
+
+CLEAR = 1.0
+"""Models that differ by so many noise standard deviations (RMS) are told apart at a glance."""
+
+FAINT = 0.2
+"""Below this even a whole schedule hardly tells them apart."""
+
+
+def experiment_between(
+    search: NamingSearch,
+    tied: Mapping[str, Node],
+    floor: Array,
+    scales: Array,
+    delay: int,
+) -> Experiment:
+    """The schedule that separates models which explain the log equally well.
+
+    Args:
+        search: the search around the models.
+        tied: the model with each of the tied effects, by id.
+        floor: noise of each output, (ny,).
+        scales: full drive of each input.
+        delay: dead time of the base in samples.
+    """
+    ids = tuple(tied)
+    record = search.estimation[0]
+    programmes = list(dict.fromkeys(p for id in ids for p in about(id).programmes))
+    best, least = programmes[0], -1.0
+    for programme in programmes:
+        apart = _apart(search, list(tied.values()), programme.rows, floor, (scales, delay))
+        if apart > least * 1.1:
+            best, least = programme, apart
+    hand = next((about(id).by_hand for id in ids if about(id).by_hand), "")
+    if hand and 0.0 <= least < FAINT:
+        return Experiment(
+            f"To tell {_listed(ids)} apart no command helps: the models would differ by "
+            f"{least:.1g} times the noise. {hand}",
+            ids,
+            (),
+            (),
+        )
+    purpose = f"To tell {_listed(ids)} apart: {_lower(_words(best, record))}"
+    if least >= 0.0:
+        clear = "clear" if least > CLEAR else "enough" if least > FAINT else "hardly enough"
+        purpose += f" The models then differ by {least:.2g} times the noise, which is {clear}."
+    return _written(purpose, ids, best.rows, record, scales)
+
+
+def experiment_on_ground(ids: tuple[str, ...], record: Record, scales: Array) -> Experiment:
+    """The schedule that the catalogue lists first for a tie between tracks and ground."""
+    programme = about(ids[0]).programmes[0]
+    purpose = f"To tell {_listed(ids)} apart: {_lower(_words(programme, record))}"
+    return _written(purpose, ids, programme.rows, record, scales)
+
+
+def next_experiments(
+    record: Record, scales: Array, undetectable: Sequence[str], most: int = 3
+) -> tuple[Experiment, ...]:
+    """Schedules for effects that the log cannot show; effects of one programme share it."""
+    grouped: dict[Programme, list[str]] = {}
+    one_way = bool(all(np.min(record.u, axis=0) >= 0.0)) and not record.is_robot_log
+    for id in undetectable:
+        if is_known(id) and not (one_way and about(id).reverses):
+            grouped.setdefault(about(id).programmes[0], []).append(id)
+    found = []
+    for programme, ids in sorted(grouped.items(), key=lambda item: -len(item[1]))[:most]:
+        purpose = f"This log cannot show {_listed(ids)}; {_lower(_words(programme, record))}"
+        found.append(_written(purpose, tuple(ids), programme.rows, record, scales))
+    return tuple(found)
+
+
+def _apart(
+    search: NamingSearch,
+    nodes: Sequence[Node],
+    rows: Sequence[Row],
+    floor: Array,
+    chain: tuple[Array, int],
+) -> float:
+    """Smallest RMS difference of any two models on a schedule, in noise standard deviations.
+
+    The schedule is filled up with rest to the length of the log, for which the super-model is
+    already compiled.
+    """
+    record = search.estimation[0]
+    scales, delay = chain
+    u = sampled(rows, record, scales)[: len(search.data.drive)]
+    whole = np.concatenate([u, np.zeros((len(search.data.drive) - len(u), record.nu))])
+    drive = replace(
+        record, u=whole, y=np.zeros((len(whole), record.ny)), pose=None, references=None, sha256=""
+    )
+    data = prepare([drive], scales, delay)
+    runs = search.model.run(np.array([n.q for n in nodes]), data)[:, : len(u)]
+    sizes = np.maximum(floor, 1e-9 * np.max(np.abs(runs), initial=1e-9))
+    return min(
+        float(np.sqrt(np.nanmean(((a - b) / sizes) ** 2)))
+        for k, a in enumerate(runs)
+        for b in runs[:k]
+    )
+
+
+def sampled(rows: Sequence[Row], record: Record, scales: Array) -> Array:
+    """A schedule at the log's sample time, (N, nu), within the log's command range."""
+    steps = _scaled(rows, record, scales)
+    t = record.dt * np.arange(int(np.ceil(steps[-1][0] / record.dt)) + 1)
+    at = np.searchsorted([r[0] for r in steps], t + 1e-9, side="right") - 1
+    return np.array([r[1:] for r in steps])[at]
+
+
+def _scaled(rows: Sequence[Row], record: Record, scales: Array) -> tuple[tuple[float, ...], ...]:
+    """Rows in the log's commands: shares of the largest command that the log uses, on its grid.
+
+    Commands that were never negative stay positive.
+    """
+    robot = record.is_robot_log
+    low, high = record.u.min(axis=0), record.u.max(axis=0)
+    largest = np.maximum(np.maximum(np.abs(low), np.abs(high)), 0.05 * scales)
+    found: list[tuple[float, ...]] = []
+    for t, *shares in rows:
+        values = []
+        for j in range(record.nu):
+            value = shares[min(j, 1)] * largest[j]
+            if low[j] >= 0.0 and not robot:
+                value = abs(value)
+            values.append(float(round(value)) if robot else float(np.round(value, 6)))
+        found.append((float(np.round(np.round(t / record.dt) * record.dt, 9)), *values))
+    return tuple(found)
+
+
+def _written(
+    purpose: str, ids: tuple[str, ...], rows: Sequence[Row], record: Record, scales: Array
+) -> Experiment:
+    columns = ("t", *record.input_names)
+    return Experiment(
+        purpose, ids, columns, _scaled(rows, record, scales), f"next_{'_'.join(ids[:3])}.csv"
+    )
+
+
+def _listed(ids: Sequence[str]) -> str:
+    return ids[0] if len(ids) == 1 else f"{', '.join(ids[:-1])} and {ids[-1]}"
+
+
+def _lower(text: str) -> str:
+    return text[:1].lower() + text[1:]
+
+
+def _words(programme: Programme, record: Record) -> str:
+    """What a programme does, in words that fit the log."""
+    if track_channels(record) is None:
+        return programme.plain or programme.words
+    return programme.words

@@ -1,0 +1,424 @@
+"""The base a diagnosis starts from: the plainest model, or a given one."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sysid.data.checks.feedback import in_closed_loop
+from sysid.data.column_words import may_move
+from sysid.data.integrating import POSITIONS, integrates
+from sysid.data.preprocess import Detrend
+from sysid.data.reading.held import own_rate, without_repeats
+from sysid.data.record import Array, Record
+from sysid.diagnosis.integrating import rates, step_of
+from sysid.diagnosis.policies import RULE
+from sysid.diagnosis.samples import (
+    SampleEffects,
+    inspect_rates,
+    inspect_samples,
+    with_steps_of,
+)
+from sysid.diagnosis.search.logs import logs_of
+from sysid.diagnosis.search.named_sets import Node
+from sysid.diagnosis.search.naming import NamingSearch
+from sysid.diagnosis.search.supermodel import SuperModel
+from sysid.effects.base import Effect, Place, is_of_servo, of_motor, of_servo
+from sysid.effects.by_log import for_logs
+from sysid.effects.sensor import SAMPLING
+from sysid.errors import DataError, ModelError
+from sysid.estimation.assessment.figures import Start, outputs
+from sysid.estimation.selection.contest import run_contest
+from sysid.estimation.selection.delays import choose_delay
+from sysid.fitting.holdout import hold_out
+from sysid.fitting.options import FitOptions
+from sysid.structures.augmented.given_base import GivenBase, begins_at_rest
+from sysid.structures.linear.oe import OE
+from sysid.structures.model import Model
+
+LARGEST_ORDER = 3
+LEAST_OF_SERVO = 2
+"""A loop around a motor's position; friction may hide the second pole."""
+
+FULL_DRIVE = 20000.0
+"""Pulse width of full drive of a robot log [µs]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """What is fitted and what judges.
+
+    Attributes:
+        estimation, held: records; the same ones where blocks of them are held out.
+        weights: weight of each sample of both, (N, ny) a record.
+        words: how the data were divided.
+        samples: what the readings of the estimation part show by themselves.
+    """
+
+    estimation: tuple[Record, ...]
+    held: tuple[Record, ...]
+    weights: tuple[tuple[Array, ...], tuple[Array, ...]]
+    words: str
+    samples: SampleEffects
+
+
+Inspection = Callable[[Sequence[Record]], SampleEffects]
+"""What the readings of records show by themselves."""
+
+
+def divided(
+    estimation: Sequence[Record],
+    held: Sequence[Record] | None,
+    inspect: Inspection = inspect_samples,
+) -> Parts:
+    """With logs to judge on, those; else interleaved blocks of the estimation logs.
+
+    Both parts are then scored on free runs from the beginning of each record. Lost readings do
+    not count in either.
+    """
+    seen = inspect(estimation)
+    mine = seen.weights
+    if held:
+        theirs = inspect(held).weights
+        if inspect is inspect_samples:
+            seen = with_steps_of(seen, (*estimation, *held))
+        return Parts(tuple(estimation), tuple(held), (mine, theirs), "the validation data", seen)
+    cut = hold_out(estimation)
+    masks = [m[:, None].astype(np.float64) for m in cut.counted]
+    theirs = tuple(w * m for w, m in zip(mine, masks, strict=True))
+    mine = tuple(w * (1.0 - m) for w, m in zip(mine, masks, strict=True))
+    whole = tuple(cut.whole)
+    return Parts(whole, whole, (mine, theirs), cut.words, seen)
+
+
+@dataclass(frozen=True, eq=False)
+class Base:
+    """The base of a diagnosis.
+
+    Attributes:
+        parts: what is fitted and what judges.
+        search: the naming search around it.
+        node: the base itself.
+        scales: full drive of each track's command.
+        delay: dead time in samples.
+        level: whether a constant level belongs to the base (logs without physical zeros).
+        words: what the base is, in words.
+        in_loop: whether the log was recorded in closed loop.
+        on_rate: whether the rate of an output that integrates stands in its place.
+        given: the model that was given, as the chain sees it; None for the plain base.
+        sampled: whether readings come a part of a sample late in it: how the log was made.
+    """
+
+    parts: Parts
+    search: NamingSearch
+    node: Node
+    scales: Array
+    delay: int
+    level: bool
+    words: str
+    in_loop: bool = False
+    on_rate: bool = False
+    given: GivenBase | None = None
+    sampled: bool = False
+
+    def with_sampling(self, like: Node) -> "Base":
+        """The base with readings that come a part of a sample late, fitted from a node's shares."""
+        search = self.search.holding(SAMPLING.id)
+        q = self.node.q.copy()
+        mine = list(search.model.of(SAMPLING.id))
+        q[mine] = like.q[mine]
+        node = search.base(q[None])
+        shares = " and ".join(f"{v:.2f}" for v in node.q[mine])
+        words = f"{self.words}; readings come {shares} of a sample late, which is how the log was "
+        words += "made (a speed that is counted over a sample is half of one late)"
+        return replace(self, search=search, node=node, words=words, sampled=True)
+
+    def without(self, mine: Sequence[Array], theirs: Sequence[Array]) -> "Base":
+        """The base fitted again where samples of both parts do not count, (N, ny) a record."""
+        weights = (
+            tuple(w * m for w, m in zip(self.parts.weights[0], mine, strict=True)),
+            tuple(w * m for w, m in zip(self.parts.weights[1], theirs, strict=True)),
+        )
+        search = NamingSearch(
+            self.search.model,
+            self.parts.estimation,
+            self.parts.held,
+            self.scales,
+            self.delay,
+            self.level,
+            weights,
+            self.search.needed,
+        )
+        parts = replace(self.parts, weights=weights)
+        return replace(self, parts=parts, search=search, node=search.base(self.node.q[None]))
+
+
+def plain_base(
+    estimation: Sequence[Record],
+    held: Sequence[Record] | None,
+    effects: Sequence[Effect],
+    highest: int = LARGEST_ORDER,
+) -> Base:
+    """Robot logs: per track its own command, first order, nk = 1, no offset. Others: OE up to
+    third order with dead time and level chosen on the estimation part.
+
+    Args:
+        estimation: what is fitted.
+        held: what judges; None holds blocks out.
+        effects: those that are tried.
+        highest: order at most.
+
+    Raises:
+        DataError: numbers of inputs and outputs differ.
+        ModelError: the base cannot be fitted.
+    """
+    on_rate, linear = integrates(estimation), None
+    inspect: Inspection = inspect_samples
+    if on_rate:
+        step, read = step_of(estimation), (*estimation, *(held or ()))
+        estimation, held = rates(estimation, step), rates(held, step) if held else None
+        behind = dict(zip(map(id, (*estimation, *(held or ()))), read, strict=True))
+
+        def inspect(some: Sequence[Record]) -> SampleEffects:
+            return inspect_rates(some, [behind[id(r)] for r in some], step)
+
+    parts = divided(estimation, held, inspect)
+    first = _require_tracks(estimation)
+    scales = full_drive(estimation)
+    if first.is_robot_log:
+        order, delay, level = 1, 1, False
+        words = "its own command, first order, one sample of delay, no offset"
+        words = f"per track {words}" if first.ny > 1 else words
+    else:
+        # a body that a force moves: friction would otherwise hide in a higher order
+        order, delay = 1, 1
+        if not on_rate:
+            linear, delay = _linear(without_repeats(estimation))
+            order = int(np.max(linear.structure.order_values()["nf"]))
+            order = max(order, LEAST_OF_SERVO if _is_servo(first) else 1)
+        level = not may_lack_sign(estimation)
+        order = min(order if level else LARGEST_ORDER, highest)
+        late = "one sample" if delay == 1 else f"{delay} samples"
+        words = f"output error of order {order} with {late} of delay"
+        words += " and a level" if level else ""
+        words += f" for the rate of the output, which integrates, every {first.dt:.3g} s" * on_rate
+    effects = _with_logs(_possible(effects, first), parts, level)
+    if order == 1:  # a numerator of a higher order holds it
+        effects = (*effects, SAMPLING)
+    model = SuperModel(effects, order, first.ny, typical_speed(estimation), first.dt)
+    in_loop = in_closed_loop(own_rate(estimation))
+    search = NamingSearch(
+        model,
+        parts.estimation,
+        parts.held,
+        scales,
+        delay,
+        level,
+        parts.weights,
+        RULE.in_loop if in_loop else RULE.held_out,
+    )
+    starts = _starts(model, estimation, scales)
+    if linear is not None:
+        starts = np.vstack([starts, _start_of(linear, model, scales)])
+    node = search.base(starts)
+    if not np.isfinite(node.held_rmse):
+        raise ModelError("the base model cannot be simulated on this log; look at sysid inspect")
+    return Base(parts, search, node, scales, delay, level, words, in_loop, on_rate)
+
+
+def given_base(
+    model: Model,
+    estimation: Sequence[Record],
+    held: Sequence[Record] | None,
+    effects: Sequence[Effect],
+) -> Base:
+    """A model of any structure as the base, unchanged.
+
+    Its free run is taken apart into a first-order core per track and the drive that makes this
+    core run like the model; effects act on that drive and core, so that without effects the
+    chain is the model.
+
+    Raises:
+        DataError: channels do not fit the model.
+        ModelError: the model cannot be simulated on this log.
+    """
+    for r in (*estimation, *(held or ())):
+        model.check(r)
+    first = _require_tracks(estimation)
+    parts = divided(estimation, held)
+    scales = full_drive(estimation)
+    runs = {
+        id(r): outputs(model, r, None, _start(model, r)) for r in (*parts.estimation, *parts.held)
+    }
+    if not all(np.isfinite(v).all() for v in runs.values()):
+        raise ModelError("the model runs away on this log; look at sysid compare")
+    effects = _with_logs(_possible(effects, first), parts, level=False)
+    plain = SuperModel(effects, 1, first.ny, typical_speed(estimation), first.dt)
+    copies = [replace(r, y=runs[id(r)]) for r in parts.estimation]
+    search = NamingSearch(plain, copies, copies, scales, 1)
+    core = search.base(_starts(plain, copies, scales)).q
+    gain = np.array([core[plain.place["core", "gain", i]] for i in range(first.ny)])
+    pole = np.array([core[plain.place["core", "f1", i]] for i in range(first.ny)])
+    pole = np.clip(pole, -0.999, -0.01)
+    given = GivenBase.of(model, gain, pole)
+
+    def driven(r: Record) -> Record:
+        return replace(r, u=given.drive(runs[id(r)]))
+
+    in_loop = in_closed_loop(own_rate(estimation))
+    found = NamingSearch(
+        plain,
+        [driven(r) for r in parts.estimation],
+        [driven(r) for r in parts.held],
+        np.ones(first.nu),
+        1,
+        False,
+        parts.weights,
+        RULE.in_loop if in_loop else RULE.held_out,
+        fixed_core=True,
+    )
+    q = plain.null.copy()
+    for i in range(first.ny):
+        q[plain.place["core", "gain", i]] = gain[i]
+        q[plain.place["core", "f1", i]] = pole[i]
+    node = found.node((), q, ())
+    words = f"the {model.structure.name} model, as it is"
+    return Base(parts, found, node, np.ones(first.nu), 1, False, words, in_loop, given=given)
+
+
+def _possible(effects: Sequence[Effect], first: Record) -> tuple[Effect, ...]:
+    """Effects, and laws of them, that what is read can have.
+
+    A heater has no friction, no gear and no armature; the sum of positions is no wheel's angle. Of
+    a servo, whose command is the position to be reached, nothing in the log is a torque or speed,
+    and its loop has lags of its own.
+    """
+    servo = _is_servo(first)
+    effects = [of_servo(e) if servo else of_motor(e) for e in effects]
+    if servo:
+        effects = [
+            e for e in effects if is_of_servo(e) or e.level or not (e.of_motion or e.exchanges)
+        ]
+    if any(c.unit in POSITIONS for c in first.outputs):
+        effects = [e for e in effects if not e.waves]
+    if any(may_move(c.name, c.unit) for c in first.outputs):
+        return tuple(effects)
+    return tuple(e for e in effects if e.level or not e.of_motion)
+
+
+def _is_servo(first: Record) -> bool:
+    """Whether each command is a set point of the position that is read: both in one such unit."""
+    pairs = zip(first.inputs, first.outputs, strict=True)
+    return all(u.unit == y.unit and y.unit in POSITIONS for u, y in pairs)
+
+
+def _with_logs(effects: Sequence[Effect], parts: Parts, level: bool) -> tuple[Effect, ...]:
+    """Effects, and what may differ between logs where they are searched on several.
+
+    That acts on the torque before anything else does: friction feels the load.
+    """
+    logs = logs_of(parts.estimation, parts.held)
+    mine = for_logs(len(logs.names), level) if len(set(logs.estimation)) > 1 else ()
+    before = [e for e in effects if e.place is Place.COMMAND]
+    return (*before, *mine, *(e for e in effects if e.place is not Place.COMMAND))
+
+
+def _start(model: Model, record: Record) -> Start:
+    """Where a given model begins to run on a record."""
+    offsets = model.detrend.u_offset, model.detrend.y_offset
+    return Start.ZERO if begins_at_rest(*offsets, record.y) else Start.ESTIMATED
+
+
+def full_drive(records: Sequence[Record]) -> Array:
+    """Full drive of each input: 20000 µs of a robot, else the largest command of the log."""
+    first = records[0]
+    if first.full_drive_is_known:
+        return np.full(first.nu, FULL_DRIVE)
+    everything = np.concatenate([r.u for r in records])
+    return np.asarray(np.maximum(np.max(np.abs(everything), axis=0), 1e-12))
+
+
+def typical_speed(records: Sequence[Record]) -> Array:
+    """Size of the fast readings of each output."""
+    speed = np.quantile(np.abs(np.concatenate([r.y for r in records])), 0.95, axis=0)
+    return np.asarray(np.maximum(speed, 1e-9))
+
+
+def may_lack_sign(records: Sequence[Record]) -> bool:
+    """Whether commands of both signs meet readings of one: the sensor may not see the direction.
+
+    Effects are then compared at the largest order, because an order chosen on such readings says
+    nothing; zero is taken for a physical zero.
+    """
+    u = np.concatenate([r.u for r in records])
+    y = np.concatenate([r.y for r in records])
+    both = np.all((u.min(axis=0) < -0.2 * u.max(axis=0)) & (u.max(axis=0) > 0.0))
+    size = np.quantile(np.abs(y), 0.95, axis=0)
+    return bool(both and np.all(y.min(axis=0) > -0.05 * size))
+
+
+def _require_tracks(records: Sequence[Record]) -> Record:
+    first = records[0]
+    if first.nu != first.ny:
+        raise DataError(
+            f"{first.name} has {first.nu} inputs and {first.ny} outputs; a diagnosis needs one "
+            "input for each output: choose them with `inputs` and `outputs`"
+        )
+    return first
+
+
+def _linear(records: Sequence[Record]) -> tuple[Model, int]:
+    """The output-error model whose order the log asks for, and its delay in samples."""
+    detrend = Detrend.means(records)
+    nk = choose_delay(hold_out([detrend.remove(r) for r in records]))
+    delay = int(np.max(nk)) if isinstance(nk, list) else int(nk)
+    delay = max(delay, 1)
+    grid = [{"nb": n, "nf": n, "nk": delay} for n in range(1, LARGEST_ORDER + 1)]
+    found = run_contest(("oe",), records, FitOptions(stable=True), detrend, grid=grid)
+    return found.entries[0].model, delay
+
+
+def _start_of(linear: Model, model: SuperModel, scales: Array) -> Array:
+    """The cores that run as a linear model does, (1, slots); no row where a core cannot.
+
+    From real poles alone no search finds a lightly damped swing: B(q)/F(q) = K b(q)/F(q) with
+    b(1) = F(1).
+    """
+    q = model.null.copy()
+    if not isinstance(linear.structure, OE):
+        return np.empty((0, len(q)))
+    polynomials = linear.structure.polynomials(linear.theta)
+    for i in range(model.tracks):
+        top, bottom = np.trim_zeros(polynomials.B[i][i], "f"), polynomials.F[i][i]
+        gain = float(np.sum(top) / np.sum(bottom)) if len(top) else 0.0
+        if not np.isfinite(gain) or gain == 0.0 or max(len(top), len(bottom) - 1) > model.order:
+            return np.empty((0, len(q)))
+        q[model.place["core", "gain", i]] = gain * scales[i]
+        for k, f in enumerate(bottom[1:]):
+            q[model.place["core", f"f{k + 1}", i]] = f
+        for k, b in enumerate(top[1:], start=1):
+            q[model.place["core", f"b{k + 1}", i]] = b / gain
+    return q[None]
+
+
+def _starts(model: SuperModel, records: Sequence[Record], scales: Array) -> Array:
+    """Several gains and time constants; the static gain from the largest readings."""
+    drive = np.concatenate([r.u for r in records]) / scales
+    y = np.concatenate([r.y for r in records])
+    gain = np.array(
+        [float(d @ v) / max(float(d @ d), 1e-12) for d, v in zip(drive.T, y.T, strict=True)]
+    )
+    size = np.quantile(np.abs(y), 0.95, axis=0) / np.maximum(
+        np.quantile(np.abs(drive), 0.95, axis=0), 1e-9
+    )
+    rows = []
+    for pole in (0.5, 0.8, 0.95):
+        for k in (gain, size):
+            q = model.null.copy()
+            for i in range(model.tracks):
+                q[model.place["core", "gain", i]] = k[i] if abs(k[i]) > 1e-9 else size[i]
+                poles = [pole * 0.6**j for j in range(model.order)]
+                for j, c in enumerate(np.poly(poles)[1:]):
+                    q[model.place["core", f"f{j + 1}", i]] = float(c)
+            rows.append(q)
+    return np.array(rows)

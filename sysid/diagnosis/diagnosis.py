@@ -1,0 +1,173 @@
+"""Diagnosis: what a diagnosis found, as frozen nouns and as JSON."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from sysid.data.record import Array, Record
+from sysid.diagnosis.gap import Gap
+from sysid.diagnosis.named_effects import Dropped, NamedEffect
+from sysid.diagnosis.several_logs import ONE_LOG, SeveralLogs
+from sysid.diagnosis.validation.left_over import LeftOver
+from sysid.diagnosis.validation.localise import Region
+from sysid.diagnosis.validation.model_error import ResidualVerdict
+from sysid.effects.samples import DROPOUTS, HELD_TELEMETRY, QUANTISATION
+from sysid.estimation.vehicle.geometry import GeometryEstimate
+from sysid.structures.model import Model
+
+OF_THE_LOG = {
+    QUANTISATION.id: "its readings are coarse",
+    HELD_TELEMETRY.id: "its telemetry is held",
+    DROPOUTS.id: "some readings are lost",
+}
+"""What the samples themselves show: a matter of sensor and log, that no model lacks."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A run that would tell what this log cannot.
+
+    Attributes:
+        purpose: what it would tell, in a sentence.
+        effects: ids that it is about.
+        columns: ``t`` [s] and one command a track, as the log calls them.
+        rows: the schedule, one row at each change: (time, command, command, …).
+        file: name under which the schedule is written beside the diagnosis, empty when it is not.
+    """
+
+    purpose: str
+    effects: tuple[str, ...]
+    columns: tuple[str, ...]
+    rows: tuple[tuple[float, ...], ...]
+    file: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """{purpose, effects, columns, schedule, file}."""
+        return {
+            "purpose": self.purpose,
+            "effects": list(self.effects),
+            "columns": list(self.columns),
+            "schedule": [list(r) for r in self.rows],
+            "file": self.file,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """A record with the free runs of both models on it, for pictures and words.
+
+    Attributes:
+        record: what was measured.
+        before, after: readings of both models, (N, ny).
+        role: ``estimation`` or ``held-out``.
+        counted: samples that count in this role, (N,) of 0 and 1.
+    """
+
+    record: Record
+    before: Array
+    after: Array
+    role: str
+    counted: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """Where a model and a log disagree, what is missing, and the proof.
+
+    Attributes:
+        verdict: ``effects-found``, ``no-missing-effect`` or ``unexplained``.
+        story: why this verdict, in a sentence.
+        base_words: what the model before is, in words.
+        effects: accepted effects, in order of acceptance.
+        minor: effects too small to matter or unproven.
+        candidates: (id, score) of every effect tried first, best first.
+        where: regimes of the excess error before.
+        where_after: the same afterwards.
+        gap: the proof on held-out data.
+        detectable: per effect the smallest size this log would have shown, None where it cannot.
+        next_experiments: runs that would tell more.
+        before, after: the models.
+        residuals: residual tests before and after.
+        description: a sparse description of what no effect explains, empty without one.
+        warnings: sentences.
+        traces: records with both runs.
+        path: proof on a mission's path, JSON-able, empty without one.
+        seconds: time taken.
+        plainer: the base that the effects were added to where that is not the model before.
+        geometry: the vehicle's lengths, where nobody gave them and the pose contradicts those
+            that are assumed.
+        reading: what was done to the logs as they were read, in sentences.
+        unfollowed: that the model after does not follow the log, and what to do; empty where it
+            does.
+        undecided: why nothing is named although the errors are far above the noise of the readings;
+            empty elsewhere.
+        dropped: effects that were found and do not stand, with the evidence against each.
+        several: what several logs say together; empty for one.
+        left_over: size of the errors of the model after beyond the noise, where they are
+            structured: what has no name.
+    """
+
+    verdict: str
+    story: str
+    base_words: str
+    effects: tuple[NamedEffect, ...]
+    minor: tuple[str, ...]
+    candidates: tuple[tuple[str, float], ...]
+    where: tuple[Region, ...]
+    where_after: tuple[Region, ...]
+    gap: Gap
+    detectable: dict[str, float | None]
+    next_experiments: tuple[Experiment, ...]
+    before: Model
+    after: Model
+    residuals: tuple[ResidualVerdict, ...] = ()
+    description: str = ""
+    warnings: tuple[str, ...] = ()
+    traces: tuple[Trace, ...] = ()
+    path: dict[str, Any] = field(default_factory=dict)
+    seconds: float = 0.0
+    plainer: str = ""
+    geometry: GeometryEstimate | None = None
+    unfollowed: str = ""
+    undecided: str = ""
+    dropped: tuple[Dropped, ...] = ()
+    left_over: LeftOver | None = None
+    reading: tuple[str, ...] = ()
+    several: SeveralLogs = ONE_LOG
+
+    @property
+    def grown(self) -> bool:
+        """Whether anything was added to the model: what is only seen in the samples is not."""
+        return self.after is not self.before
+
+    def to_json(self, before: str = "", after: str = "") -> dict[str, Any]:
+        """The document ``diagnosis.json``.
+
+        Args:
+            before, after: ids under which the models are kept in the workspace.
+        """
+        return {
+            "verdict": self.verdict,
+            "story": self.story,
+            "base": self.base_words,
+            "added_to": self.plainer or self.base_words,
+            "geometry": None if self.geometry is None else self.geometry.to_json(),
+            "effects": [e.to_json() for e in self.effects],
+            "minor": list(self.minor),
+            "dropped": [d.to_json() for d in self.dropped],
+            "left_over": None if self.left_over is None else self.left_over.to_json(),
+            **self.several.to_json(),
+            "candidates": [{"id": k, "score": v} for k, v in self.candidates],
+            "where": [r.to_json() for r in self.where],
+            "where_after": [r.to_json() for r in self.where_after],
+            "gap": self.gap.to_json(),
+            "detectable": self.detectable,
+            "next_experiments": [e.to_json() for e in self.next_experiments],
+            "model_before": before,
+            "model_after": after,
+            "residual_tests": [r.to_json() for r in self.residuals],
+            "description": self.description,
+            "reading": list(self.reading),
+            "warnings": list(self.warnings),
+            "path": self.path,
+            "seconds": self.seconds,
+        }

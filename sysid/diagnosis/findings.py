@@ -1,0 +1,214 @@
+"""What a search has found, as the nouns and sentences of a diagnosis."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.data.reading.held import without_repeats
+from sysid.data.record import Array, Record
+from sysid.diagnosis.augment import covariance_of, values_of
+from sysid.diagnosis.base_model import Base, full_drive
+from sysid.diagnosis.diagnosis import Trace
+from sysid.diagnosis.named_effects import NamedEffect, Value
+from sysid.diagnosis.samples import SampleEffects
+from sysid.diagnosis.search.evidence import Evidence
+from sysid.diagnosis.search.named_sets import Named, Naming
+from sysid.effects.base import Effect
+from sysid.effects.catalogue import NOT_NAMED, about
+from sysid.effects.samples import DROPOUTS, HELD_TELEMETRY, QUANTISATION
+
+NEAR, APART = 0.005, 0.02
+"""Shares of full drive: what an end of an interval is rounded to, and a gap between commands that
+matters."""
+
+ABSORBED = (5.0, 0.05)
+"""A number of the base counts as having absorbed an effect when it moves by more standard errors,
+and by a larger share of itself, once the effect is added."""
+
+
+def named_effect(
+    base: Base, naming: Naming, n: Named, evidence: Evidence, explains: float, remains: str
+) -> NamedEffect:
+    """An accepted effect of the chain.
+
+    Args:
+        base, naming: where it was found.
+        n: the effect.
+        evidence: for it in the final model.
+        explains: share of the gap that it closes [%].
+        remains: what stays on its outputs, in words.
+    """
+    e = about(n.id)
+    names = base.parts.estimation[0].output_names
+    values = values_of(base, naming.final, n.id, naming.intervals)
+    return NamedEffect(
+        n.id,
+        e.stage,
+        tuple(names[i] for i in np.flatnonzero(n.touched)),
+        values,
+        evidence.delta_bic,
+        evidence.p_value,
+        1.0 - evidence.ratio,
+        n.ties,
+        sentence_of(e, values, n.ties),
+        explains,
+        remains,
+    )
+
+
+def sentence_of(e: Effect, values: Sequence[Value], ties: Sequence[str]) -> str:
+    """What an effect is, by the sign of its number, and how large; what it cannot be told from."""
+    text = " ".join(s for s in (_by_sign(e, values), _law_in_words(e, values)) if s)
+    values = [v.in_log_units for v in values]
+    known = [v for v in values if v.std_error is not None or v.interval is not None][:4]
+    shown = [v for v in (*known, *(v for v in values if not v.visited)) if v.words]
+    if shown:
+        text += f" Here {', '.join(f'{v.name} {v.shown}' for v in shown)}."
+    return text + (f" This log cannot tell it from {', '.join(ties)}." if ties else "")
+
+
+def _law_in_words(e: Effect, values: Sequence[Value]) -> str:
+    """The law that acts; a choice that is not among the values is at its null value."""
+    chosen = {p.name: p.null for p in e.parameters if p.choice}
+    law = e.law(chosen | {v.name.partition("[")[0]: v.value for v in values if v.visited})
+    return "" if law is None else law.sentence
+
+
+def _by_sign(e: Effect, values: Sequence[Value]) -> str:
+    """What the effect is; where its first number has the other sign, what that is."""
+    if not e.opposite or not e.parameters:
+        return e.sentence
+    first = e.parameters[0]
+    mine = [v for v in values if v.name.partition("[")[0] == first.name and v.visited]
+    below = [v for v in mine if v.value < first.null]
+    if not below:
+        return e.sentence
+    if len(below) == len(mine):
+        return e.opposite
+    where = ", ".join(v.name.partition("[")[2].rstrip("]") for v in below)
+    return f"{e.sentence} On {where} the opposite: {e.opposite[:1].lower()}{e.opposite[1:]}"
+
+
+def indistinct_edges(base: Base, naming: Naming, records: Sequence[Record]) -> tuple[str, ...]:
+    """What an edge on the command's axis lacks where no command lies between its possible places.
+
+    Of a dead zone only jump less width is then known, by commands beyond the edge.
+    """
+    model, found = base.search.model, []
+    scales = base.scales
+    u = np.concatenate([r.u for r in records]) / scales
+    edges = {(e.id, p.name): p.edge for e in model.effects for p in e.parameters}
+    for k, interval in naming.intervals.items():
+        slot = model.slots[k]
+        sign = edges.get((slot.owner, slot.name), 0)
+        if not sign or not interval.visited or interval.low is None or interval.high is None:
+            continue
+        d = np.unique(np.round(sign * u[:, min(slot.track, u.shape[1] - 1)], 6))
+        inside = d[(d > interval.low + NEAR) & (d < interval.high - NEAR)]
+        if len(inside) or interval.high - interval.low < APART:
+            continue
+        below, above = d[d <= interval.low + NEAR], d[d >= interval.high - NEAR]
+        if not len(below) or not len(above) or above[0] - below[-1] < APART:
+            continue
+        i = min(slot.track, len(records[0].inputs) - 1)
+        name, unit = records[0].inputs[i].name, records[0].inputs[i].unit
+        ends = " and ".join(f"{sign * v * scales[i]:.4g}" for v in (below[-1], above[0]))
+        found.append(
+            f"{name} has no command between {ends}{f' {unit}' if unit else ''}: where in between "
+            f"{about(slot.owner).between_edges}"
+        )
+    return tuple(found)
+
+
+def sample_effects(found: SampleEffects) -> tuple[NamedEffect, ...]:
+    """Coarse, repeated and lost readings: seen in the samples, they lower no error."""
+    seen = (
+        (QUANTISATION, "", [(c, "step", c.step) for c in found.coarse]),
+        (HELD_TELEMETRY, "s", [(c, "period", c.seconds) for c in found.held]),
+        (DROPOUTS, "", [(c, "share", c.share) for c in found.lost]),
+    )
+    return tuple(
+        NamedEffect(
+            id=effect.id,
+            stage=effect.stage,
+            channels=tuple(dict.fromkeys(c.output for c, _, _ in each)),
+            parameters=tuple(Value(f"{n}[{c.output}]", v, None, unit) for c, n, v in each),
+            delta_bic=0.0,
+            p_value=0.0,
+            heldout_gain=0.0,
+            indistinguishable=(),
+            sentence=" ".join(c.sentence for c, _, _ in each),
+        )
+        for effect, unit, each in seen
+        if each
+    )
+
+
+def absorbed(base: Base, naming: Naming) -> tuple[str, ...]:
+    """Alarms: numbers of the base that had taken over a part of a missing effect."""
+    if all(n.id in NOT_NAMED for n in naming.named) or not base.search.core:
+        return ()
+    covariance = covariance_of(base, naming.final)
+    model, found = base.search.model, []
+    names = base.parts.estimation[0].output_names
+    for at, k in enumerate(naming.final.free):
+        if model.slots[k].owner != "core" or k not in naming.base.free:
+            continue
+        old, new = float(naming.base.q[k]), float(naming.final.q[k])
+        error = float(np.sqrt(max(covariance[at, at], 1e-300)))
+        moved = abs(new - old)
+        if moved > ABSORBED[0] * error and moved > ABSORBED[1] * abs(new):
+            slot = model.slots[k]
+            factor, unit = _per_command(base, slot.track) if slot.name == "gain" else (1.0, "")
+            found.append(
+                f"{slot.name} of {names[slot.track]} goes from {factor * old:.4g} to "
+                f"{factor * new:.4g}{unit} ({moved / error:.0f} standard errors)"
+            )
+    if not found:
+        return ()
+    ids = ", ".join(n.id for n in naming.named if n.id not in NOT_NAMED)
+    return (f"The model before had absorbed a part of {ids}: {'; '.join(found)}.",)
+
+
+def _per_command(base: Base, i: int) -> tuple[float, str]:
+    """From a gain over full drive to the file's units: factor, and the unit with a blank before."""
+    first = base.parts.estimation[0]
+    y, u = first.outputs[i], first.inputs[i]
+    full = float(full_drive(base.parts.estimation)[i])
+    top, bottom = y.file_words or y.unit or y.name, u.file_words or u.unit or u.name
+    return u.scale / (y.scale * full), f" {top} per {bottom}"
+
+
+def traces(base: Base, naming: Naming) -> tuple[Trace, ...]:
+    """Records with the runs of both models; what does not count is marked.
+
+    Readings of a slow sensor are joined by lines: in a row of its own fresh reading another output
+    has none.
+    """
+    found = []
+    model = base.search.model
+    for role, records, data in (
+        ("estimation", base.parts.estimation, base.search.data),
+        ("held-out", base.parts.held, base.search.held_data),
+    ):
+        turned = [
+            base.search.in_phase(n.q, n.effects) if role == "held-out" else n.q
+            for n in (naming.base, naming.final)
+        ]
+        before, after = (data.split(run) for run in model.run(np.array(turned), data))
+        weights = data.split(data.weight)
+        found += [
+            Trace(r, x, y, role, np.asarray(w.max(axis=1) > 0.0, dtype=np.float64))
+            for r, x, y, w in zip(without_repeats(records), before, after, weights, strict=True)
+        ]
+    return tuple(found)
+
+
+def two_levels(records: Sequence[Record], scales: Array) -> tuple[str, ...]:
+    """Inputs whose commands have but two sizes: no static curve can be told from them."""
+    everything = np.concatenate([r.u for r in records]) / scales
+    return tuple(
+        name
+        for name, column in zip(records[0].input_names, everything.T, strict=True)
+        if len(np.unique(np.round(np.abs(column), 3))) <= 2
+    )

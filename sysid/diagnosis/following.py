@@ -1,0 +1,69 @@
+"""Whether the model after follows the log at all: if not, nothing it says of effects counts."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.data.finding import Finding, Severity
+from sysid.data.record import Array, Record
+from sysid.diagnosis.policies import VERDICT
+
+ASTRAY = "The model does not follow the log"
+"""How the sentence begins where the errors are more than noise."""
+
+EXPLAINING = (
+    "feedback",
+    "nonlinear",
+    "delay",
+    "sampling",
+    "levels",
+    "excitation",
+    "constant",
+    "stuck",
+)
+"""Beginnings of the codes of checks whose findings may explain why a model does not follow."""
+
+
+def not_followed(
+    records: Sequence[Record], errors: Sequence[Array], floor: Array, findings: Sequence[Finding]
+) -> str:
+    """The first sentence of a diagnosis whose model is none; empty where every output is followed.
+
+    Args:
+        records: where the model was judged.
+        errors: its free-run errors there, (N, ny) a record; NaN where a sample does not count.
+        floor: measurement noise of each output, (ny,).
+        findings: what the checks of the log found.
+    """
+    e = np.concatenate(errors)
+    y = np.concatenate([r.y for r in records])
+    y = np.where(np.isfinite(e), y, np.nan)
+    size = np.sqrt(np.nanmean(e**2, axis=0))
+    spread = np.nanstd(y, axis=0)
+    fit = 100.0 * (1.0 - size / np.maximum(spread, 1e-300))
+    names = records[0].output_names
+    inputs = ", ".join(records[0].input_names)
+    poor = [i for i in range(len(names)) if fit[i] < VERDICT.follows and spread[i] > 0.0]
+    loud = [i for i in poor if size[i] > VERDICT.loud * floor[i]]
+    if loud:
+        shown = ", ".join(f"{names[i]} {fit[i]:.0f} %" for i in loud)
+        why = " ".join(f.text for f in findings if f.severity >= Severity.WARNING and _tells(f))
+        return (
+            f"{ASTRAY} ({shown} fit in free run on held-out data): what "
+            "is missing cannot be told before one does. Look at sysid inspect (units, delay, "
+            "feedback, a position that integrates), fit other structures with sysid fit, or name "
+            f"the channels that belong together." + (f" Of this log: {why}" if why else "")
+        )
+    silent = [i for i in poor if fit[i] < VERDICT.explains]
+    if silent:
+        shown = " and ".join(names[i] for i in silent)
+        verb = "explains" if records[0].nu == 1 else "explain"
+        return (
+            f"{inputs} {verb} nothing of {shown}: {'its' if len(silent) == 1 else 'their'} "
+            "readings look like noise. Check that these are the right columns, or drive harder."
+        )
+    return ""
+
+
+def _tells(finding: Finding) -> bool:
+    return finding.code.startswith(EXPLAINING)

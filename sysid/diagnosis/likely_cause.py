@@ -1,0 +1,53 @@
+"""Why a robot did not drive as predicted: the diagnosis of its log, a name and a sentence."""
+
+from dataclasses import dataclass
+
+from sysid.data.record import Record
+from sysid.diagnosis.diagnose import diagnose
+from sysid.diagnosis.diagnosis import OF_THE_LOG
+from sysid.diagnosis.search.naming import Progress
+from sysid.errors import SysidError
+from sysid.structures.model import Model
+from sysid.vehicle.kinematics import Geometry
+
+
+@dataclass(frozen=True)
+class LikelyCause:
+    """What explains a log that does not go with its prediction.
+
+    Attributes:
+        name: id of the effect that a diagnosis names first; None where it names none.
+        others: ids of further effects.
+        sentence: what it says.
+    """
+
+    name: str | None
+    others: tuple[str, ...]
+    sentence: str
+
+
+def likely_cause(
+    record: Record, model: Model, geometry: Geometry | None, progress: Progress | None = None
+) -> LikelyCause:
+    """Diagnose a drive by the model that predicted it.
+
+    What only the samples show (coarse readings, lost ones) turns no robot aside and is no cause.
+
+    Args:
+        record: the log of the drive.
+        model: of the plant that the prediction was made with.
+        geometry: the vehicle's lengths, where somebody gave them.
+        progress: called with what is being done and how far it is.
+    """
+    try:
+        model.check(record)
+        found = diagnose([record], model=model, geometry=geometry, progress=progress)
+    except SysidError as error:
+        return LikelyCause(None, (), f"No cause can be named: {error}.")
+    causes = [e for e in found.effects if e.id not in OF_THE_LOG]
+    if not causes:
+        return LikelyCause(None, (), f"The diagnosis names no cause: {found.story}")
+    first, *rest = causes
+    others = tuple(e.id for e in rest)
+    also = f" Also found: {', '.join(others)}." if others else ""
+    return LikelyCause(first.id, others, f"Likely cause: {first.id}. {first.sentence}{also}")

@@ -1,0 +1,340 @@
+"""Naming what is missing between the tracks and the ground, from logs that hold the pose.
+
+Errors of the motors do not leak in: the *measured* wheel speeds drive the vehicle, and increments
+of its pose over two seconds are compared, so that nothing accumulates.
+
+    Δ(x, y, ψ) measured − Δ(x, y, ψ) by the wheel speeds, in the body frame at a window's start
+
+Effects come one at a time, the best first, while the rule of acceptance of ``evidence`` holds, and
+an earlier one goes again when a later one has made it needless. Some explanations compete with the
+effects without being any: another radius of both tracks, speed sensors that do not read zero at
+rest, and readings of the pose, or of its heading, that come late.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sysid.data.record import Array, Record
+from sysid.diagnosis.gap import Gap
+from sysid.diagnosis.named_effects import NamedEffect, Value
+from sysid.diagnosis.policies import POSE, RULE
+from sysid.diagnosis.pose.evidence import (
+    PoseResiduals,
+    held_pairs,
+    pose_gap,
+    pose_residuals,
+)
+from sysid.diagnosis.pose.growth import Step, allowed, grown
+from sysid.diagnosis.pose.words import sentence_of, warnings_of
+from sysid.effects.catalogue import effect
+from sysid.effects.ground import Ground
+from sysid.estimation.vehicle.geometry import GeometryEstimate, contradicted, in_one_frame
+from sysid.estimation.vehicle.ground_fit import (
+    BOTH_RADII,
+    SPEED_OFFSET,
+    Candidate,
+    Fitted,
+    PoseProblem,
+    PoseSearch,
+    distance_slot,
+    every_candidate,
+    every_slot,
+    ground_of,
+    lengths,
+    radius_slot,
+)
+from sysid.estimation.vehicle.windows import (
+    CHANNELS,
+    Noise,
+    Track,
+    increments_noise,
+    track_channels,
+    tracks_of,
+)
+from sysid.vehicle.kinematics import Geometry
+
+FEWEST = 6
+"""Windows that each part must hold."""
+
+FEWEST_RECORDS = 4
+"""From so many records on they are parted as a whole, which loses no window to a border; two each,
+so that none stands for its part alone."""
+
+JUDGING = 0.25
+"""Share of all windows that the part which judges must hold, where there are records to choose
+from: a vehicle that starts hard once a mission shows in a single one whether it slips then by
+chance only."""
+
+FEWEST_TURNS = 0.1
+"""Share of all turning that the records that judge must hold: a mission turns where it begins, and
+a straight way to the goal does not tell what that turn was worth."""
+
+BESIDE = 0.005
+"""Share of a length that is uncertain at least where it is fitted together with effects: noise of
+the speeds, which the fit takes for true, draws it by so much on made logs."""
+
+_STAGE = "vehicle"
+
+
+@dataclass(frozen=True, eq=False)
+class PoseDiagnosis:
+    """What is missing between tracks and ground.
+
+    Attributes:
+        effects: accepted effects in order of acceptance.
+        ground: the same with their numbers, for a model.
+        std_errors: effect → parameter → standard error of the left and the right track, (2,);
+            0 where a number was not free.
+        candidates: (effect, score) of every one at the first stage, best first; the score is the
+            share of the error of the increments that it takes away.
+        gap: held-out increments x, y (forward, lateral [m]) and psi [rad] before and after, over
+            the windows that the effects move.
+        whole: the same over all held-out windows.
+        residuals: what the increments are still off by.
+        detectable: per effect the smallest change of its number that these logs would have shown;
+            None where they cannot.
+        windows: windows (estimation, held-out); they overlap fourfold.
+        warnings: sentences.
+        geometry: the vehicle's lengths, where they had to be estimated from the pose.
+    """
+
+    effects: tuple[NamedEffect, ...]
+    ground: Ground
+    std_errors: dict[str, dict[str, Array]]
+    candidates: tuple[tuple[str, float], ...]
+    gap: Gap
+    whole: Gap
+    detectable: dict[str, float | None]
+    windows: tuple[int, int]
+    residuals: PoseResiduals
+    warnings: tuple[str, ...] = field(default=())
+    geometry: GeometryEstimate | None = None
+
+
+def diagnose_pose(
+    estimation: Sequence[Record], held: Sequence[Record], geometry: Geometry | None = None
+) -> PoseDiagnosis | None:
+    """Name effects of the vehicle stage.
+
+    Args:
+        estimation: records that numbers are estimated on.
+        held: records that judge; where they hold too few windows, or hardly a turn, all records,
+            or stretches of them, estimate and judge in turn.
+        geometry: lengths of the vehicle. Unless given, those of the thesis's robot, or estimated
+            together with the effects where the pose contradicts those; what only another radius or
+            track distance does is then no effect.
+
+    Returns:
+        None where the records hold no pose, no two wheel speeds in rad/s, or too few windows.
+    """
+    channels = track_channels(estimation[0])
+    if channels is None:
+        return None
+    parts = _parted(estimation, held, channels)
+    if parts is None:
+        return None
+    tracks, others = parts
+    every, changed = in_one_frame((*tracks, *others))
+    tracks, others = every[: len(tracks)], every[len(tracks) :]
+    estimate = contradicted(every, Geometry()) if geometry is None else None
+    known = geometry is not None
+    geometry = estimate.geometry if estimate is not None else geometry or Geometry()
+    found = _diagnosed(tracks, others, geometry, estimate, known)
+    if estimate is not None and found.geometry is not None and not found.geometry.contradicts:
+        # what is missing explains it: beside the effects the lengths are those assumed
+        found = _diagnosed(tracks, others, estimate.assumed, None, known)
+    return replace(found, warnings=(*changed, *found.warnings))
+
+
+def _diagnosed(
+    tracks: tuple[Track, ...],
+    others: tuple[Track, ...],
+    geometry: Geometry,
+    estimate: GeometryEstimate | None,
+    known: bool,
+) -> PoseDiagnosis:
+    """What is missing with these lengths, which are fitted too where they are estimates."""
+    always = lengths() if estimate is not None else ()
+    noise = increments_noise((*tracks, *others), geometry)
+
+    def search(noise: Noise, begun: Mapping[frozenset[str], Fitted]) -> PoseSearch:
+        first, second = (PoseProblem(part, geometry, noise) for part in (tracks, others))
+        return PoseSearch(first, second, always, known, begun)
+
+    first = _searched(search(noise, {}))
+    second = replace(noise, beyond=_beyond(first[3], noise))
+    return _pose_diagnosis(*_searched(search(second, first[0].fits)), estimate)
+
+
+_Found = tuple[PoseSearch, Fitted, list[Step], Fitted, tuple[tuple[str, float], ...]]
+
+
+def _searched(search: PoseSearch) -> _Found:
+    """(search, before, after, steps, ranking); what the steps leave is told beside them."""
+    base = search.fit(())
+    return search, base, *grown(search, base)
+
+
+def _beyond(final: Fitted, noise: Noise) -> Array:
+    """Variance of the errors that are left beyond the noise, increment by increment, (3,).
+
+    Speeds that change between samples, or noise with a memory, are in no reading's third
+    differences. A channel that holds more than its noise must not outweigh the others.
+    """
+    left = np.concatenate([*final.errors.estimation, *final.errors.held])
+    return np.asarray(noise.floor**2 * np.maximum(np.mean(left**2, axis=0) - 1.0, 0.0))
+
+
+_Parts = tuple[tuple[Track, ...], tuple[Track, ...]]
+
+
+def _parted(
+    estimation: Sequence[Record], held: Sequence[Record], channels: tuple[int, int]
+) -> _Parts | None:
+    """What estimates and what judges: as given, else record by record in turn, else stretch by
+    stretch; None where there is too little in any way."""
+    both = (*estimation, *held)
+    given = tracks_of(estimation, channels), tracks_of(held, channels)
+    several = len(both) >= FEWEST_RECORDS
+    if _serves(given) and not (several and _windows(given[1]) < JUDGING * _windows(sum(given, ()))):
+        return given
+    if several:
+        parts = tracks_of(both[::2], channels), tracks_of(both[1::2], channels)
+        if _serves(parts):
+            return parts
+    if _serves(given):
+        return given
+    parts = tracks_of(both, channels, 0), tracks_of(both, channels, 1)
+    return parts if _fewest(parts) >= FEWEST else None
+
+
+def _serves(parts: _Parts) -> bool:
+    return _fewest(parts) >= FEWEST and _turns_judged(parts) >= FEWEST_TURNS
+
+
+def _fewest(parts: _Parts) -> int:
+    return min(map(_windows, parts))
+
+
+def _windows(part: Sequence[Track]) -> int:
+    return sum(len(t.starts) for t in part)
+
+
+def _turns_judged(parts: _Parts) -> float:
+    """Share of the squared turns of all windows that those which judge hold."""
+    first, second = (
+        sum(float(np.sum(t.measured(Geometry())[:, 2] ** 2)) for t in part) for part in parts
+    )
+    return second / max(first + second, 1e-300)
+
+
+# The findings ----------------------------------------------------------------------------------
+
+
+def _pose_diagnosis(
+    search: PoseSearch,
+    base: Fitted,
+    steps: Sequence[Step],
+    final: Fitted,
+    ranking: tuple[tuple[str, float], ...],
+    estimate: GeometryEstimate | None,
+) -> PoseDiagnosis:
+    pairs = held_pairs(search, [s.candidate for s in steps])
+    beside = (*search.always, *(s.candidate for s in steps if not s.told))
+    floor = search.estimation.noise.floor
+    return PoseDiagnosis(
+        effects=tuple(_named(s, final) for s in steps if s.told and s.candidate.id),
+        ground=ground_of(final.q, beside),
+        std_errors=_std_errors(final, beside),
+        candidates=ranking,
+        gap=pose_gap(pairs, floor),
+        whole=pose_gap(pairs, floor, everywhere=True),
+        detectable=_detectable(search, final),
+        windows=(
+            sum(len(e) for e in base.errors.estimation),
+            sum(len(e) for e in base.errors.held),
+        ),
+        residuals=pose_residuals(search, final),
+        warnings=warnings_of(search, final, [(s.candidate, s.ties) for s in steps]),
+        geometry=_beside(estimate, final) if estimate is not None and steps else estimate,
+    )
+
+
+def _beside(estimate: GeometryEstimate, final: Fitted) -> GeometryEstimate:
+    """The lengths as fitted together with the effects; what the pose does not tell stays."""
+    r, B = estimate.geometry.r, estimate.geometry.B
+    at_radius, at_distance = radius_slot(), distance_slot()
+    scale, turn = float(final.q[at_radius]), float(final.q[at_distance])
+    r_error, b_error = estimate.std_errors
+    if r_error is not None:
+        r, r_error = r * scale, r * math.hypot(final.std_error(at_radius) or 0.0, BESIDE)
+    if b_error is not None:
+        B = B / turn
+        b_error = B * math.hypot((final.std_error(at_distance) or 0.0) / turn, BESIDE)
+    return replace(estimate, geometry=Geometry(r, B), std_errors=(r_error, b_error))
+
+
+def _named(step: Step, final: Fitted) -> NamedEffect:
+    c, e = step.candidate, step.evidence
+    side = every_slot()[c.slots[0]].side
+    tag = "" if side < 0 else ("[left]", "[right]")[side]
+    units = {p.name: p.unit.replace("speed", "rad/s") for p in effect(c.id).parameters}
+    values = tuple(
+        Value(f"{s.name}{tag}", float(final.q[k]), final.std_error(k), units[s.name])
+        for k, s in ((k, every_slot()[k]) for k in c.slots)
+    )
+    return NamedEffect(
+        id=c.id,
+        stage=_STAGE,
+        channels=CHANNELS,
+        parameters=values,
+        delta_bic=e.delta_bic,
+        p_value=e.p_value,
+        heldout_gain=1.0 - e.ratio,
+        indistinguishable=tuple(dict.fromkeys(t.id for t in step.ties if t.id)),
+        sentence=sentence_of(c, values[0].value, values[0].std_error or 0.0, side),
+    )
+
+
+def _std_errors(final: Fitted, always: Sequence[Candidate]) -> dict[str, dict[str, Array]]:
+    found: dict[str, dict[str, Array]] = {}
+    lengths = {k for c in always for k in c.slots}
+    for k in final.free:
+        slot = every_slot()[k]
+        if slot.owner in (BOTH_RADII, SPEED_OFFSET) or k in lengths:
+            continue
+        both = found.setdefault(slot.owner, {}).setdefault(slot.name, np.zeros(2))
+        sides = [0, 1] if slot.side < 0 else [slot.side]
+        both[sides] = final.std_error(k)
+    return found
+
+
+def _detectable(search: PoseSearch, final: Fitted) -> dict[str, float | None]:
+    """Per effect the larger of two sizes: a few standard errors, and what lowers the error enough.
+
+    Both by linearisation at the model after; the second asks that the whitened error grows by
+    1/``RULE.held_out`` where the effect is left out.
+    """
+    J = search.estimation.jacobian(final.q)
+    r = search.estimation.residual(final.q)
+    variance = float(np.mean(r**2))
+    found: dict[str, float | None] = {}
+    for c in every_candidate():
+        first = every_slot()[c.slots[0]].name
+        if not c.id or first != effect(c.id).parameters[0].name:
+            continue
+        power = float(np.sum(J[:, c.slots[0]] ** 2))
+        size: float | None = None
+        # a length that is estimated hides it
+        if power > 0 and c not in search.always and allowed(c, search, ()):
+            seen = POSE.shown * math.sqrt(variance / power)
+            needed = math.sqrt((RULE.held_out**-2 - 1.0) * variance * len(r) / power)
+            slot = every_slot()[c.slots[0]]
+            size = max(seen, needed)
+            size = size if size < max(slot.upper - slot.null, slot.null - slot.lower) else None
+        if c.id not in found or (size or math.inf) > (found[c.id] or math.inf):
+            found[c.id] = size
+    return found

@@ -1,0 +1,224 @@
+"""What speaks for an effect in increments of the pose, whose noise is known; and the proof."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Array
+from sysid.diagnosis.gap import REPLICATES, ChannelGap, Gap
+from sysid.diagnosis.policies import POSE
+from sysid.diagnosis.search.evidence import Evidence
+from sysid.effects.ground import Ground
+from sysid.estimation.vehicle.ground_fit import (
+    Candidate,
+    Fitted,
+    PoseProblem,
+    PoseSearch,
+)
+from sysid.estimation.vehicle.windows import CHANNELS, OVERLAP
+from sysid.fitting.holdout import Errors
+
+
+def evidence_of(before: Fitted, after: Fitted, tried: int) -> Evidence:
+    """What speaks for the numbers that ``after`` has in addition, as in ``evidence``, but for this:
+
+    The noise of an increment is known and an effect may show in the few windows of one turn, so
+    that neither blocks nor a coloured residual's sample size tell chance from effect. G, the fall
+    of the white squared error over both parts with numbers from the estimation part, is χ² with
+    one degree of freedom where nothing is there: its root is t, of as many degrees of freedom as
+    windows do not overlap, because no more tell how large the noise is. Blocks and held-out
+    error count the windows that the effect moves, and the channels: the turn does not tell of a
+    vehicle that slides sideways.
+    """
+    from scipy.stats import t as student
+
+    new = len(after.free) - len(before.free)
+    n = sum(a.size for a, _ in _pairs(before.white, after.white))
+    gain = sum(float(np.sum(a**2) - np.sum(b**2)) for a, b in _pairs(before.white, after.white))
+    gain /= max(after.cost, 1.0)
+    t = math.sqrt(max(gain, 0.0))
+    freedom = max(n / (len(CHANNELS) * OVERLAP) - new, 1.0)
+    pairs = _of_moved_channels(_pairs(before.errors, after.errors))
+    moved = [_moved(a, b) for a, b in pairs]
+    most = max(float(m.max()) for m in moved)
+    falls, held_old, held_now = [], 0.0, 0.0
+    for i, ((a, b), m) in enumerate(zip(pairs, moved, strict=True)):
+        touched = m >= POSE.touched * most
+        x, y = (a[touched] ** 2).sum(axis=1), (b[touched] ** 2).sum(axis=1)
+        falls += [
+            float(x[k : k + OVERLAP].sum() - y[k : k + OVERLAP].sum())
+            for k in range(0, len(x), OVERLAP)
+        ]
+        if i >= len(before.errors.estimation):
+            held_old, held_now = held_old + float(x.sum()), held_now + float(y.sum())
+    return Evidence(
+        delta_bic=new * math.log(n) - gain,
+        t=t,
+        share_better=float(np.mean(np.array(falls) > 0)) if falls else 0.0,
+        ratio=math.sqrt(held_now / held_old) if held_old > 0 else 1.0,
+        p_value=min(1.0, 2.0 * float(student.sf(t, freedom)) * tried),
+    )
+
+
+def apart(best: Fitted, other: Fitted) -> float:
+    """Standard errors by which rivals differ: D/(2 σ ‖d‖) of what they predict differently, d.
+
+    D is how much larger the other's squared error is; with the best model true it has the mean
+    ‖d‖² and the standard deviation 2 σ ‖d‖ (Vuong 1989, for known noise).
+    """
+    if other is best:
+        return 0.0
+    pairs = _pairs(best.white, other.white)
+    more = sum(float(np.sum(b**2) - np.sum(a**2)) for a, b in pairs)
+    apart = sum(float(np.sum((a - b) ** 2)) for a, b in pairs)
+    return more / (2.0 * math.sqrt(max(best.cost, 1.0) * apart) + 1e-300)
+
+
+def _moved(a: Array, b: Array) -> Array:
+    """How far each window's prediction differs, in units of the floor, (W,)."""
+    return np.asarray(np.linalg.norm(a - b, axis=1))
+
+
+def _of_moved_channels(pairs: Sequence[tuple[Array, Array]]) -> list[tuple[Array, Array]]:
+    """The channels that are moved by a share of what the most moved one is."""
+    size = np.sqrt(sum(np.sum((a - b) ** 2, axis=0) for a, b in pairs))
+    at = size >= POSE.touched * np.max(size)
+    return [(a[:, at], b[:, at]) for a, b in pairs]
+
+
+def _pairs(before: Errors, after: Errors) -> list[tuple[Array, Array]]:
+    old, now = (*before.estimation, *before.held), (*after.estimation, *after.held)
+    return list(zip(old, now, strict=True))
+
+
+FEW_TOUCHED = 2 * OVERLAP
+"""Fewer held-out windows that the effects move prove little: both parts then judge each other."""
+
+
+def held_pairs(search: PoseSearch, keys: Sequence[Candidate]) -> list[tuple[Array, Array]]:
+    """Errors of windows before and after, each judged by numbers that were not fitted on it.
+
+    The held-out windows; where the effects move too few of them, those of the estimation part,
+    too, with numbers fitted on the held-out part.
+    """
+    before, after = search.fit(()), search.fit(keys)
+    pairs = list(zip(before.errors.held, after.errors.held, strict=True))
+    if sum(int(t.sum()) for t in _touched(pairs)) >= FEW_TOUCHED:
+        return pairs
+    turned = replace(search, estimation=search.held, held=search.estimation)
+    before, after = turned.fit(()), turned.fit(keys)
+    return pairs + list(zip(before.errors.held, after.errors.held, strict=True))
+
+
+def _touched(pairs: Sequence[tuple[Array, Array]]) -> list[NDArray[np.bool_]]:
+    moved = [_moved(a, b) for a, b in pairs]
+    most = max(float(m.max()) for m in moved)
+    return [m >= POSE.touched * most for m in moved]
+
+
+def pose_gap(
+    pairs: Sequence[tuple[Array, Array]], floor: Array, seed: int = 0, *, everywhere: bool = False
+) -> Gap:
+    """Errors beyond the noise on windows that the effects move, in units of the noise.
+
+    The interval is a bootstrap over groups of windows that overlap.
+
+    Args:
+        pairs: errors before and after of each record (see ``held_pairs``).
+        floor: noise of the increments, (3,).
+        seed: of the bootstrap.
+        everywhere: over all windows instead.
+    """
+    at = [np.ones(len(a), dtype=bool) for a, _ in pairs] if everywhere else _touched(pairs)
+    old, new = (np.concatenate([p[i][t] for p, t in zip(pairs, at, strict=True)]) for i in (0, 1))
+    groups = np.arange(len(old)) // OVERLAP
+    excess = np.array(
+        [
+            [np.sum(e[groups == g] ** 2 - 1.0) for e in (old, new)]
+            for g in range(int(groups[-1]) + 1)
+        ]
+    )
+    drawn = np.random.default_rng(seed).integers(0, len(excess), (REPLICATES, len(excess)))
+    sums = excess[drawn].sum(axis=1)
+    shares = [100.0 * (1.0 - max(b, 0.0) / a) if a > 0 else 0.0 for a, b in sums]
+    before, after = (excess.sum(axis=0) / len(old)).tolist()
+    low, high = np.quantile(shares, [0.05, 0.95]).tolist()
+    rms = [np.sqrt(np.mean(e**2, axis=0)) * floor for e in (old, new)]
+    return Gap(
+        before=max(before, 0.0),
+        after=after,
+        noise_floor=float(len(CHANNELS)),
+        closed_percent=100.0 * (1.0 - max(after, 0.0) / before) if before > 0 else 0.0,
+        interval=(low, high),
+        channels={
+            name: ChannelGap(float(rms[0][i]), float(rms[1][i]), float(floor[i]))
+            for i, name in enumerate(CHANNELS)
+        },
+    )
+
+
+@dataclass(frozen=True)
+class PoseResiduals:
+    """What increments of the pose are off by with the model after.
+
+    Attributes:
+        loud: channels off by several times their noise, and how many.
+        share: share of the held-out squared error of these that way, turn and heading foretell.
+    """
+
+    loud: dict[str, float]
+    share: float
+
+    @property
+    def structured(self) -> bool:
+        """Whether something is missing."""
+        return self.share > POSE.structured
+
+    @property
+    def sentence(self) -> str:
+        """What it means, empty where the pose is off by little."""
+        if not self.loud:
+            return ""
+        size = ", ".join(f"{name} {ratio:.1f} times" for name, ratio in self.loud.items())
+        seen = f"Over two seconds the pose is still off by far more than its noise ({size})"
+        if self.structured:
+            return (
+                f"{seen}, and way, turn and heading foretell {100 * self.share:.0f} % of it: "
+                "between robot and ground something is missing that the catalogue does not hold."
+            )
+        return (
+            f"{seen}, but way, turn and heading do not foretell it: a disturbance of pose or "
+            "speeds."
+        )
+
+
+def pose_residuals(search: PoseSearch, final: Fitted) -> PoseResiduals:
+    """Regress what is left on way, turn and heading: fitted on one part, judged on the other."""
+    held = np.concatenate(final.errors.held)
+    size = np.sqrt(np.mean(held**2, axis=0))
+    at = np.flatnonzero(size > POSE.loud)
+    loud = {CHANNELS[i]: float(size[i]) for i in at}
+    if not len(at):
+        return PoseResiduals({}, 0.0)
+    X, Z = (_known(problem) for problem in (search.estimation, search.held))
+    scale = np.maximum(np.sqrt(np.mean(X**2, axis=0)), 1e-12)
+    X, Z, Y = X / scale, Z / scale, np.concatenate(final.errors.estimation)
+    gram = X.T @ X + 1e-2 * len(X) * np.eye(X.shape[1])
+    rest = held - Z @ np.linalg.solve(gram, X.T @ Y)
+    old, new = np.sum(held[:, at] ** 2, axis=0), np.sum(rest[:, at] ** 2, axis=0)
+    return PoseResiduals(loud, float(np.clip(np.max(1.0 - new / old), 0.0, 1.0)))
+
+
+def _known(problem: PoseProblem) -> Array:
+    """Way f, turn, their products, and the heading at both ends of every window, (W, terms)."""
+    rows = []
+    for track in problem.tracks:
+        f, _, turn = track.predicted(Ground(), problem.geometry).T
+        a = track.pose[track.starts, 2]
+        b = track.pose[track.starts + track.span, 2]
+        plain = (np.ones(len(f)), f, turn, np.abs(turn), np.abs(f), f * np.abs(f), f * turn)
+        rows.append(np.column_stack([*plain, np.cos(a), np.sin(a), np.cos(b), np.sin(b)]))
+    return np.concatenate(rows)

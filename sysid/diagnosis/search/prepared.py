@@ -1,0 +1,129 @@
+"""Records as the super-model takes them: stacked, aligned and padded."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Array, Record
+from sysid.diagnosis.search.evidence import noise_floor
+from sysid.structures.augmented.chain import drive_before
+
+LENGTHS = (512, 1024, 1536, 2048, 3072, 4096, 5120, 6144, 8192)
+"""Records are padded to one of these (then to multiples of the last), so that one compilation
+serves many logs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """Records prepared for the super-model: stacked, each from its own start, then padded.
+
+    Attributes:
+        drive, y: commands in units of full drive and readings, (M, tracks).
+        moving: 1 in records that begin in motion, 0 where the command begins with the record,
+            (M, tracks).
+        counted: angle integrated from the readings before each, (M, tracks).
+        t: time since the start of the record, (M, 1).
+        reset: 1 at a record's start, (M,).
+        first: row of the record's start, (M,).
+        weight: 0 where a sample does not count, (M, tracks).
+        log: which of several logs a row belongs to, from 0, (M, 1).
+        lengths: samples of each record.
+        noise: noise of the readings (see ``noise_floor``), (tracks,).
+    """
+
+    drive: Array
+    y: Array
+    moving: Array
+    counted: Array
+    t: Array
+    reset: Array
+    first: NDArray[np.int64]
+    weight: Array
+    log: Array
+    lengths: tuple[int, ...]
+    noise: Array
+
+    @cached_property
+    def arrays(self) -> dict[str, Any]:
+        """What the compiled functions take, handed over once."""
+        from sysid.fitting.compiled import jax_module
+
+        names = ("drive", "y", "moving", "counted", "t", "reset", "first", "log")
+        return {name: jax_module().device_put(getattr(self, name)) for name in names}
+
+    def split(self, whole: Array) -> tuple[Array, ...]:
+        """Rows of each record of an array (M, …)."""
+        ends = np.cumsum(self.lengths)
+        return tuple(np.split(whole[: ends[-1]], ends[:-1]))
+
+
+def padded_length(samples: int) -> int:
+    """The length to which so many samples are padded."""
+    for length in LENGTHS:
+        if samples <= length:
+            return length
+    return -(-samples // LENGTHS[-1]) * LENGTHS[-1]
+
+
+def prepare(
+    records: Sequence[Record],
+    scales: Array,
+    delay: int,
+    weights: Sequence[Array] | None = None,
+    least: int = 0,
+    logs: Sequence[int] | None = None,
+) -> Data:
+    """Stack records.
+
+    Args:
+        records: experiments.
+        scales: full drive of each input.
+        delay: whole samples of dead time.
+        weights: weight of each sample of each record, (N, tracks).
+        least: rows at least, so that two parts of the data share one compilation.
+        logs: which of several logs each record belongs to; all to the first when None.
+    """
+    drive: list[Array] = []
+    before: list[Array] = []
+    for r in records:
+        shift = max(delay - 1, 0)
+        d = r.u / scales
+        before.append(drive_before(d[0], r.y))
+        drive.append(np.vstack([np.repeat(before[-1][None], shift, axis=0), d[: len(d) - shift]]))
+    lengths = tuple(len(r) for r in records)
+    begins = [np.where(b == d[0], 1.0, 0.0) for b, d in zip(before, drive, strict=True)]
+    total = sum(lengths)
+    first = np.concatenate(
+        [np.full(n, at) for n, at in zip(lengths, _starts(lengths), strict=True)]
+    )
+    reset = np.zeros(total)
+    reset[_starts(lengths)] = 1.0
+    weight = [np.ones(r.y.shape) for r in records] if weights is None else list(weights)
+    of = [0] * len(records) if logs is None else logs
+    pad = max(padded_length(total), least) - total
+
+    def stacked(parts: Sequence[Array]) -> Array:
+        whole = np.concatenate(parts)
+        return np.concatenate([whole, np.zeros((pad, *whole.shape[1:]))])
+
+    return Data(
+        stacked(drive),
+        stacked([r.y for r in records]),
+        stacked([np.repeat(b[None], n, axis=0) for b, n in zip(begins, lengths, strict=True)]),
+        stacked([(np.cumsum(r.y, axis=0) - r.y) * r.dt for r in records]),
+        stacked([r.dt * np.arange(len(r), dtype=np.float64)[:, None] for r in records]),
+        np.concatenate([reset, np.zeros(pad)]),
+        np.concatenate([first, np.full(pad, total - 1)]).astype(np.int64),
+        stacked(weight),
+        stacked([np.full((n, 1), float(k)) for n, k in zip(lengths, of, strict=True)]),
+        lengths,
+        noise_floor(records),
+    )
+
+
+def _starts(lengths: Sequence[int]) -> list[int]:
+    return [0, *np.cumsum(lengths)[:-1].tolist()]

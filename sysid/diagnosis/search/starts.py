@@ -1,0 +1,351 @@
+"""Where the search for an effect starts: catalogue values, and values read off the data."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.data.filtering import lfilter
+from sysid.data.record import Array
+from sysid.diagnosis.over_angle import over_angle, strongest_lines
+from sysid.diagnosis.search.numbers import Slot
+from sysid.diagnosis.search.prepared import Data
+from sysid.diagnosis.search.supermodel import SuperModel
+from sysid.effects.base import OF_SERVO, Effect, StartsFrom, Wave, is_of_servo
+from sysid.effects.catalogue import CHANGED, LEVEL
+from sysid.structures.blocks.sign_recovery import LAGS, recovered
+
+PILE_UP = 0.01
+"""Share of the samples that must lie at the largest reading before it counts as a clip level."""
+
+BELL_UP = 1.6
+"""How many times more readings lie in a bell at the top than below, for a clip behind noise."""
+
+REPEATED = 0.004
+"""Share of the samples that must be exactly the largest reading, for a clip without noise."""
+
+MOVES = 8.0
+"""Changes of the position over a sample on either side, in its noise, from which it moves."""
+
+SPANS = (1, 2, 3)
+"""Samples over which the direction of the motion is taken; each is a start."""
+
+RANKS = 2
+"""Waves over the angle that a search starts from, the strongest first."""
+
+
+def starts_of(
+    model: SuperModel, e: Effect, q: Array, errors: Array, data: Data, fixed_core: bool = False
+) -> list[Array]:
+    """Starting values of all slots for the search of one effect.
+
+    Args:
+        model: simulation.
+        e: effect to be tried.
+        q: numbers of the model without it, (slots,).
+        errors: its free-run errors on the data, (M, tracks).
+        data: estimation records.
+        fixed_core: whether the core's numbers stay as they are.
+    """
+    if e.id == CHANGED.id:
+        return _other_cores(model, q)
+    found = _starts_of(model, e, q, errors, data)
+    if not fixed_core:
+        return found
+    for row in found:
+        row[list(model.of("core"))] = q[list(model.of("core"))]
+    return list(np.unique(np.array(found), axis=0)) if found else []
+
+
+def _starts_of(model: SuperModel, e: Effect, q: Array, errors: Array, data: Data) -> list[Array]:
+    match e.starts_from:
+        case StartsFrom.SIGNS:
+            return _signless(model, e, q, data)
+        case StartsFrom.CLIP_LEVEL:
+            return _from_pile_up(model, e, q, data)
+        case StartsFrom.WAVES:
+            return _from_waves(model, e, q, errors, data)
+    found = []
+    for values in model.starts(e):
+        row = q.copy()
+        for slot, value in values.items():
+            row[slot] = value
+        found.append(row)
+    if is_of_servo(e):
+        return [*found, *_from_motion(model, e, q, data)]
+    if e.weakens:
+        found += [_stronger(model, row) for row in found]
+    return found
+
+
+def _other_cores(model: SuperModel, q: Array) -> list[Array]:
+    """Larger and smaller gains, faster and slower time constants."""
+    found = []
+    for gain, power in ((0.75, 1.0), (1.3, 1.0), (1.0, 0.6), (1.0, 1.6)):
+        row = q.copy()
+        for i in range(model.tracks):
+            row[model.place["core", "gain", i]] *= gain
+            f1 = model.place["core", "f1", i]
+            row[f1] = -(abs(row[f1]) ** power)
+        found.append(row)
+    return found
+
+
+def _stronger(model: SuperModel, row: Array, factor: float = 1.3) -> Array:
+    out = row.copy()
+    for i in range(model.tracks):
+        out[model.place["core", "gain", i]] *= factor
+    return out
+
+
+def _signless(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]:
+    """A base fitted to signless readings is worth nothing: cores with the signs put back.
+
+    One start for each first guess of the signs, track by track (see ``sign_recovery``).
+    """
+    found, first = [], e.parameters[0]
+    for lag in LAGS:
+        row = q.copy()
+        for i in range(model.tracks):
+            drives, sizes = data.split(data.drive[:, [i]]), data.split(data.y[:, i])
+            A, (B,), _ = recovered(
+                drives,
+                [np.abs(y) for y in sizes],
+                [w > 0.0 for w in data.split(data.weight[:, i])],
+                model.order,
+                [(1, model.order)],
+                lag,
+            )
+            size = float(A.sum())
+            gain = float(B.sum()) / size if abs(size) > 1e-9 else 0.0
+            if not np.isfinite(gain) or gain == 0.0:
+                continue
+            row[model.place["core", "gain", i]] = gain
+            for k in range(model.order):
+                row[model.place["core", f"f{k + 1}", i]] = float(A[k + 1])
+            for k in range(1, model.order):
+                row[model.place["core", f"b{k + 1}", i]] = float(B[k]) / gain
+            row[model.place[e.id, first.name, i]] = first.starts[0]
+        found.append(row)
+    return found + (_ringing(model, e, q, data) if model.order == 3 else [])
+
+
+def _ringing(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]:
+    """Third-order cores with a resonance, where signs that change fast cannot be put back."""
+    found, first = [], e.parameters[0]
+    for turn in (0.3, 0.6, 1.0):
+        for radius in (0.9, 0.97):
+            for real in (0.85, 0.96):
+                row = q.copy()
+                poles = [real, radius * np.exp(1j * turn), radius * np.exp(-1j * turn)]
+                f = np.real(np.poly(poles))
+                for i in range(model.tracks):
+                    y, d = np.abs(data.y[:, i]), np.abs(data.drive[:, i])
+                    row[model.place["core", "gain", i]] = float(y.mean()) / max(d.mean(), 1e-9)
+                    for k in range(3):
+                        row[model.place["core", f"f{k + 1}", i]] = float(f[k + 1])
+                    for k in range(1, 3):
+                        row[model.place["core", f"b{k + 1}", i]] = 0.0
+                    row[model.place[e.id, first.name, i]] = first.starts[0]
+                found.append(row)
+    return found
+
+
+def _from_motion(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]:
+    """Cores and friction with which a servo moves as it was seen to.
+
+    While it moves one way, F(q) y = B(q) u − F(1) (c sign ẏ + l) is linear in all numbers.
+
+    Args:
+        e: friction with a law of servos; its first number is c.
+        q: numbers of the model without it, (slots,).
+    """
+    found = []
+    for span in SPANS:
+        row = q.copy()
+        for i in range(model.tracks):
+            if (numbers := _regressed(model.order, data, i, span)) is None:
+                break
+            gain, f, level, load = numbers
+            row[model.place["core", "gain", i]] = gain
+            for k in range(1, model.order + 1):
+                row[model.place["core", f"f{k}", i]] = f[k - 1]
+            for k in range(2, model.order + 1):
+                row[model.place["core", f"b{k}", i]] = 0.0  # what friction takes then holds at once
+            row[model.place[e.id, e.parameters[0].name, i]] = level
+            row[model.place[e.id, OF_SERVO, i]] = 1.0
+            if (bias := (LEVEL.id, LEVEL.parameters[0].name, i)) in model.place:
+                row[model.place[bias]] = load
+        else:
+            found.append(row)
+    return found
+
+
+def _regressed(
+    order: int, data: Data, track: int, span: int
+) -> tuple[float, Array, float, float] | None:
+    """Gain, F without its leading 1, c and l of a track; None where it hardly moves."""
+    rows, rights = [], []
+    noise = data.noise[track]
+    columns = (data.drive[:, track], data.y[:, track], data.weight[:, track])
+    for u, y, weight in zip(*(data.split(x) for x in columns), strict=True):
+        at = np.arange(max(2 * span, order), len(y) - 1)
+        if len(at) == 0:
+            continue
+        moved, goes_on = y[at] - y[at - 2 * span], y[at + 1] - y[at - span]
+        counts = np.min([weight[at - k] for k in range(-1, order)], axis=0) > 0.0
+        at = at[(np.abs(moved) > MOVES * noise) & (goes_on * moved > 0.0) & counts]
+        way = np.sign(y[at] - y[at - 2 * span])
+        past = [y[at - k] for k in range(order)] + [u[at - k] for k in range(order)]
+        rows.append(np.column_stack([*past, way, np.ones(len(at))]))
+        rights.append(y[at + 1])
+    if sum(map(len, rights)) < 10 * (2 * order + 2):
+        return None
+    theta = np.linalg.lstsq(np.concatenate(rows), np.concatenate(rights), rcond=None)[0]
+    f, last = -theta[:order], theta[2 * order :]
+    size = 1.0 + f.sum()
+    if not size > 1e-9 or np.any(np.abs(np.roots([1.0, *f])) >= 1.0):
+        return None
+    gain = float(theta[order : 2 * order].sum() / size)
+    return gain, f, max(float(-last[0] / size), 0.0), float(-last[1] / size)
+
+
+def _from_pile_up(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]:
+    """The clip level is where readings pile up, not what least squares would like it to be."""
+    levels = np.array(
+        [clip_level(data.y[data.weight[:, i] > 0.0, i], data.noise[i]) for i in range(model.tracks)]
+    )
+    if not np.isfinite(levels).any():
+        return []
+    row = q.copy()
+    for i, level in enumerate(levels):
+        slot = model.place[e.id, e.parameters[0].name, i]
+        if np.isfinite(level):
+            row[slot] = min(level, model.slots[slot].upper)
+    return [row, _stronger(model, row), _stronger(model, row, 1.8)]
+
+
+def clip_level(y: Array, noise: float = 0.0) -> float:
+    """Size of the largest readings when they pile up in a narrow band, else infinite.
+
+    A clipped sensor shows a flat top: one largest value comes again and again, or, where noise
+    enters behind the clip, many more readings lie within the noise of the top than in the bands
+    below it.
+
+    Args:
+        y: readings, (N,).
+        noise: their standard deviation beyond the clip.
+    """
+    size = np.abs(y)
+    if repeats_at_top(size):
+        return float(size.max())
+    top = float(np.quantile(size, 0.995))
+    if top <= 0.0:
+        return np.inf
+    width, ratio = 0.04 * top, 3.0
+    if noise > 0.3 * width:
+        # the pile is a bell as wide as the noise, and the top lies on its far slope
+        width = 3.0 * noise
+        bands = np.linspace(top - 2.0 * width, top, 81)
+        counts = [int(np.sum(np.abs(size - b) < 0.5 * width)) for b in bands]
+        top = float(bands[int(np.argmax(counts))]) + 0.5 * width
+        ratio = BELL_UP
+    high = float(np.mean(size > top - width))
+    below = [
+        float(np.mean((size > top - (k + 2) * width) & (size <= top - (k + 1) * width)))
+        for k in range(4)
+    ]
+    usual = max(float(np.mean(below)), 1e-9)
+    if high < PILE_UP or high < ratio * usual:
+        return np.inf
+    if (high - usual) * len(size) < 5.0 * np.sqrt(usual * len(size)):
+        return np.inf
+    return float(np.median(size[size > top - width]))
+
+
+def repeats_at_top(y: Array) -> bool:
+    """Whether one and the same largest reading comes again and again: a clip that is seen."""
+    values, counts = np.unique(np.abs(y), return_counts=True)
+    return bool(
+        len(values) > 8
+        and counts[-1] > REPEATED * len(y)
+        and counts[-1] > 4.0 * np.mean(counts[-5:-1])
+    )
+
+
+def _from_waves(model: SuperModel, e: Effect, q: Array, errors: Array, data: Data) -> list[Array]:
+    """The strongest waves of the errors over the wheel's angle, for each law, track by track.
+
+    The angle comes from the readings, or from the model where the readings drift at rest.
+    """
+    run = data.y - errors
+    simulated = (np.cumsum(run, axis=0) - 0.5 * run) * model.dt
+    found = []
+    for law in e.laws:
+        (wave,) = (w for w in e.waves if w.cosine in law.parameters)
+        for of_wheel, angle in ((0.0, data.counted + 0.5 * model.dt * run), (1.0, simulated)):
+            rows = [q.copy() for _ in range(RANKS if wave.line in law.parameters else 1)]
+            for i in range(model.tracks):
+                seen = _Seen(model, wave, q, data, run[:, i], i)
+                line = model.place[e.id, wave.line, i]
+                free = wave.line in law.parameters
+                lines = (
+                    seen.lines(angle[:, i], errors[:, i], model.slots[line])
+                    if free
+                    else [model.slots[line].null]
+                )
+                for row, n in zip(rows, lines, strict=True):
+                    cosine, sine = seen.fitted(n * angle[:, i], errors[:, i])
+                    numbers = {wave.cosine: cosine, wave.sine: sine, wave.line: n}
+                    numbers |= {wave.of_wheel: of_wheel, **law.choices}
+                    for name, value in numbers.items():
+                        row[model.place[e.id, name, i]] = value
+            found += rows
+    return found
+
+
+class _Seen:
+    """How a wave of an effect shows in the readings of one track, to first order."""
+
+    def __init__(
+        self, model: SuperModel, wave: Wave, q: Array, data: Data, run: Array, i: int
+    ) -> None:
+        order = range(1, model.order + 1)
+        f = np.array([q[model.place["core", f"f{k}", i]] for k in order])
+        tail = np.array([q[model.place["core", f"b{k}", i]] for k in order[1:]])
+        self.a = np.concatenate([[1.0], f])
+        self.b = np.concatenate([[0.0, 1.0 + f.sum() - tail.sum()], tail])
+        self.torque = wave.of_torque
+        self.factor = run if wave.of_speed else np.ones_like(run)
+        self.weight = data.weight[:, i]
+
+    def lines(self, angle: Array, errors: Array, slot: Slot) -> list[float]:
+        """The strongest waves a rad."""
+        at = errors * self.weight
+        if self.torque:  # the torque that the errors ask for, a sample before
+            at = np.append(lfilter(self.a, [1.0], at)[1:], 0.0) * self.weight
+        lines, whole = over_angle(angle, at * self.factor, slot.upper)
+        span = float(np.ptp(angle))
+        return strongest_lines(lines, np.abs(whole), (slot.lower, slot.upper), span, RANKS)
+
+    def fitted(self, phase: Array, errors: Array) -> tuple[float, float]:
+        """Cosine and sine of a wave by least squares; none where the core's motion has no end."""
+        both = np.column_stack([np.cos(phase), np.sin(phase)]) * self.factor[:, None]
+        if self.torque:
+            both = -lfilter(self.b, self.a, both, axis=0)
+        if not np.isfinite(both).all():
+            return 0.0, 0.0
+        both = both * self.weight[:, None]
+        cosine, sine = np.linalg.lstsq(both, errors * self.weight, rcond=None)[0]
+        return float(cosine), float(sine)
+
+
+def free_slots(model: SuperModel, e: Effect, q: Array, tracks: Sequence[int]) -> tuple[int, ...]:
+    """Slots of an effect that a search moves on some of the tracks, by the law that ``q`` chose."""
+    # a changed parameter has none of its own: it moves the core's
+    held = {p.name for p in e.parameters}.difference(e.searched(model.chosen(e, q)))
+    return tuple(
+        k
+        for k in model.of(e.id)
+        if model.slots[k].name not in held
+        and (model.slots[k].track < 0 or model.slots[k].track in tracks)
+    )

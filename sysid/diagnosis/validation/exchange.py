@@ -1,0 +1,97 @@
+"""Two lags in a row: which is the motor's and which the other's, the readings do not say.
+
+A first-order motor behind or before a lag of first order has the transfer function
+
+    K / ((τ s + 1)(λ s + 1)),
+
+the same when τ and λ change places. Slopes at one of both places know nothing of the other, and
+their standard errors are too small by far. So the exchanged place is searched, too, and where the
+log does not contradict it, or errors differ by no more than between effects that are known to be
+alike (between two samples a lag is only nearly exact), the interval of the lag holds both.
+
+Where both lags are nearly as long as one another the slopes along τ − λ vanish and the standard
+errors grow without end, though the log knows both lags well: their sum s and their product p stay
+regular. So the interval is no wider than the roots of x² − s·x + p for s and p in their own 95 %.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.diagnosis.augment import covariance_of
+from sysid.diagnosis.base_model import Base
+from sysid.diagnosis.policies import BUDGET, RULE
+from sysid.diagnosis.search.batched_search import refined
+from sysid.diagnosis.search.evidence import effective_samples
+from sysid.diagnosis.search.exchanged import exchanged, lags_of
+from sysid.diagnosis.search.named_sets import Interval, Naming, Node
+from sysid.diagnosis.validation.acceptance import std_errors
+from sysid.fitting.profile import LEVEL, NORMAL
+
+
+def with_exchanged_lags(base: Base, naming: Naming) -> Naming:
+    """The naming with intervals that hold a lag's other place where the log allows it.
+
+    Of both places the likelier one is the estimate.
+    """
+    for n in naming.named:
+        lags = lags_of(base.search.model, naming.final)
+        naming = _with_both(
+            base, naming, [k for k in lags if base.search.model.slots[k].owner == n.id]
+        )
+    return naming
+
+
+def _with_both(base: Base, naming: Naming, lags: Sequence[int]) -> Naming:
+    here = naming.final
+    there = _other_place(base, here, lags)
+    if there is None:
+        return naming
+    samples = effective_samples(here.errors.estimation)
+    (v, _), (w, _) = here.errors.mean_squares(), there.errors.mean_squares()
+    beyond = samples * np.log(w / v)
+    if base.search.model.joined(here.q, here.free):
+        beyond = np.full_like(beyond, float(np.sum(beyond)))
+    if float(np.sum(beyond)) < 0.0:
+        here, there, beyond = there, here, -beyond
+        v, w = w, v
+    alike = (beyond < LEVEL) | (np.sqrt(w / v) < RULE.known_tie)
+    intervals = dict(naming.intervals)
+    own, other = std_errors(base, here), std_errors(base, there)
+    for k in lags:
+        if alike[base.search.model.slots[k].track]:
+            ends = [
+                node.q[k] + side * NORMAL * errors[k]
+                for node, errors in ((here, own), (there, other))
+                for side in (-1.0, 1.0)
+            ]
+            least, most = _roots(base, here, k)
+            intervals[k] = Interval(float(max(min(ends), least)), float(min(max(ends), most)))
+    return replace(naming, final=here, intervals=intervals)
+
+
+def _roots(base: Base, node: Node, lag: int) -> tuple[float, float]:
+    """The least and the greatest of two lags in a row by 95 % of their sum and their product."""
+    model = base.search.model
+    pole = model.place["core", "f1", model.slots[lag].track]
+    at = [node.free.index(k) for k in (pole, lag)]
+    covariance = covariance_of(base, node)[np.ix_(at, at)]
+    logarithm = np.log(-node.q[pole])
+    a, b = -model.dt / logarithm, node.q[lag]
+    slope = model.dt / (logarithm**2 * node.q[pole])  # of the time constant by f1
+    rows = np.array([[slope, 1.0], [slope * b, a]])
+    total, product = a + b, a * b
+    d_total, d_product = NORMAL * np.sqrt(np.diag(rows @ covariance @ rows.T))
+    apart = np.sqrt(max((total + d_total) ** 2 - 4.0 * max(product - d_product, 0.0), 0.0))
+    return float(max(total + d_total - apart, 0.0) / 2.0), float(total + d_total + apart) / 2.0
+
+
+def _other_place(base: Base, node: Node, lags: Sequence[int]) -> Node | None:
+    """The model searched from where lags and the core's time constants change places."""
+    if not lags:
+        return None
+    model = base.search.model
+    start = exchanged(model, node.q, lags)
+    found, _ = refined(model, start[None], [node.free], base.search.data, BUDGET.polish)
+    return base.search.node(node.effects, found[0], node.free, node.touched)

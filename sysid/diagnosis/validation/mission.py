@@ -1,0 +1,310 @@
+"""The proof on a mission: the path of a robot, measured and by the models before and after.
+
+Open loop: the logged commands drive each model, whose wheel speeds move the vehicle; every error of
+motors and ground adds up along the way. Closed loop: the mission is driven again by both plants,
+with guidance, control and an odometry that sees the wheels alone.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid.data.record import Array, Record
+from sysid.diagnosis.pose.ground_model import without_readings
+from sysid.effects.ground import Ground
+from sysid.errors import ModelError
+from sysid.estimation.vehicle.windows import path_of, track_channels
+from sysid.mission.clearance import has_surfaces, step_clearance
+from sysid.mission.contracts import Pose
+from sysid.mission.result import MissionResult
+from sysid.mission.robot.mapping import as_robot
+from sysid.mission.simulator import simulate
+from sysid.mission.spec import Mission, load_mission
+from sysid.structures.model import Model
+from sysid.vehicle.kinematics import Geometry, wrap_angle
+
+SAME_PLACE = 0.05
+"""A log that begins within so many metres and radians of the mission's start begins there: the
+start is then known better than one noisy reading tells."""
+
+ELSEWHERE = 0.25
+"""A log begins elsewhere where it begins farther from the start than this share of the way …"""
+
+LEAST_ELSEWHERE = 0.3
+"""… and than this [m]: places are set by hand and seen by cameras."""
+
+ASTRAY = 0.5
+"""A log that stays farther from the goal than this share of the way was not on its way there."""
+
+HEAD = 20
+"""Samples at the head of a log that the state of a model is fitted to."""
+
+STRIDE = 0.5
+"""Way is summed over steps of this length [s], or noise of the place would add to it."""
+
+
+@dataclass(frozen=True, eq=False)
+class PathTrace:
+    """A measured path and those of both models under the same commands.
+
+    Attributes:
+        name: of the record.
+        t: instants [s], (N,).
+        measured, before, after: x, y [m], ψ [rad], (N, 3).
+    """
+
+    name: str
+    t: Array
+    measured: Array
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True, eq=False)
+class MissionProof:
+    """What the mission says of the models before and after.
+
+    Attributes:
+        facts: JSON-able: ``mission``, ``open_loop``, ``closed_loop``, ``sentence``, ``warnings``.
+        traces: open-loop paths.
+        mission: what was driven.
+        driven: the mission by each plant, ``before`` and ``after``; one that cannot is left out.
+    """
+
+    facts: dict[str, Any]
+    traces: tuple[PathTrace, ...]
+    mission: Mission
+    driven: dict[str, MissionResult]
+
+
+def prove_on_mission(
+    mission_path: str | Path,
+    records: Sequence[Record],
+    before: Model,
+    after: Model,
+    geometry: Geometry | None = None,
+) -> MissionProof:
+    """Compare both models with measured paths.
+
+    Args:
+        mission_path: the mission file; its geometry moves the vehicle.
+        records: whole mission logs with pose; the first is compared with the closed loop.
+        before, after: models of two tracks; effects of the vehicle are part of them.
+        geometry: lengths of the vehicle; None takes the mission's.
+
+    Raises:
+        DataError: the mission file cannot be read.
+        ModelError: no record holds a pose and two wheel speeds.
+    """
+    mission = load_mission(mission_path)
+    if geometry is not None:
+        mission = mission.with_geometry(geometry)
+    posed = [r for r in records if r.pose is not None and np.isfinite(r.pose).all(axis=1).sum() > 1]
+    channels = track_channels(posed[0]) if posed else None
+    if channels is None:
+        raise ModelError(
+            "the path cannot be compared: no log has the columns x, y, psi and the speeds of a "
+            "left and a right side"
+        )
+    traces = tuple(_replayed(r, before, after, channels, mission) for r in posed)
+    driven, warnings = {}, []
+    elsewhere = not_this_mission(posed[0], mission, channels)
+    for name, model in (("before", before), ("after", after)):
+        if elsewhere:  # a drive of another way would be compared with it
+            break
+        try:
+            robot, notes = as_robot(model.plant(), mission)
+            driven[name] = simulate(mission, robot)
+        except ModelError as error:
+            warnings.append(f"The mission cannot be driven by the model {name}: {error}.")
+            continue
+        warnings += [n for n in notes if n not in warnings]
+    by_wheels = [_by_wheels(r, after, channels, mission) for r in posed]
+    facts = {
+        "mission": Path(mission_path).name,
+        "open_loop": [
+            _open_facts(t) | {"from_measured_speeds": w}
+            for t, w in zip(traces, by_wheels, strict=True)
+        ],
+        "closed_loop": {"measured": _measured_facts(posed[0], mission)}
+        | {k: _closed_facts(v, posed[0]) for k, v in driven.items()},
+        "sentence": f"{elsewhere} {_sentence(traces[0], driven, posed[0])}".lstrip(),
+        "warnings": warnings,
+    }
+    return MissionProof(facts, traces, mission, driven)
+
+
+def not_this_mission(record: Record, mission: Mission, channels: tuple[int, int]) -> str:
+    """Why a log cannot be a drive of this mission, or nothing.
+
+    It begins elsewhere, never comes near the goal, or strays farther from start and goal than they
+    lie apart. Slip or wrong radii may lead a robot astray that believes it is there, so the path by
+    its wheels counts as well as the measured one.
+
+    Args:
+        record: a log with pose.
+        mission: what it is said to have driven.
+        channels: outputs of the left and of the right track.
+
+    Returns:
+        A sentence, empty where start, goal and path fit.
+    """
+    assert record.pose is not None
+    place = record.pose[np.isfinite(record.pose).all(axis=1), :2]
+    start, goal = np.array(mission.start[:2]), np.array(mission.goal)
+    apart = max(float(np.hypot(*(goal - start))), mission.tolerance)
+    off = float(np.hypot(*(place[0] - start)))
+    begin, wheels = _start(record, mission), mission.vehicle.geometry
+    rolled = _path(record.y, record.dt, Ground(), wheels, begin, channels)[:, :2]
+    to_goal = min(float(np.min(np.hypot(*(way - goal).T))) for way in (place, rolled))
+    strayed = float(np.max(np.minimum(*(np.hypot(*(place - p).T) for p in (start, goal)))))
+    found = []
+    if off > max(ELSEWHERE * apart, LEAST_ELSEWHERE):
+        found.append(f"begins {off:.2g} m from its start")
+    if to_goal > ASTRAY * apart + mission.tolerance:
+        found.append(f"comes no nearer than {to_goal:.2g} m to its goal")
+    if strayed > apart + mission.guidance.reach:
+        found.append(f"strays up to {strayed:.2g} m from both")
+    if not found:
+        return ""
+    return (
+        f"{record.name} was not driven on this mission: it {' and '.join(found)}. The mission was "
+        "therefore not driven again; name the mission of this log."
+    )
+
+
+# Open loop ----------------------------------------------------------------------------------------
+
+
+def _replayed(
+    record: Record, before: Model, after: Model, channels: tuple[int, int], mission: Mission
+) -> PathTrace:
+    assert record.pose is not None
+    geometry, start = mission.vehicle.geometry, _start(record, mission)
+    paths = []
+    for model in (before, after):
+        wheels = without_readings(model)
+        run = wheels.simulate(record.u, wheels.fitted_state(record, HEAD))
+        ground = model.structure.ground(model.theta)
+        paths.append(_path(run, record.dt, ground, geometry, start, channels))
+    return PathTrace(record.name, record.t, record.pose, paths[0], paths[1])
+
+
+def _path(
+    omega: Array,
+    dt: float,
+    ground: Ground,
+    geometry: Geometry,
+    start: Array,
+    channels: tuple[int, int],
+) -> Array:
+    at = list(channels)
+    moved = ground.ordered(channels) if ground else ground
+    return path_of(np.nan_to_num(omega[:, at]), dt, moved, geometry, start)
+
+
+def _start(record: Record, mission: Mission) -> Array:
+    """The mission's start where the log begins there, else the first pose measured."""
+    assert record.pose is not None
+    first = record.pose[int(np.argmax(np.isfinite(record.pose).all(axis=1)))]
+    given = np.array(mission.start)
+    near = math.dist(first[:2], given[:2]) < SAME_PLACE
+    return given if near and abs(wrap_angle(first[2] - given[2])) < SAME_PLACE else first
+
+
+def _by_wheels(
+    record: Record, after: Model, channels: tuple[int, int], mission: Mission
+) -> dict[str, float]:
+    """Path errors of the measured wheel speeds, without and with the effects of the vehicle."""
+    assert record.pose is not None
+    start, found = _start(record, mission), {}
+    for name, ground in (("before", Ground()), ("after", after.structure.ground(after.theta))):
+        geometry = mission.vehicle.geometry
+        path = _path(record.y, record.dt, ground, geometry, start, channels)
+        found[f"rms_{name}_m"], found[f"end_{name}_m"], _ = _apart(path, record.pose)
+    return found
+
+
+def _apart(path: Array, measured: Array) -> tuple[float, float, float]:
+    """RMS distance [m], distance at the end [m], RMS of the heading [rad]."""
+    n = min(len(path), len(measured))
+    gap = path[:n] - measured[:n]
+    gap = gap[np.isfinite(gap).all(axis=1)]
+    far = np.hypot(gap[:, 0], gap[:, 1])
+    turned = wrap_angle(gap[:, 2])
+    return float(np.sqrt(np.mean(far**2))), float(far[-1]), float(np.sqrt(np.mean(turned**2)))
+
+
+def _open_facts(trace: PathTrace) -> dict[str, Any]:
+    facts: dict[str, Any] = {"record": trace.name}
+    for name, path in (("before", trace.before), ("after", trace.after)):
+        rms, end, heading = _apart(path, trace.measured)
+        facts |= {
+            f"rms_{name}_m": rms,
+            f"end_{name}_m": end,
+            f"heading_rms_{name}_rad": heading,
+        }
+    if facts["rms_before_m"] > 0:
+        facts["shrunk_percent"] = 100.0 * (1.0 - facts["rms_after_m"] / facts["rms_before_m"])
+    return facts
+
+
+# Closed loop --------------------------------------------------------------------------------------
+
+
+def _measured_facts(record: Record, mission: Mission) -> dict[str, Any]:
+    assert record.pose is not None
+    known = np.isfinite(record.pose).all(axis=1)
+    pose, t = record.pose[known], (record.t - record.t0)[known]
+    step = max(1, round(STRIDE / record.dt))
+    coarse = np.vstack([pose[::step, :2], pose[-1:, :2]])
+    scene, ways = mission.scene(), (Pose(*pose[:-1].T), Pose(*pose[1:].T))
+    clearance = step_clearance(scene, *ways, t[1:], np.diff(t), np)
+    return {
+        "time_s": float((len(record) - 1) * record.dt),
+        "final": dict(zip(("x", "y", "psi"), pose[-1].tolist(), strict=True)),
+        "path_length_m": float(np.hypot(*np.diff(coarse, axis=0).T).sum()),
+        "min_clearance_m": float(np.min(clearance)) if has_surfaces(scene) else None,
+    }
+
+
+def _closed_facts(result: MissionResult, record: Record) -> dict[str, Any]:
+    """Summary, and how far from the measured path at equal times; a robot that is done stays."""
+    assert record.pose is not None
+    t = result.log["t"]
+    path = np.column_stack([np.interp(record.t - record.t0, t, result.log[c]) for c in ("x", "y")])
+    heading = np.interp(record.t - record.t0, t, np.unwrap(result.log["psi"]))
+    rms, end, turned = _apart(np.column_stack([path, heading]), record.pose)
+    measured = float((len(record) - 1) * record.dt)
+    return result.summary() | {
+        "path_error_rms_m": rms,
+        "path_error_end_m": end,
+        "heading_error_rms_rad": turned,
+        "time_error_s": result.time_s - measured,
+    }
+
+
+def _sentence(trace: PathTrace, driven: dict[str, MissionResult], record: Record) -> str:
+    old, old_end, _ = _apart(trace.before, trace.measured)
+    new, new_end, _ = _apart(trace.after, trace.measured)
+    said = (
+        f"Under the logged commands the path is off by {_far(old)} (RMS; {_far(old_end)} at the "
+        f"end) before and by {_far(new)} ({_far(new_end)}) after."
+    )
+    if {"before", "after"} <= driven.keys():
+        off = {k: _closed_facts(v, record)["path_error_end_m"] for k, v in driven.items()}
+        said += (
+            f" Driven again in closed loop the mission takes {driven['before'].time_s:.1f} s "
+            f"before and {driven['after'].time_s:.1f} s after, measured "
+            f"{(len(record) - 1) * record.dt:.1f} s, and ends {_far(off['before'])} and "
+            f"{_far(off['after'])} from where the robot did."
+        )
+    return said
+
+
+def _far(metres: float) -> str:
+    return f"{metres:.2f} m" if metres >= 0.1 else f"{1000 * metres:.0f} mm"

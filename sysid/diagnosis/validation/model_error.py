@@ -1,0 +1,303 @@
+"""Is there anything left to explain? A model of the errors that a simulation leaves.
+
+The free-run errors e of a record are regressed on what is known (``known_terms.py``):
+
+    e(t) = Z(t) ζ + X(t) β + v(t),    α(q) v(t) = w(t) white,
+
+with Z what a change of the model's own numbers would do. The noise is coloured, so an
+autoregression α fitted to what Z leaves whitens both sides, and the F test of β = 0 is made on the
+filtered equations (generalised least squares; Durbin 1960). The terms hold nothing but the past, so
+that feedback does not bend the filtered equations. A ripple bound to the wheel's angle is looked
+for apart, as the highest of many periodogram ordinates over angle, also after whitening.
+
+Source: Ljung (1999), "Model validation and model error modeling".
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.criteria.coloured import ar_fit
+from sysid.data.filtering import lfilter
+from sysid.data.record import Array, Index, Record
+from sysid.diagnosis.validation.error_tests import (
+    ORDER,
+    f_test,
+    level_chance,
+    orthonormal,
+    ripple_chance,
+)
+from sysid.diagnosis.validation.known_terms import Terms, angles, drives_of, known_terms
+from sysid.errors import DataError
+
+FEWEST = 100
+"""Fewer samples tell nothing."""
+
+BRIDGED = 10
+"""Gaps in the errors up to this length [samples] are bridged; longer ones cut the record."""
+
+FOLDS = 6
+RIDGES = (1e-4, 1e-2, 1e-1)
+"""Ridge weights that the cross-validated prediction chooses from, in units of the Gram matrix."""
+
+
+PROVEN = 0.05
+"""Above this p-value no share is claimed."""
+
+
+@dataclass(frozen=True)
+class ResidualVerdict:
+    """Whether the errors of a model on held-out data still depend on what is known.
+
+    Attributes:
+        model: ``before`` or ``after``.
+        p_value: of no dependence on commands, speeds and their products, over all outputs.
+        share: share of the squared error above the floor that such a dependence predicts.
+    """
+
+    model: str
+    p_value: float
+    share: float
+
+    def to_json(self) -> dict[str, Any]:
+        """{model, p_value, share}."""
+        return {"model": self.model, "p_value": self.p_value, "share": self.share}
+
+
+@dataclass(frozen=True)
+class OutputStructure:
+    """What is left on one output.
+
+    Attributes:
+        output: its name.
+        p_value: of errors that depend on nothing known.
+        share: share of the squared error above the floor (without what the model's own numbers
+            could follow) that the known terms predict on blocks not used for their coefficients,
+            0 … 1.
+        strongest: the term that alone explains most, as a formula.
+    """
+
+    output: str
+    p_value: float
+    share: float
+    strongest: str
+
+
+@dataclass(frozen=True)
+class ResidualStructure:
+    """Whether structure is left in the errors of a model.
+
+    Attributes:
+        p_value: over all outputs (Bonferroni).
+        share: of the squared error above the floor, each output in units of its floor's error.
+        outputs: each output's share.
+    """
+
+    p_value: float
+    share: float
+    outputs: tuple[OutputStructure, ...]
+
+    def verdict(self, model: str) -> ResidualVerdict:
+        """As the noun of a diagnosis, for the model ``before`` or ``after``."""
+        return ResidualVerdict(model, self.p_value, self.share)
+
+
+def error_structure(
+    records: Sequence[Record],
+    errors: Sequence[Array],
+    simulated: Sequence[Array],
+    floor: Array,
+    scales: Array,
+    slopes: Sequence[Array] | None = None,
+) -> ResidualStructure:
+    """Whether free-run errors depend on commands, simulated speeds, their products and time.
+
+    Args:
+        records: where the model was run.
+        errors: measured minus simulated, (N, ny) a record; NaN where a sample does not count.
+        simulated: the runs, (N, ny) a record.
+        floor: measurement noise of each output, (ny,).
+        scales: full drive of each input.
+        slopes: ∂ŷ/∂θ of each record, (N, ny, n): changes that the model could follow with its own
+            numbers are no structure. None: those of a first-order model per output. An empty last
+            axis asks for everything, as for a given model that was not fitted on this system.
+
+    Raises:
+        DataError: shapes do not fit, or no output has enough samples for a test.
+    """
+    samples = sum(len(e) for e in errors)
+    if samples < FEWEST:
+        raise DataError(f"a model of the errors needs at least {FEWEST} samples, got {samples}")
+    shapes = [e.shape for e in errors]
+    if shapes != [s.shape for s in simulated] or shapes != [r.y.shape for r in records]:
+        raise DataError(f"errors have shapes {shapes}, records {[r.y.shape for r in records]}")
+    found, power, predicted = [], 0.0, 0.0
+    for i, name in enumerate(records[0].output_names):
+        filled = [_filled(x[:, i]) for x in errors]
+        terms = known_terms(records, simulated, i, scales)
+        if slopes is None:
+            own = first_order_slopes(records, simulated, i, scales)
+        else:
+            own = [s[:, i] for s in slopes]
+        own = [_with_transient(z, records, simulated, i, scales) for z in own]
+        kept = [_fresh(x[:, i]) or _stretches(y) for x, y in zip(errors, filled, strict=True)]
+        speeds = [s[:, i] for s in simulated]
+        e, own, columns, angle, speed = (
+            [x[part] for x, parts in zip(whole, kept, strict=True) for part in parts]
+            for whole in (filled, own, terms.columns, angles(records, simulated, i), speeds)
+        )
+        total = sum(len(x) for x in e)
+        if total < FEWEST:
+            continue
+        p, strongest = _trial(e, own, Terms(terms.names, tuple(columns), terms.sizes), angle, speed)
+        if np.isnan(p):
+            continue
+        basis = orthonormal(np.concatenate(own))
+        y = np.concatenate(e)
+        rest = y - basis @ (basis.T @ y)
+        above = float(rest @ rest) - total * float(floor[i]) ** 2
+        gain = _predicted(e, own, columns) if p < PROVEN else 0.0
+        share = float(np.clip(gain / above, 0.0, 1.0)) if above > 0.0 else 0.0
+        found.append(OutputStructure(name, p, share, strongest))
+        unit = max(float(np.mean(np.concatenate(e) ** 2)), 1e-300)
+        power += max(above, 0.0) / unit
+        predicted += share * max(above, 0.0) / unit
+    if not found:
+        raise DataError(
+            f"no output has {FEWEST} samples in stretches long enough to be told from its own noise"
+        )
+    p_value = min(1.0, len(found) * min(o.p_value for o in found))
+    return ResidualStructure(p_value, predicted / power if power > 0.0 else 0.0, tuple(found))
+
+
+def first_order_slopes(
+    records: Sequence[Record], simulated: Sequence[Array], i: int, scales: Array
+) -> list[Array]:
+    """∂ŷ/∂K and ∂ŷ/∂a of ŷ(t) = a ŷ(t−1) + K (1 − a) d(t−1), but for factors."""
+    a = drives_of(records, simulated, i, scales).pole
+    found = []
+    for r, s in zip(records, simulated, strict=True):
+        drive = r.u[:, min(i, r.nu - 1)] / scales[min(i, r.nu - 1)]
+        gain = lfilter([0.0, 1.0], [1.0, -a], drive)
+        pole = lfilter([0.0, 1.0], [1.0, -a], s[:, i])
+        found.append(np.column_stack([gain, pole]))
+    return found
+
+
+def _with_transient(
+    columns: Array, records: Sequence[Record], simulated: Sequence[Array], i: int, scales: Array
+) -> Array:
+    """With what a wrong initial speed would add."""
+    a = drives_of(records, simulated, i, scales).pole
+    return np.column_stack([columns, a ** np.arange(len(columns))])
+
+
+def _filled(e: Array) -> Array:
+    """Errors with gaps of up to ``BRIDGED`` samples filled by straight lines."""
+    missing = ~np.isfinite(e)
+    edges = np.flatnonzero(np.diff(missing.astype(int), prepend=0, append=0))
+    out = e.copy()
+    t = np.arange(len(e))
+    for low, high in zip(edges[::2], edges[1::2], strict=True):
+        if high - low <= BRIDGED and not missing.all():
+            out[low:high] = np.interp(t[low:high], t[~missing], e[~missing])
+    return out
+
+
+def _fresh(e: Array) -> list[Index]:
+    """Rows of a sensor slower than the log, in stretches without gaps; none for a faster one.
+
+    Lines between its readings would be no errors of the model but a colour of our own.
+    """
+    there = np.flatnonzero(np.isfinite(e))
+    if len(there) < 2:
+        return []
+    steps = np.diff(there)
+    usual = float(np.median(steps))
+    if usual < 2.0:
+        return []
+    parts = np.split(there, np.flatnonzero(steps > 2.0 * usual) + 1)
+    return [p for p in parts if len(p) > 3 * ORDER]
+
+
+def _stretches(e: Array) -> list[slice]:
+    """Stretches without gaps, long enough to be whitened."""
+    there = np.isfinite(e)
+    edges = np.flatnonzero(np.diff(there.astype(int), prepend=0, append=0))
+    pairs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+    return [slice(low, high) for low, high in pairs if high - low > 3 * ORDER]
+
+
+def _trial(
+    e: Sequence[Array],
+    own: Sequence[Array],
+    terms: Terms,
+    angle: Sequence[Array],
+    speed: Sequence[Array],
+) -> tuple[float, str]:
+    """(p-value, strongest term) of one output; NaN where the terms are too many for the samples."""
+    ends = np.cumsum([len(x) for x in e])[:-1]
+    basis = orthonormal(np.concatenate(own))
+    y = np.concatenate(e)
+    noise = ar_fit(np.split(y - basis @ (basis.T @ y), ends), ORDER)
+    if noise.variance <= 1e-24 * max(float(np.max(np.abs(y))) ** 2, 1e-300):
+        return 1.0, ""
+
+    def white(parts: Sequence[Array]) -> Array:
+        skip = noise.order
+        return np.concatenate([lfilter(noise.alpha, [1.0], p, axis=0)[skip:] for p in parts])
+
+    nuisance = orthonormal(white(own))
+    w = white(e)
+    w = w - nuisance @ (nuisance.T @ w)
+    X = white(terms.columns)
+    before = np.sum(X**2, axis=0)
+    X = X - nuisance @ (nuisance.T @ X)
+    kept = np.flatnonzero(np.sum(X**2, axis=0) > 1e-6 * before)
+    X = X[:, kept]
+    p = f_test(w, X, nuisance.shape[1])
+    kinds = ([np.ones_like(s) for s in speed], speed)
+    ripple = ripple_chance(w, noise.alpha, angle, kinds, nuisance)
+    single = (X.T @ w) ** 2 / np.sum(X**2, axis=0)
+    strongest = terms.names[kept[int(np.argmax(single))]] if len(kept) else ""
+    level = level_chance(e, own)
+    if level < min(p, ripple):
+        strongest = "1"
+    chance = 3.0 * float(np.nanmin([p, ripple, level]))
+    if np.isnan(p) and chance > PROVEN:
+        return float("nan"), strongest
+    return min(1.0, chance), strongest
+
+
+def _predicted(e: Sequence[Array], own: Sequence[Array], columns: Sequence[Array]) -> float:
+    """Squared error that the terms predict on blocks left out of their fit; at least 0.
+
+    The coefficients come from whitened equations and are drawn to zero in proportion to what the
+    terms tell there: a constant says nothing against a wandering load and stays zero.
+    """
+    basis = orthonormal(np.concatenate(own))
+    y, X = np.concatenate(e), np.concatenate(columns)
+    y, X = y - basis @ (basis.T @ y), X - basis @ (basis.T @ X)
+    X = X / np.maximum(np.sqrt(np.mean(X**2, axis=0)), 1e-12)
+    ends = np.cumsum([len(x) for x in e])[:-1]
+    noise = ar_fit(np.split(y, ends), ORDER)
+    white = [
+        np.concatenate([lfilter(noise.alpha, [1.0], p, axis=0) for p in np.split(z, ends)])
+        for z in (X, y)
+    ]
+    blocks = np.array_split(np.arange(len(y)), FOLDS)
+    grams = [white[0][rows].T @ white[0][rows] for rows in blocks]
+    sides = [white[0][rows].T @ white[1][rows] for rows in blocks]
+    whole, side = sum(grams), sum(sides)
+    weight = float(np.trace(whole)) / len(whole)
+    best = 0.0
+    for ridge in RIDGES:
+        gain = 0.0
+        for rows, gram, part in zip(blocks, grams, sides, strict=True):
+            A = whole - gram + ridge * weight * np.eye(len(whole))
+            guess = X[rows] @ np.linalg.solve(A, side - part)
+            gain += float(np.sum(y[rows] ** 2) - np.sum((y[rows] - guess) ** 2))
+        best = max(best, gain)
+    return best

@@ -1,0 +1,255 @@
+"""Fits of linear structures with a level: the constant estimated with θ, then said as a level."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sysid.data.level import Level, Origin
+from sysid.data.outliers import mended
+from sysid.data.preprocess import Detrend
+from sysid.data.record import Array, Index, Record
+from sysid.estimation.offsets.offsets import Offsets
+from sysid.estimation.robust_fit import fitter
+from sysid.fitting.options import FitOptions
+from sysid.fitting.problem import Initial, Parameter
+from sysid.structures.linear.constant_input import (
+    constant_places,
+    widened,
+    widened_theta,
+    with_constant,
+    with_ones,
+    without_constant,
+)
+from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.outcome import FitOutcome
+
+BEYOND = 10.0
+"""A level so many ranges of the output away from the data is none: the output integrates."""
+
+STEP = 1e-6
+"""Relative step of the differences that carry the covariance over: the level is smooth in θ."""
+
+
+@dataclass(frozen=True, eq=False)
+class Levelled:
+    """A fit whose constant has become part of what is removed.
+
+    Attributes:
+        outcome: of the structure without the constant.
+        detrend: with the level.
+        at_fit: the same model's, with inputs counted from where the fit began: initial states that
+            were taken as zero are zero there.
+        level: what it is worth.
+    """
+
+    outcome: FitOutcome
+    detrend: Detrend
+    at_fit: Detrend
+    level: Level
+
+
+def fit_with_level(
+    structure: PolynomialStructure,
+    records: Sequence[Record],
+    offsets: Offsets,
+    options: FitOptions,
+    parameters: tuple[Parameter, ...],
+    warm: Sequence[tuple[str, Array]],
+) -> Levelled | None:
+    """Fit a linear structure with the constant as a further input.
+
+    Args:
+        structure: what to fit.
+        records: as read.
+        offsets: what is removed first, and whose level is estimated.
+        options: how to fit.
+        parameters: of ``structure``, with bounds and fixed values.
+        warm: further starts.
+
+    Returns:
+        The fit, or None where the data cannot tell the constant from what the inputs do.
+    """
+    wide = with_constant(structure, offsets.estimated)
+    known = offsets.at_rest and len(records) == 1 and not structure.has_noise_model
+    if known and options.initial is Initial.AUTO:
+        # zero about the rest; estimated, they would be hard to tell from a level. What a noise
+        # model remembers of the time before the record is not known.
+        options = replace(options, initial=Initial.ZERO)
+    plain = [with_ones(offsets.detrend.remove(r)) for r in records]
+    outcome = fitter(wide, options)(
+        wide,
+        plain,
+        options,
+        widened(wide, parameters, records[0].outputs),
+        [(name, widened_theta(wide, theta)) for name, theta in warm],
+    )
+    places, _ = constant_places(wide)
+    if not np.all(np.isfinite(np.diag(outcome.covariance)[places])):
+        return None
+    return narrowed(wide, outcome, records, offsets)
+
+
+def narrowed(
+    wide: PolynomialStructure, outcome: FitOutcome, records: Sequence[Record], offsets: Offsets
+) -> Levelled:
+    """A fit with the constant as a level of the structure without it.
+
+    Args:
+        wide: the structure with the constant as its last input.
+        outcome: its fit.
+        records: the data as read.
+        offsets: what was removed before.
+    """
+    places, _ = constant_places(wide)
+    kept = np.setdiff1d(np.arange(len(outcome.theta)), places)
+    before = offsets.detrend
+    seen = mended(records).records
+    u, y = (np.concatenate([getattr(r, side) for r in seen]) for side in ("u", "y"))
+    ranges = np.ptp(y, axis=0)
+    move = _balance(wide, outcome, ranges)
+    base = np.asarray(before.u_offset)
+    # an input that reaches its zero is spoken of at zero, a resting one where it rests
+    reaches = (u.min(axis=0) <= 0.0) & (u.max(axis=0) >= 0.0)
+    target = base if offsets.at_rest else np.where(reaches, 0.0, base)
+    shift, u_error, y_error = move(target - base)
+    at_base = move(np.zeros(len(base)))[0]
+    y_error = np.maximum(y_error, _least_error(wide, outcome, records, before))
+    null = outcome.null[kept]
+    narrow = replace(
+        outcome,
+        structure=without_constant(wide),
+        parameters=tuple(outcome.parameters[k] for k in kept),
+        theta=outcome.theta[kept],
+        covariance=outcome.covariance[np.ix_(kept, kept)],
+        null=null[:, np.linalg.norm(null, axis=0) > 0.0] if null.size else null,
+    )
+    return Levelled(
+        narrow,
+        _moved(before, shift),
+        _moved(before, at_base),
+        Level(
+            Origin.ESTIMATED,
+            tuple(u_error.tolist()),
+            tuple(y_error.tolist()),
+            len(places),
+            offsets.why,
+        ),
+    )
+
+
+def _least_error(
+    wide: PolynomialStructure, outcome: FitOutcome, records: Sequence[Record], before: Detrend
+) -> Array:
+    """σ_e/√N of each output that has a level: less no noise that is not differenced leaves.
+
+    A noise model whose zero has come to lie at frequency zero, as it often does where a mean is
+    estimated with it, says that the level is known exactly (pile-up; Davis & Dunsmuir 1996).
+    """
+    errors = []
+    for r, found in zip(records, outcome.outliers or (None,) * len(records), strict=True):
+        plain = with_ones(before.remove(r))
+        if found is not None:  # what was left out of the fit says nothing about its level
+            plain = found.marked(plain)
+        e = wide.errors(outcome.theta, plain.u, plain.y, len(plain))
+        errors.append(np.where(plain.left_out, np.nan, e))
+    e = np.concatenate(errors)
+    e = e[np.all(np.isfinite(e), axis=1)]
+    least = np.sqrt(np.mean(e**2, axis=0) / max(len(e), 1)) if len(e) else np.zeros(wide.ny)
+    return np.where(np.isin(np.arange(wide.ny), constant_places(wide)[1]), least, 0.0)
+
+
+def _moved(before: Detrend, shift: tuple[Array, Array]) -> Detrend:
+    return replace(before, u_offset=before.u_offset + shift[0], y_offset=before.y_offset + shift[1])
+
+
+@dataclass(frozen=True, eq=False)
+class _SteadyState:
+    """The steady state of a fit with its constant: A(1) Δy = B(1) Δu + c with B(1) that of B/F.
+
+    Attributes:
+        wide: the structure with the constant as its last input.
+        outcome: its fit.
+        ranges: of the outputs in the data, (ny,).
+    """
+
+    wide: PolynomialStructure
+    outcome: FitOutcome
+    ranges: Array
+
+    def _sums(self, theta: Array) -> tuple[Array, Array, Array]:
+        """A(1), B(1) and c."""
+        p = self.wide.polynomials(theta)
+        A = np.array([[float(x.sum()) for x in row] for row in p.A])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            B = np.array(
+                [
+                    [float(b.sum()) / float(f.sum()) for b, f in zip(bs, fs, strict=True)]
+                    for bs, fs in zip(p.B, p.F, strict=True)
+                ]
+            )
+        return A, B[:, :-1], B[:, -1]
+
+    def _level(self, theta: Array, du: Array, drifting: Index) -> Array:
+        """Δu and Δy, one after the other."""
+        A, B, c = self._sums(theta)
+        if len(drifting):
+            du = du - np.linalg.pinv(B[drifting]) @ (B[drifting] @ du + c[drifting])
+        right = np.where(du == 0.0, 0.0, B * du).sum(axis=1) + c
+        dy = np.zeros(len(c))
+        rest = np.setdiff1d(np.arange(len(c)), drifting)
+        if len(rest):
+            dy[rest] = np.linalg.solve(A[np.ix_(rest, rest)], right[rest])
+        return np.concatenate([du, dy])
+
+    def with_error(self, du: Array, drifting: Index) -> tuple[Array, Array]:
+        """Δu and Δy, and their standard errors, (nu + ny,) each.
+
+        Raises:
+            numpy.linalg.LinAlgError: outputs not among the drifting ones have no steady state.
+        """
+        theta = self.outcome.theta
+        with np.errstate(all="ignore"):
+            middle = self._level(theta, du, drifting)
+            slopes = np.zeros((len(middle), len(theta)))
+            for k, value in enumerate(theta):
+                step = STEP * max(abs(value), 1e-3)
+                nudged = theta.copy()
+                nudged[k] += step
+                slopes[:, k] = (self._level(nudged, du, drifting) - middle) / step
+            known = np.isfinite(np.diag(self.outcome.covariance))
+            S, C = slopes[:, known], self.outcome.covariance[np.ix_(known, known)]
+            return middle, np.sqrt(np.maximum(np.einsum("ik,kl,il->i", S, C, S), 0.0))
+
+    def far(self, values: Array, errors: Array) -> Index:
+        """Outputs whose level lies far outside the data, or is as uncertain as that."""
+        limit = BEYOND * np.where(self.ranges > 0.0, self.ranges, 1.0)
+        n = len(self.ranges)
+        return np.flatnonzero(~(np.abs(values[-n:]) + errors[-n:] <= limit))
+
+
+Move = Callable[[Array], tuple[tuple[Array, Array], Array, Array]]
+
+
+def _balance(wide: PolynomialStructure, outcome: FitOutcome, ranges: Array) -> Move:
+    """A function: inputs' wanted move → ((moves of u, moves of y), their standard errors).
+
+    Outputs that integrate (their level would lie far outside the data, or is as uncertain as that)
+    have none; for them Δu is chosen such that nothing drifts.
+    """
+    steady = _SteadyState(wide, outcome, ranges)
+    nu = wide.nu - 1
+    nothing = np.zeros(nu)
+    try:
+        drifting = steady.far(*steady.with_error(nothing, np.zeros(0, dtype=np.intp)))
+    except np.linalg.LinAlgError:
+        drifting = np.arange(wide.ny)
+
+    def move(du: Array) -> tuple[tuple[Array, Array], Array, Array]:
+        values, errors = steady.with_error(du, drifting)
+        if len(steady.far(values, errors)) and np.any(du):
+            # the model cannot be followed that far: its level is said where the fit was made
+            values, errors = steady.with_error(nothing, drifting)
+        return (values[:nu], values[nu:]), errors[:nu], errors[nu:]
+
+    return move

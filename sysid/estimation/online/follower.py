@@ -1,0 +1,313 @@
+"""A log followed while it is written: lines in, estimates out, and the model at the end."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any, Protocol
+
+import numpy as np
+
+from sysid.data.following.lines import Lines
+from sysid.data.following.rows import Lost, RowReader, Rows
+from sysid.data.level import Level, Origin
+from sysid.data.preprocess import Detrend
+from sysid.data.reading.read_options import ReadOptions
+from sysid.data.record import Channel, Record
+from sysid.errors import DataError, Termination, UsageError
+from sysid.estimation import pem
+from sysid.estimation.assessment.findings import Policy, assess
+from sysid.estimation.identify import Identification
+from sysid.estimation.offsets.estimated_level import narrowed
+from sysid.estimation.offsets.offsets import Offsets
+from sysid.estimation.online.change import FALSE_ALARMS
+from sysid.estimation.online.live_fit import LiveFit
+from sysid.estimation.online.live_state import LiveChange
+from sysid.fitting.options import FitOptions
+from sysid.structures.linear.constant_input import (
+    constant_places,
+    widened,
+    without_constant,
+)
+from sysid.structures.model import Model
+from sysid.structures.outcome import FitOutcome, StartReport
+
+LEVELS = ("auto", "none", "level")
+"""What may be done about levels while rows come: means and trends need the whole log."""
+
+APART = 5
+"""Samples that a kept log leaves out between two stretches: more than a gap that is filled."""
+
+FEWEST_KEPT = 10
+"""Rows of a stretch at least, to be kept in a log: a shorter piece is left out when it is read."""
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """How a plant is followed.
+
+    Attributes:
+        orders: na, nb, nk; None to choose them from the rows.
+        forgetting: λ, 1 weighs all rows alike.
+        false_alarms: chance of ever saying that an unchanged plant has changed.
+        detrend: one of ``LEVELS``; auto gives each output a constant unless drives are commanded
+            and wheel speeds measured, whose zeros are physical.
+
+    Raises:
+        UsageError: the policy is none of these.
+    """
+
+    orders: Mapping[str, Any] | None = None
+    forgetting: float = 1.0
+    false_alarms: float = FALSE_ALARMS
+    detrend: str = "auto"
+
+    def __post_init__(self) -> None:
+        if self.detrend not in LEVELS:
+            raise UsageError(
+                f"`detrend` is one of {', '.join(LEVELS)} while rows come, got {self.detrend!r}"
+            )
+
+
+class Feed(Protocol):
+    """Where rows come from: a file, a pipe, or a topic."""
+
+    where: str
+    ended: bool
+
+    @property
+    def ready(self) -> bool:
+        """Whether channels and sample time are known."""
+
+    @property
+    def inputs(self) -> tuple[Channel, ...]:
+        """Input channels."""
+
+    @property
+    def outputs(self) -> tuple[Channel, ...]:
+        """Output channels."""
+
+    @property
+    def dt(self) -> float:
+        """Sample time [s]."""
+
+    def new(self, last: bool = False) -> Rows | None:
+        """The rows since the last call; None while channels are not known."""
+
+    def close(self) -> None:
+        """Let go of it."""
+
+
+class LogFeed:
+    """Rows of a log's lines.
+
+    Attributes:
+        where: its name.
+        ended: whether nothing can come any more.
+        restarts: how often the file began anew.
+    """
+
+    def __init__(self, lines: Lines, options: ReadOptions) -> None:
+        self._lines, self._reader = lines, RowReader(lines.where, options)
+        self.where, self.ended, self.restarts = lines.where, False, 0
+
+    @property
+    def ready(self) -> bool:
+        """Whether channels and sample time are known."""
+        return self._reader.ready
+
+    @property
+    def inputs(self) -> tuple[Channel, ...]:
+        """Input channels."""
+        return self._reader.inputs
+
+    @property
+    def outputs(self) -> tuple[Channel, ...]:
+        """Output channels."""
+        return self._reader.outputs
+
+    @property
+    def dt(self) -> float:
+        """Sample time [s]."""
+        return self._reader.dt
+
+    @property
+    def lost(self) -> Lost:
+        """Lines that gave no row."""
+        return self._reader.lost
+
+    def new(self, last: bool = False) -> Rows | None:
+        """The rows since the last call; None while channels are not known.
+
+        Args:
+            last: nothing will follow: few lines must do, and one without an end is whole.
+        """
+        lines = self._lines.new()
+        if self._lines.restarted:
+            self.restarts += 1
+            self._reader.restart()
+        self.ended = self._lines.ended
+        if last or self.ended:
+            lines += self._lines.last()
+        return self._reader.read(lines, last or self.ended)
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._lines.close()
+
+
+@dataclass
+class Follower:
+    """Takes rows from a feed into a ``LiveFit``, which it makes when channels are known.
+
+    Attributes:
+        feed: where rows come from.
+        options: how to follow.
+        live: the estimate, None before the first rows.
+    """
+
+    feed: Feed
+    options: LiveOptions = field(default_factory=LiveOptions)
+    live: LiveFit | None = None
+
+    def poll(self, last: bool = False) -> tuple[int, tuple[LiveChange, ...]]:
+        """Take what has come.
+
+        Args:
+            last: nothing will follow.
+
+        Returns:
+            How many rows came, and the changes of the plant that they made certain.
+
+        Raises:
+            DataError, UsageError: what comes is no log that can be followed.
+        """
+        rows = self.feed.new(last)
+        if rows is None or not len(rows.t):
+            return 0, ()
+        if self.live is None:
+            self.live = self._begun(rows)
+        live = self.live
+        told: list[LiveChange] = []
+        edges = [0, *(k for k in np.flatnonzero(rows.gap).tolist() if k), len(rows.t)]
+        for a, b in pairwise(edges):
+            if rows.gap[a]:
+                live.interrupt()
+            told += live.update(rows.u[a:b], rows.y[a:b])
+        return len(rows.t), tuple(told)
+
+    def _begun(self, rows: Rows) -> LiveFit:
+        feed, options = self.feed, self.options
+        sample = Record(rows.u, rows.y, feed.dt, feed.inputs, feed.outputs)
+        level = options.detrend == "level" or (
+            options.detrend == "auto" and not sample.is_robot_log
+        )
+        return LiveFit(
+            feed.inputs,
+            feed.outputs,
+            feed.dt,
+            options.orders,
+            forgetting=options.forgetting,
+            level=level,
+            false_alarms=options.false_alarms,
+        )
+
+
+def kept_log(live: LiveFit) -> tuple[str, ReadOptions]:
+    """The rows that an estimate stands on as a CSV log, and how it is read.
+
+    Raises:
+        DataError: too few rows have come for a model.
+    """
+    channels = (*live.inputs, *live.outputs)
+    nu, ny = len(live.inputs), len(live.outputs)
+    lines = [",".join(["t", *(_quoted(c.name) for c in channels)])]
+    k, kept = 0, 0
+    for piece in live.recursion.pieces():
+        if len(piece) < FEWEST_KEPT:
+            continue
+        for row in np.column_stack([piece[:, ny : ny + nu], piece[:, :ny]]).tolist():
+            lines.append(f"{k * live.dt:.12g}," + ",".join(map(repr, row)))
+            k += 1
+        kept += len(piece)
+        k += APART
+    if kept <= live.recursion.structure.first_sample() + len(live.model().theta) + 1:
+        raise DataError(
+            f"{live.rows} rows have come, {kept} of them in a row since the plant last changed: "
+            "too few for a model; follow for longer"
+        )
+    options = ReadOptions(
+        inputs=tuple(c.name for c in live.inputs),
+        outputs=tuple(c.name for c in live.outputs),
+        time="t",
+        units={c.name: c.unit for c in channels if c.unit},
+        resample="split",
+        unwrap={"": None},
+        held="keep",
+    )
+    return "\n".join(lines) + "\n", options
+
+
+def _quoted(name: str) -> str:
+    return f'"{name}"' if "," in name else name
+
+
+def identification(
+    live: LiveFit, records: Sequence[Record], options: FitOptions, policy: Policy
+) -> Identification:
+    """The model of a followed plant, judged on the rows it stands on.
+
+    Args:
+        live: the estimate.
+        records: the rows of ``kept_log``, read again.
+        options: facts to keep with the model.
+        policy: how figures are made.
+    """
+    records = tuple(replace(r, inputs=live.inputs, outputs=live.outputs) for r in records)
+    model = _model(live, records, options)
+    name = ", ".join(dict.fromkeys(r.name for r in records))
+    lacking = [e for e in live.state().excitation if not e.enough]
+    notes = tuple(f"the excitation of {e.output} is not enough: {e.why}" for e in lacking)
+    judged = assess(model, (records, name), None, policy, 0.0, {}, notes)
+    return Identification((judged,), "", {}, records, ())
+
+
+def _model(live: LiveFit, records: Sequence[Record], options: FitOptions) -> Model:
+    """The recursive estimate as a model like any other."""
+    found = live.recursion.estimate(whole=True)
+    wide = live.recursion.structure
+    plain = without_constant(wide)
+    parameters = plain.parameters(live.inputs, live.outputs)
+    ny = len(live.outputs)
+    if wide.orders.constant:
+        parameters = widened(wide, parameters, live.outputs)
+    outcome = FitOutcome(
+        wide,
+        parameters,
+        found.theta,
+        found.covariance,
+        found.null,
+        termination=Termination.CLOSED_FORM,
+        starts=(StartReport("all", "recursive least squares", None, None, 1),),
+    )
+    none = Detrend.none(plain.nu, ny)
+    if not wide.orders.constant:
+        return pem.model_of(outcome, records, records, options, none, Level())
+    places, _ = constant_places(wide)
+    if np.all(np.isfinite(np.diag(found.covariance)[places])):
+        offsets = Offsets(none, Origin.ESTIMATED, (True,) * ny)
+        levelled = narrowed(wide, outcome, records, offsets)
+        without = [levelled.at_fit.remove(r) for r in records]
+        return pem.model_of(
+            levelled.outcome, records, without, options, levelled.detrend, levelled.level
+        )
+    kept = np.setdiff1d(np.arange(len(found.theta)), places)
+    outcome = replace(
+        outcome,
+        structure=plain,
+        parameters=plain.parameters(live.inputs, live.outputs),
+        theta=found.theta[kept],
+        covariance=found.covariance[np.ix_(kept, kept)],
+        null=found.null[kept],
+        warnings=("the level cannot be told from what the inputs do; it was taken as zero.",),
+    )
+    return pem.model_of(outcome, records, records, options, none, Level())

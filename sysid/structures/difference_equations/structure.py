@@ -1,0 +1,203 @@
+"""What structures whose outputs feed back through a nonlinear equation have in common."""
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from sysid.data.record import Array, Channel, Index, Record
+from sysid.fitting.problem import Focus, Initial, Problem
+from sysid.structures.base import NamedStructure
+from sysid.structures.difference_equations.chunks import Data
+from sysid.structures.difference_equations.free_run import FreeRun, ranges, widened
+from sysid.structures.difference_equations.probing import stays_near
+from sysid.structures.difference_equations.single_values import Limits
+from sysid.structures.difference_equations.state_fit import fitted_state
+from sysid.structures.orders import Orders
+
+
+@dataclass(frozen=True)
+class RecursiveStructure(NamedStructure):
+    """y(t) = F(past y, past and present u) + e(t), one equation an output; na, nb, nk say which.
+
+    In free run every output is kept inside its training range widened by ``margin``: the equation
+    says nothing about where it has seen no data.
+    """
+
+    orders: Orders
+    output_range: Limits = ()
+    input_range: Limits = ()
+
+    order_names: ClassVar[tuple[str, ...]] = ("na", "nb", "nk")
+    has_noise_model: ClassVar[bool] = True
+    runaway: ClassVar[float]
+    """Range widths beyond the training range from which a probe counts as running away."""
+
+    @property
+    @abstractmethod
+    def margin(self) -> float:
+        """How far outside its training range an output may go, as a share of that range."""
+
+    @abstractmethod
+    def free_run(self, limits: Limits | None = None) -> FreeRun:
+        """The equations prepared for runs, kept inside ``limits``; inside its own unless given."""
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs."""
+        return self.orders.nu
+
+    @property
+    def ny(self) -> int:
+        """Number of outputs."""
+        return self.orders.ny
+
+    def order_values(self) -> dict[str, Any]:
+        """Orders in their shortest form."""
+        return {name: self.orders.value(name) for name in self.order_names}
+
+    def range_settings(self) -> dict[str, Any]:
+        """The ranges of the data, as ``settings`` stores them."""
+        return {
+            "output_range": [list(pair) for pair in self.output_range],
+            "input_range": [list(pair) for pair in self.input_range],
+        }
+
+    def with_ranges(self, records: Sequence[Record]) -> Self:
+        """The structure with the lowest and highest value of each channel."""
+        return replace(
+            self,
+            output_range=ranges([r.y for r in records]),
+            input_range=ranges([r.u for r in records]),
+        )
+
+    @property
+    def limits(self) -> Limits:
+        """Lowest and highest value of each output in free run; infinite before a fit."""
+        if not self.output_range:
+            return ((-np.inf, np.inf),) * self.ny
+        return widened(self.output_range, self.margin)
+
+    def at_limits(self, run: Array) -> Array:
+        """Share of the samples of a free run (N, ny) at which each output is held at a limit."""
+        ends = np.array(self.limits)
+        return np.asarray(np.mean((run <= ends[:, 0]) | (run >= ends[:, 1]), axis=0))
+
+    def limit_warnings(
+        self, runs: Sequence[Array], outputs: Sequence[Channel], advice: str
+    ) -> tuple[str, ...]:
+        """Sentences about outputs that free runs (N, ny) hold at a limit, with what to do."""
+        shares = np.max([self.at_limits(run) for run in runs], axis=0, initial=0.0)
+        return tuple(
+            f"In free run {channel.name} is held at the limit of its range at "
+            f"{100.0 * share:.2g} % of the samples of one record: {advice}."
+            for channel, share in zip(outputs, shares, strict=True)
+            if share > 0.0
+        )
+
+    def row_index(self, i: int) -> Index:
+        """Entries of θ that belong to output ``i``."""
+        return self.free_run().theta_index[i]
+
+    # ----------------------------------------------------------------- problems
+
+    @abstractmethod
+    def one_step(self, i: int, data: Data) -> Problem:
+        """The errors of output ``i`` one step ahead on (u, y) of each record."""
+
+    @abstractmethod
+    def over_chunks(self, data: Data, length: int) -> Problem:
+        """The errors of all outputs in free runs over chunks of about ``length`` samples."""
+
+    def problems(
+        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
+    ) -> tuple[Problem, ...]:
+        """One problem an output one step ahead; one of all outputs in free run.
+
+        The free run starts from the measured past and covers each record whole.
+        """
+        data = [(r.u, r.y) for r in records]
+        if focus is Focus.SIMULATION:
+            return (self.over_chunks(data, max(len(r) for r in records)),)
+        return tuple(self.one_step(i, data) for i in range(self.ny))
+
+    def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
+        """One-step errors; they need no initial state, past errors before the record are zero."""
+        out = np.full(y.shape, np.nan)
+        first = self.first_sample()
+        if len(y) > first:
+            for i in range(self.ny):
+                out[first:, i] = self.one_step(i, [(u, y)]).residual(theta[self.row_index(i)])
+        return out
+
+    def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
+        """k-step-ahead predictions: free runs of k steps from the measured past, everywhere."""
+        if horizon == 1:
+            return y - self.errors(theta, u, y, window)
+        return self.free_run().predictions(theta, u, y, horizon, self.first_sample())
+
+    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
+        """∂ŷ/∂θ of one output on a record, zero where it cannot be predicted."""
+        own, first = self.row_index(output), self.first_sample()
+        which = np.isin(own, self.gradient_index(theta, output))
+        out = np.zeros((len(y), int(which.sum())))
+        if len(y) > first:
+            out[first:] = -self.one_step(output, [(u, y)]).jacobian(theta[own])[:, which]
+        return out
+
+    def gradient_index(self, theta: Array, output: int) -> Index:
+        """The entries of θ that belong to the output's row and can be estimated."""
+        return self.row_index(output)
+
+    # ----------------------------------------------------------------- runs
+
+    def first_sample(self) -> int:
+        """First sample whose signals lie inside the record."""
+        return self.free_run().first
+
+    def n_states(self, theta: Array) -> int:
+        """Past outputs and inputs that the equations hold."""
+        return self.free_run().n_states
+
+    def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
+        """State that meets the first ``samples`` of y best in free run, near steady state."""
+        spans = [high - low or 1.0 for low, high in (*self.output_range, *self.input_range)]
+        if not spans:
+            spans = [float(np.ptp(s)) or 1.0 for s in (*y.T, *u.T)]
+        return fitted_state(self.free_run(), theta, u, y, samples, np.array(spans) / 4.0)
+
+    def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
+        """Free run from x0, kept inside ``limits``."""
+        return self.free_run().simulate(theta, u, x0)
+
+    def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """The free run sample by sample."""
+        return self.free_run().stepper(theta)
+
+    def stable(self, theta: Array) -> bool:
+        """Whether the equations themselves stay near their data, without help from the limits.
+
+        Judged by free runs from rest under inputs that fill the training range: random two-level
+        inputs, fast and slow, and its two ends held. None may go further beyond the training range
+        of an output than ``runaway`` times its width. With the limits every free run is bounded.
+        """
+        if not np.all(np.isfinite(theta)):
+            return False
+        if not self.output_range:
+            return True
+        run = self.free_run(widened(self.output_range, self.runaway))
+        return stays_near(run, theta, self.input_range, self.largest_input_step())
+
+    def largest_input_step(self) -> Sequence[float] | None:
+        """Largest change of each input from one sample to the next, where it is known."""
+        return None
+
+
+def ranges_from(settings: Mapping[str, Any]) -> dict[str, Limits]:
+    """Undo ``range_settings``."""
+    return {
+        name: tuple((float(low), float(high)) for low, high in settings[name])
+        for name in ("output_range", "input_range")
+    }

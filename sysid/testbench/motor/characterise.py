@@ -1,0 +1,341 @@
+"""From files of the motor bench to the motor's constants with what they are worth."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.errors import DataError, UsageError
+from sysid.testbench.motor.drive import DriveLog
+from sysid.testbench.motor.drive_fit import fit_all
+from sysid.testbench.motor.equations import PUBLISHED, MotorConstants
+from sysid.testbench.motor.experiments import CONSTANTS, Kind, KnownValue, SteadyTest
+from sysid.testbench.motor.files import BenchFiles, Given, read_bench_files
+from sysid.testbench.motor.joint import JointFit
+from sysid.testbench.motor.plausibility import (
+    LEAST_RATIO,
+    MOST_RATIO,
+    contradictions,
+    hardly_told,
+    misfits,
+    missing_experiments,
+    require_currents,
+    require_plausible,
+)
+from sysid.testbench.motor.propagation import propagated
+from sysid.testbench.motor.published import PRINTED, is_the_thesis, printed_against
+from sysid.testbench.motor.separate import Route, routes, values_of
+
+METHODS = ("auto", "separate", "joint")
+
+
+@dataclass(frozen=True)
+class MotorOptions:
+    """How the files of a motor bench are read and evaluated.
+
+    Attributes:
+        known: constants known without a file, by name: a value in SI, or value and standard
+            error; without one it is that of rounding to the last digit.
+        gear: turns of the motor for one of the output shaft; the thesis's 120 unless a file or
+            this tells it.
+        units: column → unit, where a file does not tell it.
+        pulses_per_turn: of the sensor at the output shaft behind a column of event times.
+        method: ``separate`` (one experiment at a time, as the thesis), ``joint``, or ``auto``:
+            joint where there is the log of a drive.
+
+    Raises:
+        UsageError: one of them cannot be.
+    """
+
+    known: Given = field(default_factory=dict)
+    gear: float | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
+    pulses_per_turn: float = 1.0
+    method: str = "auto"
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise UsageError(f"`method` is one of {', '.join(METHODS)}, got {self.method!r}")
+        for name in ("gear", "pulses_per_turn"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0.0):
+                raise UsageError(f"`{name}` must be a positive number, got {value:g}")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A constant of the motor.
+
+    Attributes:
+        name, unit: as in ``CONSTANTS``.
+        value: in SI; None where nothing tells it.
+        std_error: its standard error; None where there is none, which ``reason`` explains.
+        published: what the thesis prints, for its own tables.
+        recomputable: whether the given files tell the constant; for the thesis's tables whether
+            they give the printed number.
+        reason: where the value comes from, or why it cannot be told.
+    """
+
+    name: str
+    unit: str
+    value: float | None
+    std_error: float | None
+    published: float | None
+    recomputable: bool
+    reason: str
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON-able values."""
+        return {
+            "name": self.name,
+            "value": self.value,
+            "std_error": self.std_error,
+            "unit": self.unit,
+            "published": self.published,
+            "recomputable": self.recomputable,
+            "reason": self.reason,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class MotorBench:
+    """What the experiments on a motor tell.
+
+    Attributes:
+        tests: experiments in steady state.
+        drives: logs of drives.
+        gear: turns of the motor for one of the output shaft.
+        parameters: constants by the chosen method.
+        names, covariance: of those with a standard error, in this order.
+        routes: every value from one experiment, with its standard error.
+        joint: all experiments at once.
+        constants: the motor, for predictions; J is 0 where it is not known.
+        notes: what a user should know.
+        method: ``separate`` or ``joint``.
+    """
+
+    tests: tuple[SteadyTest, ...]
+    drives: tuple[DriveLog, ...]
+    gear: float
+    parameters: tuple[Estimate, ...]
+    names: tuple[str, ...]
+    covariance: Array
+    routes: tuple[tuple[Route, float], ...]
+    joint: JointFit
+    constants: MotorConstants
+    notes: tuple[str, ...]
+    method: str
+
+    @property
+    def largest_voltage(self) -> float:
+        """The largest voltage that was applied, of either sign [V]."""
+        applied = [t.voltage for t in self.tests] + [d.voltage for d in self.drives]
+        return max(float(np.max(np.abs(v))) for v in applied)
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything as JSON-able values."""
+        return {
+            "method": self.method,
+            "gear": self.gear,
+            "parameters": [p.to_json() for p in self.parameters],
+            "correlations": {"names": self.names, "matrix": self.correlations().tolist()},
+            "one_at_a_time": [
+                {"name": r.name, "value": r.value, "std_error": e, "how": r.how}
+                for r, e in self.routes
+            ],
+            "joint": self.joint.to_json(),
+            "notes": self.notes,
+        }
+
+    def correlations(self) -> Array:
+        """Correlations of the parameters in ``names``, (n, n)."""
+        s = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        size = np.where(s > 0.0, s, 1.0)
+        found = self.covariance / np.outer(size, size)
+        np.fill_diagonal(found, 1.0)
+        return np.asarray(found)
+
+
+def characterise_motor(files: Sequence[Path], options: MotorOptions | None = None) -> MotorBench:
+    """The constants of a motor from its experiments on the bench.
+
+    Args:
+        files: tables of experiments and of values, event times, logs of drives; see docs/bench.md.
+        options: what is known, and how to evaluate.
+
+    Raises:
+        DataError: an experiment is missing, or its numbers cannot be.
+        UsageError: an option cannot be.
+    """
+    given = options or MotorOptions()
+    read = read_bench_files(files, given.units, given.pulses_per_turn, given.known)
+    gear, notes = _gear(read.known, given)
+    known = {k: v for k, v in read.known.items() if k != "gear"}
+    missing = missing_experiments(read.tests, read.drives, known)
+    if missing:
+        raise DataError(missing)
+    tests, said = _sided(read.tests, known, gear)
+    found = routes(tests, known, gear)
+    require_plausible(values_of(found))
+    if "R" in values_of(found):
+        require_currents(tests, values_of(found)["R"])
+    tied = "Kc" not in values_of(found)
+    if tied:
+        said.append(
+            "No torque was measured: Kc is taken for equal to Kem, as it is in a motor without "
+            "losses. Voltage, current and speed tell f, C0 and J only in parts of Kc; a stall or "
+            "external-load experiment tells Kc itself."
+        )
+    joint, remarks = fit_all(tests, read.drives, known, values_of(found), gear, tied)
+    require_plausible(vars(joint.constants))
+    errors, covariance, names = propagated(tests, known, gear, joint.sigma, tied)
+    notes = [*read.notes, *notes, *said, *remarks, *contradictions(found, errors)]
+    notes += [*misfits(joint, tests), *hardly_told(joint)]
+    work = _Evaluation(
+        BenchFiles(tests, read.drives, known, tuple(notes)), gear, found, errors,
+        (names, covariance), joint, tied, given.method,
+    )  # fmt: skip
+    return work.bench()
+
+
+def _gear(known: Mapping[str, KnownValue], options: MotorOptions) -> tuple[float, list[str]]:
+    if options.gear is not None:
+        return options.gear, []
+    if "gear" in known:
+        return known["gear"].value, []
+    return PUBLISHED.gear, [
+        f"The gear is taken as {PUBLISHED.gear:g} turns of the motor for one of the output shaft, "
+        "the thesis's; `gear=TURNS` says otherwise."
+    ]
+
+
+def _sided(
+    tests: Sequence[SteadyTest], known: Mapping[str, KnownValue], gear: float
+) -> tuple[tuple[SteadyTest, ...], list[str]]:
+    """Stall torques that can only be those of the motor's shaft, taken as such, with a sentence.
+
+    Read as torques of the output shaft they would make Kc the gear times too small for Kem.
+    """
+    unsaid = [t for t in tests if t.kind is Kind.STALL and not t.motor_side]
+    if not unsaid or gear <= MOST_RATIO / LEAST_RATIO:
+        return tuple(tests), []
+    values = values_of(routes(tests, known, gear))
+    ratio = values.get("Kc", np.nan) / values.get("Kem", np.nan)
+    if not (ratio < LEAST_RATIO and LEAST_RATIO <= ratio * gear <= MOST_RATIO):
+        return tuple(tests), []
+    names = ", ".join(t.name for t in unsaid)
+    sided = tuple(replace(t, motor_side=True) if t in unsaid else t for t in tests)
+    return sided, [
+        f"{names}: the torque is taken as that of the motor's shaft; as that of the output shaft "
+        f"it would be {gear:g} times too small for Kem. Call the column motor_torque_Nm."
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Evaluation:
+    """Everything that was found, on its way into one result."""
+
+    files: BenchFiles
+    gear: float
+    found: tuple[Route, ...]
+    errors: tuple[float, ...]
+    spread: tuple[tuple[str, ...], Array]
+    joint: JointFit
+    tied: bool
+    asked: str
+
+    @property
+    def method(self) -> str:
+        """``separate`` or ``joint``."""
+        if self.asked != "auto":
+            return self.asked
+        return "joint" if self.files.drives else "separate"
+
+    def bench(self) -> MotorBench:
+        """The result."""
+        tests, notes = self.files.tests, list(self.files.notes)
+        if is_the_thesis(tests):
+            worst = 100.0 * max(abs(e) for e in printed_against(tests))
+            notes.append(
+                f"The constants that the thesis prints predict its speeds without load within "
+                f"{worst:.1f} %."
+            )
+        values, names, covariance = self._chosen()
+        table = tuple(self._row(name, values, names, covariance) for name in CONSTANTS)
+        every = vars(self.joint.constants) | {k: v for k, v in values.items() if k in CONSTANTS}
+        return MotorBench(
+            tests,
+            self.files.drives,
+            self.gear,
+            table,
+            names,
+            covariance,
+            tuple(zip(self.found, self.errors, strict=True)),
+            self.joint,
+            MotorConstants(**every),
+            tuple(notes),
+            self.method,
+        )
+
+    def _chosen(self) -> tuple[dict[str, float], tuple[str, ...], Array]:
+        """Values, names and covariance by the method; what one way does not tell, by the other."""
+        of_joint = dict(zip(self.joint.names, self.joint.theta.tolist(), strict=True))
+        if self.method == "joint":
+            values, names, covariance = of_joint, self.joint.names, self.joint.covariance
+        else:
+            names, covariance = self.spread
+            values = of_joint | values_of(self.found)
+        if self.tied:
+            values["Kc"] = values["Kem"]
+        kept = [k for k, n in enumerate(names) if n not in self.joint.undetermined]
+        told = {n: v for n, v in values.items() if n not in self.joint.undetermined}
+        return told, tuple(names[k] for k in kept), covariance[np.ix_(kept, kept)]
+
+    def _row(
+        self, name: str, values: Mapping[str, float], names: Sequence[str], covariance: Array
+    ) -> Estimate:
+        told = "Kem" if name == "Kc" and self.tied else name
+        value, error = values.get(name), None
+        of_joint = dict(zip(self.joint.names, self.joint.theta.tolist(), strict=True))
+        single = values_of(self.found)
+        if told in names:
+            k = list(names).index(told)
+            error = float(np.sqrt(covariance[k, k]))
+            if self.method == "separate" and told in of_joint:
+                # what the way of evaluation changes is an error as well
+                error = float(np.hypot(error, single[told] - of_joint[told]))
+        elif value is not None and told in of_joint:
+            k = self.joint.names.index(told)
+            error = float(np.sqrt(self.joint.covariance[k, k]))
+        printed = PRINTED.get(name) if is_the_thesis(self.files.tests) else None
+        reason = self._reason(name, value)
+        return Estimate(
+            name,
+            CONSTANTS[name][0],
+            value,
+            error if error is None or np.isfinite(error) else None,
+            printed.value if printed else None,
+            printed.recomputable if printed else value is not None,
+            f"{reason}; {printed.reason}" if printed else reason,
+        )
+
+    def _reason(self, name: str, value: float | None) -> str:
+        if name == "Kc" and self.tied:
+            return "taken for equal to Kem: no torque was measured"
+        if value is None:
+            return NOT_TOLD.get(name, "not told by these files")
+        how = {r.name: r.how for r in reversed(self.found)}
+        if self.method == "separate" and name in how:
+            return how[name]
+        return "all experiments at once" if how or len(self.files.drives) > 1 else "the drive"
+
+
+NOT_TOLD = {
+    "L": "not told: steady states do not see it; a log of voltage steps with its current, sampled "
+    "faster than L/R, does",
+    "J": "not told: give a value from geometry (`known={'J': 1e-7}`) or a log of a run-up",
+}
+"""Why a constant has no value."""

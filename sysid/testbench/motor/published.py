@@ -1,0 +1,84 @@
+"""What the thesis prints for its motor, and which of it follows from what else it prints."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.testbench.motor.equations import PUBLISHED, steady_state
+from sysid.testbench.motor.experiments import Kind, SteadyTest
+
+FIRST_ROW = (3.0, 85.3476 * np.pi / 30.0)
+"""Voltage [V] and speed [rad/s] of the first no-load reading of the thesis: nobody else's motor
+turns at this speed to six digits."""
+
+
+@dataclass(frozen=True)
+class Printed:
+    """A printed number.
+
+    Attributes:
+        value: in SI.
+        recomputable: whether the printed tables give it.
+        reason: why, or why not.
+    """
+
+    value: float
+    recomputable: bool
+    reason: str
+
+
+PRINTED: dict[str, Printed] = {
+    "R": Printed(
+        PUBLISHED.R,
+        False,
+        "printed as a value: neither voltage nor current of the blocked rotor is printed",
+    ),
+    "Kem": Printed(
+        PUBLISHED.Kem,
+        True,
+        "mean of (V - R i)/ωm over the no-load readings: 0.002311, printed with two digits",
+    ),
+    "Kc": Printed(
+        PUBLISHED.Kc,
+        True,
+        "mean of the stall torque over V/R - i0 is 8.648e-4, 0.2 % below what is printed as an "
+        "interpolation; the stall torque over the whole stall current gives 7.34e-4",
+    ),
+    "f": Printed(
+        PUBLISHED.f,
+        False,
+        "comes from speeds under external loads, which are not printed; the no-load readings "
+        "alone give 4.3e-8",
+    ),
+    "C0": Printed(
+        PUBLISHED.C0,
+        False,
+        "comes from speeds under external loads, which are not printed; the no-load readings "
+        "alone give 1.0e-4",
+    ),
+    "J": Printed(
+        PUBLISHED.J,
+        False,
+        "printed as a value from geometry: no dimension is printed, and no transient was measured",
+    ),
+}
+
+
+def is_the_thesis(tests: Sequence[SteadyTest]) -> bool:
+    """Whether the readings are those of the thesis."""
+    voltage, speed = FIRST_ROW
+    return any(
+        bool(np.any(np.isclose(t.voltage, voltage) & np.isclose(t.of("speed"), speed, rtol=1e-7)))
+        for t in tests
+        if t.kind is Kind.NO_LOAD
+    )
+
+
+def printed_against(tests: Sequence[SteadyTest]) -> tuple[float, ...]:
+    """Error of the speeds without load that the printed constants predict, in parts of each."""
+    found: list[float] = []
+    for t in tests:
+        if t.kind is Kind.NO_LOAD and t.has("speed"):
+            found += (steady_state(PUBLISHED, t.voltage)[0] / t.of("speed") - 1.0).tolist()
+    return tuple(found)

@@ -1,0 +1,201 @@
+"""Constants of a motor from one experiment at a time, as the thesis has them (§5.3)."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.testbench.motor.experiments import Kind, KnownValue, SteadyTest
+
+Values = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Route:
+    """A constant from one experiment.
+
+    Attributes:
+        name: of the constant.
+        value: in SI.
+        how: the experiment and what is done with it.
+    """
+
+    name: str
+    value: float
+    how: str
+
+
+Rule = Callable[[Sequence[SteadyTest], Values, float], list[Route]]
+
+
+def routes(
+    tests: Sequence[SteadyTest], known: Mapping[str, KnownValue], gear: float
+) -> tuple[Route, ...]:
+    """Every way in which the experiments tell a constant, the thesis's first.
+
+    The constants are found in the order R, Kem, Kc, then f and C0 together, each with those
+    before it; what is known takes part as if it were measured.
+    """
+    values: dict[str, float] = {}
+    found: list[Route] = []
+    for name, value in known.items():
+        if name != "gear":
+            found.append(Route(name, value.value, f"a value from {value.source}"))
+            values[name] = value.value
+    for rule in (_resistance, _back_emf, _torque_constant, _friction):
+        for route in rule(tests, values, gear):
+            if np.isfinite(route.value):
+                found.append(route)
+                values.setdefault(route.name, route.value)
+    return tuple(found)
+
+
+def values_of(found: Sequence[Route]) -> dict[str, float]:
+    """The first route of every constant."""
+    taken: dict[str, float] = {}
+    for route in found:
+        taken.setdefault(route.name, route.value)
+    return taken
+
+
+def _of(tests: Sequence[SteadyTest], kind: Kind, *quantities: str) -> list[SteadyTest]:
+    return [t for t in tests if t.kind is kind and t.has(*quantities)]
+
+
+def _mean(parts: Sequence[Array]) -> float:
+    values = np.concatenate(parts) if parts else np.zeros(0)
+    values = values[np.isfinite(values)]
+    return float(np.mean(values)) if len(values) else np.nan
+
+
+def _resistance(tests: Sequence[SteadyTest], _: Values, gear: float) -> list[Route]:
+    """R = V/i of a blocked rotor; a stall test with its current is one, too."""
+    found = []
+    for kind in (Kind.BLOCKED, Kind.STALL):
+        some = _of(tests, kind, "current")
+        if some:
+            value = _mean([t.voltage / t.of("current") for t in some])
+            found.append(Route("R", value, f"{kind.value}: mean of V/i"))
+    return found
+
+
+def _back_emf(tests: Sequence[SteadyTest], values: Values, gear: float) -> list[Route]:
+    """Kem = (V − R i)/ωm."""
+    if "R" not in values:
+        return []
+    found = []
+    for kind in (Kind.NO_LOAD, Kind.EXTERNAL):
+        some = _of(tests, kind, "current", "speed")
+        if some:
+            each = [
+                (t.voltage - values["R"] * t.of("current")) / (gear * t.of("speed")) for t in some
+            ]
+            found.append(Route("Kem", _mean(each), f"{kind.value}: mean of (V − R i)/ωm"))
+    return found
+
+
+def _torque_constant(tests: Sequence[SteadyTest], values: Values, gear: float) -> list[Route]:
+    """Kc: stall torque over the current beyond that without load; over all of it; from loads."""
+    found = []
+    some = _of(tests, Kind.STALL, "torque")
+    if some and "R" in values:
+        without = [_no_load_current(tests, t.voltage) for t in some]
+        stalled = [_stall_current(t, values["R"]) for t in some]
+        torque = [t.motor_torque(gear) for t in some]
+        each = [c / (i - i0) for c, i, i0 in zip(torque, stalled, without, strict=True)]
+        how = "stall: mean of torque over stall current less that without load"
+        found.append(Route("Kc", _mean(each), how))
+        whole = [c / i for c, i in zip(torque, stalled, strict=True)]
+        found.append(Route("Kc", _mean(whole), "stall: mean of torque over stall current"))
+    rows = _loaded_rows(tests, values, gear)
+    if rows is not None and len(rows) > 3:
+        current, load, speed = rows.T
+        if np.ptp(load) > 0.0 and np.ptp(speed) > 0.0:
+            terms = np.column_stack([load, np.ones(len(load)), speed])
+            slope = float(_least_squares(terms, current)[0])
+            how = "external load: slope of the current over the load"
+            found.append(Route("Kc", 1.0 / slope if slope > 0.0 else np.nan, how))
+    return found
+
+
+def _no_load_current(tests: Sequence[SteadyTest], voltage: Array) -> Array:
+    """Current without load at these voltages: read there, or on the line through the readings."""
+    some = _of(tests, Kind.NO_LOAD, "current")
+    if not some:
+        return np.full(len(voltage), np.nan)
+    V = np.concatenate([t.voltage for t in some])
+    i = np.concatenate([t.of("current") for t in some])
+    V, i = V[np.isfinite(i)], i[np.isfinite(i)]
+    line = np.polyfit(V, i, 1) if np.ptp(V) > 0.0 else np.array([0.0, float(np.mean(i))])
+    read = [i[v == V] for v in voltage]
+    return np.array(
+        [np.mean(r) if len(r) else np.polyval(line, v) for r, v in zip(read, voltage, strict=True)]
+    )
+
+
+def _stall_current(test: SteadyTest, R: float) -> Array:
+    read = test.of("current")
+    return np.where(np.isfinite(read), read, test.voltage / R)
+
+
+def _loaded_rows(tests: Sequence[SteadyTest], values: Values, gear: float) -> Array | None:
+    """Current, load and speed at the motor's shaft of tests with external load, (N, 3).
+
+    Where the current was not read it is (V − Kem ωm)/R, as in the thesis.
+    """
+    parts = []
+    for t in _of(tests, Kind.EXTERNAL, "speed", "torque"):
+        speed = gear * t.of("speed")
+        current = t.of("current")
+        if "R" in values and "Kem" in values:
+            computed = (t.voltage - values["Kem"] * speed) / values["R"]
+            current = np.where(np.isfinite(current), current, computed)
+        if np.all(np.isfinite(current)):
+            # both directions as one: readings have the signs of their voltages
+            signed = np.column_stack([current, t.motor_torque(gear), speed])
+            parts.append(np.sign(t.voltage)[:, None] * signed)
+    return np.concatenate(parts) if parts else None
+
+
+def _friction(tests: Sequence[SteadyTest], values: Values, gear: float) -> list[Route]:
+    """f and C0: the line of Kc i − τ Cr over ωm; of external loads the mean over the loads."""
+    Kc = values.get("Kc", values.get("Kem"))  # without a torque Kc is taken for equal to Kem
+    if Kc is None:
+        return []
+    found = []
+    rows = _loaded_rows(tests, values, gear)
+    if rows is not None:
+        lines = []
+        for load in np.unique(rows[:, 1]):
+            own = rows[rows[:, 1] == load]
+            if np.ptp(own[:, 2]) > 0.0:
+                lines.append(_line(own[:, 2], Kc * own[:, 0] - load))
+        if not lines and np.ptp(rows[:, 2]) > 0.0:
+            lines = [_line(rows[:, 2], Kc * rows[:, 0] - rows[:, 1])]
+        if lines:
+            f, C0 = np.mean(lines, axis=0).tolist()
+            how = "external load: line of Kc i − τ Cr over ωm, mean over the loads"
+            found += [Route("f", f, how), Route("C0", C0, how)]
+    free = _of(tests, Kind.NO_LOAD, "current", "speed")
+    if free:
+        # both directions as one: readings have the signs of their voltages
+        speed = np.concatenate([gear * np.abs(t.of("speed")) for t in free])
+        current = np.concatenate([np.abs(t.of("current")) for t in free])
+        ok = np.isfinite(speed) & np.isfinite(current)
+        if np.ptp(speed[ok]) > 0.0:
+            f, C0 = _line(speed[ok], Kc * current[ok]).tolist()
+            how = "no load: line of Kc i over ωm"
+            found += [Route("f", f, how), Route("C0", C0, how)]
+    return found
+
+
+def _line(x: Array, y: Array) -> Array:
+    """Slope and intercept."""
+    return _least_squares(np.column_stack([x, np.ones(len(x))]), y)
+
+
+def _least_squares(terms: Array, y: Array) -> Array:
+    size = np.linalg.norm(terms, axis=0)
+    size[size == 0.0] = 1.0
+    return np.asarray(np.linalg.lstsq(terms / size, y, rcond=None)[0] / size)

@@ -1,0 +1,304 @@
+"""The power bench as a whole: battery, bridges, what a mission and a diagnosis take of them."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid.data.files import write_atomic
+from sysid.data.finding import Finding, Severity
+from sysid.data.reading.read_options import ReadOptions
+from sysid.data.yaml_files.source import read_yaml
+from sysid.effects.measured import Measured
+from sysid.errors import UsageError
+from sysid.mission.spec import load_mission
+from sysid.mission.tuning.written import replaced
+from sysid.testbench.power.battery import HOUR, Battery, fit_battery
+from sysid.testbench.power.bridge import Bridge, fit_bridge
+from sysid.testbench.power.readings import ANY_FILE, PowerLog, read_power_log
+
+DISAGREE = 3.0
+"""Standard errors by which two batteries' or bridges' numbers differ before that is said."""
+STICKS = 1.5
+"""Ratio of the command that starts a motor to the one at which it stops from which dry friction of
+standstill is seen."""
+
+
+@dataclass(frozen=True, eq=False)
+class PowerBench:
+    """What files of the power bench tell.
+
+    Attributes:
+        batteries: one for each log of rests and loads.
+        bridges: one for each staircase and side.
+        full_current: current of both motors at full drive [A]: given, or the largest of the logs.
+        given_current: whether it was given.
+        findings: what there is to say.
+    """
+
+    batteries: tuple[Battery, ...]
+    bridges: tuple[Bridge, ...]
+    full_current: float | None
+    given_current: bool
+    findings: tuple[Finding, ...]
+
+    def supply(self) -> dict[str, Measured]:
+        """Keys of a mission's ``vehicle.supply``, each with its value and standard error."""
+        found: dict[str, Measured] = {}
+        if self.batteries:
+            found |= self._of_battery()
+        voltages = [b for b in self.bridges if b.quantity == "voltage"]
+        every = [d for b in voltages or self.bridges for d in b.directions().items()]
+        for name in ("forward", "backward"):
+            bands = [(d.dead_band, d.dead_band_std_error) for n, d in every if n == name]
+            if bands:
+                found[f"dead_band_{name}"] = _mean(bands)
+        jumps = [(d.jump, d.jump_std_error) for _, d in every]
+        if any(j > DISAGREE * e and j > 0.0 for j, e in jumps):
+            found["dead_band_jump"] = _mean(jumps)
+        if voltages:  # the dead band is taken off the command before
+            found["voltage"] = _mean([(d.gain, d.gain_std_error) for _, d in every])
+        return found
+
+    def _of_battery(self) -> dict[str, Measured]:
+        """Voltage, sag at full drive and loss by discharge."""
+        b = _joined(self.batteries)
+        E, current = b["open"], self.full_current or 0.0
+        found = {"voltage": E}
+        if current > 0.0:
+            ratio = b["settled"].value * current / E.value
+            relative = b["settled"].std_error / max(b["settled"].value, 1e-12)
+            error = ratio * math.hypot(relative, E.std_error / E.value)
+            found["sag"] = Measured(ratio, error)
+        if "slope" in b and current > 0.0:
+            mean = float(np.mean([x.currents[0] for x in self.batteries]))
+            each = mean / HOUR / E.value
+            found["loss"] = Measured(b["slope"].value * each, b["slope"].std_error * each)
+        return found
+
+    def sentences(self) -> tuple[str, ...]:
+        """What the numbers mean, in words."""
+        return (*map(self._battery_words, self.batteries), *_bridges_words(self.bridges))
+
+    def _battery_words(self, b: Battery) -> str:
+        text = (
+            f"{b.name}: {b.open_voltage:.4g} ± {b.open_std_error:.2g} V without load, "
+            f"{1e3 * b.resistance:.4g} ± {1e3 * b.std_error:.2g} mΩ at once"
+        )
+        for branch in b.branches:
+            text += (
+                f", {1e3 * branch.resistance:.3g} ± {1e3 * branch.std_error:.2g} mΩ more after "
+                f"{branch.tau:.3g} ± {branch.tau_std_error:.2g} s"
+            )
+        if b.branches:
+            text += f"; {1e3 * b.settled:.4g} mΩ under a load that lasts"
+        if b.slope is not None:
+            text += f"; {b.slope:.3g} ± {b.slope_std_error:.2g} V less for each Ah"
+        return text + "."
+
+    def summary(self) -> dict[str, Any]:
+        """All of it as a JSON object, which a diagnosis can read from a file."""
+        supply = self.supply()
+        return {
+            "battery": [b.summary() for b in self.batteries],
+            "bridge": [b.summary() for b in self.bridges],
+            "full_current_A": self.full_current,
+            "vehicle": {"supply": {k: m.value for k, m in supply.items()}},
+            "measured": {k: asdict(m) for k, m in supply.items()},
+            "sentences": self.sentences(),
+            "findings": [f.to_json() for f in self.findings],
+        }
+
+
+def bench_power(
+    paths: Sequence[str | Path],
+    units: Mapping[str, str] | None = None,
+    pwm_max: float | None = None,
+    full_current: float | None = None,
+    bags: ReadOptions = ANY_FILE,
+) -> PowerBench:
+    """Characterise battery and H-bridge from logs or tables.
+
+    Args:
+        paths: of rests and loads (battery's voltage and current), of a staircase of PWM (with the
+            motor's voltage, speed or current), or both in one file.
+        units: column → its unit in the file.
+        pwm_max: command of full drive, where it is neither a duty nor ± 20000 µs.
+        full_current: current of both motors together at full drive [A]; None for the largest of
+            the logs.
+        bags: of bags, what is which column, their stamps and their latencies.
+
+    Raises:
+        DataError: a file tells of neither, or too little.
+        UsageError: an argument cannot be.
+    """
+    if not paths:
+        raise UsageError("no file is named: give logs of rests and loads, or of a staircase of PWM")
+    if full_current is not None and not (math.isfinite(full_current) and full_current > 0.0):
+        raise UsageError(f"`full_current` is {full_current:g}: give a current above 0 in A")
+    batteries, bridges, said = [], [], []
+    for path in paths:
+        log = read_power_log(path, units, pwm_max, bags)
+        said += [f for f in log.findings if f.severity > Severity.NOTE]
+        if log.voltage is not None and log.current is not None:
+            batteries.append(fit_battery(log.name, log.t, log.voltage, log.current))
+            said += _battery_findings(batteries[-1], log)
+        for side, (quantity, answer) in log.answers.items():
+            drive = log.drives[side]
+            made = fit_bridge(
+                log.name, side, drive, quantity, answer, log.voltage, log.t is not None
+            )
+            bridges.append(made)
+            said += _bridge_findings(made)
+    largest = max((b.currents[1] for b in batteries), default=None)
+    if batteries and full_current is None:
+        said.append(
+            Finding(
+                "full-current",
+                Severity.NOTE,
+                f"The sag is that of {largest:.3g} A, the largest current of the logs.",
+                "Give the current of both motors at full drive with `full_current`.",
+            )
+        )
+    current = largest if full_current is None else full_current
+    return PowerBench(
+        tuple(batteries), tuple(bridges), current, full_current is not None, tuple(said)
+    )
+
+
+def write_supply(mission: Path, found: PowerBench) -> Path:
+    """Write what was measured into the section ``vehicle.supply`` of a mission; the rest stays.
+
+    Raises:
+        DataError: the file is no mission, or cannot be written.
+        UsageError: nothing was measured that a mission takes.
+    """
+    load_mission(mission)  # refused before it is touched
+    values = read_yaml(mission).values
+    keys = {k: float(f"{m.value:.4g}") for k, m in found.supply().items()}
+    if not keys:
+        raise UsageError("nothing was measured that a mission's vehicle.supply takes")
+    vehicle = {**(values.get("vehicle") or {})}
+    vehicle["supply"] = {**(vehicle.get("supply") or {}), **keys}
+    text = mission.read_bytes().decode("utf-8-sig")
+    write_atomic(mission, replaced(text, values, "vehicle", vehicle))
+    load_mission(mission)
+    return mission
+
+
+def _mean(pairs: Sequence[tuple[float, float]]) -> Measured:
+    """Mean of several; the error is their scatter's or their own, whichever is larger."""
+    values = np.array([v for v, _ in pairs])
+    own = math.sqrt(sum(e * e for _, e in pairs)) / len(pairs)
+    scatter = float(np.std(values, ddof=1)) if len(pairs) > 1 else 0.0
+    return Measured(float(values.mean()), max(own, scatter))
+
+
+def _joined(batteries: Sequence[Battery]) -> dict[str, Measured]:
+    """Open-circuit voltage, settled resistance and slope of one or several logs."""
+    found = {
+        "open": _mean([(b.open_voltage, b.open_std_error) for b in batteries]),
+        "settled": _mean([(b.settled, b.settled_std_error) for b in batteries]),
+    }
+    slopes = [(b.slope, b.slope_std_error or 0.0) for b in batteries if b.slope is not None]
+    if slopes:
+        found["slope"] = _mean(slopes)
+    return found
+
+
+def _battery_findings(b: Battery, log: PowerLog) -> list[Finding]:
+    found = []
+
+    def say(code: str, severity: Severity, sentence: str, advice: str = "") -> None:
+        found.append(Finding(code, severity, f"{b.name}: {sentence}", advice, record=b.name))
+
+    if b.turned:
+        say("current-sign", Severity.NOTE, "current that is drawn stands with a minus sign there.")
+    if not b.rests:
+        say(
+            "no-rest",
+            Severity.WARNING,
+            "the battery never rests, so that the open-circuit voltage is extrapolated.",
+            "Record it without load before and after.",
+        )
+    if log.t is None:
+        say(
+            "steady-table",
+            Severity.NOTE,
+            "a table without time: its resistance is that of loads that last as long as those, "
+            "slow recovery included.",
+        )
+    elif b.slope is None:
+        say(
+            "no-slope",
+            Severity.NOTE,
+            f"{1e3 * (b.charge or 0.0):.3g} mAh are too little to see the open-circuit voltage "
+            "fall.",
+        )
+    if b.resistance <= 0.0:
+        say(
+            "no-resistance",
+            Severity.WARNING,
+            "no voltage is lost at once when current is drawn.",
+            "Record voltage and current at the same instants, and faster than the load changes.",
+        )
+    return found
+
+
+def _bridge_findings(bridge: Bridge) -> list[Finding]:
+    found = []
+    where = f"{bridge.name}{' ' + bridge.side if bridge.side else ''}"
+
+    def say(code: str, severity: Severity, sentence: str, advice: str = "") -> None:
+        found.append(Finding(code, severity, f"{where}: {sentence}", advice, record=bridge.name))
+
+    if bridge.quantity != "voltage":
+        say(
+            "not-the-bridge-alone",
+            Severity.NOTE,
+            f"the staircase was answered by {bridge.quantity}: its dead band holds the motor's "
+            "friction, too.",
+            "Read the voltage at the motor's leads to tell the two apart.",
+        )
+    if bridge.turned:
+        say("answer-sign", Severity.NOTE, "positive commands are answered with a minus sign.")
+    missing = [n for n in ("forward", "backward") if n not in bridge.directions()]
+    if missing:
+        say("one-direction", Severity.NOTE, f"nothing was driven {missing[0]} far enough.")
+    for name, d in bridge.directions().items():
+        if d.starts is not None and d.stops is not None and d.starts > STICKS * d.stops:
+            say(
+                "sticks",
+                Severity.NOTE,
+                f"{name} it starts at {100 * d.starts:.3g} % of full drive and stops at "
+                f"{100 * d.stops:.3g} %: friction at standstill.",
+            )
+        if d.bends:
+            say(
+                "bends",
+                Severity.WARNING,
+                f"{name} the answers are no straight line.",
+                "The gain is a mean: fit a Hammerstein–Wiener model, or diagnose for a soft gain.",
+            )
+    return found
+
+
+def _bridges_words(bridges: Sequence[Bridge]) -> tuple[str, ...]:
+    found = []
+    for b in bridges:
+        for name, d in b.directions().items():
+            text = (
+                f"{b.name}{' ' + b.side if b.side else ''}, {name}: nothing up to "
+                f"{100 * d.dead_band:.3g} ± {100 * d.dead_band_std_error:.2g} % of full drive"
+            )
+            if d.jump:
+                text += f", then a jump worth {100 * d.jump:.3g} %"
+            text += f", {d.at_full:.4g} ± {d.at_full_std_error:.2g} {b.unit} at full drive"
+            drop = b.drop(d)
+            if drop is not None:
+                text += f", {drop[0]:.3g} ± {drop[1]:.2g} V less than the supply"
+            found.append(text + ".")
+    return tuple(found)

@@ -1,0 +1,301 @@
+"""A second effect beside a large one: looked for while it is above the noise, and no mere mend."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sysid.data.record import Channel
+from sysid.diagnosis.search.evidence import Evidence
+from sysid.diagnosis.search.named_sets import Judged, Named, Naming, Node
+from sysid.diagnosis.search.naming import (
+    Little,
+    NamingSearch,
+    case_of,
+    takes_little,
+    takes_most_of_rest,
+)
+from sysid.diagnosis.study import LeastLeft, Study, least_damping
+from sysid.diagnosis.validation.noise import NoiseFloor
+from sysid.fitting.holdout import Errors
+
+NOISE = 0.1
+
+
+def node(rmse: float, *effects: str) -> Node:
+    """A model of one output with errors of this size on both parts."""
+    errors = (np.full((100, 1), rmse),)
+    return Node(effects, np.zeros(1), (), Errors(errors, errors), np.ones(1, dtype=bool))
+
+
+@pytest.mark.parametrize(
+    ("left", "searched"),
+    [(1.5, True), (1.2, True), (1.05, False)],
+    ids=["clearly-above-noise", "above-noise", "noise"],
+)
+def test_a_small_share_of_a_large_gap_is_looked_into_while_it_is_above_the_noise(
+    left: float, searched: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The base misses by fifty times the noise: all these are far below 1 % of its gap."""
+    structured: Any = SimpleNamespace(p_value=0.0)
+    monkeypatch.setattr(Study, "residual_structure", lambda *_, **__: structured)
+    base: Any = SimpleNamespace(search=SimpleNamespace(needed=0.9))
+    floor = np.array([NOISE])
+    study = Study(base, NoiseFloor(floor, floor, floor), np.ones(1), 0)
+    naming = Naming(node(50 * NOISE), node(left * NOISE, "load-bias"), (), (), ())
+    assert (study.remains(naming) > 0.0) is searched
+
+
+@pytest.mark.parametrize(
+    ("second", "before", "after", "little"),
+    [
+        ("speed-ripple", 0.45, 0.4, Little.LOOK_ALIKE),
+        ("speed-ripple", 1.0, 0.1, Little.IN_PART),
+        ("speed-ripple", 2.0, 0.1, Little.NO),
+        ("cross-coupling", 0.45, 0.4, Little.NO),
+    ],
+    ids=["look-alike-of-little", "look-alike-of-a-part", "look-alike-of-much", "another"],
+)
+def test_what_only_mends_the_formula_of_its_look_alike_is_no_second_effect(
+    second: str, before: float, after: float, little: Little
+) -> None:
+    """Beside gravity, which takes 99.75 of 100 % of the gap in the first case."""
+    base, rest = node(5.0), node(before, "gravity-load")
+    assert takes_little(base, rest, node(after, "gravity-load", second)) is little
+
+
+@pytest.mark.parametrize(("after", "mends"), [(0.9, True), (0.5, False)], ids=["part", "most"])
+def test_a_look_alike_that_takes_a_part_of_the_gap_takes_most_of_what_is_left(
+    after: float, mends: bool
+) -> None:
+    """A fan and a weight: of what the weight's law left a curve of the command took a fifth."""
+    search: Any = NamingSearch.__new__(NamingSearch)
+    search.data = SimpleNamespace(noise=np.array([NOISE]))
+    base, rest = node(5.0), node(1.0, "quadratic-drag")
+    whole = node(after, "quadratic-drag", "concave-gain")
+    assert takes_little(base, rest, whole) in (Little.IN_PART, Little.LOOK_ALIKE)
+    assert search.mends(base, rest, whole, ()) is mends
+
+
+def test_a_look_alike_must_take_more_of_the_gap_than_another_effect() -> None:
+    """A curve by a stick's expo leaves 2 % of its gap to a formula that bends a little else."""
+    base, rest, left = node(5.0), node(0.75, "concave-gain"), 0.4  # 1.6 % of the gap
+    alike = node(left, "concave-gain", "input-saturation")
+    assert takes_little(base, rest, alike) is Little.LOOK_ALIKE
+    assert takes_little(base, rest, node(left, "concave-gain", "cross-coupling")) is Little.NO
+
+
+@pytest.mark.parametrize(
+    ("third", "after", "mends"),
+    [
+        ("input-saturation", 0.4, True),
+        ("input-saturation", 0.1, False),
+        ("sampling-lag", 0.4, False),
+    ],
+    ids=["of-little", "of-much", "how-the-log-was-made"],
+)
+def test_a_third_effect_of_little_mends_the_formulas_of_two(
+    third: str, after: float, mends: bool
+) -> None:
+    two = ("sensor-bias", "dead-time")
+    base, rest = node(5.0), node(0.45 if after > 0.2 else 1.0, *two)
+    little = takes_little(base, rest, node(after, *two, third))
+    assert little is (Little.AMONG_OTHERS if mends else Little.NO)
+
+
+def judged(id: str, score: float, ratio: float = 0.5) -> Judged:
+    """An effect tried beside two others."""
+    return Judged(node(0.4, id), Evidence(-score, 9.0, 1.0, ratio, 1e-9), score)
+
+
+@pytest.mark.parametrize(
+    ("rival", "alone"), [(25.0, True), (600.0, False), (-40.0, True)], ids=["far", "near", "worse"]
+)
+def test_what_no_other_effect_comes_near_is_no_stand_in(rival: float, alone: bool) -> None:
+    """However little of the gap it takes."""
+    search = NamingSearch.__new__(NamingSearch)
+    search.data = SimpleNamespace(noise=np.array([NOISE]))  # type: ignore[assignment]
+    tried = [judged("dead-time", 926.0), judged("gravity-load", rival)]
+    assert search.unrivalled(node(1.0), "dead-time", tried) is alone
+    little = [judged("dead-time", 40.0), judged("gravity-load", 2.0)]
+    assert not search.unrivalled(node(1.0), "dead-time", little)  # few units of BIC are chance
+    base, rest = node(5.0), node(0.45, "rate-limit", "sensor-saturation")
+    whole = node(0.4, *rest.effects, "dead-time")
+    assert search.mends(base, rest, whole, tried) is not alone
+
+
+@pytest.mark.parametrize(
+    ("ratio", "case"), [(0.184, True), (0.4, False)], ids=["nearly-all", "less"]
+)
+def test_friction_is_a_case_of_play_with_friction(ratio: float, case: bool) -> None:
+    play = judged("backlash", 3658.0, 0.172)
+    assert case_of(judged("coulomb-friction", 3512.0, ratio), play) is case
+    assert not case_of(judged("dead-zone", 3512.0, ratio), play)
+
+
+@pytest.mark.parametrize(
+    ("id", "left", "stands"),
+    [
+        ("coast-asymmetry", 1.0, True),
+        ("coast-asymmetry", 4.0, False),  # says what is seen and no mechanism
+        ("freewheel", 4.0, True),
+        ("freewheel", 4.6, False),  # 15 % of the gap
+    ],
+)
+def test_what_is_alone_closes_a_quarter_and_a_description_nearly_all(
+    id: str, left: float, stands: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Study, "unexplained", lambda *_: True)
+    base: Any = SimpleNamespace(node=node(5.0))
+    study = Study(base, NoiseFloor(*(np.array([NOISE]),) * 3), np.ones(1), 0)
+    alone = np.ones(1, dtype=bool)
+    named = Named(id, judged(id, 9.0).evidence, (), alone, {}, node(5.0))
+    gone = study.too_small_a_share(Naming(node(5.0), node(left, id), (named,), (), ()))
+    assert (gone is None) is stands
+    assert gone is None or "other physics" in gone.reason
+
+
+@pytest.mark.parametrize(
+    ("id", "output", "damping", "closed", "doubted"),
+    [
+        ("dead-zone", "level_cm", 1.0, 70.0, True),
+        ("dead-zone", "level_cm", 1.0, 95.0, False),
+        ("dead-zone", "speed_rpm", 1.0, 70.0, False),
+        ("quadratic-drag", "deflection", 0.05, 83.0, True),  # for a cubic spring
+        ("quadratic-drag", "deflection", 0.05, 95.0, False),
+        ("quadratic-drag", "deflection", 0.5, 83.0, False),
+        ("unsigned-speed", "speed_rpm", 0.05, 64.0, False),
+    ],
+)
+def test_what_explains_a_process_or_a_spring_in_part_may_stand_for_other_physics(
+    id: str,
+    output: str,
+    damping: float,
+    closed: float,
+    doubted: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("sysid.diagnosis.study.least_damping", lambda _: damping)
+    structured: Any = SimpleNamespace(p_value=0.0)
+    monkeypatch.setattr(Study, "residual_structure", lambda *_, **__: structured)
+    monkeypatch.setattr(Study, "gap", lambda *_: SimpleNamespace(closed_percent=closed))
+    record = SimpleNamespace(outputs=(Channel(output),))
+    base: Any = SimpleNamespace(parts=SimpleNamespace(estimation=(record,)))
+    study = Study(base, NoiseFloor(np.ones(1), np.ones(1), np.ones(1)), np.ones(1), 0)
+    alone = np.ones(1, dtype=bool)
+    named = Named(id, judged(id, 9.0).evidence, (), alone, {}, node(1.0))
+    naming = Naming(node(1.0), node(0.5, id), (named,), (), ())
+    assert study.stand_in(naming) is doubted
+
+
+@pytest.mark.parametrize("damping", [0.05, 0.3, 1.5])
+def test_the_damping_of_a_base_is_that_of_its_swing(damping: float) -> None:
+    poles = np.roots([1.0, 2.0 * damping * 8.0, 64.0])  # s² + 2 ζ ω s + ω²
+    f = np.poly(np.exp(poles * 0.05))[1:]
+    model = SimpleNamespace(tracks=1, order=2, place={("core", "f1", 0): 0, ("core", "f2", 0): 1})
+    base: Any = SimpleNamespace(search=SimpleNamespace(model=model), node=SimpleNamespace(q=f))
+    assert least_damping(base) == pytest.approx(min(damping, 1.0))
+
+
+def test_a_tie_stays_one_beside_numbers_that_were_fitted_beside_one_of_the_two() -> None:
+    """An edge fitted without a load is another one; a load and a zero point are no less alike."""
+    slots = {"load-bias": (0,), "sensor-bias": (1,), "dead-zone": (2,)}
+    noise = np.random.default_rng(1).normal(size=(100, 1))
+
+    def model(id: str, edge: float) -> Node:
+        q = np.array([0.0, 0.0, edge])
+        q[list(slots[id])] = -1.0
+        errors = ((1.0 + abs(edge - 0.25)) * noise,)
+        free = (2, *slots[id])
+        return Node(("dead-zone", id), q, free, Errors(errors, errors), np.ones(1, dtype=bool))
+
+    class Search(NamingSearch):
+        def __init__(self) -> None:
+            self.model, self.logs = SimpleNamespace(of=slots.__getitem__), None  # type: ignore
+            self.origin = np.zeros(3)
+
+        def polished(self, node: Node) -> Node:
+            assert node.free == tuple(sorted(node.free))
+            return model(node.effects[-1], float(node.q[2]))
+
+        def best_of(self, base: Node, nodes: Any) -> Node:
+            return min(nodes, key=lambda n: n.held_rmse)
+
+    search, evidence = Search(), Evidence(-900.0, 9.0, 1.0, 0.5, 1e-9)
+    mine = Judged(model("sensor-bias", 0.25), evidence, 950.0)
+    anew = [Judged(model(id, 0.5), evidence, 900.0) for id in ("sensor-bias", "load-bias")]
+    assert not search.tied(mine.node, anew[1].node)
+    own, rival = search._as_far(mine, anew)
+    assert own is anew[0]
+    assert search.tied(mine.node, rival.node)
+    assert rival.node.q.tolist() == [-1.0, 0.0, 0.25]
+
+
+@pytest.mark.parametrize(
+    ("closed", "stays"), [(4.0, True), (-11.6, False)], ids=["some", "less-than-none"]
+)
+def test_what_closes_nothing_has_no_rivals_to_be_ahead_of(
+    closed: float, stays: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ids, shares = ("current-limit", "sensor-lag"), {"current-limit": 90.0, "sensor-lag": closed}
+    search: Any = SimpleNamespace(
+        unrivalled=lambda *_: True, model=SimpleNamespace(effects=()), needed=0.9
+    )
+    base: Any = SimpleNamespace(search=search, node=node(5.0))
+    study = Study(base, NoiseFloor(*(np.array([NOISE]),) * 3), np.ones(1), 0)
+    monkeypatch.setattr(Study, "unexplained", lambda *_: True)
+    monkeypatch.setattr(Study, "explained_by", lambda _, naming, n: (shares[n.id], 20.0))
+    # what each leaves on its only output is near what both do: none carries it
+    evidence, both = Evidence(-900.0, 9.0, 1.0, 0.5, 1e-9), node(2.0, *ids)
+    named = tuple(
+        Named(id, evidence, (), both.touched, {}, node(2.1 if id == ids[1] else 4.0)) for id in ids
+    )
+    least = study._absorber(Naming(node(5.0), both, named, (), ()), {})
+    assert (least is None) is stays
+
+
+def test_what_a_dropped_effect_had_taken_speaks_against_no_other(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A ripple takes 12 %; beside a third effect, which goes, 7 % stay open, without it 18 %."""
+    ids = ("viscous-asymmetry", "speed-ripple", "inertial-coupling")
+    closed = dict(zip(ids, (60.0, 12.0, 4.0), strict=True))
+    search: Any = SimpleNamespace(
+        unrivalled=lambda *_: False, model=SimpleNamespace(effects=()), needed=0.9
+    )
+    base: Any = SimpleNamespace(search=search, node=node(5.0))
+    study = Study(base, NoiseFloor(*(np.array([NOISE]),) * 3), np.ones(1), 0)
+    monkeypatch.setattr(Study, "unexplained", lambda *_: True)
+    monkeypatch.setattr(
+        Study,
+        "explained_by",
+        lambda _, naming, n: (closed[n.id], 7.0 if len(naming.named) == 3 else 18.0),
+    )
+    evidence = Evidence(-900.0, 9.0, 1.0, 0.5, 1e-9)
+
+    def naming(*kept: str) -> Naming:
+        whole = node(2.0, *kept)
+        named = tuple(Named(id, evidence, (), whole.touched, {}, node(2.1)) for id in kept)
+        return Naming(node(5.0), whole, named, (), ())
+
+    least_left: LeastLeft = {}
+    least = study._absorber(naming(*ids), least_left)
+    assert least is not None
+    assert least.id == "inertial-coupling"
+    assert study._absorber(naming(*ids[:2]), least_left) is None
+    alone = study._absorber(naming(*ids[:2]), {})
+    assert alone is not None
+    assert alone.id == "speed-ripple"
+
+
+@pytest.mark.parametrize(
+    ("after", "most"), [(0.12, True), (0.18, False)], ids=["most-of-it", "a-part-of-it"]
+)
+def test_a_third_effect_that_takes_most_of_what_two_leave_is_no_mend(
+    after: float, most: bool
+) -> None:
+    """Both are far below 1 % of the gap of the base; what two leave is twice the noise."""
+    rest, whole = node(0.2, "dead-time", "input-delay"), node(after, "dead-time", "supply-sag")
+    assert takes_most_of_rest(rest, whole, np.array([NOISE])) is most
+    assert not takes_most_of_rest(node(0.9 * NOISE), node(0.8 * NOISE), np.array([NOISE]))

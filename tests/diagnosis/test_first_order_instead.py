@@ -1,0 +1,84 @@
+"""A base of high order that absorbed the cause gives way to one of first order."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sysid.data.record import Channel, Record
+from sysid.diagnosis import given_model
+from sysid.diagnosis.base_model import plain_base
+from sysid.diagnosis.given_model import or_on_first_order
+from sysid.effects.catalogue import chain_effects
+
+LOG = Record(np.zeros((4, 1)), np.zeros((4, 1)), 0.1, (Channel("u", "V"),), (Channel("speed"),))
+HEATER = Record(
+    np.zeros((4, 1)), np.zeros((4, 1)), 0.1, (Channel("u", "V"),), (Channel("temp", "degC"),)
+)
+
+
+def outcome(
+    order: int,
+    named: tuple[str, ...] = (),
+    doubtful: bool = True,
+    unexplained: bool = True,
+    log: Record = LOG,
+) -> Any:
+    base = SimpleNamespace(
+        search=SimpleNamespace(model=SimpleNamespace(order=order)),
+        parts=SimpleNamespace(estimation=(log,)),
+    )
+    study = SimpleNamespace(base=base, doubtful=doubtful, unexplained=lambda naming: unexplained)
+    return SimpleNamespace(study=study, naming=SimpleNamespace(named=named, final=None))
+
+
+def better(more: bool) -> Any:
+    """What was found on first order, and whether it explains more."""
+    found = outcome(1, ("backlash",))
+    found.study.explains_more = lambda naming, node: more
+    return found
+
+
+@pytest.mark.parametrize(
+    ("found", "other", "taken"),
+    [
+        (outcome(3), better(True), True),
+        (outcome(3), better(False), False),
+        (outcome(3), None, False),
+        (outcome(3, ("dead-zone",)), better(True), True),
+        (outcome(3, ("dead-zone",), unexplained=False), better(True), False),
+        (outcome(3, doubtful=False), better(True), False),
+        (outcome(1), better(True), False),
+        (outcome(3, log=HEATER), better(True), False),
+    ],
+    ids=[
+        *("explains-more", "explains-less", "nothing-found", "part-explained"),
+        *("all-explained", "nothing-missing", "first-order-already", "no-motion"),
+    ],
+)
+def test_first_order_is_taken_where_it_explains_more(
+    found: Any, other: Any, taken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(given_model, "_plainest", lambda *_, **__: other)
+    result: Any = or_on_first_order(found, [LOG], None, lambda text, share: None)
+    assert (result is other) is taken
+    assert taken or result is found
+
+
+@pytest.mark.slow
+def test_a_plain_base_keeps_to_the_highest_order_asked_for() -> None:
+    rng = np.random.default_rng(7)
+    u = np.repeat(rng.uniform(-1.0, 1.0, 40), 25)
+    y, x = np.zeros(len(u)), np.zeros(2)
+    for k in range(len(u) - 1):
+        x = np.array([0.95 * x[0] + 0.05 * u[k], 0.9 * x[1] + 0.1 * x[0]])
+        y[k + 1] = x[1]
+    y += 1e-3 * rng.standard_normal(len(y))
+    log = Record(u[:, None], y[:, None], 0.02, (Channel("u", "V"),), (Channel("speed"),), name="m")
+    orders = [
+        plain_base([log], None, chain_effects(), **highest).search.model.order
+        for highest in ({}, {"highest": 1})
+    ]
+    assert orders[0] > 1
+    assert orders[1] == 1

@@ -1,0 +1,273 @@
+"""The rule of acceptance at the end: nothing is said of an effect that its numbers do not bear."""
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sysid.data.record import Array, Channel, Record
+from sysid.diagnosis.base_model import Base, full_drive, plain_base
+from sysid.diagnosis.findings import sentence_of
+from sysid.diagnosis.gap import carries_an_output, share_closed
+from sysid.diagnosis.named_effects import NamedEffect, Value
+from sysid.diagnosis.policies import RULE, VERDICT
+from sysid.diagnosis.search.evidence import Evidence
+from sysid.diagnosis.search.named_sets import Interval, Naming
+from sysid.diagnosis.search.supermodel import SuperModel
+from sysid.diagnosis.study import Study, noise_of
+from sysid.diagnosis.validation import acceptance
+from sysid.diagnosis.validation.acceptance import (
+    Number,
+    _acting_alone,
+    against,
+    doubtful_slots,
+    drifts,
+    least_beside,
+)
+from sysid.diagnosis.verdict import Remaining, verdict_of
+from sysid.effects.catalogue import about, chain_effects
+from sysid.structures.augmented.structure import Augmented
+
+CLEAR = Evidence(-60.0, 6.0, 0.9, 0.5, 1e-6)
+AWAY = Number(0.3, 0.0, 0.05)
+
+
+def test_what_stands_is_not_spoken_against() -> None:
+    assert against(CLEAR, [AWAY]) == ""
+    assert against(CLEAR, []) == ""  # read off the data: it has no number of its own
+
+
+@pytest.mark.parametrize(
+    ("evidence", "number", "words"),
+    [
+        (CLEAR, Number(-0.031, 0.0, 0.062), "away from doing nothing"),
+        (replace(CLEAR, p_value=0.118), AWAY, "may be chance (p = 0.12"),
+        (replace(CLEAR, p_value=0.062), AWAY, "may be chance (p = 0.062"),
+        (replace(CLEAR, delta_bic=-5.0), AWAY, "cost more than they gain"),
+        (replace(CLEAR, ratio=1.15), AWAY, "changes the held-out error by +15 %"),
+        (CLEAR, Number(0.3, 0.0, 0.0), "away from doing nothing"),  # a slope of nothing
+        (CLEAR, Number(0.3, 0.0, 0.01, Interval(0.0, 0.6)), "away from doing nothing"),
+        (CLEAR, Number(0.3, 0.0, 0.01, Interval(0.2, 0.4, visited=False)), "away"),
+        (CLEAR, Number(0.9, 1e6, 0.01, Interval(0.8, None)), "away from doing nothing"),
+    ],
+)
+def test_what_evidence_speaks_against_is_dropped(
+    evidence: Evidence, number: Number, words: str
+) -> None:
+    assert words in against(evidence, [number])
+
+
+def test_a_gain_beyond_chance_stands_although_few_blocks_hold_it() -> None:
+    """A remote-controlled log of a minute stops and reverses seldom."""
+    seldom = replace(CLEAR, delta_bic=-207.0, t=2.7, p_value=0.53)
+    assert against(seldom, [AWAY]) == ""
+    assert "may be chance" in against(replace(seldom, t=1.5), [AWAY])
+
+
+def test_a_random_walk_is_no_constant_level_and_a_constant_beside_noise_is() -> None:
+    rng = np.random.default_rng(4)
+    walks = [np.cumsum(0.01 * rng.standard_normal((2000, 1)), axis=0) for _ in range(200)]
+    said = [not drifts([w[:1200], w[1200:]])[0] for w in walks]
+    assert np.mean(said) < 0.25  # one whose end is far from its start is off zero on the whole
+    noise = 0.5 * rng.standard_normal((2000, 40)) + 0.25  # of six spreads of its blocks' means
+    noise[::7] = np.nan
+    assert not drifts([noise[:1200], noise[1200:]]).any()
+
+
+def test_a_constant_in_the_model_is_judged_by_what_wanders_beside_it() -> None:
+    """Errors of the model without it, whose other numbers make up for it, wander with the drive."""
+    rng = np.random.default_rng(5)
+    walk = np.cumsum(0.01 * rng.standard_normal((2000, 1)), axis=0)
+    walk -= walk.mean()
+    size = float(np.std(walk))
+    assert drifts([walk[:1200], walk[1200:]], np.array([0.5 * size]))[0]
+    assert not drifts([walk[:1200], walk[1200:]], np.array([8.0 * size]))[0]
+
+
+@pytest.mark.parametrize(("error", "dropped"), [(0.015, True), (0.002, False), (None, False)])
+def test_a_wave_that_may_come_any_number_of_times_is_what_wanders(
+    monkeypatch: pytest.MonkeyPatch, error: float | None, dropped: bool
+) -> None:
+    """A random walk beside a multisine had been a weight with 0.030 ± 0.015 waves a rad."""
+    model = SuperModel((about("gravity-load"),), 1, 1, np.array([10.0]), 0.05)
+    rate = model.place["gravity-load", "per_turn", 0]
+    q = model.null.copy()
+    q[rate] = 0.03
+    monkeypatch.setattr(acceptance, "std_errors", lambda base, node: {rate: error} if error else {})
+    named = SimpleNamespace(id="gravity-load", touched=np.array([True]))
+    naming: Any = SimpleNamespace(final=SimpleNamespace(q=q), named=[named])
+    base: Any = SimpleNamespace(search=SimpleNamespace(model=model))
+    found = acceptance.unknown_wave(base, naming)
+    assert (found is not None) == dropped
+    assert found is None or "0.03 ± 0.01" in found.reason
+
+
+def test_one_number_away_from_its_null_is_enough_and_a_limit_needs_its_upper_end() -> None:
+    assert against(CLEAR, [Number(0.01, 0.0, 0.1), AWAY]) == ""
+    assert Number(0.9, 1e6, 0.0, Interval(0.8, 0.95)).away
+    assert Number(0.3, 0.0, 9.0, Interval(0.1, 0.5)).away  # the likelihood knows better
+
+
+def test_one_alone_must_do_what_a_first_effect_must() -> None:
+    left_alone = replace(CLEAR, ratio=0.93)
+    assert against(left_alone, [AWAY]) == ""
+    assert "the held-out error by -7 %" in against(left_alone, [AWAY], RULE.held_out)
+
+
+def test_what_takes_less_than_all_leave_is_a_share_of_a_misfit() -> None:
+    gone = least_beside([("freewheel", 97.0, 2.8), ("dead-time", 2.0, 2.8)])
+    assert gone is not None
+    assert gone.id == "dead-time"
+    assert "explains 2.0 % of the gap of its outputs, less than the 2.8 %" in gone.reason
+    assert least_beside([("input-delay", 96.0, 0.2), ("battery-discharge", 4.4, 0.2)]) is None
+
+
+def test_shares_of_a_gap_are_what_an_effect_closes_and_what_stays_open() -> None:
+    rng = np.random.default_rng(0)
+    e = rng.standard_normal((2000, 1))
+    e /= np.sqrt(np.mean(e**2))
+    shares = share_closed([10.0 * e], [6.0 * e], [2.0 * e], np.array([1.0]), np.array([True]))
+    assert shares == pytest.approx((100.0 * 32.0 / 99.0, 100.0 * 3.0 / 99.0))
+
+
+def lagging(samples: int = 600) -> tuple[Array, Array]:
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.uniform(0.2, 1.0, samples // 20), 20)[:, None]  # never backwards
+    s = Augmented(1, 1, (1.0,), 0.05, ())
+    y = s.simulate(np.array([20.0, -0.8]), u) + 0.05 * rng.standard_normal((samples, 1))
+    return u, y
+
+
+@pytest.fixture(scope="module")
+def base() -> Base:
+    u, y = lagging()
+    record = Record(u, y, 0.05, (Channel("volts", "V"),), (Channel("omega", "rad/s"),))
+    some = [e for e in chain_effects() if e.id == "dead-zone"]
+    return plain_base([record], None, some)
+
+
+def named(base: Base) -> Naming:
+    """A dead zone with numbers of both sides; the log drives one."""
+    search, q = base.search, base.node.q.copy()
+    mine = search.model.of("dead-zone")
+    q[list(mine)] = [0.05, 0.05, 0.0]
+    node = search.node(("dead-zone",), q, (*base.node.free, *mine))
+    return Naming(base.node, node, search.account(base.node, node, (), ()), (), ())
+
+
+def test_a_side_that_slopes_say_nothing_of_is_asked_of_the_likelihood(base: Base) -> None:
+    slots = base.search.model.slots
+    doubted = {slots[k].name for k in doubtful_slots(base, named(base))}
+    assert "minus" in doubted
+
+
+@pytest.mark.parametrize(
+    ("id", "values", "expected"),
+    [
+        ("dead-time", {"share": 0.1, "emf": 0.9, "ripple": 0.02}, {"share"}),
+        ("dead-zone", {"plus": 0.05, "minus": 0.05, "jump": 0.1}, {"plus", "jump"}),
+        ("gravity-load", {"cosine": 0.5, "sine": 0.7}, {"cosine", "sine"}),
+        ("thermal-fade", {"loss": 0.3, "time": 20.0}, {"loss"}),
+    ],
+)
+def test_numbers_that_only_shape_an_effect_are_no_sign_of_it(
+    id: str, values: dict[str, float], expected: set[str]
+) -> None:
+    u, y = lagging()  # never backwards: no log shows a zone on that side
+    record = Record(u, y, 0.05, (Channel("volts", "V"),), (Channel("omega", "rad/s"),))
+    base = plain_base([record], None, [e for e in chain_effects() if e.id == id])
+    search, q = base.search, base.node.q.copy()
+    mine = {name: search.model.place[id, name, 0] for name in values}
+    for name, k in mine.items():
+        q[k] = values[name]
+    node = search.node((id,), q, (*base.node.free, *mine.values()))
+    alone = _acting_alone(base, node, tuple(mine.values()))
+    assert {name for name, k in mine.items() if k in alone} == expected
+
+
+def test_a_name_that_does_not_stand_is_dropped_with_the_reason(base: Base) -> None:
+    scales = full_drive(base.parts.estimation)
+    study = Study(base, noise_of(base), scales, 0)
+    kept, dropped = study.confirmed(named(base))
+    assert kept.named == ()
+    assert kept.final is base.node
+    (gone,) = dropped
+    assert gone.id == "dead-zone"
+    assert gone.reason
+    assert "dead-zone" in dict(kept.minor)
+
+
+def test_a_noise_that_a_model_undercuts_was_none_and_beside_a_name_less_asks_for_more(
+    base: Base,
+) -> None:
+    """Readings without a sign look noisy; what hides in that noise was never looked for."""
+    noise = noise_of(base)
+    study = Study(base, noise, full_drive(base.parts.estimation), 0)
+    rng, errors = np.random.default_rng(2), base.node.errors
+
+    def of(size: float, effects: tuple[str, ...]) -> Naming:
+        white = tuple(size * noise.high * rng.standard_normal(e.shape) for e in errors.held)
+        node = replace(base.node, effects=effects, errors=replace(errors, held=white))
+        return Naming(base.node, node, (), (), ())
+
+    assert study.refuted(of(0.5, ("unsigned-speed",))) < VERDICT.below
+    assert study.refuted(of(1.0, ("unsigned-speed",))) == 1.0
+    between = (VERDICT.audible + VERDICT.loud) / 2.0
+    assert study.remains(of(between, ())) == 0.0
+    assert study.remains(of(between, ("dead-zone",))) == RULE.in_loop
+
+
+def test_a_number_on_a_bound_is_said_to_be_on_it() -> None:
+    value = Value("kappa[omega]", -0.9, 0.0, "1/drive", bounded=True)
+    said = sentence_of(about("concave-gain"), [value], ())
+    assert "the more it answers" in said
+    assert "± 0" not in said
+    assert "= -0.9 1/drive (on the bound of the search)" in said
+    assert value.to_json()["on_bound"] is True
+
+
+def test_a_side_never_driven_is_not_plus_minus_nothing() -> None:
+    seen = Value("plus[omega]", 0.2, 0.01, "drive")
+    said = sentence_of(about("dead-zone"), [seen, Value("minus[omega]", math.nan, None, "")], ())
+    assert "minus[omega] is not seen in this log" in said
+
+
+@pytest.mark.parametrize("id", ["quantisation", "held-telemetry", "dropouts"])
+def test_what_only_the_samples_show_is_no_missing_effect(id: str) -> None:
+    quiet = Remaining(None, None)  # type: ignore[arg-type]
+    assert verdict_of([id], quiet, False) == "no-missing-effect"
+    assert verdict_of([id, "dead-zone"], quiet, False) == "effects-found"
+    assert verdict_of([id], quiet, True) == "unexplained"
+
+
+@pytest.mark.parametrize(
+    ("explains", "remains", "words"),
+    [
+        (62.4, "something else remains where it runs backward", "Explains 62 % of the gap; some"),
+        (99.6, "", "Explains 100 % of the gap."),
+        (0.4, "", "Explains less than 1 % of the gap."),
+        (None, "", ""),
+    ],
+)
+def test_an_entry_says_how_well_its_law_fits(
+    explains: float | None, remains: str, words: str
+) -> None:
+    entry = NamedEffect("x", "motor", (), (), -9.0, 0.0, 0.5, (), "", explains, remains)
+    assert entry.fit_words.startswith(words)
+    assert bool(entry.fit_words) == bool(words)
+
+
+def test_what_remains_on_one_output_speaks_not_against_what_carries_another() -> None:
+    e, floor, both = (
+        np.random.default_rng(3).standard_normal((4000, 2)),
+        np.ones(2),
+        np.full(2, True),
+    )
+    before, without, after = [e * [4.0, 7.0]], [e * [4.0, 3.0]], [e * [3.5, 1.5]]
+    closed, left = share_closed(before, without, after, floor, both)
+    assert closed < left
+    assert carries_an_output(before, without, after, floor, both)
+    assert not carries_an_output(before, without, [e * [3.5, 2.8]], floor, both)
