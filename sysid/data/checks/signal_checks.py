@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.finding import Finding, Severity
-from sysid.data.outliers import outlier_flags
+from sysid.data.outliers import Bridged
 from sysid.data.record import PWM_FULL_SCALE, Array, Record
 
 STUCK_SAMPLES = 20
@@ -197,11 +197,10 @@ def check_resolution(records: Sequence[Record]) -> list[Finding]:
     return found or [Finding("resolution", Severity.OK, "The outputs are read finely enough.")]
 
 
-def check_outliers(records: Sequence[Record]) -> list[Finding]:
+def check_outliers(records: Sequence[Record], outliers: Bridged) -> list[Finding]:
     """Single samples far from both neighbours."""
     found = []
-    for record in records:
-        flags = outlier_flags(record)
+    for record, flags in zip(records, outliers.flags, strict=True):
         for j, name in enumerate(record.output_names):
             hits = np.flatnonzero(flags[:, j])
             if len(hits):
