@@ -200,13 +200,7 @@ def traces(base: Base, naming: Naming) -> tuple[Trace, ...]:
         fresh = LogFacts(tuple(records)).without_repeats.records
         found += [
             Trace(r, x, y, role, np.asarray(w.max(axis=1) > 0.0, dtype=np.float64))
-            for r, x, y, w in zip(
-                LogFacts(tuple(records)).without_repeats.records,
-                before,
-                after,
-                weights,
-                strict=True,
-            )
+            for r, x, y, w in zip(fresh, before, after, weights, strict=True)
         ]
     return tuple(found)
 

@@ -11,8 +11,8 @@ from scipy.signal import lfilter
 from sysid_datasets import path
 
 from sysid.data.checks.dynamics_checks import check_nonlinearity
-from sysid.data.facts import LogFacts
 from sysid.data.checks.nonlinearity import nonlinearity_tests
+from sysid.data.facts import LogFacts
 from sysid.data.finding import Severity
 from sysid.data.io import read_log
 from sysid.data.record import Array, Record
@@ -107,7 +107,7 @@ def test_several_records_are_pooled() -> None:
 
 def test_too_short_logs_are_told_so() -> None:
     with pytest.raises(DataError, match="too few"):
-        nonlinearity_tests([_linear(0, 80, "white", False),)).nonlinearity)
+        nonlinearity_tests([_linear(0, 80, "white", False)])
     (finding,) = check_nonlinearity(LogFacts((_linear(0, 80, "white", False),)).nonlinearity)
     assert "too few" in finding.text
 

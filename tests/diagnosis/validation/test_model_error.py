@@ -104,4 +104,4 @@ def test_feedback_is_told_from_open_loop(style: str, loop: bool) -> None:
         command = driver(k, (float(y[k, 0]), float(y[k, 1]))) if loop else reference[k]
         u[k] = np.asarray(command, dtype=np.float64)
         state = POLE * state + GAIN * (1 - POLE) * u[k] / FULL
-    assert LogFacts(tuple([Record(u=u, y=y, dt=DT, **CHANNELS)])).surely_closed_loop is loop
+    assert LogFacts((Record(u=u, y=y, dt=DT, **CHANNELS),)).surely_closed_loop is loop
