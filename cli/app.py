@@ -159,17 +159,17 @@ def _sentence(error: Exception) -> tuple[str, int]:
 def _wrong_use(error: Any) -> str:
     """What click has to say, as one sentence that names the command."""
     command = error.ctx.command_path if error.ctx is not None else "sysid"
-    said = " ".join(error.format_message().split()).rstrip(".")
-    said = said.replace("Value error, ", "").partition(", unable to parse")[0]
-    said = said.replace("Input should", f"{_wrong_value(error)} should")
-    return f"{said}; see `{command} --help`"
+    message = " ".join(error.format_message().split()).rstrip(".")
+    message = message.replace("Value error, ", "").partition(", unable to parse")[0]
+    message = message.replace("Input should", f"{_wrong_value(error)} should")
+    return f"{message}; see `{command} --help`"
 
 
 def _wrong_value(error: Any) -> str:
     """What was given, where the check of a number says only what was expected."""
     checks = getattr(error.__cause__, "errors", None)
-    found = checks() if callable(checks) else []
-    return repr(found[0]["input"]) if found and "input" in found[0] else "the value"
+    details = checks() if callable(checks) else []
+    return repr(details[0]["input"]) if details and "input" in details[0] else "the value"
 
 
 def _failed(sentence: str, code: int) -> int:

@@ -68,16 +68,16 @@ def compare(
 
     criterion = known_name(criterion)
     targets.check_picture(plot)
-    place = Workspace(workspace)
-    stored = [place.load(i) for i in dict.fromkeys(models)] if models else place.all()
+    store = Workspace(workspace)
+    stored = [store.load(i) for i in dict.fromkeys(models)] if models else store.all()
     with render.progress("Comparing"):
         data = StoredData()
         contenders = [data.contender(s) for s in stored]
-        held, findings = _validation(stored, validation, read)
-        ranking = rank(contenders, criterion, held, policy)
+        judged_on, findings = _validation(stored, validation, read)
+        ranking = rank(contenders, criterion, judged_on, policy)
     ranking = replace(ranking, notes=(*ranking.notes, *warned(findings)))
     crossed = _cross_validated(ranking, folds)
-    place.remember("best", ranking.best.contender.id)
+    store.remember("best", ranking.best.contender.id)
     if plot is not None:
         from .pictures import draw_ranking
 
@@ -137,19 +137,19 @@ def _show(ranking: "Ranking", folds: "Mapping[str, CrossValidation]", plot: Path
     shown = "" if about.of_free_run else ranking.criterion
     heads = ["free run %", *(f"{k} step %" for k in ks), "one step %"]
     heads += [f"{next(iter(folds.values())).folds} folds %"] if folds else []
-    told = _told(ranking)
-    cost = ["µs a step"] if told else []
+    kinds = _told(ranking)
+    cost = ["µs a step"] if kinds else []
     value = shown.upper() if shown else "RMSE"
     render.table(
         ["model", "orders", "n", *cost, *heads, value, "residuals"],
-        [_row(line, names, folds, shown, bool(told)) for line in ranking.lines],
+        [_row(line, names, folds, shown, bool(kinds)) for line in ranking.lines],
         title=f"Ranked by {ranking.criterion}, judged on {ranking.data}",
         caption=f"fits of {', '.join(names)}; n: estimated parameters, with initial states; "
         f"initial state: {first.figures['initial_state']}",
     )
     render.say(about.sentence)
-    if told:
-        parts = (f"{', '.join(structures)}: {tells}" for tells, structures in told.items())
+    if kinds:
+        parts = (f"{', '.join(structures)}: {tells}" for tells, structures in kinds.items())
         render.say(f"What can be read off: {'; '.join(parts)}.")
     for sentence in (*ranking.notes, *ranking.excluded.values()):
         render.warn(f"! {sentence}")
@@ -160,13 +160,13 @@ def _show(ranking: "Ranking", folds: "Mapping[str, CrossValidation]", plot: Path
 
 def _told(ranking: "Ranking") -> dict[str, list[str]]:
     """What can be read off models → the structures it holds for; empty where all tell the same."""
-    found: dict[str, list[str]] = {}
+    kinds: dict[str, list[str]] = {}
     for line in ranking.lines:
         structure = line.contender.model.structure
-        names = found.setdefault(structure.tells, [])
+        names = kinds.setdefault(structure.tells, [])
         if structure.name not in names:
             names.append(structure.name)
-    return found if len(found) > 1 else {}
+    return kinds if len(kinds) > 1 else {}
 
 
 def _row(
@@ -200,11 +200,11 @@ def _cross_validated(ranking: "Ranking", folds: int | None) -> "dict[str, CrossV
         return {}
     from sysid.estimation.selection.cross_validation import cross_validate
 
-    found = {}
+    by_model = {}
     with render.progress("Cross-validating", total=len(ranking.lines)) as tick:
         for line in ranking.lines:
             c = line.contender
             if c.records is not None:
-                found[c.id] = cross_validate(c.model, c.records, folds)
+                by_model[c.id] = cross_validate(c.model, c.records, folds)
             tick(1)
-    return found
+    return by_model

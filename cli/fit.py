@@ -114,31 +114,35 @@ def fit(
             policy=policy,
             jobs=jobs,
         )
-        place = Workspace(workspace)
+        store = Workspace(workspace)
         followed: Followed | None = None
         notes: tuple[str, ...] = ()
         if how.on:
             check_alone(validation, steps)
-            followed = follow(logs, how, request, read, place, stop, quiet=json)
-            found = followed.found
+            followed = follow(logs, how, request, read, store, stop, quiet=json)
+            identification = followed.found
         else:
-            found, notes = _identify(logs, validation or [], read, steps, request)
-        stored = _stored(place, found, validation or logs)
+            identification, notes = _identify(logs, validation or [], read, steps, request)
+        stored = _stored(store, identification, validation or logs)
     if plot is not None:
         from .pictures import draw_fit
 
-        draw_fit(plot, stored[0].id, found)
+        draw_fit(plot, stored[0].id, identification)
     if json:
-        _document(stored, found, followed)
+        _document(stored, identification, followed)
     else:
-        show(stored, found, plot, notes)
+        show(stored, identification, plot, notes)
 
 
-def _stored(place: Workspace, found: "Identification", judges: list[Path]) -> list[StoredModel]:
+def _stored(
+    store: Workspace, identification: "Identification", judges: list[Path]
+) -> list[StoredModel]:
     """The models of a fit, kept in the workspace, the winner first."""
-    held = {"judged_on": judged_on(found.validation, judges)}
-    stored = [place.save(a.model, a.to_json() | held) for a in reversed(found.assessments)][::-1]
-    place.remember("latest", [s.id for s in stored])
+    judged = {"judged_on": judged_on(identification.validation, judges)}
+    stored = [
+        store.save(a.model, a.to_json() | judged) for a in reversed(identification.assessments)
+    ][::-1]
+    store.remember("latest", [s.id for s in stored])
     return stored
 
 
@@ -159,8 +163,8 @@ def _identify(
     from sysid.data.preparation import read_prepared
     from sysid.estimation.identify import identify
 
-    records, read_as = read_prepared(logs, read, steps)
-    held, held_as = read_prepared(val, read, steps) if val else ((), ())
+    records, findings = read_prepared(logs, read, steps)
+    validation, validation_findings = read_prepared(val, read, steps) if val else ((), ())
     require_usable(records)
     with render.progress("Fitting", total=1000) as tick:
         done = 0
@@ -170,17 +174,19 @@ def _identify(
             tick(round(1000 * share) - done)
             done = round(1000 * share)
 
-        found = identify(LogFacts(records, read_as), held, request, progress, inspect=True)
-    return found, notes((*read_as, *held_as))
+        identification = identify(
+            LogFacts(records, findings), validation, request, progress, inspect=True
+        )
+    return identification, notes((*findings, *validation_findings))
 
 
 def _document(
-    stored: list[StoredModel], found: "Identification", followed: Followed | None
+    stored: list[StoredModel], identification: "Identification", followed: Followed | None
 ) -> None:
     models = [{"model": s.id, "path": str(s.path), **s.report} for s in stored]
     document: dict[str, Any] = dict(models[0])
-    document["reason"] = found.reason
-    document["failed"] = dict(found.failed)
+    document["reason"] = identification.reason
+    document["failed"] = dict(identification.failed)
     document["models"] = models
     if followed is not None:
         document["live"] = followed.state.to_json() | {"log": str(followed.log)}

@@ -19,7 +19,7 @@ MANY = 24
 
 def show(
     stored: "Sequence[StoredModel]",
-    found: "Identification",
+    identification: "Identification",
     plot: Path | None,
     reading: Sequence[str] = (),
 ) -> None:
@@ -29,10 +29,10 @@ def show(
     from sysid.structures.orders import orders_text
 
     render.reading(reading)
-    best = found.assessments[0]
+    best = identification.assessments[0]
     names = list(best.estimation.free_run.fit_percent)
     judged = "validation" if best.validation else "estimation"
-    if len(found.assessments) > 1:
+    if len(identification.assessments) > 1:
         rows = [
             [
                 s.id,
@@ -43,7 +43,7 @@ def show(
                 render.number(a.model.criteria["aic"], 6),
                 residual_words(a.residuals.as_dict()),
             ]
-            for s, a in zip(stored, found.assessments, strict=True)
+            for s, a in zip(stored, identification.assessments, strict=True)
         ]
         render.table(
             ["model", "orders", "n", "free run %", "one step %", "AIC", "residuals"],
@@ -51,16 +51,16 @@ def show(
             title=f"Models, judged on {judged} data: {best.judged.free_run.data}",
             caption=f"fits of {', '.join(names)}; n: estimated parameters, with initial states",
         )
-    render.say(found.reason, "bold")
-    for name, reason in found.failed.items():
+    render.say(identification.reason, "bold")
+    for name, reason in identification.failed.items():
         render.warn(f"{name} could not be fitted: {reason}")
-    own = mode_sentences(own_modes(best.model))
-    for line in (*step_sentences(best.steps), *own):
+    modes = mode_sentences(own_modes(best.model))
+    for line in (*step_sentences(best.steps), *modes):
         render.say(f"  {line}")
     _parameters(best)
     _figures(best)
-    left = residual_words(best.residuals.as_dict(), [c.name for c in best.model.inputs])
-    render.say(f"Residuals (measured less predicted): {left}.")
+    residuals = residual_words(best.residuals.as_dict(), [c.name for c in best.model.inputs])
+    render.say(f"Residuals (measured less predicted): {residuals}.")
     level = best.model.level_sentence()
     if level:
         render.say(level)
@@ -94,15 +94,15 @@ def residual_words(residuals: Mapping[str, Any], inputs: Sequence[str] = ()) -> 
         words.append(f"no linear effect{of} left" if free else f"still follow {named}")
     if residuals["whiteness"]["judged"]:
         words.append("white" if residuals["whiteness"]["passed"] else "not white")
-    for kind, found in (residuals.get("nonlinear") or {}).items():
-        if found["judged"] and not found["passed"]:
+    for kind, test in (residuals.get("nonlinear") or {}).items():
+        if test["judged"] and not test["passed"]:
             words.append(_NONLINEAR[kind])
-    bent = [f for f in (residuals.get("nonlinear") or {}).values() if f["judged"]]
-    if residuals.get("nonlinear") and all(f["passed"] for f in bent):
+    nonlinear = [f for f in (residuals.get("nonlinear") or {}).values() if f["judged"]]
+    if residuals.get("nonlinear") and all(f["passed"] for f in nonlinear):
         words.append("nothing nonlinear left")
-    held = [t["output"] for t in residuals.get("held_parameters") or () if not t["passed"]]
-    if held:
-        words.append(f"held {', '.join(held)} contradicted")
+    contradicted = [t["output"] for t in residuals.get("held_parameters") or () if not t["passed"]]
+    if contradicted:
+        words.append(f"held {', '.join(contradicted)} contradicted")
     return ", ".join(words) or "not tested"
 
 

@@ -42,17 +42,17 @@ def models(
     if (id is None) != (action is Action.LIST):
         complaint = "takes no ID" if id else "needs the ID of a model"
         raise UsageError(f"sysid models {action.value} {complaint}; `sysid models` lists them")
-    place = Workspace(workspace)
+    store = Workspace(workspace)
     if action is Action.LIST or id is None:
-        (_list_document if json else _list)(place.all(), place.root)
+        (_list_document if json else _list)(store.all(), store.root)
     elif action is Action.SHOW:
-        (_document if json else _show)(place.chosen(None if id == BEST else id))
+        (_document if json else _show)(store.chosen(None if id == BEST else id))
     else:
-        gone = place.remove(id)
+        removed = store.remove(id)
         if json:
-            render.document({"removed": gone})
+            render.document({"removed": removed})
         else:
-            render.say(f"Removed {gone}.")
+            render.say(f"Removed {removed}.")
 
 
 def _summary(stored: "StoredModel") -> dict[str, Any]:

@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from sysid.report.missions.estimate_drawing import Estimate
 
 
-def draw_fit(path: Path, title: str, found: "Identification") -> None:
+def draw_fit(path: Path, title: str, identification: "Identification") -> None:
     """Draw measured, simulated and residual of the winner with what decides its residual tests."""
     from sysid.report.fit_picture import FitPicture
     from sysid.report.plots import plot_fit
     from sysid.structures.orders import orders_text
 
-    best = found.assessments[0]
+    best = identification.assessments[0]
     model = best.model
     named = f"{title}: {orders_text(model.structure.order_values())}"
     plot_fit(
@@ -34,7 +34,7 @@ def draw_fit(path: Path, title: str, found: "Identification") -> None:
             title=named if len(named) < TITLE else title,
             outputs=model.outputs,
             inputs=model.inputs,
-            segments=_segments(best, found),
+            segments=_segments(best, identification),
             initial_state=best.judged.free_run.initial_state,
             estimation_fit=tuple(best.estimation.free_run.fit_percent.values()),
             validation_fit=(
@@ -200,7 +200,7 @@ def _drawn(tests: "Sequence[ResidualTest]", right: str, wrong: str) -> "tuple[La
     )
 
 
-def _segments(best: "Assessment", found: "Identification") -> "tuple[FitSegment, ...]":
+def _segments(best: "Assessment", identification: "Identification") -> "tuple[FitSegment, ...]":
     from sysid.estimation.assessment.figures import Start, outputs
     from sysid.report.fit_picture import FitSegment
 
@@ -215,8 +215,8 @@ def _segments(best: "Assessment", found: "Identification") -> "tuple[FitSegment,
             label=record.name,
         )
 
-    inside = [segment(r, "estimation") for r in found.estimation]
-    outside = [segment(r, "validation") for r in found.validation]
+    inside = [segment(r, "estimation") for r in identification.estimation]
+    outside = [segment(r, "validation") for r in identification.validation]
     if len(inside) == len(outside):  # a split record continues in its validation part
         return tuple(s for pair in zip(inside, outside, strict=True) for s in pair)
     return (*inside, *outside)

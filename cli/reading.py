@@ -267,16 +267,16 @@ def composed(
     """
 
     def compose(command: Callable[..., None]) -> Callable[..., None]:
-        places = inspect.signature(command).parameters
+        declared = inspect.signature(command).parameters
         # what is built here names types that exist for the type checker only
-        own = {n: a for n, a in command.__annotations__.items() if n not in builders}
+        annotations = {n: a for n, a in command.__annotations__.items() if n not in builders}
         parameters: list[inspect.Parameter] = []
-        for name, place in places.items():
+        for name, place in declared.items():
             if name in builders:
                 parameters += _declared(builders[name])
             else:
                 parameters.append(
-                    place.replace(annotation=own[name], kind=inspect.Parameter.KEYWORD_ONLY)
+                    place.replace(annotation=annotations[name], kind=inspect.Parameter.KEYWORD_ONLY)
                 )
 
         def run(**given: Any) -> None:
@@ -318,7 +318,7 @@ def units_of(given: list[str]) -> dict[str, str]:
     Raises:
         UsageError: a text cannot be read.
     """
-    found: dict[str, str] = {}
+    by_column: dict[str, str] = {}
     for item in given:
         for pair in item.split(","):
             name, sign, unit = (part.strip() for part in pair.partition("="))
@@ -326,10 +326,10 @@ def units_of(given: list[str]) -> dict[str, str]:
                 raise UsageError(
                     f"--unit cannot read {pair!r}; write NAME=UNIT such as omega_l=rpm"
                 )
-            if name in found:
+            if name in by_column:
                 raise UsageError(f"--unit names {name} twice; give each unit once")
-            found[name] = unit
-    return found
+            by_column[name] = unit
+    return by_column
 
 
 def periods(given: list[str]) -> dict[str, float]:
@@ -338,7 +338,7 @@ def periods(given: list[str]) -> dict[str, float]:
     Raises:
         UsageError: a text cannot be read.
     """
-    found: dict[str, float] = {}
+    by_column: dict[str, float] = {}
     for pair in (p for item in given for p in item.split(",")):
         name, sign, number = (part.strip() for part in pair.rpartition("="))
         try:
@@ -350,8 +350,8 @@ def periods(given: list[str]) -> dict[str, float]:
                 f"--unwrap cannot read {pair!r}; write the number after which a counter starts "
                 "over, such as 65536, NAME=65536, or NAME=none"
             )
-        found[name] = period
-    return found
+        by_column[name] = period
+    return by_column
 
 
 def seconds_to_trim(text: str) -> tuple[float, float]:

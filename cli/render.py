@@ -99,12 +99,12 @@ def facts(pairs: Sequence[tuple[str, object]], title: str = "") -> None:
     _console(sys.stdout).print(grid)
 
 
-def findings(found: "Sequence[Finding]") -> None:
+def findings(verdicts: "Sequence[Finding]") -> None:
     """Print verdicts on stdout, the severity in front of each and the advice below it."""
     from rich.text import Text
 
     console = _console(sys.stdout)
-    for finding in found:
+    for finding in verdicts:
         word = finding.severity.word
         line = Text(f"{word:>8}  ", style=_STYLES[word])
         line.append(with_options(finding.sentence), style="not bold default")
@@ -166,12 +166,12 @@ def progress(label: str, total: int | None = None) -> Iterator[Callable[[int], N
     if not sys.stderr.isatty():
         done = 0
 
-        with _spoken(label) as tell:
+        with _spoken(label) as show_line:
 
             def count(steps: int) -> None:
                 nonlocal done
                 done += steps
-                tell(label, done / total if total else None)
+                show_line(label, done / total if total else None)
 
             yield count
         return
@@ -194,8 +194,8 @@ def stages(label: str) -> Iterator[Callable[[str, float], None]]:
         A function that takes what is being done and which share is over, 0 to 1.
     """
     if not sys.stderr.isatty():
-        with _spoken(label) as tell:
-            yield tell
+        with _spoken(label) as show_line:
+            yield show_line
         return
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -234,11 +234,11 @@ def _spoken(label: str) -> Iterator[Callable[[str, float | None], None]]:
     now: tuple[str, float | None] = (label, None)
     over = Event()
 
-    def tell(what: str, share: float | None) -> None:
+    def update(what: str, share: float | None) -> None:
         nonlocal now
         now = (what, share)
 
-    def speak() -> None:
+    def write_lines() -> None:
         started = monotonic()
         while not over.wait(SPOKEN_EVERY):
             what, share = now
@@ -247,13 +247,13 @@ def _spoken(label: str) -> Iterator[Callable[[str, float | None], None]]:
                 sys.stderr.write(f"{what}: {monotonic() - started:.0f} s{far}\n")
                 sys.stderr.flush()
 
-    speaker = Thread(target=speak, daemon=True)
-    speaker.start()
+    thread = Thread(target=write_lines, daemon=True)
+    thread.start()
     try:
-        yield tell
+        yield update
     finally:
         over.set()
-        speaker.join()
+        thread.join()
 
 
 def _with_options(value: Any) -> Any:

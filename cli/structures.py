@@ -27,12 +27,14 @@ def structures(
     from sysid.structures.registry import structure_class, structure_classes
 
     if name is None:
-        known = [_facts(c) for c in structure_classes().values()]
+        summaries = [_facts(c) for c in structure_classes().values()]
         if json:
-            render.document({"structures": known})
+            render.document({"structures": summaries})
             return
         keys = ("name", "when", "equation")
-        render.table(keys, [[s[k] for k in keys] for s in known], caption="sysid structures NAME")
+        render.table(
+            keys, [[s[k] for k in keys] for s in summaries], caption="sysid structures NAME"
+        )
         return
     facts = _facts(structure_class(name))
     if json:

@@ -163,9 +163,9 @@ def compare(
     from sysid.estimation.selection.comparison import Contender
     from sysid.estimation.selection.comparison import compare as rank
 
-    held = _several(records)
-    contenders = [Contender(key, model, held, {}) for key, model in models.items()]
-    return rank(contenders, criterion, (held, name))
+    judged_on = _several(records)
+    contenders = [Contender(key, model, judged_on, {}) for key, model in models.items()]
+    return rank(contenders, criterion, (judged_on, name))
 
 
 def load_model(path: str | Path, accept_changes: bool = False) -> Model:

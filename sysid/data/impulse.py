@@ -157,16 +157,16 @@ def chosen_order(
 
     ``far``: further input lags in every regression.
     """
-    best, found = np.inf, 0
+    lowest, best_order = np.inf, 0
     for order in orders:
         try:
             fit = long_regression(records, order, far=far)
         except DataError:
             break
         score = bic(fit, fit.samples)
-        if score < best:
-            best, found = score, order
-    return found
+        if score < lowest:
+            lowest, best_order = score, order
+    return best_order
 
 
 def bic(fit: LongRegression, samples: int) -> float:

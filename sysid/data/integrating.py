@@ -60,11 +60,11 @@ def is_position(records: Sequence[Record], output: int) -> bool:
     channel = records[0].outputs[output]
     if channel.unit:
         return channel.unit in POSITIONS
-    own = [
+    motors = [
         r.select(r.input_names[output : output + 1], r.output_names[output : output + 1])
         for r in records
     ]
-    return integrates(own)
+    return integrates(motors)
 
 
 def _coarse(record: Record, samples: int) -> tuple[Array, Array]:

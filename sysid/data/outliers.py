@@ -62,13 +62,13 @@ def outlier_flags(record: Record, threshold: float = 8.0, half_width: int = 4) -
     flags = np.zeros(record.y.shape, dtype=bool)
     if not np.all(np.isfinite(record.y)):
         return _one_search(record, threshold, half_width)
-    left = record
+    remaining = record
     for _ in range(PASSES):
-        more = _one_search(left, threshold, half_width) & ~flags
+        more = _one_search(remaining, threshold, half_width) & ~flags
         if not more.any():
             break
         flags |= more
-        left = replace(record, y=_lines(record.y, flags))
+        remaining = replace(record, y=_lines(record.y, flags))
     return flags
 
 
@@ -115,16 +115,16 @@ def _one_search(record: Record, threshold: float, half_width: int) -> NDArray[np
         candidates = np.flatnonzero((r > threshold * floor) & alone & (before * after > 0))
         if not len(candidates):
             continue
-        surprise = np.abs(_surprise(record, j))
-        usual = 1.4826 * float(np.median(surprise))
-        unexplained = surprise[candidates] > np.maximum(0.5 * r[candidates], threshold * usual)
+        innovations = np.abs(_innovations(record, j))
+        typical = 1.4826 * float(np.median(innovations))
+        unexplained = innovations[candidates] > np.maximum(0.5 * r[candidates], threshold * typical)
         for k in candidates[unexplained]:
             near = r[max(k - 5 * width, 0) : k + 5 * width + 1]
             flags[k, j] = r[k] > threshold * 1.4826 * float(np.median(near))
     return flags
 
 
-def _surprise(record: Record, j: int, lags: int = 4) -> Array:
+def _innovations(record: Record, j: int, lags: int = 4) -> Array:
     """What past outputs and the inputs around do not tell of output j, shape (N,)."""
     y, u = record.y - record.y.mean(axis=0), record.u - record.u.mean(axis=0)
     delayed = [np.vstack([np.zeros((k, record.ny)), y[:-k]]) for k in range(1, lags + 1)]

@@ -185,8 +185,8 @@ def low_pass(record: Record, cutoff: float, order: int = 4) -> Record:
     def passed(x: Array) -> Array:
         return np.asarray(signal.sosfiltfilt(sections, x, axis=0, padlen=pad))
 
-    led = None if record.references is None else passed(record.references)
-    return replace(record, u=passed(record.u), y=passed(record.y), references=led)
+    references = None if record.references is None else passed(record.references)
+    return replace(record, u=passed(record.u), y=passed(record.y), references=references)
 
 
 def decimate(record: Record, factor: int) -> Record:

@@ -97,22 +97,22 @@ def _drifts(y: Array, tiny: float) -> bool:
         shape = np.exp(-rate * k) if rate else k
         X = np.column_stack([np.ones(n), shape - shape.mean()])
         d = np.linalg.lstsq(X, y, rcond=None)[0]
-        left = y - X @ d
-        spread, memory = _noise(left[:, None], 2)
+        residuals = y - X @ d
+        spread, memory = _noise(residuals[:, None], 2)
         error = float(spread[0] * np.sqrt(memory[0])) / float(np.linalg.norm(X[:, 1]))
         if abs(d[1]) > limit * error and abs(d[1]) * np.ptp(shape) > tiny:
             return True
     return False
 
 
-def _noise(left: Array, fitted: int) -> tuple[Array, Array]:
+def _noise(residuals: Array, fitted: int) -> tuple[Array, Array]:
     """Spread of residuals (n, ny), and the factor by which memory raises the variance of a mean.
 
     (1 + ρ)/(1 − ρ) of noise whose correlation falls as ρᵏ. Of n residuals of ``fitted`` constants
     ρ comes out low by (1 + ρ)(1 + fitted)/n or so (Kendall 1954).
     """
-    n = len(left)
-    power = np.sum(left**2, axis=0)
-    rho = np.sum(left[1:] * left[:-1], axis=0) / np.where(power > 0.0, power, 1.0)
+    n = len(residuals)
+    power = np.sum(residuals**2, axis=0)
+    rho = np.sum(residuals[1:] * residuals[:-1], axis=0) / np.where(power > 0.0, power, 1.0)
     rho = np.clip(rho + (1.0 + rho) * (1 + fitted) / n, 0.0, STICKIEST)
     return np.sqrt(power / (n - fitted)), np.asarray((1.0 + rho) / (1.0 - rho))

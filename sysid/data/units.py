@@ -156,22 +156,22 @@ def from_name(name: str) -> Conversion:
     stated = words(base)
     rotation = stated[:1] in (("omega",), ("w",))
     if unit:
-        found = conversion(unit)
-        if not rotation or found.unit == "rad/s":
-            return found
-    for word, own in (("rpm", "rpm"), ("upm", "rpm"), ("pwm", "us"), ("omega", "rad/s")):
+        by_ending = conversion(unit)
+        if not rotation or by_ending.unit == "rad/s":
+            return by_ending
+    for word, unit_name in (("rpm", "rpm"), ("upm", "rpm"), ("pwm", "us"), ("omega", "rad/s")):
         if word in stated:
-            return conversion(own)
+            return conversion(unit_name)
     return UNKNOWN
 
 
 def without_false_pulses(
-    found: Mapping[str, Conversion], stated: Collection[str], largest: Mapping[str, float]
+    by_input: Mapping[str, Conversion], stated: Collection[str], largest: Mapping[str, float]
 ) -> dict[str, Conversion]:
     """Inputs that only their names call PWM in µs, and whose size says another scale, unlabelled.
 
     Args:
-        found: input → conversion.
+        by_input: input → conversion.
         stated: inputs whose unit an option or a bracket tells.
         largest: input → its largest absolute number in the file.
     """
@@ -183,7 +183,7 @@ def without_false_pulses(
         and n not in stated
         and 0.0 < largest[n] <= LEAST_PULSE
         else c
-        for n, c in found.items()
+        for n, c in by_input.items()
     }
 
 

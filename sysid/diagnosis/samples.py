@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.reading.held import refreshes
+from sysid.data.reading.stale import refreshes
 from sysid.data.record import Array, Record
 from sysid.effects.samples import DROPOUTS, HELD_TELEMETRY, QUANTISATION
 

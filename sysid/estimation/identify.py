@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sysid.criteria.table import known_name
-from sysid.data.checks.quality import FEWEST, inspect_records
+from sysid.data.checks.quality import MIN_SAMPLES, inspect_records
 from sysid.data.facts import LogFacts
 from sysid.data.record import Record
 from sysid.errors import DataError, UsageError
@@ -174,16 +174,16 @@ def require_enough(
     """Refuse a split that leaves one of its parts too short to fit on or to judge on.
 
     Raises:
-        DataError: a part has fewer than FEWEST samples.
+        DataError: a part has fewer than MIN_SAMPLES samples.
     """
     if split is None:
         return
     parts = ((sum(map(len, inside)), "fit on"), (sum(map(len, outside)), "judge on"))
     for samples, what in parts:
-        if samples < FEWEST:
+        if samples < MIN_SAMPLES:
             raise DataError(
                 f"a split at {split:g} of {sum(n for n, _ in parts)} samples leaves {samples} to "
-                f"{what}, at least {FEWEST} are needed; split elsewhere or record longer"
+                f"{what}, at least {MIN_SAMPLES} are needed; split elsewhere or record longer"
             )
 
 

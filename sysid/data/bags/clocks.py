@@ -81,78 +81,82 @@ class Line:
         return np.asarray(self.level + self.slope * (t - self.middle))
 
 
-def runs(found: Streams) -> Iterator[Streams]:
+def runs(recording: Streams) -> Iterator[Streams]:
     """The parts of a recording between restarts of a simulation's clock."""
-    back = np.flatnonzero(np.diff(found.clock[:, 1]) < -RESTART) + 1
-    edges = [-np.inf, *found.clock[back, 0].tolist(), np.inf]
+    back = np.flatnonzero(np.diff(recording.clock[:, 1]) < -RESTART) + 1
+    edges = [-np.inf, *recording.clock[back, 0].tolist(), np.inf]
     for low, high in pairwise(edges):
-        clock = found.clock[(found.clock[:, 0] >= low) & (found.clock[:, 0] < high)]
-        streams = [s.rows((s.received >= low) & (s.received < high)) for s in found.streams]
+        clock = recording.clock[(recording.clock[:, 0] >= low) & (recording.clock[:, 0] < high)]
+        streams = [s.rows((s.received >= low) & (s.received < high)) for s in recording.streams]
         if all(len(s.received) for s in streams):
-            yield replace(found, streams=tuple(streams), clock=clock)
+            yield replace(recording, streams=tuple(streams), clock=clock)
 
 
-def timed(found: Streams, policy: str) -> tuple[Timed, ...]:
+def timed(recording: Streams, policy: str) -> tuple[Timed, ...]:
     """Every stream at the instants of its values, all on one clock.
 
     Raises:
         DataError: stamps were asked for that a stream does not have.
     """
-    stamped = {s.topic: _doubt(s) for s in found.streams}
+    stamped = {s.topic: _doubt(s) for s in recording.streams}
     if policy == "header" and (bad := [t for t, why in stamped.items() if why]):
-        raise DataError(f"{found.where}: {bad[0]}: {stamped[bad[0]]}; leave `stamps` at auto")
-    simulated = len(found.clock) > 1
+        raise DataError(f"{recording.where}: {bad[0]}: {stamped[bad[0]]}; leave `stamps` at auto")
+    simulated = len(recording.clock) > 1
     if simulated:
-        low, high = float(found.clock[0, 1]) - RESTART, float(found.clock[-1, 1]) + RESTART
-        for s in (s for s in found.streams if not stamped[s.topic]):
+        low, high = float(recording.clock[0, 1]) - RESTART, float(recording.clock[-1, 1]) + RESTART
+        for s in (s for s in recording.streams if not stamped[s.topic]):
             if not (low <= s.stamped[0] and s.stamped[-1] <= high):
                 stamped[s.topic] = "its stamps are not of the clock of the simulation"
-    good = [s for s in found.streams if not stamped[s.topic] and policy != "received"]
-    alone = simulated or len(good) == len(found.streams)
+    good = [s for s in recording.streams if not stamped[s.topic] and policy != "received"]
+    all_stamped = simulated or len(good) == len(recording.streams)
     placed: dict[str, tuple[Array, float, str]] = {}
     for group, line in _clocks(good):
-        own = -EARLY <= line.level <= LONGEST_WAY
-        stays = simulated or own or (alone and len(group) == len(good))
+        recorders_clock = -EARLY <= line.level <= LONGEST_WAY
+        stays = simulated or recorders_clock or (all_stamped and len(group) == len(good))
         for s in group:
             t = s.stamped if stays else s.stamped + line.at(s.stamped)
-            way = float(np.median(s.received - s.stamped)) if own and not simulated else np.nan
+            way = (
+                float(np.median(s.received - s.stamped))
+                if recorders_clock and not simulated
+                else np.nan
+            )
             placed[s.topic] = (t, way, "" if stays else _moved(line))
-    return tuple(_timed(s, found, stamped[s.topic], placed, policy) for s in found.streams)
+    return tuple(_timed(s, recording, stamped[s.topic], placed, policy) for s in recording.streams)
 
 
 def _timed(
     stream: Stream,
-    found: Streams,
+    recording: Streams,
     doubt: str,
     placed: dict[str, tuple[Array, float, str]],
     policy: str,
 ) -> Timed:
-    said = []
+    notes = []
     if stream.topic in placed:
         t, way, moved = placed[stream.topic]
         by = "header.stamp"
         if moved:
-            said.append((Severity.NOTE, moved, "`stamps='received'` leaves the stamps aside."))
+            notes.append((Severity.NOTE, moved, "`stamps='received'` leaves the stamps aside."))
     else:
         t, way, by = stream.received, np.nan, "the time of receipt"
-        if len(found.clock) > 1 and policy != "received":
-            t = np.interp(t, found.clock[:, 0], found.clock[:, 1])
+        if len(recording.clock) > 1 and policy != "received":
+            t = np.interp(t, recording.clock[:, 0], recording.clock[:, 1])
             by = "the time of receipt, on the clock of the simulation"
         if doubt and np.isfinite(stream.stamped).any() and policy == "auto":
-            said.append((Severity.WARNING, f"{doubt}: its time of receipt was taken.", ""))
+            notes.append((Severity.WARNING, f"{doubt}: its time of receipt was taken.", ""))
     order = np.argsort(t, kind="stable")
     late = int(np.count_nonzero(np.diff(t) < 0.0))
     stream, t = stream.rows(order), t[order]
     keep = np.append(np.diff(t) > 0.0, True)
     twice = int(np.count_nonzero(~keep))
     if late:
-        said.append((Severity.NOTE, f"{_messages(late)} out of order, put in order.", ""))
+        notes.append((Severity.NOTE, f"{_messages(late)} out of order, put in order.", ""))
     if twice:
         text = f"{_messages(twice)} at the stamp of the next one, left out."
-        said.append((Severity.WARNING if twice > 0.02 * len(t) else Severity.NOTE, text, ""))
-    at = f"{found.where}: {stream.topic}"
-    findings = [Finding("bag", sev, f"{at}: {text}", do, record=found.where)
-                for sev, text, do in said]  # fmt: skip
+        notes.append((Severity.WARNING if twice > 0.02 * len(t) else Severity.NOTE, text, ""))
+    at = f"{recording.where}: {stream.topic}"
+    findings = [Finding("bag", sev, f"{at}: {text}", do, record=recording.where)
+                for sev, text, do in notes]  # fmt: skip
     return Timed(stream.rows(keep), t[keep], by, way, tuple(findings))
 
 
@@ -180,13 +184,13 @@ def _clocks(streams: Sequence[Stream]) -> list[tuple[list[Stream], Line]]:
     groups: list[list[Stream]] = []
     recorder: list[Stream] = []
     for stream in streams:
-        own = line_under([stream])
+        line = line_under([stream])
         ends = stream.stamped[[0, -1]]
-        if np.all((own.at(ends) >= -EARLY) & (own.at(ends) <= LONGEST_WAY)):
+        if np.all((line.at(ends) >= -EARLY) & (line.at(ends) <= LONGEST_WAY)):
             recorder.append(stream)
             continue
         for group in groups:
-            if np.all(np.abs(own.at(ends) - line_under(group).at(ends)) < ONE_CLOCK):
+            if np.all(np.abs(line.at(ends) - line_under(group).at(ends)) < ONE_CLOCK):
                 group.append(stream)
                 break
         else:

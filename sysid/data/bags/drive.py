@@ -117,10 +117,10 @@ def _pose(make: Messages, x: float, y: float, psi: float) -> Any:
 
 
 def _imu(row: Mapping[str, float], now: int, make: Messages) -> Any:
-    felt = {n: row.get(f"acc_{n}", 0.0) for n in ("x", "y")}
+    acceleration = {n: row.get(f"acc_{n}", 0.0) for n in ("x", "y")}
     return make.make(
         "sensor_msgs/msg/Imu",
         header=make.header(now, BODY),
         angular_velocity=make.make("geometry_msgs/msg/Vector3", z=row["gyro_z"]),
-        linear_acceleration=make.make("geometry_msgs/msg/Vector3", **felt),
+        linear_acceleration=make.make("geometry_msgs/msg/Vector3", **acceleration),
     )

@@ -46,12 +46,14 @@ def frame_findings(streams: Sequence[Timed], where: str) -> tuple[Finding, ...]:
     moved = np.hypot(dx, dy) > 0.1 * np.max(np.hypot(dx, dy))
     if not moved.any() or np.ptp(psi[moved]) < TURNS:
         return ()
-    said = _sense(dx[moved], dy[moved], psi[moved])
-    found = [Finding("bag", Severity.WARNING, f"{where}: {said[0]}", said[1])] if said else []
-    if not said:
+    problem = _sense(dx[moved], dy[moved], psi[moved])
+    findings = (
+        [Finding("bag", Severity.WARNING, f"{where}: {problem[0]}", problem[1])] if problem else []
+    )
+    if not problem:
         way = np.column_stack([dx, dy])
-        found += [f for s in streams for f in _twist(s, edges, way, psi, where)]
-    return tuple(Finding(f.code, f.severity, f.sentence, f.advice, record=where) for f in found)
+        findings += [f for s in streams for f in _twist(s, edges, way, psi, where)]
+    return tuple(Finding(f.code, f.severity, f.sentence, f.advice, record=where) for f in findings)
 
 
 def _at(edges: Array, t: Array, values: Array, turning: bool) -> Array:
@@ -89,10 +91,10 @@ def _twist(stream: Timed, edges: Array, way: Array, psi: Array, where: str) -> t
         return ()
     speed = s.values[:, at[0]]
     area = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(stream.t))])
-    told = np.diff(np.interp(edges, stream.t, area))
+    published = np.diff(np.interp(edges, stream.t, area))
     body = way[:, 0] * np.cos(psi) + way[:, 1] * np.sin(psi)
-    left = [float(np.sum((told - w) ** 2)) for w in (way[:, 0], body)]
-    if not left[0] < BETTER * left[1]:
+    squared_errors = [float(np.sum((published - w) ** 2)) for w in (way[:, 0], body)]
+    if not squared_errors[0] < BETTER * squared_errors[1]:
         return ()
     frame, child = s.frames
     text = (

@@ -48,12 +48,12 @@ def sources(mapping: Mapping[str, str]) -> tuple[Source, ...]:
     Raises:
         UsageError: a name or a path cannot be read.
     """
-    found = tuple(_source(name, path) for name, path in mapping.items())
-    names = [s.name for s in found]
+    columns = tuple(_source(name, path) for name, path in mapping.items())
+    names = [s.name for s in columns]
     twice = [n for n in names if names.count(n) > 1]
     if twice:
         raise UsageError(f"`map` names {twice[0]} twice; give each column one field")
-    return found
+    return columns
 
 
 def _source(name: str, path: str) -> Source:
@@ -85,23 +85,23 @@ def mapping_of(given: Sequence[str]) -> dict[str, str]:
         UsageError: a text is neither, or a column is named twice.
         DataError: a file cannot be read.
     """
-    found: dict[str, str] = {}
+    mapping: dict[str, str] = {}
     for text in given:
         name, sign, path = text.partition("=")
         if not sign and Path(text).suffix.lower() in FILES:
-            more = _of_file(Path(text))
+            added = _of_file(Path(text))
         elif name.strip() and path.strip():
-            more = {name.strip(): path.strip()}
+            added = {name.strip(): path.strip()}
         else:
             raise UsageError(
                 f"`map` cannot read {text!r}; write NAME=/topic.field such as {EXAMPLE}, or name "
                 "a YAML file of such lines"
             )
-        for column in more.keys() & found.keys():
+        for column in added.keys() & mapping.keys():
             raise UsageError(f"`map` names {column} twice; give each column one field")
-        found |= more
-    sources(found)
-    return found
+        mapping |= added
+    sources(mapping)
+    return mapping
 
 
 def _of_file(path: Path) -> dict[str, str]:

@@ -123,12 +123,12 @@ def is_bag(path: Path) -> bool:
 
 def digest(path: Path) -> "_Hash":
     """The checksum of a bag's files, read in blocks."""
-    found = sha256()
+    checksum = sha256()
     for file in sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]:
         with file.open("rb") as stream:
             while block := stream.read(BLOCK):
-                found.update(block)
-    return found
+                checksum.update(block)
+    return checksum
 
 
 @contextmanager
@@ -193,5 +193,5 @@ def _files(folder: Path) -> list[Path]:
 def _broken(where: str, error: Exception) -> str:
     reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
     reason = reason if len(reason) <= 120 else reason[:117] + "…"
-    remedy = next((what for said, what in REMEDIES if said in reason), "record it again")
+    remedy = next((advice for phrase, advice in REMEDIES if phrase in reason), "record it again")
     return f"{where} cannot be read as a bag ({reason}); {remedy}"

@@ -20,7 +20,7 @@ from sysid.data.column_words import SIDES, words
 from sysid.data.reading.columns import choose_columns
 from sysid.errors import DataError, UsageError
 
-COMMANDS = frozenset(
+COMMAND_WORDS = frozenset(
     (
         *("cmd", "command", "commands", "control", "controls", "ctrl", "reference", "references"),
         *("pwm", "duty", "effort", "voltage", "setpoint", "drive", "target", "desired", "input"),
@@ -28,7 +28,7 @@ COMMANDS = frozenset(
     )
 )
 """Words of a topic that commands."""
-READINGS = frozenset(
+MEASUREMENT_WORDS = frozenset(
     (
         *("odom", "odometry", "state", "states", "wheel", "wheels", "encoder", "encoders"),
         *("measured", "feedback", "speed", "speeds", "velocity", "imu", "gyro", "output"),
@@ -104,14 +104,14 @@ def propose(contents: Contents) -> Proposal | None:
     return Proposal(mapping, *_needed(names, len(u.fields)), why)
 
 
-def _best(found: Any) -> list[_Candidate]:
-    kept = [c for c in found if c is not None and c.fields]
+def _best(candidates: Any) -> list[_Candidate]:
+    kept = [c for c in candidates if c is not None and c.fields]
     return sorted(kept, key=lambda c: -c.score)[:MOST_PAIRS]
 
 
 def _as_input(topic: Topic) -> _Candidate | None:
     kind = topic.kind.rpartition("/")[2]
-    said = set(words(topic.name))
+    name_words = set(words(topic.name))
     if kind in (
         "Odometry",
         "Imu",
@@ -123,21 +123,25 @@ def _as_input(topic: Topic) -> _Candidate | None:
         "Time",
     ):
         return None
-    if kind == "JointState" and not COMMANDS & said:
+    if kind == "JointState" and not COMMAND_WORDS & name_words:
         return None
     typed = kind in ("Twist", "TwistStamped", "AckermannDrive", "AckermannDriveStamped")
-    score = NAMED if COMMANDS & said else TYPED * typed - NAMED * bool(READINGS & said)
+    score = (
+        NAMED
+        if COMMAND_WORDS & name_words
+        else TYPED * typed - NAMED * bool(MEASUREMENT_WORDS & name_words)
+    )
     return _Candidate(topic, _main(topic, kind), score)
 
 
 def _as_output(topic: Topic) -> _Candidate | None:
     kind = topic.kind.rpartition("/")[2]
-    said = set(words(topic.name))
-    if COMMANDS & said and not READINGS & said:
+    name_words = set(words(topic.name))
+    if COMMAND_WORDS & name_words and not MEASUREMENT_WORDS & name_words:
         return None
     if kind in ("Clock", "TFMessage", "Time", "Pose", "PoseStamped", "PoseWithCovarianceStamped"):
         return None
-    score = NAMED * bool(READINGS & said)
+    score = NAMED * bool(MEASUREMENT_WORDS & name_words)
     score += {"JointState": TYPED, "Odometry": TYPED, "Imu": 0.5 * TYPED}.get(kind, 0.0)
     return _Candidate(topic, _main(topic, kind), score)
 
@@ -153,9 +157,9 @@ def _main(topic: Topic, kind: str) -> tuple[Field, ...]:
         "TwistStamped": (r"twist\.(linear\.x|angular\.z)", r".*"),
     }.get(kind, (r".*",))
     for pattern in patterns:
-        found = [f for f in moving if re.fullmatch(pattern, f.path)]
-        if found:
-            return tuple(found[:MOST_FIELDS])
+        fields = [f for f in moving if re.fullmatch(pattern, f.path)]
+        if fields:
+            return tuple(fields[:MOST_FIELDS])
     return ()
 
 
@@ -178,30 +182,30 @@ def _answers(u: Sequence[Field], y: Sequence[Field]) -> DeadTime | None:
     shared = [f for f in u if len(f.t) == len(u[0].t)]
     order = np.flatnonzero(np.diff(u[0].t, prepend=-np.inf) > 0.0)
     block = np.column_stack([f.values for f in shared])[order]
-    found = []
+    dead_times = []
     for f in y:
         keep = np.isfinite(f.values) & (np.diff(f.t, prepend=-np.inf) > 0.0)
         if np.count_nonzero(keep) < 20 or not np.isfinite(block).all() or len(block) < 20:
             continue
         one = dead_time(f.t[keep], f.values[keep], [(u[0].t[order], block)])
         if one is not None and one.seconds > EARLY - 3.0 * one.std_error:
-            found.append(one)
-    if not found:
+            dead_times.append(one)
+    if not dead_times:
         return None
-    share = sum(one.share for one in found) / len(y)
-    seconds = float(np.mean([one.seconds for one in found]))
-    return DeadTime(seconds, max(one.std_error for one in found), share)
+    share = sum(one.share for one in dead_times) / len(y)
+    seconds = float(np.mean([one.seconds for one in dead_times]))
+    return DeadTime(seconds, max(one.std_error for one in dead_times), share)
 
 
 def _named(one: _Candidate, role: str) -> dict[str, str]:
     """Columns of a candidate by names that say what they are."""
-    found: dict[str, str] = {}
+    columns: dict[str, str] = {}
     for f in sorted(one.fields, key=lambda f: _side_of(f.path)):
         name = _column(one.topic, f.path, role)
-        while name in found:
+        while name in columns:
             name += "_"
-        found[name] = f"{one.topic.name}.{f.path}" if f.path else one.topic.name
-    return found
+        columns[name] = f"{one.topic.name}.{f.path}" if f.path else one.topic.name
+    return columns
 
 
 def _column(topic: Topic, path: str, role: str) -> str:
@@ -229,7 +233,7 @@ def _needed(names: dict[str, str], inputs: int) -> tuple[tuple[str, ...], tuple[
     """Inputs and outputs by name, where the columns' names do not tell them."""
     u, y = tuple(names)[:inputs], tuple(names)[inputs:]
     with suppress(DataError, UsageError):
-        found = choose_columns(tuple(names), timed=True)
-        if (found.inputs, found.outputs) == (u, y):
+        chosen = choose_columns(tuple(names), timed=True)
+        if (chosen.inputs, chosen.outputs) == (u, y):
             return (), ()
     return u, y

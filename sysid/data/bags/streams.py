@@ -105,8 +105,10 @@ def read_streams(path: Path, mapping: Sequence[Source]) -> Streams:
                 stamp = _ns(message.content.clock)
                 clock.extend(((message.received - origin) / 1e9, (stamp - origin) / 1e9))
         streams = tuple(part.stream() for part in parts.values())
-    told = np.frombuffer(clock, dtype=np.float64).reshape(-1, 2) if clock else np.empty((0, 2))
-    return Streams(bag.where, origin / 1e9, streams, told)
+    clock_samples = (
+        np.frombuffer(clock, dtype=np.float64).reshape(-1, 2) if clock else np.empty((0, 2))
+    )
+    return Streams(bag.where, origin / 1e9, streams, clock_samples)
 
 
 def _check_topic(bag: Bag, topic: str) -> None:

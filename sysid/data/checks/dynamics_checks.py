@@ -41,11 +41,11 @@ def excitation_order(records: Sequence[Record], limit: int) -> tuple[int, ...]:
 
 def check_excitation(records: Sequence[Record], order: int) -> list[Finding]:
     """Persistence of excitation against ``order``, and inputs that move together."""
-    found = []
+    findings = []
     names = records[0].input_names
     for name, reached in zip(names, excitation_order(records, order), strict=True):
         if 0 < reached < order:
-            found.append(
+            findings.append(
                 Finding(
                     "excitation",
                     Severity.WARNING,
@@ -55,9 +55,9 @@ def check_excitation(records: Sequence[Record], order: int) -> list[Finding]:
                     name,
                 )
             )
-    found += _together(records)
+    findings += _together(records)
     text = f"Each input excites the plant to order {order} or more, independently of the others."
-    return found or [Finding("excitation", Severity.OK, text)]
+    return findings or [Finding("excitation", Severity.OK, text)]
 
 
 def _together(records: Sequence[Record]) -> list[Finding]:
@@ -68,31 +68,31 @@ def _together(records: Sequence[Record]) -> list[Finding]:
     norm = np.linalg.norm(u, axis=0)
     unit = u / np.where(norm > 0, norm, 1.0)
     correlation = unit.T @ unit
-    found, named = [], set()
+    findings, named = [], set()
     for i, name in enumerate(records[0].input_names):
         others = [k for k in range(len(norm)) if k != i and norm[k] > 0]
         if norm[i] == 0 or not others or i in named:
             continue
         fit = np.linalg.lstsq(unit[:, others], unit[:, i], rcond=None)[0]
-        own = float(np.sum((unit[:, i] - unit[:, others] @ fit) ** 2))
-        if own > 0.02:
+        unexplained = float(np.sum((unit[:, i] - unit[:, others] @ fit) ** 2))
+        if unexplained > 0.02:
             continue
         parts = [k for k, c in zip(others, fit, strict=True) if abs(c) > 0.1]
         named.update(parts)
         partner = " and ".join(records[0].input_names[k] for k in parts)
         c = correlation[i, parts[0]]
         how = f"correlation {c:.3f}" if len(parts) == 1 else "as a weighted sum"
-        found.append(
+        findings.append(
             Finding(
                 "collinear",
-                Severity.WARNING if own < 1e-3 else Severity.NOTE,
-                f"The inputs {name} and {partner} {'always' if own < 1e-3 else 'nearly always'} "
+                Severity.WARNING if unexplained < 1e-3 else Severity.NOTE,
+                f"The inputs {name} and {partner} {'always' if unexplained < 1e-3 else 'nearly always'} "
                 f"move together ({how}): their effects cannot be told apart.",
-                _APART[records[0].is_robot_log],
+                _HOW_TO_SEPARATE[records[0].is_robot_log],
                 name,
             )
         )
-    return found
+    return findings
 
 
 def check_feedback(tests: Sequence[FeedbackTest] | None) -> list[Finding]:
@@ -103,11 +103,11 @@ def check_feedback(tests: Sequence[FeedbackTest] | None) -> list[Finding]:
     """
     if tests is None:
         return [_too_short("feedback")]
-    found = [
+    findings = [
         Finding(
             "feedback",
             Severity.WARNING,
-            f"The input {test.input} answers to {_what_is_answered(test)}: the data were recorded "
+            f"The input {test.input} answers to {_response(test)}: the data were recorded "
             "in closed loop.",
             "Prefer structures with a noise model (ARX, ARMAX, BJ) and one-step focus; OE is "
             "biased here unless its residuals are white.",
@@ -116,10 +116,12 @@ def check_feedback(tests: Sequence[FeedbackTest] | None) -> list[Finding]:
         for test in tests
         if test.seen
     ]
-    return found or [Finding("feedback", Severity.OK, "No feedback from output to input is seen.")]
+    return findings or [
+        Finding("feedback", Severity.OK, "No feedback from output to input is seen.")
+    ]
 
 
-def _what_is_answered(test: FeedbackTest) -> str:
+def _response(test: FeedbackTest) -> str:
     if test.reference:
         return f"{test.reference} - {test.output} ({_chance(test.p_value)})"
     share = f"{100 * test.share:.2g} % of its own"
@@ -138,7 +140,7 @@ def check_delay(delays: Sequence[Delay] | None) -> list[Finding]:
     """
     if delays is None:
         return [_too_short("delay")]
-    found = []
+    findings = []
     for output in dict.fromkeys(d.output for d in delays):
         parts = []
         pairs = [d for d in delays if d.output == output]
@@ -151,7 +153,7 @@ def check_delay(delays: Sequence[Delay] | None) -> list[Finding]:
                 parts.append(f"{d.delay} ({d.low} to {d.high}) from {d.input}")
         text = f"Delay to {output} in samples: {', '.join(parts)}."
         if all(d.delay is None for d in pairs):
-            found.append(_no_effect(output, [d.input for d in pairs]))
+            findings.append(_no_effect(output, [d.input for d in pairs]))
             continue
         severity, advice = (
             Severity.OK,
@@ -163,8 +165,8 @@ def check_delay(delays: Sequence[Delay] | None) -> list[Finding]:
                 "Use nk = 0, unless a controller answers within the sample: then the delay is the "
                 "controller's, and nk = 1."
             )
-        found.append(Finding("delay", severity, text, advice, output))
-    return found
+        findings.append(Finding("delay", severity, text, advice, output))
+    return findings
 
 
 def _no_effect(output: str, inputs: Sequence[str]) -> Finding:
@@ -190,12 +192,12 @@ def check_sampling(
         speeds: of the outputs.
         delays: of every pair: what an input reaches within the sample only seems slow.
     """
-    found = []
+    findings = []
     immediate = {d.output for d in delays or () if d.delay == 0}
     for speed in speeds:
         if speed.time_constant is None:
             text = f"The time constant of {speed.output} cannot be told from these data."
-            found.append(Finding("sampling", Severity.NOTE, text, "", speed.output))
+            findings.append(Finding("sampling", Severity.NOTE, text, "", speed.output))
             continue
         samples = speed.time_constant / dt
         if speed.time_constant == 0:
@@ -217,8 +219,8 @@ def check_sampling(
                 f"Decimate by about {max(2, round(samples / 15))}: otherwise poles crowd at 1 and "
                 "noise rules the fit."
             )
-        found.append(Finding("sampling", severity, text + tail, advice, speed.output))
-    return found
+        findings.append(Finding("sampling", severity, text + tail, advice, speed.output))
+    return findings
 
 
 def check_nonlinearity(tests: Sequence[NonlinearityTest] | None) -> list[Finding]:
@@ -229,28 +231,30 @@ def check_nonlinearity(tests: Sequence[NonlinearityTest] | None) -> list[Finding
     """
     if tests is None:
         return [_too_short("nonlinearity")]
-    found = []
+    findings = []
     for t in tests:
         if t.p_value >= NONLINEAR / len(tests):
             continue
         p = _chance(t.p_value)
-        much = f"{100.0 * t.share:.2g} %" if t.share >= TRACE else "a trace"
-        found.append(
+        predicted = f"{100.0 * t.share:.2g} %" if t.share >= TRACE else "a trace"
+        findings.append(
             Finding(
                 "nonlinearity",
                 Severity.NOTE,
                 f"{t.output} answers nonlinearly ({p}): products of past inputs and outputs, "
-                f"mostly {t.shape}, predict {much} of what the best linear predictor leaves.",
-                _TRY.get(t.shape, _TRY["of both input and output"]),
+                f"mostly {t.shape}, predict {predicted} of what the best linear predictor leaves.",
+                _STRUCTURES_TO_COMPARE.get(
+                    t.shape, _STRUCTURES_TO_COMPARE["of both input and output"]
+                ),
                 t.output,
             )
         )
     least = min(t.p_value for t in tests)
     text = f"No nonlinearity is seen (p = {least:.2g}): linear structures may suffice."
-    return found or [Finding("nonlinearity", Severity.OK, text)]
+    return findings or [Finding("nonlinearity", Severity.OK, text)]
 
 
-_TRY = {
+_STRUCTURES_TO_COMPARE = {
     "even in the input": "Compare hammerstein-wiener and narmax with the linear structures.",
     "odd in the input": "Compare hammerstein-wiener (dead zone, saturation) and narx-wavelet with "
     "the linear structures.",
@@ -265,7 +269,7 @@ def _chance(p_value: float) -> str:
     return f"p = {p_value:.1g}" if p_value >= 1e-12 else "p < 1e-12"
 
 
-_APART = {
+_HOW_TO_SEPARATE = {
     True: "Add a run in which they differ, such as turns on the spot, or one of sysid excite.",
     False: "Add a run in which they differ: move one of them while the others stand still.",
 }

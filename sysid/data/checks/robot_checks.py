@@ -31,12 +31,12 @@ def check_robot(records: Sequence[Record]) -> list[Finding]:
         return []
     u = np.concatenate([r.u for r in records])
     y = np.concatenate([r.y for r in records])
-    found = _pwm_scale(records[0], u)
+    findings = _pwm_scale(records[0], u)
     if not _has_sides(records[0]):
-        return found + _signs(records)
-    found = found or _omega_unit(records[0], u, y)
-    found += _signs(records)
-    return found or [
+        return findings + _signs(records)
+    findings = findings or _omega_unit(records[0], u, y)
+    findings += _signs(records)
+    return findings or [
         Finding("robot", Severity.OK, "PWM and ω agree in sign, side and size with the robot.")
     ]
 
@@ -80,16 +80,16 @@ def _omega_unit(record: Record, u: Array, y: Array) -> list[Finding]:
     """Compare the largest |ω| with what the largest |PWM| can give."""
     # The 97th percentile of both: a burst of outliers must not pass for another unit.
     drive = min(1.0, float(np.percentile(np.max(np.abs(u), axis=1), 97)) / PWM_FULL_SCALE)
-    seen = float(np.percentile(np.max(np.abs(y), axis=1), 97))
+    measured = float(np.percentile(np.max(np.abs(y), axis=1), 97))
     expected = TOP_OMEGA * drive
     if (
         not record.is_in_pulse_widths
         or drive < 0.1
-        or seen == 0
+        or measured == 0
         or any(c.scale != 1.0 for c in record.outputs)
     ):
         return []
-    ratio = seen / expected
+    ratio = measured / expected
     if 0.25 <= ratio <= 2.0:
         return []
     near = [(abs(math.log(ratio / factor)), unit) for unit, factor in _SUSPECTS]
@@ -102,7 +102,7 @@ def _omega_unit(record: Record, u: Array, y: Array) -> list[Finding]:
         Finding(
             "omega-unit",
             Severity.WARNING,
-            f"ω reaches {seen:.4g}, but at {100 * drive:.0f} % drive the robot's sprockets turn at "
+            f"ω reaches {measured:.4g}, but at {100 * drive:.0f} % drive the robot's sprockets turn at "
             f"about {expected:.3g} rad/s.",
             "If the log is not in rad/s, say so, for example "
             f"{argument(units={record.output_names[0]: unit})}{hint}.",

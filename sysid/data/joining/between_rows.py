@@ -65,7 +65,7 @@ def is_event_log(t: Array, at: Array) -> bool:
     return bool(usual > SPARSE * np.median(np.diff(t)) and long > UNEVEN * short)
 
 
-def held_names(columns: Mapping[str, Array], by_events: bool) -> tuple[str, ...]:
+def zero_order_hold_names(columns: Mapping[str, Array], by_events: bool) -> tuple[str, ...]:
     """The columns that keep their value until the next row: all of a file of events, else
     commands, set points and what stands still in most rows.
 

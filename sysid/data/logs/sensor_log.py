@@ -91,7 +91,7 @@ def read_sensor_log(
             f"gyro_z={table.names[-1]}"
         )
     known = {w.name: w for w in wanted}
-    readings = {
+    measurements = {
         n: signs.get(n, 1.0) * _in_si(table, known[n], c, options.units) for n, c in places.items()
     }
     choice = choose_columns(
@@ -111,12 +111,12 @@ def read_sensor_log(
     brackets = dict(zip(table.names, table.units, strict=True))
     choice, pose_units = usable_pose(choice, brackets, options.units, table.where)
     pose: Array | None = None
-    said: tuple[Finding, ...] = ()
+    findings: tuple[Finding, ...] = ()
     if choice.pose:
         block = table.columns((*choice.outputs, *choice.pose))
-        block, said = pose_in_si(block, choice, pose_units, table.where)
+        block, findings = pose_in_si(block, choice, pose_units, table.where)
         pose = block[:, -3:]
-    return SensorLog(path.name, t, readings, pose, (*log.findings, *clock.findings, *said))
+    return SensorLog(path.name, t, measurements, pose, (*log.findings, *clock.findings, *findings))
 
 
 def _places(
@@ -133,13 +133,13 @@ def _places(
         if name not in {w.name for w in wanted}:
             known = ", ".join(w.name for w in wanted)
             raise UsageError(f"{name!r} is no reading of a sensor: the readings are {known}")
-    found = {name: lower[column.lower()] for name, column in named.items()}
+    columns = {name: lower[column.lower()] for name, column in named.items()}
     for w in wanted:
-        if w.name not in found and w.name in lower:
-            found[w.name] = lower[w.name]
-    meant = {n: meaning(n) for n in table.names if n not in found.values()}
+        if w.name not in columns and w.name in lower:
+            columns[w.name] = lower[w.name]
+    meant = {n: meaning(n) for n in table.names if n not in columns.values()}
     for w in wanted:
-        if w.name in found or not w.quantity:
+        if w.name in columns or not w.quantity:
             continue
         like = [
             n
@@ -147,16 +147,16 @@ def _places(
             if (m.quantity, m.side) == (w.quantity, w.side) and _fits(table, w, n, units)
         ]
         if len(like) == 1:
-            found[w.name] = like[0]
-    return found
+            columns[w.name] = like[0]
+    return columns
 
 
 def _unit(table: Table, wanted: Wanted, column: str, units: Mapping[str, str]) -> str:
     """The unit that a column says it is in, by option, in brackets or in its name."""
     by_option = {n.lower(): u for n, u in units.items()}
-    said = by_option.get(column.lower()) or by_option.get(wanted.name)
-    said = said or table.units[table.names.index(column)]
-    return said or ("" if column.lower() == wanted.name else ending(column)[1])
+    stated = by_option.get(column.lower()) or by_option.get(wanted.name)
+    stated = stated or table.units[table.names.index(column)]
+    return stated or ("" if column.lower() == wanted.name else ending(column)[1])
 
 
 def _fits(table: Table, wanted: Wanted, column: str, units: Mapping[str, str]) -> bool:

@@ -106,7 +106,7 @@ def instants(raw: Array, column: TimeColumn, unit: float | None, where: str, pla
         unit, doubt = guessed_unit(t, column, where)
         findings = (*findings, *doubt)
     elif column.by_name and column.name.lower() not in TIME_COLUMNS:
-        findings = (*findings, _said(t, column, unit, where))
+        findings = (*findings, _unit_note(t, column, unit, where))
     seconds = t * unit
     origin = float(seconds[0]) if abs(seconds[0]) > FIRST_WHOLE else 0.0
     if origin:
@@ -126,10 +126,10 @@ def unrolled(raw: Array, name: str, where: str, place: Place) -> tuple[Array, tu
     ahead = d[d > 0]
     if not len(back) or not len(ahead):
         return raw, ()
-    usual, longest = float(np.median(ahead)), float(np.max(ahead))
+    typical, longest = float(np.median(ahead)), float(np.max(ahead))
     for modulus in _moduli():
         mended = d[back] + modulus
-        if np.all((mended >= 0.5 * usual) & (mended <= max(5.5 * usual, longest))):
+        if np.all((mended >= 0.5 * typical) & (mended <= max(5.5 * typical, longest))):
             turns = np.zeros(len(raw))
             turns[back + 1] = 1.0
             times = "once" if len(back) == 1 else f"{len(back)} times"
@@ -172,17 +172,17 @@ def guessed_unit(t: Array, column: TimeColumn, where: str) -> tuple[float, tuple
 def _guess(
     column: TimeColumn, unit: float, step: float, where: str, how: str
 ) -> tuple[Finding, ...]:
-    name, own = column.name, UNIT_NAMES[unit]
-    other = "s" if own != "s" else "ms"
+    name, unit_name = column.name, UNIT_NAMES[unit]
+    alternative = "s" if unit_name != "s" else "ms"
     sure = how == "since 1970"
     taken = "was read in" if column.by_name else "was taken for the time, in"
     return (
         Finding(
             "time-unit",
             Severity.NOTE if sure else Severity.WARNING,
-            f"{where}: column {name} rises by {step:.6g} a row and {taken} {own} ({how}): a "
+            f"{where}: column {name} rises by {step:.6g} a row and {taken} {unit_name} ({how}): a "
             f"sample every {step * unit:.4g} s.",
-            f"If that is wrong, say so: {argument(units={name: other})}"
+            f"If that is wrong, say so: {argument(units={name: alternative})}"
             + ("" if column.by_name else ", or `ts=SECONDS` if it is no time")
             + ".",
             record=where,
@@ -190,12 +190,12 @@ def _guess(
     )
 
 
-def _said(t: Array, column: TimeColumn, unit: float, where: str) -> Finding:
+def _unit_note(t: Array, column: TimeColumn, unit: float, where: str) -> Finding:
     d = np.diff(t)
     ahead = d[d > 0]
-    usual = float(np.median(ahead)) if len(ahead) else 0.0
+    typical = float(np.median(ahead)) if len(ahead) else 0.0
     # the mean: a median of rounded steps is one of them; 1.5 usual steps are a gap
-    step = float(np.mean(ahead[ahead <= 1.5 * usual])) * unit if len(ahead) else 0.0
+    step = float(np.mean(ahead[ahead <= 1.5 * typical])) * unit if len(ahead) else 0.0
     return Finding(
         "time-unit",
         Severity.NOTE,

@@ -12,7 +12,7 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.column_words import READINGS, words
+from sysid.data.column_words import MEASUREMENTS, words
 from sysid.data.finding import Finding, Severity
 from sysid.data.record import Array
 from sysid.data.units import Conversion
@@ -35,7 +35,7 @@ TRAVEL = 6.0
 """A position goes further than so many of its larger steps (99 % quantile); white noise around the
 two ends of a switched signal, unwrapped, spans two of them."""
 
-FEWEST_VALUES = 20
+MIN_DISTINCT_VALUES = 20
 """A signal of fewer different values is switched, not counted."""
 
 FULL_TURN = 0.9
@@ -78,7 +78,7 @@ def counted(y: Array, periods: Sequence[float], full: bool = False) -> Counted:
     """
     whole = bool(np.all(y == np.rint(y)))
     low, high = float(np.min(y)), float(np.max(y))
-    if len(y) < FEWEST_VALUES or len(np.unique(y)) < FEWEST_VALUES:
+    if len(y) < MIN_DISTINCT_VALUES or len(np.unique(y)) < MIN_DISTINCT_VALUES:
         return Counted(y)
     admitted = [m for m in periods if high - low <= 1.001 * m]
     if full:
@@ -122,7 +122,7 @@ def suspected(y: Array) -> float:
 
     The speed goes on where it does, so the period is the jump without a step like the one before.
     """
-    if np.any(y != np.rint(y)) or len(np.unique(y)) < FEWEST_VALUES:
+    if np.any(y != np.rint(y)) or len(np.unique(y)) < MIN_DISTINCT_VALUES:
         return 0.0
     d = np.diff(y)
     jumps = np.flatnonzero(np.abs(d) > 0.5 * np.ptp(y))
@@ -196,15 +196,17 @@ def without_jumps(
             continue
         if period is None:
             turn = turns[name]
-            found = counted(values[:, k], (2.0 * pi, 360.0) if turn is None else turn, turn is None)
+            column = counted(
+                values[:, k], (2.0 * pi, 360.0) if turn is None else turn, turn is None
+            )
             if turn is None and name not in speeds:
-                findings += _running_count(found.values, found.wraps, name, where)
-            if not (found.wraps or found.resets):
+                findings += _running_count(column.values, column.wraps, name, where)
+            if not (column.wraps or column.resets):
                 findings += _doubted(suspected(values[:, k]), name, where)
         else:
-            found = _forced(values[:, k], period, name, where, name in periods)
-        out[:, k] = found.values
-        findings += _said(found, name, where, period is not None)
+            column = _forced(values[:, k], period, name, where, name in periods)
+        out[:, k] = column.values
+        findings += _unwrap_finding(column, name, where, period is not None)
     if periods.get(EVERY) and not findings:
         raise DataError(
             f"{where}: no output starts over every {periods[EVERY]:g}; give the period in the "
@@ -218,9 +220,9 @@ def _running_count(y: Array, wraps: int, name: str, where: str) -> list[Finding]
 
     Its name or a register's wraps say so: a slow reading in whole numbers looks alike.
     """
-    if np.any(y != np.rint(y)) or len(np.unique(y)) < FEWEST_VALUES:
+    if np.any(y != np.rint(y)) or len(np.unique(y)) < MIN_DISTINCT_VALUES:
         return []
-    named_count = bool({*words(name)} & set(READINGS[-1]))
+    named_count = bool({*words(name)} & set(MEASUREMENTS[-1]))
     step = np.abs(np.diff(y))
     if not (named_count or wraps) or np.ptp(y) < TRAVEL * float(np.quantile(step, 0.99)):
         return []
@@ -264,16 +266,16 @@ def _real(name: str) -> str:
     return f"If these jumps are real, say {argument(unwrap={name: None})}."
 
 
-def _said(found: Counted, name: str, where: str, given: bool) -> list[Finding]:
-    if found.wraps:
-        times = "once" if found.wraps == 1 else f"{found.wraps} times"
-        text = f"{where}: {name} starts over every {found.period:.6g}, {times}; it was unwrapped."
+def _unwrap_finding(column: Counted, name: str, where: str, given: bool) -> list[Finding]:
+    if column.wraps:
+        times = "once" if column.wraps == 1 else f"{column.wraps} times"
+        text = f"{where}: {name} starts over every {column.period:.6g}, {times}; it was unwrapped."
         advice = "" if given else _real(name)
-    elif found.resets:
-        times = "once" if len(found.resets) == 1 else f"{len(found.resets)} times"
+    elif column.resets:
+        times = "once" if len(column.resets) == 1 else f"{len(column.resets)} times"
         text = (
             f"{where}: {name} was reset to zero {times} while it moved, first in row "
-            f"{found.resets[0] + 1}; it was continued from its last value."
+            f"{column.resets[0] + 1}; it was continued from its last value."
         )
         advice = _real(name)
     else:
@@ -339,24 +341,24 @@ def as_speeds(
                 f"{', '.join(outputs)}"
             )
     out = values.copy()
-    found: dict[str, Conversion] = {}
-    said: list[Finding] = []
+    units: dict[str, Conversion] = {}
+    findings: list[Finding] = []
     for name, unit in outputs.items():
         if name not in speed_of:
-            found[name] = unit
+            units[name] = unit
             continue
         k = list(names).index(name)
         out[:, k] = speeds(t, values[:, k])
         counted = unit.file_unit.partition("=")[0] or unit.unit or "counts"
         rate = Conversion(f"{unit.unit or 'counts'}/s", unit.scale, f"{counted}/s")
-        found[f"{name}_speed"] = rate
+        units[f"{name}_speed"] = rate
         step = grain(values[:, k]) * unit.scale / float(np.median(np.diff(t)))
         text = (
             f"{where}: {name}_speed is the mean speed between two readings of {name}, half "
             f"a sample late; one step of {name} in a sample is {step:.3g} {rate.unit}."
         )
-        said.append(Finding("counter", Severity.NOTE, text, channel=name, record=where))
-    return out, found, tuple(said)
+        findings.append(Finding("counter", Severity.NOTE, text, channel=name, record=where))
+    return out, units, tuple(findings)
 
 
 def speeds(t: Array, y: Array) -> Array:

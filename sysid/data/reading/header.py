@@ -109,9 +109,9 @@ def find_header(numbered: Sequence[Line]) -> Header:
         if units is None and rest:
             units = _stated_units([text for _, text in titles], head[1], rest[0][1])
     remarks = [text for _, text in numbered[:_TITLES] if _comment(text)]
-    stated = [interval_of(_uncommented(text)) for text in (*[t for _, t in titles], *remarks)]
-    every = {seconds for seconds in stated if seconds is not None}
-    return Header(head, units, rest, notes, every.pop() if len(every) == 1 else None)
+    intervals = [interval_of(_uncommented(text)) for text in (*[t for _, t in titles], *remarks)]
+    distinct = {seconds for seconds in intervals if seconds is not None}
+    return Header(head, units, rest, notes, distinct.pop() if len(distinct) == 1 else None)
 
 
 def is_numeric(text: str) -> bool:
@@ -133,10 +133,10 @@ def is_data(text: str) -> bool:
 
 def measured(cell: str) -> tuple[str, str] | None:
     """Number and unit of a cell such as ``0.01 sec`` or ``12 V``; None for any other."""
-    found = _MEASURED.fullmatch(cell.strip())
-    if found is None or not looks_like_unit(found["unit"], _UNIT_NAMES):
+    match = _MEASURED.fullmatch(cell.strip())
+    if match is None or not looks_like_unit(match["unit"], _UNIT_NAMES):
         return None
-    return found["number"], found["unit"]
+    return match["number"], match["unit"]
 
 
 def cells_of(line: str, sep: str) -> list[str]:
@@ -214,23 +214,23 @@ def _without_monitor(numbered: Sequence[Line]) -> tuple[list[Line], tuple[str, .
 
 def _without_labels(lines: Sequence[Line]) -> tuple[list[Line], tuple[str, ...]]:
     """Lines of a serial plotter, such as ``pwm:80,rpm:12.5``, as a header and numbers."""
-    found: list[Line] = []
+    rows: list[Line] = []
     names: list[str] = []
     for i, text in lines:
         cells = [
             c.strip().partition(":") for c in re.split(r"[,;\t]|(?<=\d)\s+", text.strip()) if c
         ]
         numbers = [value.strip() for _, sign, value in cells if sign]
-        own = [name.strip() for name, sign, _ in cells if sign]
-        names = names or own
-        if len(own) < 2 or own != names or not all(_LABEL.fullmatch(n) for n in own):
+        labels = [name.strip() for name, sign, _ in cells if sign]
+        names = names or labels
+        if len(labels) < 2 or labels != names or not all(_LABEL.fullmatch(n) for n in labels):
             return list(lines), ()
         if len(numbers) != len(cells) or not all(_NUMBER.fullmatch(n) for n in numbers):
             return list(lines), ()
-        found.append((i, ";".join(numbers)))
-    if not found:
+        rows.append((i, ";".join(numbers)))
+    if not rows:
         return list(lines), ()
-    return [(0, ";".join(names)), *found], ("the names in front of the numbers are the columns",)
+    return [(0, ";".join(names)), *rows], ("the names in front of the numbers are the columns",)
 
 
 def _first_row(block: Sequence[Line]) -> int:

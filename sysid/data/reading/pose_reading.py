@@ -75,7 +75,7 @@ def pose_in_si(
         return values, pose_findings(choice, where)
     out = values.copy()
     first = len(choice.inputs) + len(choice.outputs)
-    said = list(pose_findings(choice, where))
+    findings = list(pose_findings(choice, where))
     for k in (0, 1):
         out[:, first + k] *= units[k].scale
     x, y, angle = out[:, first], out[:, first + 1], out[:, first + 2]
@@ -87,11 +87,11 @@ def pose_in_si(
         if unit_name == "deg":
             text = f"{where}: {name} tells no unit and was read in degrees, as its values show."
             advice = f"If that is wrong, say so: {argument(units={name: 'rad'})}."
-            said.append(Finding("pose", Severity.WARNING, text, advice, name, where))
+            findings.append(Finding("pose", Severity.WARNING, text, advice, name, where))
         elif not seen and np.ptp(angle) > 4.0 * np.pi:
             text = f"{where}: {name} tells no unit and was read in radians."
             advice = f"If it holds degrees, say so: {argument(units={name: 'deg'})}."
-            said.append(Finding("pose", Severity.WARNING, text, advice, name, where))
+            findings.append(Finding("pose", Severity.WARNING, text, advice, name, where))
     angle = unfolded(angle * unit.scale)
     if is_compass(choice.pose[2]) and counts_as_compass(x, y, angle):
         angle = 0.5 * np.pi - angle
@@ -99,7 +99,7 @@ def pose_in_si(
             f"{where}: {choice.pose[2]} counts clockwise from y, as a compass does, by the way "
             f"driven; it was read as 90° − {choice.pose[2]}."
         )
-        said.append(Finding("pose", Severity.WARNING, text, record=where))
+        findings.append(Finding("pose", Severity.WARNING, text, record=where))
     out[:, first + 2] = angle
     converted = [
         f"{n} from {c.file_unit}"
@@ -110,5 +110,5 @@ def pose_in_si(
     converted_to = f" ({', '.join(converted)}, converted to m and rad)" if converted else ""
     if converted or choice.pose != ("x", "y", "psi"):
         text = f"{where}: the pose is {names}{converted_to}."
-        said.append(Finding("reading", Severity.NOTE, text, record=where))
-    return out, tuple(said)
+        findings.append(Finding("reading", Severity.NOTE, text, record=where))
+    return out, tuple(findings)

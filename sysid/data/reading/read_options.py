@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.reading.held import check_held
+from sysid.data.reading.stale import check_held
 from sysid.data.reading.time_column import unit_of
 from sysid.data.reading.timing import ResamplePolicy, check_policy
 from sysid.data.units import conversion, pwm_conversion

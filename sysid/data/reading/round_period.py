@@ -8,7 +8,7 @@ STAMP_UNITS = (86400.0, 3600.0, 60.0, 1.0)
 """Units of stamps [s] that are longer than a second, or one: shorter ones end in a decimal too."""
 COARSEST = 0.2
 """A last digit beyond this share of the sample time rounds too much to tell a period."""
-FEWEST_STAMPS = 10
+MIN_STAMPS = 10
 """Fewer stamps agree with several periods."""
 
 
@@ -36,7 +36,7 @@ def round_period(t: Array, dt: float) -> float:
         dt: their usual or mean step [s].
     """
     period = float(f"{dt:.2g}")
-    if len(t) < FEWEST_STAMPS or period == dt or not period > 0.0:
+    if len(t) < MIN_STAMPS or period == dt or not period > 0.0:
         return dt
     if abs(period - dt) > COARSEST * dt:
         return dt

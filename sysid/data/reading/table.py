@@ -111,11 +111,11 @@ class Table:
             DataError: a cell is no number, or is infinite; line, column and text are named.
         """
         index = [self.names.index(n) for n in names if n not in self.extra]
-        own = np.empty((len(self), 0))
+        numbers = np.empty((len(self), 0))
         if index:
-            own = self._text(index) if isinstance(self.source, Layout) else self._frame(index)
+            numbers = self._text(index) if isinstance(self.source, Layout) else self._frame(index)
         values = np.empty((len(self), len(names)))
-        values[:, [n not in self.extra for n in names]] = own
+        values[:, [n not in self.extra for n in names]] = numbers
         for k, name in enumerate(names):
             if name in self.extra:
                 values[:, k] = self.extra[name]
@@ -157,13 +157,13 @@ class Table:
                 return None
             stamp = pd.api.types.is_datetime64_any_dtype(frame)
             cells = [c.isoformat() if stamp else str(c) for c in frame]
-        found = seconds_of(cells)
-        if isinstance(found, int):
+        seconds = seconds_of(cells)
+        if isinstance(seconds, int):
             raise DataError(
-                f"{self.place(found)}, column {name}: {cells[found]!r} is no date written as the "
+                f"{self.place(seconds)}, column {name}: {cells[seconds]!r} is no date written as the "
                 f"first one, {cells[0]}; mend or delete that line"
             )
-        return found
+        return seconds
 
     def _text(self, index: list[int]) -> Array:
         layout = self.source
@@ -226,7 +226,7 @@ class Table:
 
     def switches(self, names: Sequence[str]) -> dict[str, str]:
         """The columns of these that hold a switch's words -> the words, as ``OFF = 0, ON = 1``."""
-        found: dict[str, str] = {}
+        words_of_column: dict[str, str] = {}
         for name in (n for n in names if n not in self.extra):
             column = self.names.index(name)
             if isinstance(self.source, Layout):
@@ -244,8 +244,8 @@ class Table:
             if _states(texts) is not None:
                 stated = {t: STATES[t.lower()] for t in texts if t.lower() in STATES}
                 words = sorted(stated.items(), key=lambda pair: pair[1])
-                found[name] = ", ".join(f"{word} = {value:g}" for word, value in words)
-        return found
+                words_of_column[name] = ", ".join(f"{word} = {value:g}" for word, value in words)
+        return words_of_column
 
     def _not_a_number(self, index: list[int]) -> str:
         """Name the first cell that is no number."""
@@ -341,7 +341,7 @@ def read_table(
         stated = ", ".join(f"{n} in {u}" for n, u in zip(names, source.units, strict=True) if u)
         notes += (f"{where}: a line beside the header tells the units: {stated}.",)
     if isinstance(source, Layout) and any(source.in_cells):
-        units = tuple(own or u for own, u in zip(source.in_cells, units, strict=True))
+        units = tuple(in_cell or u for in_cell, u in zip(source.in_cells, units, strict=True))
         stated = ", ".join(f"{n} in {u}" for n, u in zip(names, source.in_cells, strict=True) if u)
         notes += (f"{where}: the units stand behind the numbers: {stated}.",)
     return Table(where, names, units, notes, source)

@@ -88,10 +88,10 @@ def _lay_out(data: bytes, where: str, delimiter: str | None, decimal: str | None
     numbered = [(i, line) for i, line in enumerate(lines, 1) if line and not line.isspace()]
     if not numbered:
         raise DataError(f"{where} is empty; a log needs a header row and rows of numbers")
-    found = find_header(numbered)
-    first, header = found.line[0], found.line[1].strip("\ufeff").lstrip(" ")
-    rows, numbers = [line for _, line in found.body], [i for i, _ in found.body]
-    notes += tuple(f"{where}: {note}." for note in found.notes)
+    header_parts = find_header(numbered)
+    first, header = header_parts.line[0], header_parts.line[1].strip("\ufeff").lstrip(" ")
+    rows, numbers = [line for _, line in header_parts.body], [i for i, _ in header_parts.body]
+    notes += tuple(f"{where}: {note}." for note in header_parts.notes)
 
     sep = cut = _delimiter(header, rows[:20], delimiter)
     if sep == "," and decimal != "." and _quoted_commas(rows[:200]):
@@ -106,19 +106,23 @@ def _lay_out(data: bytes, where: str, delimiter: str | None, decimal: str | None
         )
     if not rows:
         raise DataError(f"{where} has a header but no rows of numbers; record the log again")
-    rows, behind = _without_units(rows, numbers, sep, names, where)
+    rows, units_in_cells = _without_units(rows, numbers, sep, names, where)
     point = decimal or _decimal(rows, sep)
     if point not in (".", ","):
         raise UsageError(f"the decimal sign must be '.' or ',', got {point!r}")
     if point == sep:
         raise UsageError(f"delimiter and decimal sign cannot both be {sep!r}; give another one")
     names, rows, numbers, more = _even_out(names, rows, numbers, sep, where, complete)
-    units = () if found.units is None else tuple(map(bare_unit, cells_of(found.units, cut)))
+    units = (
+        ()
+        if header_parts.units is None
+        else tuple(map(bare_unit, cells_of(header_parts.units, cut)))
+    )
     units = (*units, *[""] * len(names))[: len(names)]
-    in_cells = tuple(behind.get(i, "") for i in range(len(names)))
+    in_cells = tuple(units_in_cells.get(i, "") for i in range(len(names)))
     notes = (*notes, *more)
     return Layout(
-        names, sep, point, DataLines(rows), numbers, notes, units, found.interval, in_cells
+        names, sep, point, DataLines(rows), numbers, notes, units, header_parts.interval, in_cells
     )
 
 

@@ -86,7 +86,7 @@ _BESIDE = frozenset(
 )
 """Words that may stand beside those in the name of a time column."""
 
-FEWEST = 10
+MIN_ROWS = 10
 """Rows from which a column without a telling name may be taken for the time."""
 STEADY = 0.8
 """Share of a clock's steps that lie within half of the usual one; most signals fail this."""
@@ -266,7 +266,7 @@ def _rises(column: Array | None) -> bool:
 
 
 def _steady(column: Array) -> bool:
-    if len(column) < FEWEST or not np.all(np.isfinite(column)) or not _rises(column):
+    if len(column) < MIN_ROWS or not np.all(np.isfinite(column)) or not _rises(column):
         return False
     d = np.diff(column)
     usual = float(np.median(d))

@@ -146,10 +146,10 @@ def onto_grid(t: Array, dt: float, u: Array, y: Array) -> tuple[Array, Array]:
     y_new = np.column_stack([np.interp(k, at, column) for column in y.T])
     if at is nearest:
         return u[np.searchsorted(at, k, side="right") - 1], y_new
-    return held_means(at, u, np.append(k, float(count))), y_new
+    return zero_order_hold_means(at, u, np.append(k, float(count))), y_new
 
 
-def held_means(at: Array, u: Array, edges: Array) -> Array:
+def zero_order_hold_means(at: Array, u: Array, edges: Array) -> Array:
     """Means of a held signal between edges that are a unit apart, (M, nu).
 
     Args:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.criteria.coloured import effective_sample_size
-from sysid.data.reading.held import fresh_only, refreshes
+from sysid.data.reading.stale import fresh_only, refreshes
 from sysid.data.record import Array, Record
 from sysid.diagnosis.policies import RULE
 from sysid.fitting.holdout import Errors

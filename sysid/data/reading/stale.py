@@ -24,7 +24,7 @@ LARGE = 2.5
 """A change is large when it is more than so many of the smallest usual change (5 % quantile): one
 step of a coarse sensor says nothing about when it was read."""
 
-FEWEST = 20
+MIN_INTERVALS = 20
 """Intervals between large changes that must be seen."""
 
 SLOWEST = 1.3
@@ -47,7 +47,7 @@ LONGEST = 100
 ONE_PHASE = 0.97
 """Share of all changes in one phase of a period that even a coarse sensor shows."""
 
-MANY = 60
+MIN_CHANGES = 60
 """Changes needed to tell by the phase alone."""
 
 SHORTER = 0.3
@@ -93,7 +93,7 @@ def refreshed(series: Sequence[Array], inputs: Sequence[Array]) -> Refresh | Non
     """
     changes = [np.flatnonzero(np.diff(y) != 0.0) + 1 for y in series]
     total, rows = sum(len(c) for c in changes), sum(len(y) for y in series)
-    if total < FEWEST or total * SLOWEST > rows:
+    if total < MIN_INTERVALS or total * SLOWEST > rows:
         return None
     period = _by_intervals(series, changes) or _by_phase(changes)
     if period is None or _follows_steps(changes, inputs):
@@ -113,13 +113,13 @@ def _by_intervals(series: Sequence[Array], changes: Sequence[NDArray[np.int64]])
         intervals = np.diff(c).astype(np.float64)
         cuts = np.flatnonzero(np.diff(good.astype(int), prepend=0, append=0))
         runs += [intervals[a:b] for a, b in zip(cuts[::2], cuts[1::2], strict=True)]
-    if sum(len(r) for r in runs) < FEWEST:
+    if sum(len(r) for r in runs) < MIN_INTERVALS:
         return None
     # a rest between two readings, or one that was lost, spans several periods
     usual = float(np.median(np.concatenate(runs)))
     runs = [part for r in runs for part in _without(r, 1.6 * usual + 1.0)]
     every = np.concatenate(runs) if runs else np.zeros(0)
-    if len(every) < FEWEST:
+    if len(every) < MIN_INTERVALS:
         return None
     mean, spread = float(np.mean(every)), float(np.var(every))
     if not SLOWEST <= mean <= LONGEST:
@@ -127,7 +127,7 @@ def _by_intervals(series: Sequence[Array], changes: Sequence[NDArray[np.int64]])
     if spread <= (EVEN * mean) ** 2:
         return mean
     sums = [np.convolve(r, np.ones(CLOCK), "valid") for r in runs if len(r) >= CLOCK]
-    if sum(len(s) for s in sums) < FEWEST:
+    if sum(len(s) for s in sums) < MIN_INTERVALS:
         return None
     return mean if np.var(np.concatenate(sums)) <= KEEPS_TIME * CLOCK * spread else None
 
@@ -140,14 +140,14 @@ def _without(run: Array, most: float) -> list[Array]:
 
 def _by_phase(changes: Sequence[NDArray[np.int64]]) -> float | None:
     """Longest period of which every change of a coarse sensor has one phase."""
-    if sum(len(c) for c in changes) < MANY:
+    if sum(len(c) for c in changes) < MIN_CHANGES:
         return None
-    found = None
+    period = None
     for m in range(2, LONGEST + 1):
         counts = [np.bincount(c % m, minlength=m) for c in changes]
         if sum(int(n.max()) for n in counts) >= ONE_PHASE * sum(int(n.sum()) for n in counts):
-            found = float(m)
-    return found
+            period = float(m)
+    return period
 
 
 def _follows_steps(changes: Sequence[NDArray[np.int64]], inputs: Sequence[Array]) -> bool:
@@ -190,14 +190,14 @@ def without_repeats(
 
     So that a dead time can be read off them: repeats would lengthen it by (m − 1)/2 rows.
     """
-    found = []
+    filled = []
     for k, r in enumerate(records):
         columns = [
             y if s is None else between_readings(r.t, y, s.fresh[k])
             for y, s in zip(r.y.T, slow, strict=True)
         ]
-        found.append(replace(r, y=np.column_stack(columns)))
-    return tuple(found)
+        filled.append(replace(r, y=np.column_stack(columns)))
+    return tuple(filled)
 
 
 def at_own_rate(
@@ -216,10 +216,10 @@ def at_own_rate(
 
 def fresh_only(records: Sequence[Record], i: int, refresh: Refresh | None) -> tuple[Record, ...]:
     """Output ``i`` alone, one row a fresh reading; their instants need not be a uniform grid."""
-    found = []
+    selected = []
     for k, r in enumerate(records):
         rows = np.ones(len(r), dtype=bool) if refresh is None else refresh.fresh[k]
-        found.append(
+        selected.append(
             replace(
                 r,
                 u=r.u[rows],
@@ -229,7 +229,7 @@ def fresh_only(records: Sequence[Record], i: int, refresh: Refresh | None) -> tu
                 references=None,
             )
         )
-    return tuple(found)
+    return tuple(selected)
 
 
 def between_readings(t: Array, values: Array, fresh: Mask) -> Array:
@@ -281,8 +281,10 @@ def slow_sensors(
     every = SlowSensors(1, values, np.ones(len(values), dtype=bool))
     if how == "keep":
         return every
-    found = {k: refreshed([values[:, k]], [values[:, :nu]]) for k in range(nu, len(names))}
-    slow = {k: r for k, r in found.items() if r is not None}
+    refreshes_by_column = {
+        k: refreshed([values[:, k]], [values[:, :nu]]) for k in range(nu, len(names))
+    }
+    slow = {k: r for k, r in refreshes_by_column.items() if r is not None}
     outputs = {k: r for k, r in slow.items() if k < nu + ny}
     if how != "auto":
         rows = int(how)
@@ -301,11 +303,11 @@ def slow_sensors(
     for k, r in slow.items():
         filled[:, k] = between_readings(t, values[:, k], r.fresh[0])
     fresh = np.sum([r.fresh[0] for r in outputs.values()], axis=0) if outputs else every.fresh
-    said = () if not outputs else (_said(names, outputs, rows, t, where),)
-    return SlowSensors(rows, filled, np.asarray(fresh, dtype=bool), said)
+    findings = () if not outputs else (_stale_finding(names, outputs, rows, t, where),)
+    return SlowSensors(rows, filled, np.asarray(fresh, dtype=bool), findings)
 
 
-def _said(
+def _stale_finding(
     names: Sequence[str], slow: Mapping[int, Refresh], rows: int, t: Array, where: str
 ) -> Finding:
     step = float(np.median(np.diff(t)))
