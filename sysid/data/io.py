@@ -29,6 +29,7 @@ from sysid.data.reading.timing import (
     plan_grid,
 )
 from sysid.data.record import Array, Channel, Record
+from sysid.data.same_kind import require_same_kind
 from sysid.data.units import Conversion, conversions, without_false_pulses
 from sysid.errors import DataError, UsageError
 
@@ -100,7 +101,7 @@ def read_files(
     first = logs[0].records[0]
     agreed = [logs[0]]
     for log in logs[1:]:
-        require_same_kind(log.records[0], first)
+        require_same_kind(log.records[:1], first)
         records = tuple(replace(r, dt=first.dt) for r in log.records)
         agreed.append(replace(log, records=records))
     return tuple(agreed)
@@ -385,33 +386,3 @@ def _references(choice: Choice, column: Read, rows: NDArray[np.intp]) -> dict[st
 def _names(file: str, grid: Grid) -> list[str]:
     n = len(grid.segments)
     return [file] if n == 1 else [f"{file} part {i + 1}" for i in range(n)]
-
-
-def require_same_kind(record: Record, first: Record) -> None:
-    """Refuse a record whose channels, units or sample time are not those of another.
-
-    Raises:
-        DataError: they are not.
-    """
-    for what, names, first_names in (
-        ("inputs", record.input_names, first.input_names),
-        ("outputs", record.output_names, first.output_names),
-    ):
-        if names != first_names:
-            raise DataError(
-                f"{record.name} has the {what} {', '.join(names)}, {first.name} has "
-                f"{', '.join(first_names)}; experiments fitted together need the same channels"
-            )
-    for channel, first_channel in zip(
-        (*record.inputs, *record.outputs), (*first.inputs, *first.outputs), strict=True
-    ):
-        if channel.unit != first_channel.unit:
-            raise DataError(
-                f"{channel.name} is in {channel.unit or 'no unit'} in {record.name}, in "
-                f"{first_channel.unit or 'no unit'} in {first.name}; give its unit with `units`"
-            )
-    if abs(record.dt / first.dt - 1.0) > 0.01:
-        raise DataError(
-            f"{record.name} is sampled every {record.dt:.4g} s, {first.name} every {first.dt:.4g} "
-            "s; resample one of them or fit them apart"
-        )

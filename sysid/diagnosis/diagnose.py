@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from sysid.data.record import Record
+from sysid.data.same_kind import require_same_kind
 from sysid.diagnosis.assembly import assembled
 from sysid.diagnosis.base_model import full_drive, given_base, plain_base
 from sysid.diagnosis.diagnosis import Diagnosis
 from sysid.diagnosis.given_model import around_model, or_on_first_order
 from sysid.diagnosis.pose.readings import put_right
-from sysid.diagnosis.search.logs import require_one_machine
 from sysid.diagnosis.search.naming import Progress
 from sysid.diagnosis.several.ground import with_ground
 from sysid.diagnosis.study import Study, noise_of
@@ -71,7 +71,7 @@ def diagnose(
     started = time.perf_counter()
     _require_enough(estimation, held)
     require_apart(estimation, held or ())
-    require_one_machine((*estimation, *(held or ())))
+    require_same_kind((*estimation[1:], *(held or ())), estimation[0])
     say = progress or (lambda text, share: None)
     say("the model before", 0.02)
     effects = within(chain_effects(), measured or {})
@@ -126,17 +126,9 @@ def require_apart(estimation: Sequence[Record], held: Sequence[Record]) -> None:
     """Refuse logs that prove nothing or belong to something else.
 
     Raises:
-        DataError: a log that judges has other channels.
         UsageError: effects are searched on one that judges.
     """
-    first = estimation[0]
     for r in held:
-        if (r.input_names, r.output_names) != (first.input_names, first.output_names):
-            raise DataError(
-                f"{r.name} has {', '.join(r.input_names)} -> {', '.join(r.output_names)} but "
-                f"{first.name} has {', '.join(first.input_names)} -> "
-                f"{', '.join(first.output_names)}; choose the columns with `inputs` and `outputs`"
-            )
         if any(shares_samples(r, e) for e in estimation):
             raise UsageError(
                 f"{r.name} is both a log and a `validation` log and would prove nothing; leave "

@@ -10,6 +10,7 @@ from sysid.data.facts import LogFacts
 from sysid.data.level import Level
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
+from sysid.data.same_kind import require_same_kind
 from sysid.errors import DataError, UsageError
 from sysid.estimation.offsets.estimated_level import fit_with_level
 from sysid.estimation.offsets.offsets import Offsets
@@ -127,13 +128,8 @@ def check_data(records: Sequence[Record]) -> None:
             that never changes.
     """
     first = records[0]
+    require_same_kind(records, first)
     for r in records:
-        same = r.input_names == first.input_names and r.output_names == first.output_names
-        if not same or abs(r.dt - first.dt) > 1e-6 * first.dt:
-            raise DataError(
-                f"{r.name} and {first.name} differ in their channels or sample time; several "
-                "experiments must share both"
-            )
         for channel, values in zip((*r.inputs, *r.outputs), (*r.u.T, *r.y.T), strict=True):
             if not np.all(np.isfinite(values)):
                 raise DataError(

@@ -302,7 +302,7 @@ def test_no_record_and_unlike_records_are_refused() -> None:
     record = system.record(100, 0.1)
     with pytest.raises(DataError, match="at least one log"):
         fit(system.model_structure, [])
-    with pytest.raises(DataError, match="share both"):
+    with pytest.raises(DataError, match="is sampled every"):
         fit(system.model_structure, [record, replace(record, dt=0.2)])
     with pytest.raises(DataError, match="leave it out"):
         fit(system.model_structure, [record, record.rows(0, 2)])

@@ -26,10 +26,10 @@ from sysid.data.joining.clock_offset import (
 )
 from sysid.data.reading.columns import choose_columns
 from sysid.data.reading.counters import counted
-from sysid.data.reading.stale import between_readings, refreshed
 from sysid.data.reading.pose_columns import angle_unit, find_pose
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import column_reader, median_step, row_times
+from sysid.data.reading.stale import between_readings, refreshed
 from sysid.data.reading.table import Table, read_table
 from sysid.data.reading.time_column import TimeColumn, find_time
 from sysid.data.record import Array

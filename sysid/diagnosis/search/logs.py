@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sysid.data.io import require_same_kind
 from sysid.data.record import Record
 
 PART = " part "
@@ -48,13 +47,3 @@ def _unused(name: str, names: Sequence[str]) -> str:
     """The name, with a number behind it where another log has it."""
     same = sum(n.partition(" (")[0] == name for n in names)
     return f"{name} ({same + 1})" if same else name
-
-
-def require_one_machine(records: Sequence[Record]) -> None:
-    """Refuse logs whose channels, units or sample times differ.
-
-    Raises:
-        DataError: they do.
-    """
-    for r in records[1:]:
-        require_same_kind(r, records[0])
