@@ -1,4 +1,4 @@
-"""What ``sysid inspect`` shows of a bag without a mapping: topics, and a line to paste."""
+"""Topics of a bag without a mapping, and a command to paste, for ``sysid inspect``."""
 
 import shlex
 from pathlib import Path
@@ -28,14 +28,14 @@ def show_bag(path: Path, json: bool) -> None:
         render.document(contents.summary() | {"proposal": proposal})
         return
     render.table(
-        ("topic", "type", "messages", "Hz", "numbers that move"),
+        ("topic", "type", "messages", "Hz", "varying fields"),
         [(t.name, t.kind, t.count, t.rate, _moving(t)) for t in contents.topics],
         title=f"{contents.where}: {len(contents.topics)} topics, {contents.length:.6g} s",
     )
     if proposed is None or command is None:
-        render.say("No topic looks like a reading that answers a command: name fields with --map.")
+        render.say("No measurement follows a command; map fields with --map.")
         return
-    render.say(f"{proposed.why}. A fit of it:")
+    render.say(f"{proposed.why}. To fit it:")
     render.say(command)
 
 

@@ -1,4 +1,4 @@
-"""Messages of the library name fields; on the command line these are options of the command.
+"""Fields named in messages of the library, shown as options of the running command.
 
 In a message fields stand in backticks as a script would give them: `` `ts` ``,
 `` `stable=True` ``, `` `inputs='u', outputs=['a', 'b']` ``, `` `units={'t': 'ms'}` ``,

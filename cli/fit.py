@@ -1,4 +1,4 @@
-"""``sysid fit``: models of a log, judged, ranked and kept in the workspace."""
+"""``sysid fit``: fit, validate and rank models of a log, and store them in the workspace."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -36,7 +36,7 @@ def fit(
         fit_options.fitting_option(
             "--structure",
             "NAME",
-            "oe, narx-wavelet …; several as a,b. The four linear ones unless given.",
+            "Structures such as oe,narx-wavelet [the four linear ones].",
         ),
     ] = None,
     orders: Annotated[
@@ -45,25 +45,25 @@ def fit(
             "--orders",
             "TEXT",
             '"na=2 nb=2 nk=1", matrices "na=1,0;0,1", ranges "na=1:4"; '
-            '"arx: na=2 nb=2; oe: nb=2 nf=2". Searched unless given.',
+            '"arx: na=2 nb=2; oe: nb=2 nf=2" [searched].',
         ),
     ] = None,
     validation: Annotated[
         list[Path] | None,
         fit_options.judging_option(
-            "--val", "LOG", "Log to judge on; never used to choose anything. Again for more."
+            "--val", "LOG", "Validation log, never used to choose a model; repeatable."
         ),
     ] = None,
     split: Annotated[
         float | None,
         fit_options.judging_option(
-            "--split", "SHARE", "Fit on this share of each log, judge on the rest, e.g. 0.7."
+            "--split", "SHARE", "Fit on this share of each log, validate on the rest, e.g. 0.7."
         ),
     ] = None,
     criterion: Annotated[
         str,
         fit_options.fitting_option(
-            "--criteria", "NAME", "What ranks orders and structures: fit, aic, bic, fpe …"
+            "--criteria", "NAME", "Criterion that ranks orders and structures: fit, aic, bic, fpe …"
         ),
     ] = "fit",
     detrend: Annotated[
@@ -71,7 +71,7 @@ def fit(
         fit_options.fitting_option(
             "--detrend",
             "HOW",
-            "Levels: auto, none, level (estimated with the model), mean or linear (removed).",
+            "Offsets: auto, none, level (estimated with the model), mean or linear (removed).",
         ),
     ] = "auto",
     plot: Annotated[
@@ -90,13 +90,13 @@ def fit(
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
     json: reading.Json = False,
 ) -> None:
-    """Fit models to a log, judge them, and keep them in the workspace.
+    """Fit models to a log, validate them, and store them in the workspace.
 
-    With --follow the log is one that is still being written: gain, time constant and dead zone are
-    shown as they settle, and the model is kept when Ctrl-C ends it.
+    With --follow the log is still being written: gain, time constant and dead zone are shown as
+    they converge, and Ctrl-C stores the model.
 
-    Without --structure every linear structure is fitted with a small order search. The one that is
-    ahead in free run on a held-out part of the estimation data comes first.
+    Without --structure every linear structure is fitted with a small order search. The best in free
+    run on held-out estimation data comes first.
     """
     with stopping(how.on) as stop:  # Ctrl-C is how following ends
         from sysid.estimation.identify import Request
@@ -153,9 +153,9 @@ def _identify(
     steps: "Preparation",
     request: "Request",
 ) -> "tuple[Identification, tuple[str, ...]]":
-    """What was found, and what the reader did to the numbers of the logs.
+    """The fitted models, and notes on how the logs were read.
 
-    A note of reading is for the eyes: what needs an action is a warning, which the models keep.
+    Notes are only shown; a finding that needs an action is a warning, which the models store.
     """
     from sysid.data.checks.quality import require_usable
     from sysid.data.facts import LogFacts

@@ -1,4 +1,4 @@
-"""What ``sysid fit`` shows a person."""
+"""Text output of ``sysid fit``."""
 
 from collections.abc import Mapping, Sequence
 from math import isfinite
@@ -48,7 +48,7 @@ def show(
         render.table(
             ["model", "orders", "n", "free run %", "one step %", "AIC", "residuals"],
             rows,
-            title=f"Models, judged on {judged} data: {best.judged.free_run.data}",
+            title=f"Models on {judged} data: {best.judged.free_run.data}",
             caption=f"fits of {', '.join(names)}; n: estimated parameters, with initial states",
         )
     render.say(identification.reason, "bold")
@@ -73,16 +73,16 @@ def show(
         render.warn(f"! {sentence}")
     if plot is not None:
         render.say(f"Picture: {plot}")
-    render.say(f"Kept as {stored[0].id} in {stored[0].path}. Next: {_next(best)}.")
+    render.say(f"Stored as {stored[0].id} in {stored[0].path}. Next: {_next(best)}.")
 
 
 def _next(best: "Assessment") -> str:
-    """What can be done with the model; no plant is made of a signal on its own."""
+    """The next commands for the model; a time series without inputs makes no plant."""
     return "sysid compare, sysid export" if best.model.inputs else "sysid compare"
 
 
 def residual_words(residuals: Mapping[str, Any], inputs: Sequence[str] = ()) -> str:
-    """What the residual tests found, as a fit and a comparison both say it; inputs by name."""
+    """Results of the residual tests in words, for a fit and a comparison; inputs by name."""
     if not residuals:
         return "–"
     words = []
@@ -91,7 +91,7 @@ def residual_words(residuals: Mapping[str, Any], inputs: Sequence[str] = ()) -> 
         if inputs:
             of, named = f" of {', '.join(inputs)}", ", ".join(inputs)
         free = residuals["independence"]["passed"]
-        words.append(f"no linear effect{of} left" if free else f"still follow {named}")
+        words.append(f"no linear effect{of} left" if free else f"correlated with {named}")
     if residuals["whiteness"]["judged"]:
         words.append("white" if residuals["whiteness"]["passed"] else "not white")
     for kind, test in (residuals.get("nonlinear") or {}).items():
@@ -102,7 +102,7 @@ def residual_words(residuals: Mapping[str, Any], inputs: Sequence[str] = ()) -> 
         words.append("nothing nonlinear left")
     contradicted = [t["output"] for t in residuals.get("held_parameters") or () if not t["passed"]]
     if contradicted:
-        words.append(f"held {', '.join(contradicted)} contradicted")
+        words.append(f"fixed {', '.join(contradicted)} contradicted")
     return ", ".join(words) or "not tested"
 
 
@@ -111,7 +111,7 @@ _NONLINEAR = {
     "input squares": "squares of inputs left",
     "error size": "larger errors at large inputs",
 }
-"""Words for what Billings & Voon's tests found in the residuals of a nonlinear model."""
+"""Results of Billings & Voon's tests of a nonlinear model's residuals, in words."""
 
 
 def _parameters(a: "Assessment") -> None:

@@ -1,4 +1,4 @@
-"""The options of a log that was driven on a mission, declared once, as the library takes them."""
+"""Options of a log that was driven on a mission, declared once, as the library takes them."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,7 +42,7 @@ def driven(
             "--mission",
             metavar="M.yaml",
             rich_help_panel=_PANEL,
-            help="Mission that the log was driven on; also names effects of the vehicle.",
+            help="Mission that the log was driven on; needed to name effects of the vehicle.",
         ),
     ] = None,
     plant: Annotated[
@@ -51,7 +51,7 @@ def driven(
             "--plant",
             metavar="PATH",
             rich_help_panel=_PANEL,
-            help="Plant package the mission was planned with: the model to doubt.",
+            help="Plant package the mission was planned with: the model to diagnose.",
         ),
     ] = None,
     geometry: Annotated[
@@ -60,9 +60,9 @@ def driven(
             "--geometry",
             metavar="r=M,B=M",
             rich_help_panel=_PANEL,
-            help="Wheel or sprocket radius and distance of the tracks or wheels in metres, "
+            help="Wheel or sprocket radius r and distance B of tracks or wheels in metres, "
             "r=0.30,B=1.08 [the mission's, else the bundled robot's; estimated where the pose "
-            "contradicts that].",
+            "contradicts these].",
         ),
     ] = None,
     accept_changes: AcceptChanges = False,
@@ -76,10 +76,10 @@ def driven(
     from sysid.plant.package import read_package
 
     if plant is not None and mission is None:
-        raise UsageError("--plant is of use only with --mission; name the mission of the log")
+        raise UsageError("--plant needs --mission; give the mission of the log")
     for path, option in ((mission, "--mission"), (plant, "--plant")):
         if path is not None and not path.exists():
-            raise UsageError(f"there is no {path}; check the path after {option}")
+            raise UsageError(f"file not found: {path}; check the path after {option}")
     lengths = None if geometry is None else given_lengths(geometry)
     if lengths is not None and mission is not None:
         _agree(lengths, mission)
@@ -146,6 +146,6 @@ def _agree(lengths: "Geometry", mission: Path) -> None:
     of_mission = load_mission(mission).vehicle.given_geometry
     if of_mission is not None and of_mission != lengths:
         raise UsageError(
-            f"{mission} gives r = {of_mission.r:g} m and B = {of_mission.B:g} m, --geometry something "
-            "else; leave --geometry away or mend the mission"
+            f"{mission} gives r = {of_mission.r:g} m and B = {of_mission.B:g} m, but --geometry "
+            "differs; omit --geometry or correct the mission"
         )

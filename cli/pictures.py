@@ -1,4 +1,4 @@
-"""From results of the library to the pictures of the report layer."""
+"""Pictures of fits, rankings, missions and replays from results of the library."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -42,7 +42,7 @@ def draw_fit(path: Path, title: str, identification: "Identification") -> None:
             ),
             whiteness=_drawn(best.residuals.whiteness, "white", "not white"),
             independence=_drawn(
-                best.residuals.independence, "no linear effect left", "an effect is left"
+                best.residuals.independence, "no linear effect left", "correlated with the inputs"
             ),
             feedback=_drawn(best.residuals.feedback, "", ""),
         ),

@@ -1,4 +1,4 @@
-"""What a person sees: tables, sentences and progress. Nothing else in the workbench prints.
+"""Tables, sentences and progress on the terminal; nothing else in the workbench prints.
 
 Results go to stdout, everything about them (warnings, progress, errors) to stderr, so that
 ``--json`` leaves exactly one document on stdout. rich is imported when something is drawn.
@@ -48,7 +48,7 @@ def warn(sentence: str) -> None:
 
 
 def error(sentence: str) -> None:
-    """Print the one sentence a failed command leaves, in red on stderr."""
+    """Print the sentence of a failed command, in red on stderr."""
     _print(sentence, sys.stderr, "bold red")
 
 
@@ -100,7 +100,7 @@ def facts(pairs: Sequence[tuple[str, object]], title: str = "") -> None:
 
 
 def findings(verdicts: "Sequence[Finding]") -> None:
-    """Print verdicts on stdout, the severity in front of each and the advice below it."""
+    """Print findings on stdout, the severity in front of each and the advice below it."""
     from rich.text import Text
 
     console = _console(sys.stdout)
@@ -120,7 +120,7 @@ READING_LINES = 8
 
 
 def reading(lines: Sequence[str]) -> None:
-    """Print what the reader did to the numbers, one dim line each; sysid inspect shows the rest."""
+    """Print notes on how logs were read, one dim line each; sysid inspect shows the rest."""
     for line in lines[:READING_LINES]:
         say(line, "dim")
     if len(lines) > READING_LINES:
@@ -142,11 +142,11 @@ def standard_error(
 ) -> str:
     """A parameter's standard error, or in words why it has none."""
     if not visited:
-        return "not visited"
+        return "not excited"
     if fixed:
         return "fixed"
     if at_bound:
-        return "on its bound"
+        return "at its bound"
     if value is None or not math.isfinite(value):
         return "not determined"
     return number(value, 3)
@@ -158,7 +158,7 @@ def progress(label: str, total: int | None = None) -> Iterator[Callable[[int], N
 
     Args:
         label: what is going on.
-        total: how many steps there are; None when nobody knows.
+        total: number of steps; None when unknown.
 
     Yields:
         A function that takes how many more steps are done.

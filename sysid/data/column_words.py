@@ -1,4 +1,4 @@
-"""What the words of a column's name say: its side, whether it commands, measures, tells time."""
+"""Meaning of the words in a column's name: side, command, measurement or time."""
 
 import re
 from dataclasses import dataclass
@@ -7,9 +7,9 @@ from typing import Literal
 
 from sysid.data.unit_words import ending, without_unit
 
-Quantity = Literal["command", "speed", "reading", "reference", "supply", "other"]
-"""What a column holds: a command to the plant, a speed, another reading, a set point, the supply
-voltage, or something its name does not tell."""
+Quantity = Literal["command", "speed", "measurement", "reference", "supply", "other"]
+"""What a column holds: a command to the plant, a speed, another measurement, a set point, the
+supply voltage, or something its name does not state."""
 
 _UPPER, _LOWER = "A-ZÀ-ÖØ-Þ", "a-zß-öø-ÿ"
 _WORD = re.compile(rf"[{_UPPER}]?[{_LOWER}]+|[{_UPPER}]+(?![{_LOWER}])|[{_UPPER}]|\d+")
@@ -65,13 +65,13 @@ MEASUREMENTS: tuple[tuple[str, ...], ...] = (
     ("current", "strom", "courant", "accel", "acceleration", "beschleunigung"),
     ("enc", "encoder", "ticks", "counts"),
 )
-"""Words of other readings, in the same way."""
+"""Words of other measurements, in the same way."""
 
 PROCESS_MEASUREMENTS = MEASUREMENTS[1:3]
-"""Words of readings that are not of motion."""
+"""Words of measurements that are not of motion."""
 
 PROCESS_UNITS = frozenset(("degC", "°C", "K", "Pa", "N"))
-"""Units of such readings in a record, where no word tells what is read."""
+"""Units of such measurements in a record, where no word states what is measured."""
 
 DRIVES = frozenset(
     (
@@ -80,7 +80,7 @@ DRIVES = frozenset(
     )
 )
 """Words of what drives a plant where nothing else in the log does: each is measured too, but turns,
-moves or pumps what the other columns tell."""
+moves or pumps what the other columns measure."""
 
 SET_POINTS = frozenset(
     (
@@ -130,7 +130,7 @@ def words(name: str) -> tuple[str, ...]:
 
 
 def is_set_point(name: str) -> bool:
-    """Whether a name tells what a controller is to reach: ``speed_ref``, ``SollDrehzahl``."""
+    """Whether a name is of a set point: ``speed_ref``, ``SollDrehzahl``."""
     parts = words(name)
     return bool(SET_POINTS & set(parts)) or any(w.startswith("soll") for w in parts)
 
@@ -156,7 +156,7 @@ def meaning(name: str) -> Meaning:
     if command is not None and (command < weak or speed is None):
         measured = _rank(parts, MEASUREMENTS)
         if command == weak - 1 and _rank(parts[-1:], MEASUREMENTS) in (1, 2):
-            return Meaning("reading", measured or 0, side)  # heater_temp, pump_pressure
+            return Meaning("measurement", measured or 0, side)  # heater_temp, pump_pressure
         if command < weak or measured is None:
             return Meaning("command", command, side)
     if speed is None and command is None and unit in SPEED_UNITS:
@@ -165,12 +165,12 @@ def meaning(name: str) -> Meaning:
         return Meaning("speed", speed, side)
     measured = _rank(parts, MEASUREMENTS)
     if measured is not None:
-        return Meaning("reading", measured, side)
+        return Meaning("measurement", measured, side)
     return Meaning("other", 0, side)
 
 
 def family(name: str) -> tuple[str, ...]:
-    """The words of a name without what tells one of a pair from the other.
+    """The words of a name without those that distinguish the members of a pair.
 
     ``Pump A`` and ``Pump B``, ``y1`` and ``y2``, ``pwm_l`` and ``pwm_r``, ``ML`` and ``MR`` are
     families.
@@ -201,7 +201,7 @@ def is_wheel_speed(name: str, unit: str) -> bool:
 
 
 def may_move(name: str, unit: str) -> bool:
-    """Whether a reading may be of something that turns or moves.
+    """Whether a measurement may be of something that turns or moves.
 
     A temperature, a level of a liquid, a pressure, a flow or a force is none of motion, whatever
     it is read in; a name that says nothing may be anything.
@@ -213,16 +213,16 @@ def may_move(name: str, unit: str) -> bool:
 
 
 def may_drive(name: str) -> bool:
-    """Whether a column that names no command may be the input beside readings of its effect."""
+    """Whether a column that names no command may be the input beside measurements of its effect."""
     meant = meaning(name)
     base, unit = ending(name)
     named = bool(DRIVES & {*words(base), unit.lower()})
-    return named and meant.quantity in ("reading", "other")
+    return named and meant.quantity in ("measurement", "other")
 
 
 def is_effect(name: str) -> bool:
-    """Whether a column is a speed or another reading that does not drive a plant itself."""
-    return meaning(name).quantity in ("speed", "reading") and not may_drive(name)
+    """Whether a column is a speed or another measurement that does not drive a plant itself."""
+    return meaning(name).quantity in ("speed", "measurement") and not may_drive(name)
 
 
 def _rank(parts: tuple[str, ...], groups: tuple[tuple[str, ...], ...]) -> int | None:

@@ -1,4 +1,4 @@
-"""What the data say before any model is chosen: a long regression.
+"""A long regression (ARX of high order), the basis of the checks that need no model.
 
 Every record is regressed, output by output, on its own past and on the inputs around now:
 
@@ -29,7 +29,7 @@ class LongRegression:
     Attributes:
         a: coefficients of past outputs, shape (ny, ny, n): [output, of output, lag − 1].
         b: coefficients of the inputs, shape (ny, nu, n_lags).
-        b_error: their standard errors; infinite where the data cannot tell them apart.
+        b_error: their standard errors; infinite where the data cannot distinguish them.
         lags: the input lags, shape (n_lags,); negative ones are in the future.
         variance: variance of e per output, shape (ny,).
         covariance: (XᵀX)⁻¹ for b alone, shape (nu·n_lags, nu·n_lags); times the variance.

@@ -1,4 +1,4 @@
-"""Logs into records: CSV and Parquet files and bags, their columns, units and time."""
+"""Read logs (CSV, Parquet, bags) into records: columns, units and time."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,10 +15,10 @@ from sysid.data.logs.log_table import read_log_table
 from sysid.data.reading.clock import doubled_rows
 from sysid.data.reading.columns import Choice, choose_columns
 from sysid.data.reading.counters import as_speeds, continued
-from sysid.data.reading.stale import at_sensor_rate, slow_sensors
 from sysid.data.reading.pose_reading import pose_in_si, usable_pose
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import column_reader, numbered_clock, row_times
+from sysid.data.reading.stale import at_sensor_rate, slow_sensors
 from sysid.data.reading.table import Table
 from sysid.data.reading.time_column import Read
 from sysid.data.reading.timing import (
@@ -96,7 +96,7 @@ def read_files(
     Sample times within 1 % of each other are the same clock; the first file's is used for all.
     """
     if not paths:
-        raise UsageError("no log is named; give at least one CSV or Parquet file")
+        raise UsageError("no log given; name at least one CSV or Parquet file")
     logs = [read_file(p, options) for p in paths]
     first = logs[0].records[0]
     agreed = [logs[0]]
@@ -244,12 +244,12 @@ def _doubled(table: Table, repeated: NDArray[np.bool_]) -> tuple[Finding, ...]:
         return ()
     first = table.place(int(np.flatnonzero(repeated)[0]))
     more = "" if n == 1 else f" (the first of {n} such lines)"
-    text = f"{first}: the line before it again, time and all{more}; it was left out."
+    text = f"{first}: repeats the previous line, including its time{more}; left out."
     return (Finding("doubled-lines", Severity.NOTE, text, record=table.where),)
 
 
 def _forward_filled(values: Array, columns: Sequence[int]) -> Array:
-    """Empty cells of columns less than half empty filled with the last reading before them."""
+    """Empty cells of columns less than half empty filled with the last measurement before them."""
     out = values.copy()
     rows = np.arange(len(values))
     for k in (k for k in columns if np.isnan(values[:, k]).mean() < 0.5):
@@ -278,14 +278,15 @@ def _complete_rows(
         )
     if policy in ("auto", "refuse"):
         raise DataError(
-            f"{seen}{more}; mend it, or allow `resample='fill'` (interpolate) or `resample='split'`"
+            f"{seen}{more}; correct it, or allow `resample='fill'` (interpolate) or "
+            "`resample='split'`"
         )
     return keep, (
         Finding(
             "missing",
             Severity.WARNING,
             f"{seen}{more}; such rows were left out and treated as gaps.",
-            "Look for what kept the logger from writing.",
+            "Find out what kept the logger from writing.",
             names[column],
             table.where,
         ),
@@ -313,12 +314,12 @@ def _reading_notes(
         is_output = meaning(choice.outputs[0]).quantity == "other"
         last = choice.outputs if is_output else choice.inputs
         side = "output" if is_output else "input"
-        was = f"was taken for the {side}" if len(last) == 1 else f"were taken for the {side}s"
+        was = f"was taken as the {side}" if len(last) == 1 else f"were taken as the {side}s"
         notes.append(f"{table.where}: {', '.join(last)} {was}: no other column is left.")
     if references:
         notes.append(
-            f"{table.where}: {', '.join(references)} only serve{'s' * (len(references) == 1)} to see whether a "
-            "controller was running."
+            f"{table.where}: {', '.join(references)} serve{'s' * (len(references) == 1)} only to "
+            "detect whether a controller was running."
         )
     unused = [n for n in choice.ignored if n not in references]
     if unused:
@@ -374,7 +375,7 @@ def _record(signals: _Signals, segment: Segment) -> Record:
 
 
 def _references(choice: Choice, column: Read, rows: NDArray[np.intp]) -> dict[str, Array]:
-    """The unused columns that tell what an output was to be, in the file's units, (rows,)."""
+    """The unused columns that are set points, in the file's units, (rows,)."""
     references = {}
     for name in choice.ignored:
         values = column(name) if is_set_point(name) else None

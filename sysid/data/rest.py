@@ -1,4 +1,4 @@
-"""Rest at the head of a log: inputs held and outputs standing still before the first command."""
+"""Rest at the start of a log: constant inputs and outputs before the first command."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ SHORTEST = 5
 """Samples of rest that are enough to call it so: a line through fewer fits anything."""
 
 FLAT = 3.0
-"""A reading within so many standard errors of zero is zero."""
+"""A measurement within so many standard errors of zero is zero."""
 
 CHANCE = 0.01
 """Chance that noise passes for a drift of one shape. A rest that is not taken costs little, since
@@ -27,7 +27,7 @@ QUIET = 0.25
 """Largest spread of a resting output as a share of its whole range."""
 
 STICKIEST = 0.95
-"""Largest correlation of neighbouring readings that a short rest can be trusted to show."""
+"""Largest correlation of neighbouring measurements that a short rest can be trusted to show."""
 
 ROUNDING = 1e-9
 """Share of a range below which numbers are alike."""
@@ -39,8 +39,8 @@ class Rest:
 
     Attributes:
         u: values of the inputs, (nu,).
-        y: mean readings of the outputs, (ny,).
-        y_error: standard errors of these means, (ny,); zero for readings that never change.
+        y: mean measurements of the outputs, (ny,).
+        y_error: standard errors of these means, (ny,); zero for measurements that never change.
         samples: length of the rest.
     """
 
@@ -51,7 +51,7 @@ class Rest:
 
     @property
     def at_zero(self) -> bool:
-        """Whether inputs are zero and no output is told apart from zero."""
+        """Whether inputs are zero and no output differs significantly from zero."""
         near = np.abs(self.y) <= FLAT * self.y_error
         return bool(np.all(self.u == 0.0) and np.all(near))
 
@@ -59,7 +59,7 @@ class Rest:
 def rest_head(record: Record) -> Rest | None:
     """The rest at the head of a record, or None where it begins in motion.
 
-    Until the first command the inputs stay where they are; each output's readings must then not
+    Until the first command the inputs stay where they are; each output's measurements must then not
     drift, and their spread must be small against the whole range.
     """
     range_u, range_y = np.ptp(record.u, axis=0), np.ptp(record.y, axis=0)
@@ -82,7 +82,7 @@ def rest_head(record: Record) -> Rest | None:
 
 
 def _drifts(y: Array, tiny: float) -> bool:
-    """Whether an output's readings (n,) rise or fall towards where they would rest.
+    """Whether an output's measurements (n,) rise or fall towards where they would rest.
 
     For each of SETTLING a t-test of d in y(k) = c + d exp(−k/τ) + noise, a straight line for the
     slowest: a machine that settles nears its rest so, fast or slowly. The noise may have a memory

@@ -1,4 +1,4 @@
-"""Stored files are checked against a schema: a frozen dataclass whose fields say what a file holds.
+"""Check stored files against a schema: a frozen dataclass whose fields describe the file.
 
 pydantic does the checking. It is imported when the first file is read, and reads the dataclasses as
 they are: what only writes files, or only asks for help, does not wait for it.

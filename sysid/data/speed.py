@@ -1,4 +1,4 @@
-"""How fast a plant answers, seen in the data alone: the time to 63 % of its step response."""
+"""Speed of a plant without a model: time to 63 % of its step response."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -105,7 +105,7 @@ def estimated(log: SensorLog, mission: Mission) -> Estimation:
     navigation = mission.navigation
     state = navigation.start(scene, np)
     rows: list[tuple[float, ...]] = []
-    reads = {n: v for n, v in log.readings.items() if not n.startswith("pwm_")}
+    reads = {n: v for n, v in log.measurements.items() if not n.startswith("pwm_")}
     for name in ("omega_l", "omega_r"):
         reads.setdefault(name, np.full(len(log.t), np.nan))
     drive = _drives(log)
@@ -133,10 +133,10 @@ def estimated(log: SensorLog, mission: Mission) -> Estimation:
 
 def _turned_over(log: SensorLog) -> tuple[str, ...]:
     """Whether the gyroscope says the opposite of the wheels, as one mounted upside down does."""
-    if not {"gyro_z", "omega_l", "omega_r"} <= log.readings.keys():
+    if not {"gyro_z", "omega_l", "omega_r"} <= log.measurements.keys():
         return ()
-    turning = log.readings["omega_r"] - log.readings["omega_l"]
-    gyro = log.readings["gyro_z"]
+    turning = log.measurements["omega_r"] - log.measurements["omega_l"]
+    gyro = log.measurements["gyro_z"]
     both = np.isfinite(turning) & np.isfinite(gyro)
     if min(len(np.unique(x[both])) for x in (turning, gyro)) < 2:
         return ()
@@ -169,7 +169,7 @@ def scene_of(log: SensorLog, mission: Mission) -> tuple[Scene, tuple[str, ...]]:
                 f"The estimate starts in the log's first pose ({x:.3g}, {y:.3g}, {psi:.3g})."
             )
         scene = scene._replace(start=first)
-    read = {n for n in log.readings if np.isfinite(log.readings[n]).any()}
+    read = {n for n in log.measurements if np.isfinite(log.measurements[n]).any()}
     kept = {k: s for k, s in scene.sensors.items() if read & set(s.names)}
     if {"omega_l", "omega_r"} <= read and "encoders" not in kept:
         kept = {"encoders": law("sensors", {"kind": "encoders"}), **kept}
@@ -182,7 +182,7 @@ def scene_of(log: SensorLog, mission: Mission) -> tuple[Scene, tuple[str, ...]]:
 
 def _drives(log: SensorLog) -> list[tuple[float, float]]:
     """The command held before each row [drive]; none where the log has no commands."""
-    pwm = [log.readings[w.name] for w in DRIVES if w.name in log.readings]
+    pwm = [log.measurements[w.name] for w in DRIVES if w.name in log.measurements]
     if len(pwm) < len(DRIVES):
         return [(0.0, 0.0)] * len(log.t)
     held = np.nan_to_num(np.column_stack(pwm)) / PWM_FULL_SCALE

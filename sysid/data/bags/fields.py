@@ -93,7 +93,7 @@ def reader(message: Any, steps: Sequence[Step]) -> Reader:
         known = [path for path, _ in numbers(message)]
         raise NoSuchFieldError(f"has no {written(steps)}{nearest(written(steps), known)}") from None
     if to_number is _plain and not _is_number(value):
-        raise NoSuchFieldError(f"holds {_kind(value)} in {written(steps)}, which is no number")
+        raise NoSuchFieldError(f"holds {_kind(value)} in {written(steps)}, not a number")
 
     def take(other_message: Any) -> float:
         try:

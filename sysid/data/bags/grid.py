@@ -1,4 +1,4 @@
-"""Streams of their own rates as one table of even rows: commands held, readings by lines."""
+"""Streams of different rates on one uniform grid: commands held, measurements interpolated."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -48,7 +48,7 @@ class Aligned:
     """All streams on one grid.
 
     Attributes:
-        t: instants [s], (N,); rows that a reading does not cover are left out.
+        t: instants [s], (N,); rows that a measurement does not cover are left out.
         columns: by name, (N,).
         grid: what the rows stand on.
         findings: what was done.
@@ -79,10 +79,10 @@ def aligned(
     """Bring streams onto one grid.
 
     Its step is that of the command where commands come at a steady rate, and that of the slowest
-    reading where that is slower, or where no command is steady: faster rows would hold numbers that
-    nobody measured. Its instants are those of that stream. A command is held from its instant on,
-    and averaged over a step that it changes in; what is measured is read between readings by lines,
-    an angle along its shorter way.
+    measurement where that is slower, or where no command is steady: faster rows would hold numbers
+        that nobody measured. Its instants are those of that stream. A command is held from its
+        instant on, and averaged over a step that it changes in; what is measured is read between
+        measurements by lines, an angle along its shorter way.
 
     Args:
         streams: on one clock.
@@ -127,8 +127,8 @@ def _grid(
     for stream in streams:
         if len(stream.t) < 2:
             raise DataError(
-                f"{where}: {stream.stream.topic} holds one message; a log needs many: map another "
-                "topic, or record longer"
+                f"{where}: {stream.stream.topic} holds one message; map another topic, or record "
+                "longer"
             )
     measured = [s for s in streams if set(s.stream.names) - zero_order_hold]
     commands = [s for s in streams if s not in measured and s.regular]
@@ -203,7 +203,7 @@ def _between(at: Array, values: Array, k: Array, turning: bool) -> Array:
 
 
 def _covered(at: Array, k: Array, step: float) -> NDArray[np.bool_]:
-    """Rows between two readings that are not further apart than one and a half steps."""
+    """Rows between two measurements that are not further apart than one and a half steps."""
     d = np.diff(at)
     after = np.searchsorted(at, k, side="right")
     on = np.isin(k, at)
@@ -222,19 +222,17 @@ def _alignment_findings(
     for s in streams:
         held = [n for n in s.stream.names if n in zero_order_hold]
         interpolated = [n for n in s.stream.names if n not in zero_order_hold]
-        rate = f"{len(s.t) / np.ptp(s.t):.3g} Hz" if s.regular else "at no steady rate"
+        rate = f"{len(s.t) / np.ptp(s.t):.3g} Hz" if s.regular else "irregular"
         text = f"{s.stream.topic}: {len(s.t)} messages, {rate}, by {s.by}"
         if np.isfinite(s.way):
             text += f" ({1e3 * s.way:.3g} ms before receipt)"
         if held:
             longest = float(np.max(np.diff(s.t)))
-            text += f"; {', '.join(held)} held from message to message"
+            text += f"; {', '.join(held)} held between messages"
             text += f" (up to {longest:.3g} s)" if longest > 2.5 * s.step else ""
-        text += (
-            f"; {', '.join(interpolated)} read between messages by lines" if interpolated else ""
-        )
+        text += f"; {', '.join(interpolated)} interpolated between messages" if interpolated else ""
         sentences.append(text)
-    source = f"the step of {grid.topic}" if grid.topic else "as asked for"
+    source = f"the period of {grid.topic}" if grid.topic else "as requested"
     sentences.append(f"one row every {grid.dt:.6g} s, {source}")
     return tuple(
         Finding("bag", Severity.NOTE, f"{where}: {text}.", record=where) for text in sentences

@@ -1,6 +1,6 @@
-"""How much later one stream of a bag tells of a motion than another: estimated, said, removed.
+"""Latency of the streams of a bag relative to each other: estimated, reported, removed.
 
-Readings answer commands through a plant, so that their lateness is its dead time: the θ of
+Measurements answer commands through a plant, so that their lateness is its dead time: the θ of
 
     y(t) = c + Σ_i K_i F_i(t − θ),    F = u_i through one lag τ₁, or through two (τ₁, τ₂)
 
@@ -24,13 +24,13 @@ from sysid.errors import UsageError
 REMOVE = "remove"
 
 LONGEST = 1.0
-"""Later than this [s] a topic is not late but tells of something else."""
+"""Longest latency [s]: a topic that is later measures something else."""
 EARLIEST = -0.2
-"""A reading may seem to come before its command by this [s], where stamps disagree."""
+"""A measurement may seem to come before its command by this [s], where stamps disagree."""
 MAX_MEASUREMENTS = 6000
-"""Readings that serve: more of them take longer and tell nothing new."""
+"""Measurements that serve: more take longer and add no information."""
 MIN_MEASUREMENTS = 20
-"""Readings below which nothing is told."""
+"""Measurements needed for an estimate."""
 SLOWEST = 5.0
 """Longest lag tried [s]: a slower plant's dead time is hidden in it."""
 AWAY = 1.0
@@ -43,7 +43,7 @@ SURE = 3.0
 TELLS = 0.25
 """… which must be below this share of a row of the log, or the latency is not known at all."""
 MATTERS = 0.2
-"""Two readings that are apart by more than this share of a row distort what is fitted to both."""
+"""Offset of two measurements, as a share of a row, from which a fit to both is distorted."""
 
 
 @dataclass(frozen=True)
@@ -130,9 +130,9 @@ def without_latency(
 
 
 def latencies(streams: Sequence[Timed], zero_order_hold: frozenset[str]) -> tuple[Latency, ...]:
-    """How late readings answer the commands, and how late they are behind one another.
+    """How late measurements answer the commands, and how late they are behind one another.
 
-    Where the commands tell the lateness of a topic, they do; any other one is compared with the
+    Where possible a topic is compared with the commands; any other one is compared with the
     topic that answers them most surely, or with the fastest one.
     """
     streams = _window(streams)
@@ -196,7 +196,7 @@ def _between(stream: Timed, start: float, end: float) -> Timed:
 def _answer(
     measured: Timed, commands: Sequence[Timed], zero_order_hold: frozenset[str], row: float
 ) -> Latency | None:
-    """How late a topic answers the commands; None where it does not tell."""
+    """How late a topic answers the commands; None where it cannot be estimated."""
     if not commands:
         return None
     delays = []
@@ -220,12 +220,12 @@ def _answer(
 
 @dataclass(frozen=True)
 class DeadTime:
-    """How a reading answers commands.
+    """How a measurement answers commands.
 
     Attributes:
         seconds: dead time θ [s].
         std_error: of θ [s].
-        share: of the reading's variance that a lag with this dead time explains.
+        share: of the measurement's variance that a lag with this dead time explains.
     """
 
     seconds: float
@@ -237,7 +237,7 @@ def dead_time(t: Array, y: Array, commands: Sequence[tuple[Array, Array]]) -> De
     """Dead time from held commands to a reading.
 
     Args:
-        t, y: instants and readings, (N,).
+        t, y: instants and measurements, (N,).
         commands: instants (M,) and values (M, n) of each topic of commands.
 
     Returns:
@@ -296,7 +296,7 @@ class _Lagged:
     """Commands through lags and a dead time, fitted to a reading.
 
     Attributes:
-        t, y: the reading, (N,).
+        t, y: the measurement, (N,).
         start, step: of the fine grid on which commands are filtered [s].
         u: means of the held commands on it, (M, n).
     """
@@ -334,7 +334,7 @@ class _Lagged:
         return x
 
     def error(self, parameters: Array) -> Array:
-        """What the best gains leave of the reading, (N,).
+        """What the best gains leave of the measurement, (N,).
 
         Args:
             parameters: dead time and ``AWAY`` [s], then logarithms of the lags.
@@ -403,16 +403,16 @@ def _latency_finding(
     error = f"{1e3 * abs(one.seconds):.3g} ± {1e3 * one.std_error:.2g} ms"
     side = "late" if one.seconds >= 0.0 else "early"
     if one.answers:
-        how = "as a lag with dead time fits it"
+        how = "by a fit of a lag with dead time"
         text = f"{where}: {one.topic} answers {one.behind} {error} {side}, {how}"
     else:
-        how = "by the motion that both tell of"
+        how = "by the motion that both measure"
         text = f"{where}: {one.topic} is {error} {side} beside {one.behind}, {how}"
     if one.topic in late:
-        return Finding("latency", Severity.NOTE, f"{text}; it was moved back by that.")
+        return Finding("latency", Severity.NOTE, f"{text}; it was moved back by that time.")
     if not one.seen:
-        return Finding("latency", Severity.NOTE, f"{text}: none that can be told from zero.")
-    advice = "The dead time is left to the model; `latency='remove'` takes it out of the log."
+        return Finding("latency", Severity.NOTE, f"{text}: not significant.")
+    advice = "The model includes this dead time; `latency='remove'` removes it from the log."
     if not one.answers:
         advice = "`latency='remove'` moves it back."
     return Finding("latency", Severity.NOTE, f"{text}.", advice)

@@ -1,4 +1,4 @@
-"""A bag as the table of a log: its mapped streams brought onto one clock and even rows."""
+"""A bag as the table of a log: its mapped streams on one clock and a uniform grid."""
 
 from pathlib import Path
 
@@ -39,7 +39,7 @@ def bag_table(
     recording = read_streams(path, sources(options.map))
     parts = list(runs(recording))
     if not parts:
-        raise DataError(f"{recording.where}: its mapped topics hold no messages of one time")
+        raise DataError(f"{recording.where}: its mapped topics do not overlap in time")
     if len(parts) > 1 and options.resample != "split" and even:
         raise DataError(
             f"{recording.where}: the clock of the simulation starts again {len(parts) - 1} times; "
@@ -96,12 +96,12 @@ def _sparse(streams: tuple[Timed, ...]) -> tuple[Array, dict[str, Array]]:
 
 
 def _unmapped(path: Path) -> str:
-    """What to say of a bag without a mapping: the one that its topics speak for."""
+    """The error for a bag without a mapping, with a proposal."""
     proposal = propose(read_contents(path))
     lists = "`sysid inspect` lists its topics"
     if proposal is None:
-        return f"{path.name} is a bag: say which of its fields are columns with `map`; {lists}"
+        return f"{path.name} is a bag; map its fields to columns with `map`; {lists}"
     options = argument(map=proposal.map)
     if proposal.inputs:
         options += f" {argument(inputs=proposal.inputs)} {argument(outputs=proposal.outputs)}"
-    return f"{path.name} is a bag whose fields are not mapped; {options} is likely, {lists}"
+    return f"{path.name} is a bag without mapped fields; try {options}; {lists}"

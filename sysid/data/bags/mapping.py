@@ -1,4 +1,4 @@
-"""Which field of a bag is which column: ``omega_l = /joint_states.velocity[wheel_left]``."""
+"""Mapping of a bag's fields to columns: ``omega_l = /joint_states.velocity[wheel_left]``."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ class Source:
 
     Attributes:
         name: of the column.
-        unit: of the numbers in the bag where it is told, else empty.
+        unit: of the numbers in the bag where it is stated, else empty.
         factor: the column is so many times the field.
         topic: where its messages are.
         steps: of the path in a message; none for a message of a single number.
@@ -73,7 +73,7 @@ def _source(name: str, path: str) -> Source:
     except ValueError:
         raise UsageError(f"`map` cannot read the factor {text!r} of {name}") from None
     if factor == 0.0:
-        raise UsageError(f"`map` gives {name} the factor 0, which leaves nothing of it")
+        raise UsageError(f"`map` scales {name} by 0; give another factor")
     topic = topic if topic.startswith("/") else f"/{topic}"
     return Source(named["name"].strip(), named["unit"] or "", factor, topic, steps_of(field))
 

@@ -18,21 +18,21 @@ SUFFIXES = (".bag", ".mcap", ".db3")
 """Endings of the files of a recording; a folder that holds such files is a recording, too."""
 
 DESCRIPTION = "metadata.yaml"
-"""The file beside those of a folder of ROS 2 that says what it holds."""
+"""The file that describes a folder of ROS 2."""
 
 BLOCK = 1 << 20
 """Bytes read at a time where a whole bag is to be hashed: a bag may be larger than the memory."""
 
 REMEDIES = (
-    ("not indexed", "mend it with `rosbag reindex`"),
+    ("not indexed", "repair it with `rosbag reindex`"),
     ("encrypt", "decrypt it first, with `rosbag decrypt`"),
     ("metadata", "write that file again with `ros2 bag reindex`"),
     ("Profile", "only MCAP files written by ROS 2 are read: convert it with `ros2 bag convert`"),
     ("ersion", "convert it with `rosbag fix` or `ros2 bag convert`"),
     ("ompression", "decompress it first, with `rosbag decompress` or `ros2 bag convert`"),
-    ("end magic", "it was cut off when it was written; mend it with `mcap recover`"),
+    ("end magic", "it was cut off when it was written; repair it with `mcap recover`"),
 )
-"""What the reader says of a bag it refuses → what to do."""
+"""Phrase in the reader's error → what to do."""
 
 
 class Message(NamedTuple):
@@ -140,7 +140,7 @@ def opened(path: Path) -> Iterator[Bag]:
         DataError: the file cannot be read as a bag, or holds no message.
     """
     if not path.exists():
-        raise UsageError(f"there is no file {path}; check the path")
+        raise UsageError(f"file not found: {path}; check the path")
     try:
         from rosbags.highlevel import AnyReader
     except ImportError:

@@ -1,9 +1,9 @@
-"""Which fields of a bag are likely the inputs and outputs of a plant: by type, name and what leads.
+"""Propose which fields of a bag are inputs and outputs of a plant: by type, name and causality.
 
 Types and names make candidates: a Twist on a topic that commands, an Odometry, the speeds of
-joints. Among these the pair is proposed in which one answers the other: its readings are explained
-by the other's values, held and behind a lag with a dead time that is not negative, better than the
-other way round.
+joints. Among these the pair is proposed in which one answers the other: its measurements are
+explained by the other's values, held and behind a lag with a dead time that is not negative, better
+than the other way round.
 """
 
 import re
@@ -41,7 +41,7 @@ MOST_FIELDS = 4
 MOST_PAIRS = 3
 """Topics of each kind that are tried on each other."""
 EARLY = -0.02
-"""A reading that comes so much before [s] does not answer."""
+"""A measurement that comes so much before [s] does not answer."""
 NAMED, TYPED, LED = 3.0, 3.0, 4.0
 """What a word of the topic, the type of its messages and a full answer count."""
 
@@ -52,7 +52,7 @@ class Proposal:
 
     Attributes:
         map: column → field.
-        inputs, outputs: their columns; empty where the names tell them anyway.
+        inputs, outputs: their columns; empty where the names identify them.
         why: what speaks for it, as a sentence.
     """
 
@@ -75,7 +75,7 @@ class _Candidate:
 
 
 def propose(contents: Contents) -> Proposal | None:
-    """The mapping that the topics of a bag speak for; None where none of them measures anything."""
+    """The most likely mapping of a bag's topics; None where none of them measures anything."""
     moving = [t for t in contents.topics if t.moving]
     inputs = _best(_as_input(t) for t in moving)
     outputs = _best(_as_output(t) for t in moving)
@@ -98,9 +98,9 @@ def propose(contents: Contents) -> Proposal | None:
         return None
     pose = next((t for t in moving if _has_pose(t)), None)
     mapping = dict(names) if pose is None else {**names, "pose": f"{pose.name}"}
-    why = f"{u.topic.name} commands by its name and type, {y.topic.name} measures"
+    why = f"By name and type {u.topic.name} commands and {y.topic.name} measures"
     if led is not None:
-        why += f": {100 * led.share:.0f} % of that is the command behind a lag"
+        why += f"; a lag of the command explains {100 * led.share:.0f} % of the measurement"
     return Proposal(mapping, *_needed(names, len(u.fields)), why)
 
 
@@ -172,13 +172,13 @@ def _has_pose(topic: Topic) -> bool:
 
 
 def _kin(u: _Candidate, y: _Candidate) -> float:
-    """Whether two topics speak of the same: a Twist of a body, an array of its wheels."""
+    """Whether two topics are of the same thing: a Twist of a body, an array of its wheels."""
     body = "Twist" in u.topic.kind, "Odometry" in y.topic.kind
     return 1.0 if body[0] == body[1] else 0.0
 
 
 def _answers(u: Sequence[Field], y: Sequence[Field]) -> DeadTime | None:
-    """How readings answer commands, the mean over the readings; None where they do not."""
+    """How measurements answer commands, the mean over the measurements; None where they do not."""
     shared = [f for f in u if len(f.t) == len(u[0].t)]
     order = np.flatnonzero(np.diff(u[0].t, prepend=-np.inf) > 0.0)
     block = np.column_stack([f.values for f in shared])[order]
@@ -230,7 +230,7 @@ def _side_of(path: str) -> str:
 
 
 def _needed(names: dict[str, str], inputs: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Inputs and outputs by name, where the columns' names do not tell them."""
+    """Inputs and outputs by name, where the columns' names do not identify them."""
     u, y = tuple(names)[:inputs], tuple(names)[inputs:]
     with suppress(DataError, UsageError):
         chosen = choose_columns(tuple(names), timed=True)

@@ -1,4 +1,4 @@
-"""The mapped fields of a bag as streams of numbers, one a topic, each at its own instants."""
+"""The mapped fields of a bag as streams of numbers, one for each topic, at their own instants."""
 
 from array import array
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from sysid.data.record import Array
 from sysid.errors import DataError, UsageError
 
 CLOCK = "/clock"
-"""Where a simulation tells its time."""
+"""Topic of a simulation's time."""
 
 FIRST_DATE = 10**17
 """Stamps [ns] from here on count from 1970; smaller ones from the start of a simulation."""
@@ -175,8 +175,8 @@ class _Part:
         for k, (name, _, path) in enumerate(self.columns):
             if not np.isfinite(values[:, k]).any():
                 raise DataError(
-                    f"{self.bag.where}: no message of {self.topic} holds a number in {path}, which "
-                    f"{name} was to be; map another field"
+                    f"{self.bag.where}: no message of {self.topic} holds a number in {path}; map "
+                    f"{name} to another field"
                 )
         stamped = np.array(self.stamped)
         if self.origin == 0 and np.isnan(stamped[0]) and np.isfinite(stamped[1:]).all():

@@ -1,4 +1,4 @@
-"""The delay between every input and output, with its uncertainty, from the data alone."""
+"""Delay between every input and output, with its uncertainty, estimated without a model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ LIKELY = 10.0
 """Delays whose −2 ln L lies within this of the best one are possible (about 99 %, with a margin
 for the shape of the window, which is a choice)."""
 TIE = 2.0
-"""Differences of −2 ln L below this do not tell two delays apart: the longer one is simpler."""
+"""Difference of −2 ln L below which two delays cannot be distinguished: the longer is simpler."""
 ACTS = 16.0
 """An input that lowers −2 ln L by less than this has no visible effect on the output."""
 SURE = 1e-6

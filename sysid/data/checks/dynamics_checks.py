@@ -1,4 +1,4 @@
-"""Checks of what the data can teach: excitation, feedback, delay, sampling rate, nonlinearity."""
+"""Checks of the dynamics in a log: excitation, feedback, delay, sampling rate, nonlinearity."""
 
 from collections.abc import Sequence
 
@@ -86,8 +86,9 @@ def _together(records: Sequence[Record]) -> list[Finding]:
             Finding(
                 "collinear",
                 Severity.WARNING if unexplained < 1e-3 else Severity.NOTE,
-                f"The inputs {name} and {partner} {'always' if unexplained < 1e-3 else 'nearly always'} "
-                f"move together ({how}): their effects cannot be told apart.",
+                f"The inputs {name} and {partner} move together "
+                f"{'always' if unexplained < 1e-3 else 'nearly always'} ({how}): their effects "
+                "cannot be distinguished.",
                 _HOW_TO_SEPARATE[records[0].is_robot_log],
                 name,
             )
@@ -107,8 +108,8 @@ def check_feedback(tests: Sequence[FeedbackTest] | None) -> list[Finding]:
         Finding(
             "feedback",
             Severity.WARNING,
-            f"The input {test.input} answers to {_response(test)}: the data were recorded "
-            "in closed loop.",
+            f"The input {test.input} responds to {_response(test)}: the data were recorded in "
+            "closed loop.",
             "Prefer structures with a noise model (ARX, ARMAX, BJ) and one-step focus; OE is "
             "biased here unless its residuals are white.",
             test.output,
@@ -117,23 +118,23 @@ def check_feedback(tests: Sequence[FeedbackTest] | None) -> list[Finding]:
         if test.seen
     ]
     return findings or [
-        Finding("feedback", Severity.OK, "No feedback from output to input is seen.")
+        Finding("feedback", Severity.OK, "No feedback from output to input was detected.")
     ]
 
 
 def _response(test: FeedbackTest) -> str:
     if test.reference:
         return f"{test.reference} - {test.output} ({_chance(test.p_value)})"
-    share = f"{100 * test.share:.2g} % of its own"
-    return f"surprises in {test.output} ({share}, {_chance(test.p_value)})"
+    share = f"share {100 * test.share:.2g} %"
+    return f"innovations of {test.output} ({share}, {_chance(test.p_value)})"
 
 
 def check_delay(delays: Sequence[Delay] | None) -> list[Finding]:
     """The delay of every pair with its interval, output by output.
 
     An answer within the sample is either feedthrough or a controller that reads y(t) before it
-    writes u(t). Where a controller is seen it is the controller's; where none is, one record cannot
-    tell these apart for certain, so it is noted.
+    writes u(t). Where feedback is detected it is the controller's; where none is, one record cannot
+    distinguish the two for certain, so it is noted.
 
     Args:
         delays: of every pair; None where the records are too short for them.
@@ -146,7 +147,7 @@ def check_delay(delays: Sequence[Delay] | None) -> list[Finding]:
         pairs = [d for d in delays if d.output == output]
         for d in pairs:
             if d.delay is None:
-                parts.append(f"no effect of {d.input} is visible")
+                parts.append(f"no visible effect of {d.input}")
             elif d.certain:
                 parts.append(f"{d.delay} from {d.input}")
             else:
@@ -176,8 +177,8 @@ def _no_effect(output: str, inputs: Sequence[str]) -> Finding:
     return Finding(
         "no-effect",
         Severity.WARNING,
-        f"{who} nothing of {output} that chance would not.",
-        "Check the columns, and whether the actuator was on: no model of these data is of use.",
+        f"{who} no more of {output} than chance would.",
+        "Check the columns, and whether the actuator was on: no model of these data is usable.",
         output,
     )
 
@@ -196,7 +197,7 @@ def check_sampling(
     immediate = {d.output for d in delays or () if d.delay == 0}
     for speed in speeds:
         if speed.time_constant is None:
-            text = f"The time constant of {speed.output} cannot be told from these data."
+            text = f"The time constant of {speed.output} cannot be estimated from these data."
             findings.append(Finding("sampling", Severity.NOTE, text, "", speed.output))
             continue
         samples = speed.time_constant / dt
@@ -210,14 +211,14 @@ def check_sampling(
         severity, tail, advice = Severity.OK, ".", ""
         if samples < 0.75:
             severity = Severity.NOTE if speed.output in immediate else Severity.WARNING
-            tail = ": the sampling is too slow to see how it gets there."
+            tail = ": the sampling is too slow to see the transient."
             advice = "Sample several times faster."
         elif samples > 60:
             severity = Severity.WARNING if samples > 500 else Severity.NOTE
             tail = ": the sampling is much faster than the plant."
             advice = (
-                f"Decimate by about {max(2, round(samples / 15))}: otherwise poles crowd at 1 and "
-                "noise rules the fit."
+                f"Decimate by about {max(2, round(samples / 15))}: otherwise the poles lie near "
+                "1 and noise dominates the fit."
             )
         findings.append(Finding("sampling", severity, text + tail, advice, speed.output))
     return findings
@@ -241,8 +242,8 @@ def check_nonlinearity(tests: Sequence[NonlinearityTest] | None) -> list[Finding
             Finding(
                 "nonlinearity",
                 Severity.NOTE,
-                f"{t.output} answers nonlinearly ({p}): products of past inputs and outputs, "
-                f"mostly {t.shape}, predict {predicted} of what the best linear predictor leaves.",
+                f"Nonlinear response of {t.output} ({p}): products of past inputs and outputs, "
+                f"mostly {t.shape}, predict {predicted} of the best linear predictor's errors.",
                 _STRUCTURES_TO_COMPARE.get(
                     t.shape, _STRUCTURES_TO_COMPARE["of both input and output"]
                 ),
@@ -250,7 +251,7 @@ def check_nonlinearity(tests: Sequence[NonlinearityTest] | None) -> list[Finding
             )
         )
     least = min(t.p_value for t in tests)
-    text = f"No nonlinearity is seen (p = {least:.2g}): linear structures may suffice."
+    text = f"No nonlinearity was detected (p = {least:.2g}): linear structures may suffice."
     return findings or [Finding("nonlinearity", Severity.OK, text)]
 
 
@@ -273,11 +274,11 @@ _HOW_TO_SEPARATE = {
     True: "Add a run in which they differ, such as turns on the spot, or one of sysid excite.",
     False: "Add a run in which they differ: move one of them while the others stand still.",
 }
-"""How to tell inputs apart, by whether they are a robot's."""
+"""How to separate the effects of inputs, by whether they are a robot's."""
 
 
 def _too_short(code: str) -> Finding:
-    text = f"There are too few samples to look for {'a delay' if code == 'delay' else code}."
+    text = f"Too few samples to test for {'a delay' if code == 'delay' else code}."
     return Finding(code, Severity.NOTE, text, "Record longer.")
 
 

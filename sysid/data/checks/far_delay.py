@@ -1,4 +1,4 @@
-"""Delays longer than a regression can hold: where an input is first seen in an output.
+"""Delays too long for a regression: the lags at which an input first shows in an output.
 
 Input and output pass the filter that makes the input white; their cross-correlation over all lags,
 by FFT, is then the impulse response but for scale (Box, Jenkins & Reinsel 1994, §11.2). Its

@@ -1,23 +1,23 @@
-"""Was the log recorded under feedback? Two tests of whether the inputs answer to the outputs.
+"""Tests for feedback: do the inputs depend on the outputs?
 
 *Future inputs* (Sims 1972): y(t) is regressed on its past and on the inputs before, at and after
 t. In open loop the coefficients of the future inputs are zero whatever the input is, deterministic
-or not, as long as the past inputs are all there: MEMORY lags of them, for a smooth input tells at
-any time what it was long ago, and lags around a long delay. Futures that the past foretells to
-within FORETOLD of their power say nothing about answers and are left out.
+or not, as long as the past inputs are all there: MEMORY lags of them, for a smooth input reveals at
+any time what it was long ago, and lags around a long delay. Future inputs that the past predicts to
+within UNPREDICTABLE_SHARE of their power say nothing about feedback and are left out.
 
 *Reactions*: a controller that answers within the sample takes y(t) into u(t), which the regression
-above mistakes for the plant. So the surprises of y are taken from a regression without u(t), and
-u(t) is asked whether it follows from those of the samples before, beside its own past:
+above mistakes for the plant. So the innovations of y are taken from a regression without u(t), and
+u(t) is tested for dependence on those of the samples before, beside its own past:
 
     u(t) = Σ_k φ_k u(t−k) + Σ_{k≥1} γ_k w(t−k) + rest.
 
 A reference that steps makes jumps in u that would drown the answer; residuals are clipped at three
 robust standard deviations, so that jumps count no more than others.
 
-A plant with feedthrough in open loop passes both. What no test on one record can tell from that is
-a controller whose answer within the sample is all there is: white reference, white sensor noise,
-proportional control.
+A plant with feedthrough in open loop passes both. No test on one record can distinguish it from a
+controller that acts within the sample only: white reference, white sensor noise, proportional
+control.
 """
 
 from collections.abc import Sequence
@@ -89,8 +89,8 @@ class FeedbackTest:
             there is none in the log.
         moving: whether the input changes in at least half of the samples, as an answer to noisy
             outputs does.
-        share: part of the output's surprises that future inputs tell, or part of the input's
-            unforeseen changes that the output's surprises tell, 0 … 1, of the clearer test.
+        share: part of the output's innovations that future inputs explain, or part of the input's
+            unpredicted changes that the output's innovations explain, 0 … 1, of the clearer test.
     """
 
     output: str
@@ -125,7 +125,7 @@ def feedback_tests(records: Sequence[Record]) -> tuple[FeedbackTest, ...]:
     if not order and len(far):
         order, far = chosen_order(records), far[:0]
     if not order:
-        raise DataError(f"{records[0].name}: too few samples to look for feedback; record longer")
+        raise DataError(f"{records[0].name}: too few samples to test for feedback; record longer")
     by_test = [future_tests(records, order, far), _reactions(records, order, far)]
     if with_reference(records):
         by_test.append(_beside_reference(records, order, far))
@@ -170,7 +170,7 @@ def future_tests(
         fit = long_regression(records, order, -AHEAD, last, far)
     index = _open(fit, records)
     kept = np.unique(fit.lags[index % len(fit.lags)])
-    if len(index) and len(kept) < AHEAD:  # what the past foretells is no regressor either
+    if len(index) and len(kept) < AHEAD:  # what the past predicts is no regressor either
         fit = long_regression(records, order, 0, last, np.union1d(far, kept))
         index = _open(fit, records)
     tests = []
@@ -203,7 +203,7 @@ def _open(fit: LongRegression, records: Sequence[Record]) -> NDArray[np.int64]:
     index = index[np.isfinite(fit.b_error[0].ravel()[index])]
     if not len(index):
         return index
-    # the inverse of their block of (XᵀX)⁻¹ is the Gram matrix of what the past does not foretell
+    # the inverse of their block of (XᵀX)⁻¹ is the Gram matrix of what the past does not predict
     rest = np.diag(np.linalg.pinv(fit.covariance[np.ix_(index, index)], rcond=1e-12))
     power = np.mean(np.concatenate([(r.u - r.u.mean(axis=0)) ** 2 for r in records]), axis=0)
     return np.compress(rest > UNPREDICTABLE_SHARE * fit.samples * power[index // width], index)
@@ -258,9 +258,9 @@ def _reaction(
     back: int,
     own_lags: NDArray[np.int64],
 ) -> tuple[float, float]:
-    """(p-value, share) of input ``j`` that follows from the surprises of the samples before.
+    """(p-value, share) of input ``j`` that follows from the innovations of the samples before.
 
-    Surprises begin at sample ``back`` of each record. Where the readings of a row
+    Innovations begin at sample ``back`` of each record. Where the measurements of a row
     precede its command, the present surprise counts as well.
     """
     rows, targets = [], []

@@ -1,4 +1,4 @@
-"""How many levels the commands take: what static curve they can show at all."""
+"""Number of levels that the commands take: which static curves they can show."""
 
 from collections.abc import Sequence
 
@@ -35,7 +35,7 @@ def check_levels(records: Sequence[Record]) -> list[Finding]:
                 "levels",
                 Severity.NOTE,
                 f"{name} takes the values {shown} only: a dead zone, a saturation or a curved "
-                f"gain cannot be told from {len(levels)} levels.",
+                f"gain cannot be identified from {len(levels)} levels.",
                 "Record more levels before trusting a nonlinear structure.",
                 name,
             )

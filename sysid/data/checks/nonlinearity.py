@@ -1,4 +1,4 @@
-"""Is the plant linear? A test on a log, before anyone fits a nonlinear model.
+"""Test of a log for nonlinearity, made before any nonlinear model is fitted.
 
 The best linear one-step predictor with many lags leaves errors that nothing linear in the past
 predicts. If the plant is linear, nothing else in the past predicts them either; so products,
@@ -93,8 +93,8 @@ def nonlinearity_tests(
 
     Args:
         records: experiments with the same channels.
-        feedback: whether a controller was running. The input of the same sample then tells the
-            reading that it answers to, which is no law of the plant, and is left out.
+        feedback: whether a controller was running. The input of the same sample then reveals the
+            measurement that it answers to, which is no law of the plant, and is left out.
 
     Raises:
         DataError: too few samples for the linear predictor and its blocks.
@@ -104,9 +104,7 @@ def nonlinearity_tests(
     first = records[0]
     order = _order(records) if samples >= MIN_SAMPLES else 0
     if not order:
-        raise DataError(
-            f"{first.name}: {samples} samples are too few to tell nonlinear from linear"
-        )
+        raise DataError(f"{first.name}: {samples} samples are too few to test for nonlinearity")
     windows = [w for row in first_seen(records) for w in row]
     far = far_lags(windows, max(order, NEAR))
     if len(far) * first.nu * ROWS_A_LAG > samples:  # the record is too short for so many lags

@@ -1,4 +1,4 @@
-"""Is this log good enough for a fit? All checks that need no model, in a fixed order."""
+"""All checks of a log that need no model, in a fixed order."""
 
 from collections.abc import Callable, Sequence
 
@@ -78,7 +78,7 @@ def inspect_records(
     facts = LogFacts.of(data)
     records, reading = facts.records, facts.reading
     if not records:
-        raise DataError("there is no record to inspect; name at least one log")
+        raise DataError("no record to inspect; name at least one log")
     findings = [*_check_length(records), *check_finite(records)]
     if any(f.code in INCOMPLETE for f in reading):
         findings = [f for f in findings if (f.code, f.severity) != ("missing", Severity.OK)]
@@ -107,7 +107,7 @@ def require_usable(records: Sequence[Record]) -> None:
         DataError: with the first fatal finding as its sentence.
     """
     if not records:
-        raise DataError("there is no record to fit; name at least one log")
+        raise DataError("no record to fit; name at least one log")
     for check in (_check_length, check_finite, check_constant):
         for finding in check(records):
             if finding.severity is Severity.FATAL:

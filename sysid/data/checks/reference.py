@@ -1,8 +1,8 @@
-"""Feedback where the reference is in the log: does a command answer to an output beside it?
+"""Test for feedback with the reference in the log: does a command depend on an output beside it?
 
 What a command takes from the reference is no answer to the output. Less that, and only then, even a
-command whose reference is white shows what it takes from the readings. So u(t) is regressed on the
-references r, y(t) on all that the plant can know, and the remainders of the two are correlated:
+command whose reference is white shows what it takes from the measurements. So u(t) is regressed on
+the references r, y(t) on all that the plant can know, and the remainders of the two are correlated:
 
     u(t) = Σ_{k≥0} g_k r(t−k) + n(t),
     y(t) = Σ_{k≥1} a_k y(t−k) + Σ_{k≥0} b_k u(t−k) + w(t),        c_k = Σ_t Δn(t) w(t−k), k ≥ 1.
@@ -29,11 +29,11 @@ ANSWER = 8
 """Number of samples within which a loop shows a disturbance in its command."""
 
 COPIED = 1e-6
-"""Size of the remainder relative to the command's below which the reference tells all of it."""
+"""Size of the remainder relative to the command's below which the reference explains all of it."""
 
 
 TIED = 0.01
-"""Share of what reference and output tell of the command that their difference may leave open."""
+"""Share of what reference and output explain of the command that their difference may miss."""
 
 
 def with_reference(records: Sequence[Record]) -> list[Record]:

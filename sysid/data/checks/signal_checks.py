@@ -29,7 +29,7 @@ def check_finite(records: Sequence[Record]) -> list[Finding]:
                         "missing",
                         Severity.FATAL,
                         f"{text}t = {record.t0 + bad[0] * record.dt:.6g} s.",
-                        "Mend the log, or read it with `resample='fill'` or `resample='split'`.",
+                        "Repair the log, or read it with `resample='fill'` or `resample='split'`.",
                         name,
                         record.name,
                     )
@@ -93,7 +93,7 @@ def _stuck(record: Record, name: str, y: Array, moved: NDArray[np.bool_]) -> lis
             "stuck",
             Severity.WARNING,
             f"{record.name}: {name} repeats {y[start]:.6g} for {length} samples from "
-            f"t = {record.t0 + start * record.dt:.6g} s while the input moves.",
+            f"t = {record.t0 + start * record.dt:.6g} s while the input varies.",
             "Check the sensor and its wire, and leave that stretch out.",
             name,
             record.name,
@@ -173,7 +173,7 @@ def _pile_up(y: Array, end: float) -> float:
 
 
 def check_resolution(records: Sequence[Record]) -> list[Finding]:
-    """Outputs read in steps that are coarse against what they show."""
+    """Outputs whose resolution is coarse relative to their variation."""
     findings = []
     for record in records:
         for name, y in zip(record.output_names, record.y.T, strict=True):
@@ -184,7 +184,7 @@ def check_resolution(records: Sequence[Record]) -> list[Finding]:
             step = float(np.median(gaps[gaps > 1e-9 * np.ptp(y)]))
             part = step / float(np.std(y))
             if part > 0.1:
-                text = f"{record.name}: {name} is read in steps of about {step:.3g}, "
+                text = f"{record.name}: {name} has a resolution of about {step:.3g}, "
                 findings.append(
                     Finding(
                         "resolution",
@@ -195,7 +195,9 @@ def check_resolution(records: Sequence[Record]) -> list[Finding]:
                         record.name,
                     )
                 )
-    return findings or [Finding("resolution", Severity.OK, "The outputs are read finely enough.")]
+    return findings or [
+        Finding("resolution", Severity.OK, "The resolution of the outputs is sufficient.")
+    ]
 
 
 def check_outliers(records: Sequence[Record], outliers: Bridged) -> list[Finding]:
@@ -206,8 +208,8 @@ def check_outliers(records: Sequence[Record], outliers: Bridged) -> list[Finding
             hits = np.flatnonzero(flags[:, j])
             if len(hits):
                 n = len(hits)
-                seen = "1 sample stands" if n == 1 else f"{n} samples stand"
-                text = f"{record.name}: {seen} out of {name}, the first at t = "
+                seen = "1 outlier" if n == 1 else f"{n} outliers"
+                text = f"{record.name}: {seen} in {name}, the first at t = "
                 y = record.y[:, j]
                 far = np.max(np.abs(y[hits] - np.median(y))) > 4 * np.std(y)
                 findings.append(
@@ -215,8 +217,9 @@ def check_outliers(records: Sequence[Record], outliers: Bridged) -> list[Finding
                         "outliers",
                         Severity.WARNING if far or n > 0.005 * len(y) else Severity.NOTE,
                         f"{text}{record.t0 + hits[0] * record.dt:.6g} s. "
-                        f"What is said of dynamics leaves {'it' if n == 1 else 'them'} out.",
-                        "Mend them, or fit with a robust loss.",
+                        "The checks of dynamics ignore "
+                        f"{'this sample' if n == 1 else 'these samples'}.",
+                        "Correct the log, or fit with a robust loss.",
                         name,
                         record.name,
                     )

@@ -22,13 +22,13 @@ HEAD = 20
 """Data lines from which channels, units and sample time are read; fewer if no more come."""
 
 MIN_DATA_LINES = 3
-"""Data lines at least: two intervals tell a sample time."""
+"""Data lines needed: two intervals define a sample time."""
 
 WHOLE_LOG_ONLY = ("join", "join_offset", "speed_of", "unwrap")
-"""What reading a log looks at all of it for."""
+"""Options that need the whole log."""
 
 BAGS_ONLY = ("stamps", "latency")
-"""What is said of a recording, whose streams are there to be compared."""
+"""Options of bags, whose streams are compared with each other."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +150,7 @@ class RowReader:
     @property
     def _known(self) -> "_Format":
         if self._format is None:
-            raise DataError(f"{self._where}: no header and rows have come so far")
+            raise DataError(f"{self._where}: no header and rows so far")
         return self._format
 
     def _rows(self, lines: Sequence[str]) -> Rows:
@@ -212,7 +212,7 @@ class RowReader:
 
 @dataclass(frozen=True, eq=False)
 class _Format:
-    """What the first lines of a log tell about the others.
+    """The format of a log, read from its first lines.
 
     Attributes:
         table: of the first lines.
@@ -240,7 +240,7 @@ class _Format:
     def of(data: bytes, where: str, options: ReadOptions) -> "_Format":
         table = read_table(data, where, options.delimiter, options.decimal)
         if not isinstance(table.source, Layout):
-            raise UsageError(f"{where} is no text; only a CSV log can be followed")
+            raise UsageError(f"{where} is not text; only a CSV log can be followed")
         timed = options.ts is not None
         choice = choose_columns(
             table.names, options.inputs, options.outputs, options.time, where,
@@ -249,7 +249,7 @@ class _Format:
         bracketed = dict(zip(table.names, table.units, strict=True))
         choice, _ = usable_pose(choice, bracketed, options.units, where)
         if not choice.inputs:
-            raise DataError(f"{where} has no input; a plant that is followed needs one")
+            raise DataError(f"{where} has no input; a followed plant needs one")
         values = table.columns((*choice.inputs, *choice.outputs, *choice.pose))
         conversions = signal_conversions(table, choice, options, np.nan_to_num(values))
         stamps = numbered_clock(table, choice.clock)
@@ -323,7 +323,7 @@ class _Format:
         return np.zeros(len(lines)), values
 
     def place(self, at: float, last: tuple[float, Array] | None) -> float:
-        """The instant of a row; a sample after the one before where no column tells it."""
+        """The instant of a row; one sample after the previous row where no column states it."""
         if self.stamps or self.began is not None:
             return at
         return 0.0 if last is None else last[0] + self.dt

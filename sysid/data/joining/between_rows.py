@@ -1,4 +1,4 @@
-"""What a second file says between its rows: lines for what is measured, steps for commands."""
+"""Values of a second file between its rows: measurements interpolated, commands held."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

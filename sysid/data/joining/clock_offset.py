@@ -1,4 +1,4 @@
-"""The shift between the clocks of two files that saw the same drive, from what both say of it.
+"""Shift between the clocks of two files of one drive, estimated from the motion in both.
 
 Wheels roll s = r (φ_l + φ_r)/2 and turn ψ = r (φ_r − φ_l)/B; a camera sees s and ψ. Increments of
 both over a short window are compared: for every shift of the clocks the camera's are regressed on
@@ -34,7 +34,7 @@ RIVAL = 1.5
 """Another shift that leaves less than so many times what the best one leaves makes it doubtful."""
 
 PIECES = 6
-"""Pieces of the log whose own shifts tell the drift of the clocks, and the standard error."""
+"""Pieces of the log whose shifts give the drift of the clocks and the standard error."""
 
 VISIBLE = 4.0
 """A drift counts when it is so many of its standard errors."""
@@ -130,7 +130,7 @@ def clock_shift(t_log: Array, log: Array, t_other: Array, other: Array) -> Shift
     piece_shifts = np.array([refined(p, q, shift) for p, q in pairwise(edges.tolist())])
     kept = (
         np.abs(piece_shifts - shift) < 1.9 * coarse
-    )  # a piece at rest tells nothing and ends anywhere
+    )  # a piece at rest has no information and ends anywhere
     middle, drift, error = 0.5 * (low + high), 0.0, 0.0
     if kept.sum() >= 4:
         centred = mids[kept] - mids[kept].mean()

@@ -1,4 +1,4 @@
-"""Two files of one experiment: the second one's columns on the rows and the clock of the log.
+"""Join two files of one experiment: the columns of the second on the rows and clock of the log.
 
 A camera's pose at 120 Hz and wheel speeds at 50 Hz come in files of their own, each with a clock
 of its own. Where the wheels of the one and the pose of the other are known, the clocks are brought
@@ -29,7 +29,7 @@ from sysid.data.reading.counters import counted
 from sysid.data.reading.pose_columns import angle_unit, find_pose
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import column_reader, median_step, row_times
-from sysid.data.reading.stale import between_readings, refreshed
+from sysid.data.reading.stale import between_measurements, refreshed
 from sysid.data.reading.table import Table, read_table
 from sysid.data.reading.time_column import TimeColumn, find_time
 from sysid.data.record import Array
@@ -93,7 +93,7 @@ def joined(
     raw = {called[n]: numbers[n] for n in names if n in numbers}
     known = {n: _filled(column) for n, column in raw.items()}
     if not known:
-        raise DataError(f"{other.name} has no column of numbers beside its time")
+        raise DataError(f"{other.name} has no column of numbers besides its time")
     shift, findings = _shift(log, second_series, known, options)
     where = f"{other.name} joined to {table.where}"
     brought = _brought(log, shift.to_log(second_series.t), known, raw, where)
@@ -111,7 +111,7 @@ class _Brought:
     Attributes:
         columns: by name, one value a row that both cover.
         rows: which rows of the log those are, (N,).
-        held: names of the columns that are held between their readings.
+        held: names of the columns that are held between their measurements.
         changes: rows of a second file that is written only at changes; 0 for any other.
     """
 
@@ -123,12 +123,12 @@ class _Brought:
     def text(self, where: str) -> str:
         """What was done, as a sentence."""
         lost = int(np.count_nonzero(~self.rows))
-        share = f"; {_rows(lost)} of the log that it does not cover left out" if lost else ""
+        share = f"; {_rows(lost)} of the log without its data left out" if lost else ""
         brought = "was" if len(self.columns) == 1 else "were"
         names = ", ".join(self.columns)
-        text = f"{where}: {names} {brought} brought onto the rows of the log{share}"
+        text = f"{where}: {names} {brought} interpolated at the rows of the log{share}"
         if self.held:
-            why = f", as its {self.changes} rows are written at changes" if self.changes else ""
+            why = f" (its {self.changes} rows are written at changes)" if self.changes else ""
             are = "is" if len(self.held) == 1 else "are"
             text += f"; {', '.join(self.held)} {are} held between them{why}"
         return f"{text}."
@@ -278,20 +278,21 @@ def _shift(
     if found.agreement < AGREES:
         raise DataError(
             f"{sentence} at no shift of the clocks (best agreement {100 * found.agreement:.0f} %); "
-            "check that they are of one drive, or give the shift with `join_offset=SECONDS`"
+            "check that both are of one drive, or give the shift with `join_offset=SECONDS`"
         )
     if found.rival is not None:
         raise DataError(
             f"{sentence} nearly as well {found.seconds:.3f} s and {found.rival:.3f} s later, as a "
-            f"repeated motion does; say which with "
+            f"repeated motion does; choose one with "
             f"{argument(join_offset=round(float(found.seconds), 3))}"
         )
     late = "behind" if found.seconds >= 0.0 else "ahead of"
     error = f" ± {max(found.std_error, 1e-4):.1g}" if found.std_error else ""
     drift = f" and drifts by {1e6 * found.drift:.0f} µs a second" if found.drift else ""
     text = (
-        f"{other}: its clock is {abs(found.seconds):.4f}{error} s {late} that of {log_name}{drift}, by "
-        f"the motion that both saw ({100 * found.agreement:.0f} % of it agrees)."
+        f"{other}: its clock is {abs(found.seconds):.4f}{error} s {late} that of "
+        f"{log_name}{drift}, "
+        f"estimated from the motion in both files (agreement {100 * found.agreement:.0f} %)."
     )
     return found, (Finding("join", Severity.NOTE, text, record=log_name),)
 
@@ -322,7 +323,7 @@ def _wheels_and_pose(
             continue
         slow = refreshed([column], [np.arange(len(column), dtype=np.float64)[:, None]])
         if slow is not None:
-            column = between_readings(log.t, column, slow.fresh[0])
+            column = between_measurements(log.t, column, slow.fresh[0])
         rolled.append(travelled(log.t, column[:, None]))
     if not rolled:
         return None

@@ -1,4 +1,4 @@
-"""Logs of sensors: columns that need not be complete, at the instants at which they were written.
+"""Logs of sensors: columns with gaps, at the instants at which they were written.
 
 A log for a fit is brought onto an even grid; here nothing is filled in: a sensor that read nothing
 at a row has an empty cell there, and the rows keep their own times.
@@ -26,7 +26,7 @@ from sysid.errors import DataError, UsageError
 
 @dataclass(frozen=True)
 class Wanted:
-    """A reading that a log may hold.
+    """A measurement that a log may hold.
 
     Attributes:
         name: as the workbench calls it, e.g. ``gyro_z``.
@@ -48,14 +48,14 @@ class SensorLog:
     Attributes:
         name: of the file.
         t: instants from the first row on, (N,) [s], rising.
-        readings: name → values in SI units, (N,); NaN where nothing was read.
+        measurements: name → values in SI units, (N,); NaN where nothing was read.
         pose: true x, y [m], ψ [rad] where the log holds a pose, (N, 3).
         findings: what there is to say about the reading.
     """
 
     name: str
     t: Array
-    readings: Mapping[str, Array]
+    measurements: Mapping[str, Array]
     pose: Array | None
     findings: tuple[Finding, ...] = field(default=())
 
@@ -70,8 +70,8 @@ def read_sensor_log(
 
     Args:
         path: CSV or Parquet.
-        wanted: the readings to look for.
-        columns: reading → column, where the names differ; ``-column`` where its sign does.
+        wanted: the measurements to look for.
+        columns: measurement → column, where the names differ; ``-column`` where its sign does.
         options: ``time``, ``ts``, ``units``, ``delimiter`` and ``decimal`` count here.
 
     Raises:
@@ -87,7 +87,7 @@ def read_sensor_log(
     if not places:
         names = ", ".join(w.name for w in wanted)
         raise DataError(
-            f"{table.where} holds none of the readings {names}: name the columns, e.g. "
+            f"{table.where} holds none of the measurements {names}; name the columns, e.g. "
             f"gyro_z={table.names[-1]}"
         )
     known = {w.name: w for w in wanted}
@@ -107,7 +107,9 @@ def read_sensor_log(
     t = clock.t - clock.t[0]
     falls = np.flatnonzero(np.diff(t) <= 0)
     if len(falls):
-        raise DataError(f"{table.place(int(falls[0]) + 1)}: the time does not rise: sort the rows")
+        raise DataError(
+            f"{table.place(int(falls[0]) + 1)}: the time does not increase; sort the rows"
+        )
     brackets = dict(zip(table.names, table.units, strict=True))
     choice, pose_units = usable_pose(choice, brackets, options.units, table.where)
     pose: Array | None = None
@@ -122,17 +124,17 @@ def read_sensor_log(
 def _places(
     table: Table, wanted: Sequence[Wanted], named: Mapping[str, str], units: Mapping[str, str]
 ) -> dict[str, str]:
-    """Reading → column: as named, else of the same name, else by what a name says."""
+    """Measurement → column: as named, else of the same name, else by what a name says."""
     lower = {n.lower(): n for n in table.names}
     for name, column in named.items():
         if column.lower() not in lower:
             raise UsageError(
-                f"{table.where} has no column {column!r} for {name}: its columns are "
+                f"{table.where} has no column {column!r} for {name}; its columns are "
                 f"{', '.join(table.names[:20])}"
             )
         if name not in {w.name for w in wanted}:
             known = ", ".join(w.name for w in wanted)
-            raise UsageError(f"{name!r} is no reading of a sensor: the readings are {known}")
+            raise UsageError(f"{name!r} is not a known measurement; known are {known}")
     columns = {name: lower[column.lower()] for name, column in named.items()}
     for w in wanted:
         if w.name not in columns and w.name in lower:
@@ -160,7 +162,7 @@ def _unit(table: Table, wanted: Wanted, column: str, units: Mapping[str, str]) -
 
 
 def _fits(table: Table, wanted: Wanted, column: str, units: Mapping[str, str]) -> bool:
-    """Whether a column can be the reading by its unit."""
+    """Whether a column can be the measurement by its unit."""
     unit = _unit(table, wanted, column, units)
     return not unit or conversion(unit, column).unit == wanted.unit
 
@@ -174,7 +176,7 @@ def _in_si(table: Table, wanted: Wanted, column: str, units: Mapping[str, str]) 
     known: Conversion = conversion(unit, column)
     if known.unit != wanted.unit:
         raise UsageError(
-            f"{table.where}: {column} is in {unit}, but {wanted.name} is to be in {wanted.unit}; "
-            f"say its unit, e.g. {column}={wanted.unit}"
+            f"{table.where}: {column} is in {unit}, but {wanted.name} needs {wanted.unit}; give "
+            f"its unit, e.g. {column}={wanted.unit}"
         )
     return values * known.scale

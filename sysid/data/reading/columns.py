@@ -1,4 +1,4 @@
-"""Which column of a log is what: time, inputs, outputs and pose, by option or by name."""
+"""Roles of a log's columns: time, inputs, outputs and pose, by option or by name."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -49,7 +49,7 @@ class Choice:
         unit: unit of the time column [s]; None when it only counts samples.
         ignored: the other columns.
         rule: how inputs and outputs were found: "option", "robot", "prefix" or "last", where the
-            only column left was taken, or the only ones, which a number tells apart.
+            only column left was taken, or the only ones, which differ by a number.
         clock: the time column with how it was found, or None.
         alike: columns that look like parts of a pose but are none here, and why.
     """
@@ -90,12 +90,12 @@ def choose_columns(
         where: what to call the file in messages.
         read: reads a column as numbers, to see which one rises as a time does; None to go by
             names alone.
-        timed: whether the sample time is known from elsewhere, so that no column need tell it.
+        timed: whether the sample time is known from elsewhere, so that no column need state it.
 
     Raises:
         UsageError: a name asked for is not there, is asked for twice, is both input and output,
             or is the time.
-        DataError: inputs or outputs cannot be told from the names.
+        DataError: inputs or outputs cannot be identified by the names.
     """
     has_inputs = tuple(inputs) != (NO_INPUT,) or NO_INPUT in names
     given_u = tuple(_find(n, names, "`inputs`", where) for n in inputs) if has_inputs else ()
@@ -173,7 +173,11 @@ def _clock(
             others = [n for n in names if n not in given and not (is_time(n) or is_counter(n))]
             others = [n for n in others if fits(n)] or others
             what = (
-                "counts rows" if is_counter(name) else "is the time" if named else "rises as a time"
+                "counts rows"
+                if is_counter(name)
+                else "is the time"
+                if named
+                else "increases like a time"
             )
             instead = "or record one"
             if others:
@@ -218,13 +222,13 @@ def _signals(
     output_names = (
         output_names
         or both_y
-        or _plainest(unassigned, ("speed", "reading"))
-        or _sides(unassigned, "reading")
+        or _plainest(unassigned, ("speed", "measurement"))
+        or _sides(unassigned, "measurement")
     )
     unnamed = [n for n, m in unassigned.items() if m.quantity == "other" and n not in output_names]
     unnamed = [
         n for n in unnamed if not set(words(n)) <= set(SIDES)
-    ]  # "left" tells nothing but a side
+    ]  # "left" states nothing but a side
     if bool(input_names) != bool(output_names) and len(unnamed) == 1 and len(unassigned) == 1:
         last = (unnamed[0],)
         return input_names or last, output_names or last, "last"
@@ -240,12 +244,12 @@ def _signals(
 
 
 def _numbered(names: Sequence[str]) -> bool:
-    """Whether only a number tells the names apart."""
+    """Whether the names differ by a number only."""
     return len({re.sub(r"\d+", "", n) for n in names}) == 1
 
 
 def _one_drive(unassigned: Mapping[str, Meaning], output_names: Sequence[str]) -> tuple[str, ...]:
-    """The one torque, force, current or frequency beside readings of what it moves, or none."""
+    """The one torque, force, current or frequency beside measurements of what it moves, or none."""
     drives = tuple(n for n in unassigned if may_drive(n))
     commanded = any(m.quantity == "command" for m in unassigned.values())
     effects = any(is_effect(n) for n in (*unassigned, *output_names))
@@ -277,7 +281,7 @@ def _sides(meant: Mapping[str, Meaning], quantity: str) -> tuple[str, ...]:
 
 
 def _plainest(meant: Mapping[str, Meaning], quantities: Sequence[str]) -> tuple[str, ...]:
-    """The one column of the plainest words, or those that only a number tells apart, or none."""
+    """The one column of the plainest words, or those that differ by a number only, or none."""
     for quantity in quantities:
         of = {n: m.rank for n, m in meant.items() if m.quantity == quantity}
         if of:
@@ -295,7 +299,7 @@ def _find(name: str, names: Sequence[str], which: str, where: str) -> str:
         return near[0]
     shown = repr(wanted) if wanted else "an empty name"
     raise UsageError(
-        f"{which} asks for {shown}, which is no column of {where}; its columns are {_listed(names)}"
+        f"{which} names {shown}, which is not a column of {where}; its columns are {_listed(names)}"
     )
 
 
@@ -318,7 +322,7 @@ def _unclear(
     signals: Sequence[str],
     where: str,
 ) -> str:
-    missing = "input and which output"
+    missing = "the input and output"
     if inputs or outputs:
         missing = "the input" if outputs else "the output"
     free = [n for n in signals if n not in (*inputs, *outputs)]
@@ -327,10 +331,10 @@ def _unclear(
             f"{where} has no column left for {missing}: its columns are {_listed(names)}; "
             "a log needs at least one input and one output"
         )
-    alone = "" if inputs else " (`inputs='none'` where nothing drives it)"
+    alone = "" if inputs else " (`inputs='none'` for a log without inputs)"
     return (
-        f"{where}: cannot tell which column is {missing} among {_listed(names)}; "
-        f"say so with `inputs=NAME`{alone} and `outputs=NAME`, or name the columns u… and y…"
+        f"{where}: {missing} cannot be identified among {_listed(names)}; "
+        f"give `inputs=NAME`{alone} and `outputs=NAME`, or name the columns u… and y…"
         f"{_example(free, inputs, outputs)}"
     )
 
@@ -366,7 +370,7 @@ def _with_partners(likely: Sequence[str]) -> tuple[str, ...]:
 
 
 def _is_switch(name: str, read: Read) -> bool:
-    """Whether a column without a telling name takes two values, as a light barrier does."""
+    """Whether a column of unknown meaning takes two values, as a light barrier does."""
     column = read(name)
     return meaning(name).quantity == "other" and column is not None and len(set(column)) <= 2
 

@@ -1,4 +1,4 @@
-"""Counters and angles that start over: where they wrap or are reset, undone; speed from position.
+"""Unwrapping of counters and angles, and speed from position.
 
 A counter of n bits goes from its last value to its first one. Between two rows the true step is
 the one that is whole periods away from the step read and smaller than half a period:
@@ -72,9 +72,9 @@ def counted(y: Array, periods: Sequence[float], full: bool = False) -> Counted:
     """A column with the wraps and resets that it shows undone.
 
     Args:
-        y: readings as the file has them, (N,).
+        y: measurements as the file has them, (N,).
         periods: periods besides those of registers that its unit admits.
-        full: of these only one that the readings fill.
+        full: of these only one that the measurements fill.
     """
     whole = bool(np.all(y == np.rint(y)))
     low, high = float(np.min(y)), float(np.max(y))
@@ -183,7 +183,7 @@ def without_jumps(
     for name in periods:
         if name != EVERY and name not in turns:
             raise UsageError(
-                f"`unwrap` names {name!r}, which is no output of {where}; they are "
+                f"`unwrap` names {name!r}, which is not an output of {where}; the outputs are "
                 f"{', '.join(turns)}"
             )
     out = values.copy()
@@ -210,7 +210,7 @@ def without_jumps(
     if periods.get(EVERY) and not findings:
         raise DataError(
             f"{where}: no output starts over every {periods[EVERY]:g}; give the period in the "
-            "file's own unit, or leave it out and it is looked for"
+            "file's own unit, or omit it to have it detected"
         )
     return out, tuple(findings)
 
@@ -218,7 +218,7 @@ def without_jumps(
 def _running_count(y: Array, wraps: int, name: str, where: str) -> list[Finding]:
     """What to do with an output that is a number of counts which goes on and on.
 
-    Its name or a register's wraps say so: a slow reading in whole numbers looks alike.
+    Its name or a register's wraps say so: a slow measurement in whole numbers looks alike.
     """
     if np.any(y != np.rint(y)) or len(np.unique(y)) < MIN_DISTINCT_VALUES:
         return []
@@ -227,8 +227,8 @@ def _running_count(y: Array, wraps: int, name: str, where: str) -> list[Finding]
     if not (named_count or wraps) or np.ptp(y) < TRAVEL * float(np.quantile(step, 0.99)):
         return []
     text = (
-        f"{where}: {name} counts on and on in whole numbers, as an encoder does: it is a position "
-        "without a unit, and most models are of a speed."
+        f"{where}: {name} counts in whole numbers like an encoder: it is a position without a "
+        "unit, and most models describe a speed."
     )
     unit = {name: "counts=N/rev"}
     advice = (
@@ -242,11 +242,11 @@ def _doubted(period: float, name: str, where: str) -> list[Finding]:
     if not period:
         return []
     text = (
-        f"{where}: {name} jumps by about {period:g} and goes on at the same speed, as a counter "
-        "that starts over does; it was read as it stands."
+        f"{where}: {name} jumps by about {period:g} and continues at the same speed, like a "
+        "counter that starts over; it was not unwrapped."
     )
     there = argument(unwrap={name: float(f"{period:g}")})
-    advice = f"Say where it starts over, {there}, or {argument(unwrap={name: None})}."
+    advice = f"Give its period, {there}, or keep the jumps, {argument(unwrap={name: None})}."
     return [Finding("counter", Severity.WARNING, text, advice, name, where)]
 
 
@@ -255,15 +255,15 @@ def _forced(y: Array, period: float, name: str, where: str, named: bool) -> Coun
         if not named:  # the period holds for every output, and this one is no such counter
             return Counted(y)
         raise DataError(
-            f"{where}: {name} runs from {np.min(y):g} to {np.max(y):g}, which no counter that "
-            f"starts over every {period:g} can; give the period in the file's own unit"
+            f"{where}: {name} runs from {np.min(y):g} to {np.max(y):g}, but a counter of period "
+            f"{period:g} cannot; give the period in the file's own unit"
         )
     n = int(np.count_nonzero(np.abs(np.diff(y)) > 0.5 * period))
     return Counted(unwrapped(y, period), period, n)
 
 
 def _real(name: str) -> str:
-    return f"If these jumps are real, say {argument(unwrap={name: None})}."
+    return f"If these jumps are real, give {argument(unwrap={name: None})}."
 
 
 def _unwrap_finding(column: Counted, name: str, where: str, given: bool) -> list[Finding]:
@@ -305,7 +305,7 @@ def continued(
         speed_of: outputs whose speed is asked for; for another counter it is proposed.
 
     Raises:
-        UsageError, DataError: an option names no output or does not fit its readings.
+        UsageError, DataError: an option names no output or does not fit its measurements.
     """
     turns: dict[str, tuple[float, ...] | None] = dict.fromkeys(headings, (2.0 * pi, 360.0))
     for name, unit in outputs.items():
@@ -337,7 +337,7 @@ def as_speeds(
     for name in speed_of:
         if name not in outputs:
             raise UsageError(
-                f"`speed_of` names {name!r}, which is no output of {where}; they are "
+                f"`speed_of` names {name!r}, which is not an output of {where}; the outputs are "
                 f"{', '.join(outputs)}"
             )
     out = values.copy()
@@ -354,7 +354,7 @@ def as_speeds(
         units[f"{name}_speed"] = rate
         step = grain(values[:, k]) * unit.scale / float(np.median(np.diff(t)))
         text = (
-            f"{where}: {name}_speed is the mean speed between two readings of {name}, half "
+            f"{where}: {name}_speed is the mean speed between two measurements of {name}, half "
             f"a sample late; one step of {name} in a sample is {step:.3g} {rate.unit}."
         )
         findings.append(Finding("counter", Severity.NOTE, text, channel=name, record=where))

@@ -1,4 +1,4 @@
-"""Dates and times of day as people, loggers and spreadsheets write them, in seconds."""
+"""Dates and times of day in the formats of people, loggers and spreadsheets, in seconds."""
 
 import datetime
 import re

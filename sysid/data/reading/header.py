@@ -1,4 +1,4 @@
-"""Where the header of a text log stands: below titles, above a row of units, behind a sign."""
+"""Find the header of a text log: below titles, above a row of units, behind a comment sign."""
 
 import csv
 import re
@@ -35,11 +35,11 @@ _PROCESSING = frozenset(
         *("sample", "average", "minimum", "maximum", "total", "mittelwert"),
     )
 )
-"""Words, in lower case, with which a row says how a logger made its numbers from readings."""
+"""Words, in lower case, with which a row says how a logger made its numbers from measurements."""
 _UNIT_LABELS = frozenset(
     ("vertical units", "y_unit_label", "units", "unit", "einheit", "einheiten")
 )
-"""First cells, in lower case, of a line that tells the units of the columns that are read."""
+"""First cells, in lower case, of a line with the units of the columns."""
 _TITLES = 60
 """No logger writes more lines than this before its header."""
 _LABEL = re.compile(r"[A-Za-z_][\w .()\[\]/%°-]*")
@@ -55,7 +55,7 @@ class Header:
         units: the line of units below it, or None.
         body: the lines of data.
         notes: what was left out, as parts of sentences.
-        interval: time between two rows [s] that a title tells, None without.
+        interval: time between two rows [s] that a title states, None without.
     """
 
     line: Line
@@ -95,7 +95,7 @@ def find_header(numbered: Sequence[Line]) -> Header:
         above, rest = block[:first], rest[first - 1 :]
         summed = len(above) > 2 and _is_processing(above[-1][1])
         if summed:
-            notes += (f"line {above.pop()[0]}, how the logger sums up, was left out",)
+            notes += (f"line {above.pop()[0]}, a row of processing labels, was left out",)
         if _is_units(above[-1][1], above[-2][1], rest[0][1]):
             units = above.pop()[1]
         full = [i for i in _ending(above) if _is_full(above[i][1], rest[0][1])]
@@ -197,7 +197,7 @@ def _body(lines: Sequence[Line], header: str) -> tuple[list[Line], tuple[str, ..
     if repeated:
         notes += (
             f"the header, which is repeated {'once' if repeated == 1 else f'{repeated} times'} "
-            "below (did the logger start again?), was left out there",
+            "below (did the logger restart?), was left out there",
         )
     return kept, notes
 
@@ -326,7 +326,7 @@ def _is_units(line: str, header: str, data: str) -> bool:
 
 
 def _stated_units(titles: Sequence[str], header: str, data: str) -> str | None:
-    """The line of a title block that tells units, as a row of units below the header would.
+    """The line of a title block with units, as a row of units below the header would be.
 
     Its label stands where the header has the time, or before all columns: ``Vertical Units,V,A``.
     """

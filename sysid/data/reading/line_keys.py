@@ -1,4 +1,4 @@
-"""Lines of a log that say ``name=value``: a device's console, and the interval in a title block."""
+"""Lines ``name=value`` of a device's console, and the interval stated in a title block."""
 
 import re
 from collections import Counter
@@ -72,19 +72,19 @@ def without_keys(lines: Sequence[Line]) -> tuple[list[Line], tuple[str, ...]]:
         table.append((i, ";".join([*time, *cells])))
     notes: tuple[str, ...] = (
         f"the names before the signs = are the columns ({', '.join(names)})"
-        + (f"; the time stands in front of them, as column {clock[0]}" if clock else ""),
+        + (f"; the time in front of them is column {clock[0]}" if clock else ""),
     )
     lost = len(lines) - len(rows)
     if lost:
         notes += (
-            f"{lost} line{' that says' if lost == 1 else 's that say'} none of them "
+            f"{lost} line{'' if lost == 1 else 's'} without them "
             f"{'was' if lost == 1 else 'were'} left out",
         )
     return table, notes
 
 
 def interval_of(title: str) -> float | None:
-    """The time between two rows [s] that a line above the header tells with its unit, or None.
+    """The time between two rows [s] that a line above the header states with its unit, or None.
 
     ``"Interval","20 ms"``, ``Sample rate: 50 Hz``, LabVIEW's ``Delta_X``, which is in seconds; any
     other bare number is in no unit that one may guess.

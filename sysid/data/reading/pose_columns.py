@@ -1,4 +1,4 @@
-"""The pose of a vehicle in a log: its columns by name, their units, and the angle's fold undone."""
+"""Pose of a vehicle in a log: its columns by name, their units, and the angle unwrapped."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -71,7 +71,7 @@ def find_pose(names: Sequence[str]) -> PoseColumns:
     if missing:
         if not (by_axis["x"] and by_axis["y"]):
             return PoseColumns()  # a lone angle is a signal like any other
-        return PoseColumns((), every, "there is no angle (psi, yaw, heading, theta) beside them")
+        return PoseColumns((), every, "the angle (psi, yaw, heading, theta) is missing")
     picked = _one_set(by_axis)
     if not picked:
         return PoseColumns((), every, "there are several of them")
@@ -104,7 +104,7 @@ def pose_conversions(
             known = Conversion("", 1.0, stated)
         if known.unit != wanted:
             raise UsageError(
-                f"the unit of {name} is {stated}, which is none of the pose; "
+                f"the unit of {name} is {stated}, which does not fit a pose; "
                 f"give {argument(units={name: wanted})} ({examples})"
             )
         conversions.append(known)
@@ -112,9 +112,9 @@ def pose_conversions(
 
 
 def angle_unit(x: Array, y: Array, angle: Array) -> tuple[str, bool]:
-    """The unit of an angle that does not tell it: ("rad" or "deg", whether it was seen).
+    """The unit of an angle without one: ("rad" or "deg", whether it was detected).
 
-    Two things tell: a fold (a jump of nearly 2π or 360 between neighbours), and the way: while
+    Two things show it: a fold (a jump of nearly 2π or 360 between neighbours), and the way: while
     the vehicle drives, the direction of the way is the angle, or opposite to it in reverse, so
     Re mean exp(2i(χ − ψ)) is near 1 for the right unit.
     """

@@ -1,4 +1,4 @@
-"""The pose of a log in metres and radians: units, the angle's sense and folds, and what is said."""
+"""Convert the pose of a log to metres and radians: units, sense and jumps of the angle."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -85,19 +85,19 @@ def pose_in_si(
         unit_name, seen = angle_unit(x, y, angle)
         unit = Conversion("rad", np.pi / 180.0 if unit_name == "deg" else 1.0, unit_name)
         if unit_name == "deg":
-            text = f"{where}: {name} tells no unit and was read in degrees, as its values show."
-            advice = f"If that is wrong, say so: {argument(units={name: 'rad'})}."
+            text = f"{where}: {name} has no unit and was read in degrees, judging by its values."
+            advice = f"If that is wrong, give {argument(units={name: 'rad'})}."
             findings.append(Finding("pose", Severity.WARNING, text, advice, name, where))
         elif not seen and np.ptp(angle) > 4.0 * np.pi:
-            text = f"{where}: {name} tells no unit and was read in radians."
-            advice = f"If it holds degrees, say so: {argument(units={name: 'deg'})}."
+            text = f"{where}: {name} has no unit and was read in radians."
+            advice = f"If it is in degrees, give {argument(units={name: 'deg'})}."
             findings.append(Finding("pose", Severity.WARNING, text, advice, name, where))
     angle = unfolded(angle * unit.scale)
     if is_compass(choice.pose[2]) and counts_as_compass(x, y, angle):
         angle = 0.5 * np.pi - angle
         text = (
-            f"{where}: {choice.pose[2]} counts clockwise from y, as a compass does, by the way "
-            f"driven; it was read as 90° − {choice.pose[2]}."
+            f"{where}: by the path driven, {choice.pose[2]} counts clockwise from y, like a "
+            f"compass; it was read as 90° − {choice.pose[2]}."
         )
         findings.append(Finding("pose", Severity.WARNING, text, record=where))
     out[:, first + 2] = angle

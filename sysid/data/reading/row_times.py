@@ -1,4 +1,4 @@
-"""When each row of a log was written: from its time column, a counter of rows, or ``ts`` alone."""
+"""Instant of each row of a log, from its time column, a counter of rows, or ``ts`` alone."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -19,7 +19,7 @@ from sysid.data.record import Array
 from sysid.errors import DataError, argument
 
 SAME_STEP = 0.01
-"""A sample time by option and one by the time column within this fraction of each other agree."""
+"""Relative difference within which the sample times of option and time column agree."""
 
 
 def column_reader(table: Table) -> Read:
@@ -69,10 +69,10 @@ def row_times(
     if column is None or column.over is None:
         return clock
     text = (
-        f"{table.where}: the time is {column.name}, the sender's own stamp; {column.over}, when "
-        "the message was recorded, was left aside."
+        f"{table.where}: the time is {column.name}, the sender's stamp; {column.over}, the time of "
+        "recording, was not used."
     )
-    advice = f"To go by the recorder's clock say {argument(time=column.over)}."
+    advice = f"To use the recorder's clock give {argument(time=column.over)}."
     note = Finding("time-unit", Severity.NOTE, text, advice, record=table.where)
     return replace(clock, findings=(*clock.findings, note))
 
@@ -128,7 +128,7 @@ def median_step(t: Array) -> float:
 
 
 def _scaled(clock: Clock, column: TimeColumn, ts: float, where: str, raw: Array) -> Clock:
-    """Stamps of an untold unit under a sample time by option."""
+    """Stamps of unknown unit under a sample time by option."""
     step = median_step(clock.t)
     for unit in (1.0, 1e-3, 1e-6, 1e-9):
         if abs(step * unit / ts - 1.0) <= SAME_STEP:
@@ -137,7 +137,7 @@ def _scaled(clock: Clock, column: TimeColumn, ts: float, where: str, raw: Array)
 
 
 def _checked(clock: Clock, column: TimeColumn, ts: float | None, where: str) -> Clock:
-    """The clock, or ``ts`` where the two contradict each other, aloud."""
+    """The clock, or ``ts`` with a warning where the two contradict each other."""
     step = median_step(clock.t)
     if ts is None or abs(step / ts - 1.0) <= SAME_STEP:
         return clock
@@ -145,7 +145,7 @@ def _checked(clock: Clock, column: TimeColumn, ts: float | None, where: str) -> 
         f"{where}: column {column.name} says {step:.4g} s between samples, `ts` says {ts:g} s; "
         "`ts` was used."
     )
-    advice = "Leave `ts` out if the time column is right."
+    advice = "Omit `ts` if the time column is right."
     note = Finding("sample-time", Severity.WARNING, text, advice, record=where)
     return Clock(clock.t / step * ts, clock.origin, (*clock.findings, note))
 
@@ -153,13 +153,13 @@ def _checked(clock: Clock, column: TimeColumn, ts: float | None, where: str) -> 
 def _unknown_sample_time(
     ts: float | None, table: Table, column: TimeColumn | None = None
 ) -> tuple[Finding, ...]:
-    """What to say where no column tells the time: nothing if the option does."""
+    """Warning where no column states the time; none where the option does."""
     where = table.where
     if ts is not None:
         return ()
     if table.interval is not None:
-        text = f"{where}: the title above the header says one row every {table.interval:.6g} s."
-        advice = "If that is not so, give the sample time in seconds with `ts`."
+        text = f"{where}: the title above the header states one row every {table.interval:.6g} s."
+        advice = "If that is wrong, give the sample time in seconds with `ts`."
         return (Finding("sample-time", Severity.NOTE, text, advice, record=where),)
     counts, unit = "", ""
     if column is not None:
@@ -169,8 +169,8 @@ def _unknown_sample_time(
         Finding(
             "sample-time",
             Severity.WARNING,
-            f"{where} does not tell its sample time{counts}: it was set to 1 s, so every time "
-            "below counts samples.",
+            f"{where} has no sample time{counts}; it was set to 1 s, so every time below counts "
+            "samples.",
             f"Give the sample time in seconds with `ts`{unit}.",
             record=where,
         ),

@@ -1,4 +1,4 @@
-"""How a text log is laid out: encoding, header, delimiter, decimal sign, lines with data."""
+"""Layout of a text log: encoding, header, delimiter, decimal sign, data lines."""
 
 import re
 from collections.abc import Sequence
@@ -45,7 +45,7 @@ class Layout:
         lines: line number of each data line in the file, counted from 1.
         notes: what a person should know about the reading.
         units: cells of a row of units below the header, as many as names; empty cells without.
-        interval: time between two rows [s] that a title tells, None without.
+        interval: time between two rows [s] that a title states, None without.
         in_cells: the unit behind every number of a column, as many as names; empty without.
     """
 
@@ -95,7 +95,7 @@ def _lay_out(data: bytes, where: str, delimiter: str | None, decimal: str | None
 
     sep = cut = _delimiter(header, rows[:20], delimiter)
     if sep == "," and decimal != "." and _quoted_commas(rows[:200]):
-        # a comma between cells and inside the numbers: only the quotes tell them apart
+        # a comma between cells and inside the numbers: only the quotes distinguish them
         header, *rows = ["\t".join(cells_of(line, ",")) for line in (header, *rows)]
         sep, decimal = "\t", ","
     names = tuple(c.strip() for c in cells_of(header, sep))
@@ -175,14 +175,14 @@ def _decode(data: bytes, where: str) -> tuple[str, tuple[str, ...]]:
     if b"\0" in data:
         if _looks_wide(data):
             raise DataError(f"{where} looks like UTF-16 text without its mark; save it as UTF-8")
-        raise DataError(f"{where} is no text: it holds zero bytes; give a CSV or Parquet log")
+        raise DataError(f"{where} is not text (it holds zero bytes); give a CSV or Parquet log")
     try:
         return data.decode("utf-8-sig"), ()
     except UnicodeDecodeError as error:
         head = data[:4096]
         odd = sum(b < 9 or 13 < b < 32 for b in head)
         if odd > 0.02 * len(head):
-            raise DataError(f"{where} is no text but binary; give a CSV or Parquet log") from None
+            raise DataError(f"{where} is binary; give a CSV or Parquet log") from None
         line = data[: error.start].count(b"\n") + 1
         note = f"{where} is not UTF-8 (line {line}); read as Latin-1."
         return data.decode("latin-1"), (note,)
@@ -274,7 +274,7 @@ def _even_out(
             )
             raise DataError(
                 f"{where}, line {line} has {_n(count, 'cell')} where the header has {wanted}"
-                f"{hint}; mend or delete that line"
+                f"{hint}; correct or delete that line"
             )
     return names, rows, numbers, notes
 

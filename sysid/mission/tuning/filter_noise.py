@@ -207,9 +207,9 @@ def _knobs(law: Filter, scene: Any) -> tuple[Knob, ...]:
 def _cut(log: SensorLog, most: int) -> SensorLog:
     """The rows that the search uses."""
     rows = slice(0, most)
-    readings = {name: values[rows] for name, values in log.readings.items()}
+    readings = {name: values[rows] for name, values in log.measurements.items()}
     pose = None if log.pose is None else log.pose[rows]
-    return replace(log, t=log.t[rows], readings=readings, pose=pose)
+    return replace(log, t=log.t[rows], measurements=readings, pose=pose)
 
 
 def _climbed(
