@@ -71,7 +71,7 @@ def choose_offsets(records: Sequence[Record], policy: str = "auto", nk: Any = 1)
     start = start_of(records, policy)
     if not any(start.estimated) or records[0].nu == 0:
         return start
-    rest = rest_head(records[0])
+    rest = rest_head(records[0]) if start.at_rest else None
     evidence = _Evidence(shortened(records, SAMPLES), nk)
     if policy == "auto":
         kept = _zero(evidence, rest, start)

@@ -91,12 +91,8 @@ def solve(structure: ARX, records: Sequence[Record]) -> tuple[Array, Array, Arra
             solved = ne.solve_by_blocks(records, start, i, terms)
         sign = signs(lay)
         theta[index] = sign * solved.theta
-        errors = [
-            ne.residual_row(
-                r, start, i, [(s, k, c) for (s, k), c in zip(terms, solved.theta, strict=True)]
-            )
-            for r in records
-        ]
+        weighed = [(s, k, float(c)) for (s, k), c in zip(terms, solved.theta, strict=True)]
+        errors = [ne.residual_row((*r.y.T, *r.u.T), start, i, weighed) for r in records]
         block = _covariance(records, errors, start, terms, solved)
         covariance[np.ix_(index, index)] = np.outer(sign, sign) * block
         for direction in solved.null.T:

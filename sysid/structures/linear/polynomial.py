@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Channel, Index, Record
 from sysid.data.unit_words import ratio
+from sysid.fitting.normal_equations import residual_row
 from sysid.fitting.problem import (
     Focus,
     Initial,
@@ -282,7 +283,7 @@ class PolynomialStructure(NamedStructure):
             if len(y) <= lay.start + lay.nd:
                 continue
             if not lay.n_initial:
-                out[lay.start :, i] = self._equation_errors(theta, u, y, i)[lay.start :]
+                out[lay.start :, i] = self._equation_errors(theta, u, y, i)
                 continue
             row = RowErrors(lay, self.row_index(i), [(u, y)], estimate_initial=window > 0)
             p = row.initial_guess(theta)
@@ -316,11 +317,12 @@ class PolynomialStructure(NamedStructure):
         return np.where(missing, np.nan, y - k_step)
 
     def _equation_errors(self, theta: Array, u: Array, y: Array, i: int) -> Array:
-        """A y − B u of one output, without a matrix of regressors."""
+        """A y − B u of one output from its first sample on, without a matrix of regressors."""
         p = self.polynomials(theta)
-        terms = [(p.A[i][j], y[:, j]) for j in range(self.ny)]
-        terms += [(-p.B[i][j], u[:, j]) for j in range(self.nu)]
-        return np.asarray(sum(lfilter(c, [1.0], s) for c, s in terms if np.any(c)))
+        weights = [*(-a for a in p.A[i]), *p.B[i]]
+        terms = [(s, k, float(c)) for s, w in enumerate(weights) for k, c in enumerate(w) if c]
+        terms.remove((i, 0, -1.0))
+        return residual_row((*y.T, *u.T), self.layout(i).start, i, terms)
 
     def noise_response(self, theta: Array, n: int) -> Array:
         """H(q) = A⁻¹ C/D as an impulse response."""
