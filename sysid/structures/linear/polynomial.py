@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -167,6 +168,9 @@ class PolynomialStructure(NamedStructure):
 
     def transfer(self, theta: Array) -> TransferMatrix:
         """G(q) = A⁻¹ [B/F] as a transfer matrix."""
+        return _transfer_of(self, np.asarray(theta, dtype=np.float64).tobytes())
+
+    def _transfer(self, theta: Array) -> TransferMatrix:
         p = self.polynomials(theta)
         pairs = [(i, j) for i in range(self.ny) for j in range(self.nu)]
         num = [[np.zeros(1)] * self.nu for _ in range(self.ny)]
@@ -433,3 +437,9 @@ def _text(polynomial: Array) -> str:
             else f"{sign} {number}{power}"
         )
     return "(" + (" ".join(parts) or "0") + ")"
+
+
+@lru_cache(maxsize=32)
+def _transfer_of(structure: PolynomialStructure, theta: bytes) -> TransferMatrix:
+    """G(q) of the last few models: states, run, poles and gains of one are asked for in turn."""
+    return structure._transfer(np.frombuffer(theta))
