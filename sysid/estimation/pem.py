@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sysid.criteria.fit import complete_rows
 from sysid.criteria.information import information_criteria
 from sysid.data.facts import LogFacts
 from sysid.data.level import Level
@@ -241,8 +242,6 @@ def model_of(
     if outliers:
         judged = [bounded_errors(*pair) for pair in zip(errors, outliers, strict=True)]
     criteria = information_criteria(judged, n_estimated)
-    joint = np.concatenate([e[r.ordinary] for e, r in zip(errors, plain, strict=True)])
-    joint = np.compress(np.all([np.isfinite(c) for c in joint.T], axis=0), joint, axis=0)
     first = records[0]
     names = [p.name for p in parameters]
     window = head_window(structure, theta)
@@ -256,7 +255,7 @@ def model_of(
         outputs=first.outputs,
         detrend=detrend,
         level=level,
-        noise_covariance=joint.T @ joint / len(joint),
+        noise_covariance=_noise_covariance(errors, plain),
         n_estimated=n_estimated,
         criteria=criteria,
         termination=outcome.termination,
@@ -273,6 +272,19 @@ def model_of(
         warnings=outcome.warnings,
         provenance=_provenance(outcome, records, options),
     )
+
+
+def _noise_covariance(errors: Sequence[Array], records: Sequence[Record]) -> Array:
+    """EᵀE/N of the errors that count fully and are finite, (ny, ny)."""
+    whole = [
+        e if r.weights is None else e[r.ordinary] for e, r in zip(errors, records, strict=True)
+    ]
+    joint = complete_rows(whole)
+    total = joint.T @ joint
+    if not np.all(np.isfinite(total)):
+        joint = joint[np.all(np.isfinite(joint), axis=1)]
+        total = joint.T @ joint
+    return np.asarray(total / len(joint))
 
 
 def _provenance(outcome: FitOutcome, records: Sequence[Record], options: FitOptions) -> Provenance:
