@@ -257,8 +257,8 @@ EFFECTS = (
         ties=("coulomb-friction", "stiction"),
         programmes=(STAIRCASE, RAMPS, COASTING),
         weakens=True,
-        between_edges="the dead zone ends, and how far it then jumps, this log cannot "
-        "tell; it tells the difference of both.",
+        between_edges="the edge of the dead zone and the jump there; only their difference is "
+        "known.",
     ),
     Effect(
         "concave-gain",

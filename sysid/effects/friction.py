@@ -36,8 +36,8 @@ def _sticking(xp: Any, torque: Signal, level: Signal, hold: Signal, c: Context) 
     at_zero = torque + (c.w_free - kept * c.w) / c.b
     towards = at_zero - level * way
     passes = way * (c.w_free + c.b * (torque - level * way)) < 0.0
-    left = towards / xp.where(passes, towards - c.w, 1.0)  # of the speed's distance, at zero
-    rest = 1.0 - kept / xp.where(passes, left, 1.0)
+    remaining = towards / xp.where(passes, towards - c.w, 1.0)  # of the speed's distance, at zero
+    rest = 1.0 - kept / xp.where(passes, remaining, 1.0)
     going = xp.where(xp.abs(at_zero) > hold, rest * (at_zero + level * way), 0.0)
     return xp.where(passes, (going - c.w_free) / c.b, plain)
 

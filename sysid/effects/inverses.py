@@ -13,7 +13,7 @@ EMPTY = 0.1
 STANDS = 0.05
 """Share of the larger of speed and torque below which a track counts as one that stands.
 
-There friction is against the torque, else against the motion; readings near zero change sign.
+There friction is against the torque, else against the motion; measurements near zero change sign.
 """
 
 
@@ -127,6 +127,6 @@ def against_coupling(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
     if share.shape[-1] != 2:
         return torque
     apart = 0.5 * (c.w - c.w[..., ::-1])
-    left = xp.where(p["of_rate"] > 1.5, before_sliding(xp, apart, p), 1.0)
-    torque = torque + p["turning"] * apart * left
+    remaining = xp.where(p["of_rate"] > 1.5, before_sliding(xp, apart, p), 1.0)
+    torque = torque + p["turning"] * apart * remaining
     return (torque + share * torque[..., ::-1]) / (1.0 - share * share[..., ::-1])

@@ -136,5 +136,5 @@ SAMPLING = Effect(
     on_past=_counted_on,
 )
 """How the log was made, no effect of the machine: searched beside effects and by the same rule, so
-that neither takes what is the other's, and then held by the model before as by the one after. A
+that neither takes what is the other's, and then held by the original model as by the one after. A
 speed counted over a sample (ticks of an encoder, differenced) is the mean over it."""

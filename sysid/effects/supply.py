@@ -44,8 +44,8 @@ def _amid(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
     The end feels torque of long ago less: ∫ e^{−(dt−t)/τ} ω dt/τ of a speed that settles.
     """
     x = xp.maximum(-xp.log(xp.maximum(kept, 1e-9)), 1e-3)
-    left = xp.exp(-x)
-    return {"amid": (1.0 - x * left / (1.0 - left)) / (1.0 - left)}
+    remaining = xp.exp(-x)
+    return {"amid": (1.0 - x * remaining / (1.0 - remaining)) / (1.0 - remaining)}
 
 
 def _sag(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
@@ -57,8 +57,8 @@ def _sag(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, S
     current, slope = _current(0.0 * torque, p, c)
     drawn = xp.mean(d * d * slope, axis=-1, keepdims=True)
     returned = xp.mean(d * current / c.gain, axis=-1, keepdims=True)
-    left = (1.0 - share * returned) / (1.0 + share * drawn)
-    return torque * xp.where(p["current"] > 0.5, left, 1.0 - p["sag"] * load), s
+    remaining = (1.0 - share * returned) / (1.0 + share * drawn)
+    return torque * xp.where(p["current"] > 0.5, remaining, 1.0 - p["sag"] * load), s
 
 
 def _current(torque: Signal, p: P, c: Context) -> tuple[Signal, Signal]:
@@ -94,8 +94,8 @@ def _battery(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, St
 def _battery_on(xp: Any, d: Signal, past: Past, p: P, c: Context) -> Signal:
     whole = xp.cumsum(_taken(xp, c), axis=0)
     rows = xp.round(c.t / c.dt) + 0.0 * d
-    own = whole - _taken(xp, c)  # up to the sample before
-    return _discharged(xp, d, own - past(own, rows), p, c)
+    charge = whole - _taken(xp, c)  # up to the sample before
+    return _discharged(xp, d, charge - past(charge, rows), p, c)
 
 
 def _full(w: Signal, d: Signal) -> State:

@@ -22,7 +22,7 @@ from sysid.workspace.store import Workspace
 
 KEYS = {
     "verdict", "effects", "minor", "candidates", "where", "gap", "detectable",
-    "next_experiments", "model_before", "model_after", "seconds",
+    "next_experiments", "original_model", "augmented_model", "seconds",
 }  # fmt: skip
 
 
@@ -130,7 +130,7 @@ def test_page_and_story_without_an_effect(
         assert words in told.out
     assert said[0] in page
     document = json.loads((here / "out" / "diagnosis.json").read_text())
-    assert document["model_before"] == document["model_after"]
+    assert document["original_model"] == document["augmented_model"]
     assert document["effects"] == []
 
 
@@ -168,13 +168,13 @@ def test_both_models_are_ordinary_models(
 ) -> None:
     no_page(monkeypatch)
     found = diagnosed(capsys)
-    ids = [found["model_before"], found["model_after"]]
+    ids = [found["original_model"], found["augmented_model"]]
     listed = run(capsys, "models", "--json").document["models"]
     assert [m["model"] for m in listed] == ids
     assert listed[1]["fit_percent"]["omega_r"] > 95
     ranked = run(capsys, "compare", *ids, "--val", "other.csv", "--json").document
-    assert ranked["best"] == found["model_after"]
-    exported = run(capsys, "export", "--model", found["model_after"], "--json").document
+    assert ranked["best"] == found["augmented_model"]
+    exported = run(capsys, "export", "--model", found["augmented_model"], "--json").document
     assert exported["selftest"]["max_error"] < 1e-6
 
 
@@ -222,7 +222,7 @@ def test_diagnosed_models_say_what_they_were_judged_on(
 ) -> None:
     no_page(monkeypatch)
     document = diagnosed(capsys, "--val", "other.csv")
-    for id in (document["model_before"], document["model_after"]):
+    for id in (document["original_model"], document["augmented_model"]):
         stored = Workspace(Path(".sysid")).load(id)
         assert [Path(f).name for f in stored.report["judged_on"]["files"]] == ["other.csv"]
         records = StoredData().validation(stored)
@@ -250,12 +250,12 @@ def test_the_best_model_of_these_channels_is_doubted(
     ).document["model"]
     run(capsys, "fit", one, "--structure", "arx", "--orders", "na=1 nb=1 nk=1", "--json")
     first = diagnosed(capsys)
-    assert first["model_before"] == fitted
+    assert first["original_model"] == fitted
     # what a diagnosis made is not doubted by the next one, unless a comparison put it first
-    assert diagnosed(capsys)["model_before"] == fitted
-    run(capsys, "compare", fitted, first["model_after"], "--val", "other.csv")
-    assert diagnosed(capsys)["model_before"] == first["model_after"]
-    assert diagnosed(capsys, "--model", fitted)["model_before"] == fitted
+    assert diagnosed(capsys)["original_model"] == fitted
+    run(capsys, "compare", fitted, first["augmented_model"], "--val", "other.csv")
+    assert diagnosed(capsys)["original_model"] == first["augmented_model"]
+    assert diagnosed(capsys, "--model", fitted)["original_model"] == fitted
 
 
 def test_nothing_is_lost(

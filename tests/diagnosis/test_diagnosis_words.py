@@ -11,7 +11,7 @@ from command_line import run, write_log
 
 from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.advise import next_experiments
-from sysid.diagnosis.base_model import _possible, plain_base
+from sysid.diagnosis.base_model import _possible, fit_baseline
 from sysid.diagnosis.following import not_followed
 from sysid.diagnosis.gap import ChannelGap, Gap
 from sysid.diagnosis.validation.localise import localise, regimes
@@ -103,7 +103,7 @@ def test_of_a_position_it_is_said_where_play_is_looked_for() -> None:
     assert "Play" not in story("unexplained", (), Remaining(None, gap))
     u = np.repeat(np.random.default_rng(1).uniform(-1.0, 1.0, 40), 20)
     place = Record(u, np.cumsum(u) * 0.05, 0.05, (Channel("volts", "V"),), (Channel("y", "m"),))
-    assert plain_base([place], None, chain_effects()).on_rate
+    assert fit_baseline([place], None, chain_effects()).on_rate
 
 
 def test_a_robot_is_still_spoken_of_as_one() -> None:

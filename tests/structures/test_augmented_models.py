@@ -114,8 +114,8 @@ def test_a_diagnosed_model_goes_through_every_command(
     found = run(capsys, "diagnose", "log.csv", "--val", "other.csv", "--json").document
     ranking = run(capsys, "compare", "--val", "other.csv", "--folds", 3, "--json").document
     lines = {line["model"]: line for line in ranking["ranking"]}
-    after = lines[found["model_after"]]
-    assert ranking["best"] == found["model_after"]
+    after = lines[found["augmented_model"]]
+    assert ranking["best"] == found["augmented_model"]
     for line in lines.values():
         assert line["residuals"]["independence"]["outputs"], line["model"]
         assert line["cross_validation"]["failed"] == 0

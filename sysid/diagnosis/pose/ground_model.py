@@ -24,8 +24,8 @@ def with_ground(
 
     Args:
         model: an augmented model of two tracks without effects of the vehicle.
-        ground: effects and numbers, left and right.
-        std_errors: standard errors of these numbers, 0 where a number was not estimated; they
+        ground: effects and parameters, left and right.
+        std_errors: standard errors of these parameters, 0 where a parameter was not estimated; they
             are taken as uncorrelated with all others, because other data (the pose) tell them.
         tracks: outputs of the left and of the right track.
 

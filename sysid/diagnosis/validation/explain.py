@@ -82,7 +82,7 @@ def explain(
         floor: measurement noise of each output, (ny,).
         scales: full drive of each input.
     """
-    found = []
+    descriptions = []
     for i, name in enumerate(records[0].output_names):
         y = np.concatenate([e[:, i] for e in errors])
         terms = known_terms(records, simulated, i, scales)
@@ -104,7 +104,7 @@ def explain(
         if share < LEAST_SHARE or not len(kept):
             continue
         kept = kept[np.argsort(-np.abs(beta[kept]))]
-        found.append(
+        descriptions.append(
             Description(
                 name,
                 tuple(terms.names[k] for k in kept),
@@ -112,7 +112,7 @@ def explain(
                 share,
             )
         )
-    return tuple(found)
+    return tuple(descriptions)
 
 
 def _own(records: Sequence[Record], simulated: Sequence[Array], i: int, scales: Array) -> Array:

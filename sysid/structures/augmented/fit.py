@@ -45,31 +45,31 @@ def fit(
             "an augmented model is fitted again from its own values only; make one of a log with "
             "sysid diagnose"
         )
-    own = replace(
+    limited = replace(
         options,
         max_evaluations=options.limit(EVALUATIONS),
         tolerance=options.precision(TOLERANCE),
     )
-    found = by_search(structure, records, own, parameters, warm)
-    more = _undetermined(found)
+    outcome = by_search(structure, records, limited, parameters, warm)
+    more = _undetermined(outcome)
     if not more.size:
-        return found
+        return outcome
     return replace(
-        found,
-        covariance=with_infinite(found.covariance, more),
-        null=np.column_stack([found.null, more]),
+        outcome,
+        covariance=with_infinite(outcome.covariance, more),
+        null=np.column_stack([outcome.null, more]),
     )
 
 
-def _undetermined(found: FitOutcome) -> Array:
+def _undetermined(outcome: FitOutcome) -> Array:
     """Combinations of parameters known worse than ``UNKNOWN`` times their sizes, (n, k)."""
-    room = np.array([p.upper - p.lower for p in found.parameters])
-    size = np.where(np.isfinite(room), room, np.abs(found.theta))
-    variance = np.diag(found.covariance)
+    room = np.array([p.upper - p.lower for p in outcome.parameters])
+    size = np.where(np.isfinite(room), room, np.abs(outcome.theta))
+    variance = np.diag(outcome.covariance)
     at = np.flatnonzero(np.isfinite(variance) & (variance > 0.0) & (size > 0.0))
     scale = size[at]
-    values, vectors = np.linalg.eigh(found.covariance[np.ix_(at, at)] / np.outer(scale, scale))
+    values, vectors = np.linalg.eigh(outcome.covariance[np.ix_(at, at)] / np.outer(scale, scale))
     open_ = values > UNKNOWN**2
-    directions = np.zeros((len(found.theta), int(np.sum(open_))))
+    directions = np.zeros((len(outcome.theta), int(np.sum(open_))))
     directions[at] = np.where(np.abs(vectors[:, open_]) > TAKES_PART, vectors[:, open_], 0.0)
     return directions

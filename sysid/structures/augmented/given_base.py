@@ -20,7 +20,7 @@ def begins_at_rest(u0: Array, y0: Array, y: Array) -> bool:
 
     Args:
         u0, y0: operating point of the model.
-        y: readings, (N, ny).
+        y: measurements, (N, ny).
     """
     return not (np.any(u0) or np.any(y0)) and bool(
         len(y) and not np.any(drive_before(np.ones(y.shape[1]), y))

@@ -293,10 +293,10 @@ def test_a_slope_gets_no_name_and_is_not_called_noise() -> None:
     told = found(sliding(driven(wandering(600, 3))), sliding(driven(wandering(500, 4), seed=2)))
     assert not told.effects
     assert told.residuals.structured
-    assert "y" in told.residuals.loud
+    assert "y" in told.residuals.above_noise
     assert "does not hold" in told.residuals.sentence
     clean = found(driven(wandering(600, 3)), driven(wandering(500, 4), seed=2))
-    assert not clean.residuals.loud
+    assert not clean.residuals.above_noise
     assert not clean.residuals.sentence
 
 

@@ -7,17 +7,17 @@ import pytest
 from pose_cases import driven, ground, wandering
 
 from sysid.data.record import Array, Channel, Record
-from sysid.diagnosis.base_model import full_drive, plain_base
+from sysid.diagnosis.base_model import fit_baseline, full_drive
 from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.pose.diagnosis import diagnose_pose
 from sysid.diagnosis.search.admission import tied
 from sysid.diagnosis.search.logs import logs_of
-from sysid.diagnosis.search.named_sets import Node
+from sysid.diagnosis.search.selection import CandidateModel
+from sysid.diagnosis.session import DiagnosisSession, noise_of
 from sysid.diagnosis.several.constancy import several_logs
 from sysid.diagnosis.several.ground import with_ground
 from sysid.diagnosis.several.words import sentences, table_of_logs
 from sysid.diagnosis.several_logs import ABSENT, HIDDEN, PRESENT, LogView, SeveralLogs
-from sysid.diagnosis.study import Study, noise_of
 from sysid.effects.catalogue import chain_effects
 from sysid.errors import DataError
 from sysid.fitting.holdout import Errors
@@ -43,10 +43,10 @@ def log(
 def found(records: list[Record], held: list[Record] | None = None) -> SeveralLogs:
     """What logs say together, of a dead zone and of their gain and load."""
     some = [e for e in chain_effects() if e.id == "dead-zone"]
-    base = plain_base(records, held, some)
-    study = Study(base, noise_of(base), full_drive(records), 0)
+    base = fit_baseline(records, held, some)
+    study = DiagnosisSession(base, noise_of(base), full_drive(records), 0)
     outcome = study.searched(base.search.model.effects, lambda text, share: None)
-    return several_logs(study, study.confirmed(outcome.naming)[0])
+    return several_logs(study, study.confirmed(outcome.selection)[0])
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def charged() -> SeveralLogs:
 def test_what_is_the_same_is_told_from_what_differs(charged: SeveralLogs) -> None:
     (battery,) = charged.differences
     assert battery.id == "gain-by-log"
-    ((own,), (other,)) = (battery.numbers[k] for k in ("full.csv", "empty.csv"))
+    ((own,), (other,)) = (battery.parameters[k] for k in ("full.csv", "empty.csv"))
     assert own.value == 1.0
     assert other.value == pytest.approx(17.0 / 20.0, abs=0.01)  # noise of 0.3 % of the speed
     assert [v.effects[0].state for v in charged.logs] == [PRESENT, PRESENT]
@@ -100,9 +100,9 @@ def test_a_log_of_one_speed_cannot_tell() -> None:
 def test_a_log_that_judges_may_have_a_battery_of_its_own() -> None:
     logs = [log("full.csv", 1), log("empty.csv", 2, gain=17.0)]
     said = found(logs, [log("half.csv", 3, gain=18.5)])
-    ((judge,),) = (said.differences[0].numbers["half.csv"],)
+    ((judge,),) = (said.differences[0].parameters["half.csv"],)
     assert judge.value == pytest.approx(18.5 / 20.0, abs=0.01)
-    assert [v.judges for v in said.logs] == [False, False, True]
+    assert [v.validation for v in said.logs] == [False, False, True]
 
 
 def test_stretches_of_one_file_are_one_log() -> None:
@@ -111,7 +111,7 @@ def test_stretches_of_one_file_are_one_log() -> None:
     logs = logs_of([*parts, log("b.csv", 2)], parts)
     assert logs.names == ("a.csv", "b.csv")
     assert logs.estimation == (0, 0, 1)
-    assert logs.held == (0, 0)
+    assert logs.holdout == (0, 0)
 
 
 def test_logs_of_different_machines_are_refused() -> None:
@@ -136,8 +136,8 @@ def _every_other(e: Array, k: int) -> Array:
     return out
 
 
-def node(id: str, sizes: list[float], seed: int = 1) -> Node:
-    return Node((id,), np.zeros(1), (), errors(sizes, seed), np.ones(1, dtype=bool))
+def node(id: str, sizes: list[float], seed: int = 1) -> CandidateModel:
+    return CandidateModel((id,), np.zeros(1), (), errors(sizes, seed), np.ones(1, dtype=bool))
 
 
 def test_a_short_log_that_was_made_for_it_breaks_a_tie_that_a_long_one_cannot() -> None:
@@ -168,6 +168,6 @@ def test_another_ground_is_seen_as_another_width_and_a_short_log_cannot_tell() -
     assert [v.effects[0].state for v in said.logs] == [PRESENT, PRESENT, HIDDEN]
     (ratio,) = said.constancy
     assert not ratio.same
-    seen = [v.effects[0].numbers[0].value for v in said.logs[:2]]
+    seen = [v.effects[0].parameters[0].value for v in said.logs[:2]]
     assert seen == pytest.approx([0.8, 0.6], abs=0.02)
     assert "track-width ratio differs between logs" in " ".join(sentences(said))

@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 
 from sysid.data.record import Array, Channel, Record
-from sysid.diagnosis.base_model import Base, full_drive, plain_base
+from sysid.diagnosis.base_model import Base, fit_baseline, full_drive
 from sysid.diagnosis.findings import sentence_of
 from sysid.diagnosis.gap import carries_an_output, share_closed
 from sysid.diagnosis.named_effects import NamedEffect, Value
 from sysid.diagnosis.policies import RULE, VERDICT
 from sysid.diagnosis.search.evidence import Evidence
-from sysid.diagnosis.search.named_sets import Interval, Naming
-from sysid.diagnosis.search.supermodel import SuperModel
-from sysid.diagnosis.study import Study, noise_of
+from sysid.diagnosis.search.full_model import FullModel
+from sysid.diagnosis.search.selection import Interval, Selection
+from sysid.diagnosis.session import DiagnosisSession, noise_of
 from sysid.diagnosis.validation import acceptance
 from sysid.diagnosis.validation.acceptance import (
     Number,
     _acting_alone,
     against,
-    doubtful_slots,
+    doubtful_parameters,
     drifts,
     least_beside,
 )
@@ -92,13 +92,13 @@ def test_a_wave_that_may_come_any_number_of_times_is_what_wanders(
     monkeypatch: pytest.MonkeyPatch, error: float | None, dropped: bool
 ) -> None:
     """A random walk beside a multisine had been a weight with 0.030 ± 0.015 waves a rad."""
-    model = SuperModel((about("gravity-load"),), 1, 1, np.array([10.0]), 0.05)
-    rate = model.place["gravity-load", "per_turn", 0]
+    model = FullModel((about("gravity-load"),), 1, 1, np.array([10.0]), 0.05)
+    rate = model.index["gravity-load", "per_turn", 0]
     q = model.null.copy()
     q[rate] = 0.03
     monkeypatch.setattr(acceptance, "std_errors", lambda base, node: {rate: error} if error else {})
     named = SimpleNamespace(id="gravity-load", touched=np.array([True]))
-    naming: Any = SimpleNamespace(final=SimpleNamespace(q=q), named=[named])
+    naming: Any = SimpleNamespace(final=SimpleNamespace(q=q), selected=[named])
     base: Any = SimpleNamespace(search=SimpleNamespace(model=model))
     found = acceptance.unknown_wave(base, naming)
     assert (found is not None) == dropped
@@ -146,21 +146,21 @@ def base() -> Base:
     u, y = lagging()
     record = Record(u, y, 0.05, (Channel("volts", "V"),), (Channel("omega", "rad/s"),))
     some = [e for e in chain_effects() if e.id == "dead-zone"]
-    return plain_base([record], None, some)
+    return fit_baseline([record], None, some)
 
 
-def named(base: Base) -> Naming:
+def named(base: Base) -> Selection:
     """A dead zone with numbers of both sides; the log drives one."""
-    search, q = base.search, base.node.q.copy()
+    search, q = base.search, base.candidate.q.copy()
     mine = search.model.of("dead-zone")
     q[list(mine)] = [0.05, 0.05, 0.0]
-    node = search.node(("dead-zone",), q, (*base.node.free, *mine))
-    return Naming(base.node, node, search.account(base.node, node, (), ()), (), ())
+    node = search.candidate(("dead-zone",), q, (*base.candidate.free, *mine))
+    return Selection(base.candidate, node, search.account(base.candidate, node, (), ()), (), ())
 
 
 def test_a_side_that_slopes_say_nothing_of_is_asked_of_the_likelihood(base: Base) -> None:
-    slots = base.search.model.slots
-    doubted = {slots[k].name for k in doubtful_slots(base, named(base))}
+    slots = base.search.model.parameters
+    doubted = {slots[k].name for k in doubtful_parameters(base, named(base))}
     assert "minus" in doubted
 
 
@@ -178,22 +178,22 @@ def test_numbers_that_only_shape_an_effect_are_no_sign_of_it(
 ) -> None:
     u, y = lagging()  # never backwards: no log shows a zone on that side
     record = Record(u, y, 0.05, (Channel("volts", "V"),), (Channel("omega", "rad/s"),))
-    base = plain_base([record], None, [e for e in chain_effects() if e.id == id])
-    search, q = base.search, base.node.q.copy()
-    mine = {name: search.model.place[id, name, 0] for name in values}
+    base = fit_baseline([record], None, [e for e in chain_effects() if e.id == id])
+    search, q = base.search, base.candidate.q.copy()
+    mine = {name: search.model.index[id, name, 0] for name in values}
     for name, k in mine.items():
         q[k] = values[name]
-    node = search.node((id,), q, (*base.node.free, *mine.values()))
+    node = search.candidate((id,), q, (*base.candidate.free, *mine.values()))
     alone = _acting_alone(base, node, tuple(mine.values()))
     assert {name for name, k in mine.items() if k in alone} == expected
 
 
 def test_a_name_that_does_not_stand_is_dropped_with_the_reason(base: Base) -> None:
     scales = full_drive(base.parts.estimation)
-    study = Study(base, noise_of(base), scales, 0)
+    study = DiagnosisSession(base, noise_of(base), scales, 0)
     kept, dropped = study.confirmed(named(base))
-    assert kept.named == ()
-    assert kept.final is base.node
+    assert kept.selected == ()
+    assert kept.final is base.candidate
     (gone,) = dropped
     assert gone.id == "dead-zone"
     assert gone.reason
@@ -205,17 +205,17 @@ def test_a_noise_that_a_model_undercuts_was_none_and_beside_a_name_less_asks_for
 ) -> None:
     """Readings without a sign look noisy; what hides in that noise was never looked for."""
     noise = noise_of(base)
-    study = Study(base, noise, full_drive(base.parts.estimation), 0)
-    rng, errors = np.random.default_rng(2), base.node.errors
+    study = DiagnosisSession(base, noise, full_drive(base.parts.estimation), 0)
+    rng, errors = np.random.default_rng(2), base.candidate.errors
 
-    def of(size: float, effects: tuple[str, ...]) -> Naming:
-        white = tuple(size * noise.high * rng.standard_normal(e.shape) for e in errors.held)
-        node = replace(base.node, effects=effects, errors=replace(errors, held=white))
-        return Naming(base.node, node, (), (), ())
+    def of(size: float, effects: tuple[str, ...]) -> Selection:
+        white = tuple(size * noise.high * rng.standard_normal(e.shape) for e in errors.holdout)
+        node = replace(base.candidate, effects=effects, errors=replace(errors, holdout=white))
+        return Selection(base.candidate, node, (), (), ())
 
-    assert study.refuted(of(0.5, ("unsigned-speed",))) < VERDICT.below
+    assert study.refuted(of(0.5, ("unsigned-speed",))) < VERDICT.noise_refuted_below
     assert study.refuted(of(1.0, ("unsigned-speed",))) == 1.0
-    between = (VERDICT.audible + VERDICT.loud) / 2.0
+    between = (VERDICT.residual_to_noise_later + VERDICT.residual_to_noise) / 2.0
     assert study.remains(of(between, ())) == 0.0
     assert study.remains(of(between, ("dead-zone",))) == RULE.in_loop
 
