@@ -130,7 +130,7 @@ class Base:
     sampled: bool = False
 
     def with_sampling(self, like: CandidateModel) -> "Base":
-        """The base with measurements part of a sample late, fitted from the shares of a candidate."""
+        """The base with a sampling lag, fitted from the shares of a candidate."""
         search = self.search.holding(SAMPLING.id)
         q = self.candidate.q.copy()
         indices = list(search.model.of(SAMPLING.id))

@@ -366,7 +366,7 @@ class DiagnosisSession:
         return linear_rival(self.base)
 
     def measured(self, selection: Selection) -> Selection:
-        """With intervals of the parameters that gradients cannot judge; estimates may move slightly."""
+        """With likelihood intervals where gradients cannot judge; estimates may move slightly."""
         if not selection.selected:
             return selection
         uncertain = uncertain_parameters(self.base, selection)

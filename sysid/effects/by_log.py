@@ -42,7 +42,7 @@ GAIN_BY_LOG = Effect(
     "any",
     Place.TORQUE,
     "T → (1 + g_log) T",
-    "The machine answers stronger or weaker in one log than in another: battery, warmth or load.",
+    "The gain of the machine differs between logs: battery, temperature or load.",
     "Every response is larger or smaller by one factor, from one log to the next.",
     "The same steps with a battery that was charged.",
     tuple(
@@ -58,8 +58,8 @@ LOAD_BY_LOG = Effect(
     "any",
     Place.TORQUE,
     "T → T − b_log",
-    "A constant load or a zero point is another one in each log: a slope, a cable, a cold sensor.",
-    "All readings of one log are higher or lower than those of another.",
+    "A constant load or zero point differs between logs: a slope, a cable, a cold sensor.",
+    "All measurements of one log are higher or lower than those of another.",
     "The same steps in both directions on level ground.",
     tuple(
         EffectParameter(parameter_of_log(k), "speed", 0.0, -0.8, 0.8, (0.05, -0.05), "speed")

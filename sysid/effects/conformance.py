@@ -31,7 +31,7 @@ def fault(effect: Effect) -> str:
 
 def _fault(effect: Effect) -> str:
     if not effect.parameters or effect.place is Place.SAMPLES:
-        return "has no number, or no place in the chain"
+        return "has no parameter, or no place in the chain"
     nulls = {p.name: np.full(2, p.null) for p in effect.parameters}
     sets = max(len(p.starts) for p in effect.parameters)
     rng = np.random.default_rng(1)
@@ -39,7 +39,7 @@ def _fault(effect: Effect) -> str:
         signal, context, state = _instant(effect, rng)
         at_null, _ = _stepped(effect, signal, state, nulls, context)
         if at_null.shape != signal.shape or np.max(np.abs(at_null - signal)) > ROUNDING:
-            return "changes the signal at the null values of its numbers"
+            return "changes the signal at the null values of its parameters"
         if effect.place is Place.POSE or effect.couples or effect.shared:
             continue
         k = trial % sets

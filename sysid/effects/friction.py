@@ -149,7 +149,7 @@ EFFECTS = (
         "T → T − (c + s |T − ω|) sign ω; sticks while |T| is no larger. Of a servo with set point "
         "T and position y: T → T − c sign ẏ; sticks while |T − y| ≤ c",
         "Dry friction: a constant resistance while moving, standstill below it.",
-        "It stands at small commands and stops sooner than it should.",
+        "No motion at small commands, and early stops.",
         "A slow staircase through zero, and coasting from speed.",
         (
             EffectParameter(
@@ -189,8 +189,8 @@ EFFECTS = (
             Law(
                 ("level",),
                 choices={"of_servo": 1.0},
-                sentence="The loop of the servo pushes less than it holds within so much of the "
-                "set point: there it stays.",
+                sentence="Within this distance of the set point the servo's loop pushes less than friction "
+                "holds: there the servo stays.",
             ),
         ),
     ),

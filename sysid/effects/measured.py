@@ -50,7 +50,7 @@ def read_measured(path: str | Path) -> dict[str, Measured]:
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         raise DataError(f"{path} is no file of the power bench: write one anew") from None
     if not all(math.isfinite(m.value) and m.std_error >= 0.0 for m in measured.values()):
-        raise DataError(f"{path} holds numbers that cannot be: write it anew")
+        raise DataError(f"{path} holds impossible values: write it anew")
     return measured
 
 

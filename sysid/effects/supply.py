@@ -129,7 +129,7 @@ EFFECTS = (
         Place.TORQUE,
         "T → T(1 − s(|d_L| + |d_R|)/2), or T → v T with "
         "1 − v = s/(1 − s)·(d_L i_L + d_R i_R)/2, i = v d − ε ω/K",
-        "The supply gives way under load, so one side slows when the other is driven.",
+        "The supply voltage drops under load, so one side slows when the other is driven.",
         "A side is slower when the other one is driven too, whatever its direction.",
         "One side at a constant command while the other steps.",
         (
@@ -159,7 +159,7 @@ EFFECTS = (
         "T → T − δ K clip(i/ρ, ±1) while d ≠ 0, i = T − ε ω",
         "Both switches of a leg of the bridge wait at each pulse: the sign of the current takes "
         "voltage away.",
-        "It stands at small commands, and brakes harder than it pulls.",
+        "No motion at small commands; braking is stronger than driving.",
         "A slow staircase through zero, and reversals from speed.",
         (
             EffectParameter("share", "drive", 0.0, 0.0, 0.5, (0.04, 0.1, 0.04, 0.1), "drive"),
@@ -178,9 +178,9 @@ EFFECTS = (
         "actuator",
         Place.TORQUE,
         "T → ε ω + clip(T − ε ω, ±l)",
-        "The bridge lets no more than some current through, that of a motor held fast at a certain "
-        "command: acceleration is capped, speed is not.",
-        "After large steps speed changes in straight lines, up and down; small steps are not "
+        "The bridge limits the current to that of a blocked motor at a certain command: "
+        "acceleration is limited, speed is not.",
+        "After large steps the speed changes in straight lines, up and down; small steps are not "
         "affected.",
         "Steps of very different size, and reversals from speed.",
         (

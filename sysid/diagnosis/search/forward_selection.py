@@ -416,7 +416,7 @@ class ForwardSelection(CandidateSearch):
         return replace(selection, final=candidate, selected=selected, minor=minor, intervals={})
 
     def _beside(self, candidate: CandidateModel, rest: CandidateModel) -> CandidateModel:
-        """The candidate with the effect that ``rest`` lacks as its newest, and the tracks it acts on."""
+        """The candidate with the effect that ``rest`` lacks last, and the tracks it acts on."""
         (id,) = set(candidate.effects) - set(rest.effects)
         at = [
             self.model.parameters[k].track for k in self.model.of(id) if candidate.q[k] != rest.q[k]

@@ -214,7 +214,7 @@ class _Walk:
         return End.beginning(FIRST * max(abs(value), s.scale), room, self._level(k), CLOSE, GROWTH)
 
     def _closed(self, k: int, low: float | None, high: float | None) -> Interval:
-        """Open ends become the parameter's bounds; towards a null value at infinity they stay open."""
+        """Open ends become the bounds; towards a null value at infinity they stay open."""
         s = self.model.parameters[k]
         low = low if low is not None or s.null < -ENDLESS else s.lower
         high = high if high is not None or s.null > ENDLESS else s.upper

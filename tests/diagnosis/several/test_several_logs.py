@@ -17,7 +17,7 @@ from sysid.diagnosis.session import DiagnosisSession, noise_of
 from sysid.diagnosis.several.constancy import several_logs
 from sysid.diagnosis.several.ground import with_ground
 from sysid.diagnosis.several.words import sentences, table_of_logs
-from sysid.diagnosis.several_logs import ABSENT, HIDDEN, PRESENT, LogView, SeveralLogs
+from sysid.diagnosis.several_logs import ABSENT, INCONCLUSIVE, SIGNIFICANT, LogView, SeveralLogs
 from sysid.effects.catalogue import chain_effects
 from sysid.errors import DataError
 from sysid.fitting.holdout import Errors
@@ -61,7 +61,7 @@ def test_what_is_the_same_is_told_from_what_differs(charged: SeveralLogs) -> Non
     ((own,), (other,)) = (battery.parameters[k] for k in ("full.csv", "empty.csv"))
     assert own.value == 1.0
     assert other.value == pytest.approx(17.0 / 20.0, abs=0.01)  # noise of 0.3 % of the speed
-    assert [v.effects[0].state for v in charged.logs] == [PRESENT, PRESENT]
+    assert [v.effects[0].state for v in charged.logs] == [SIGNIFICANT, SIGNIFICANT]
     tests = {c.name: c for c in charged.constancy}
     assert tests["plus[omega]"].same
     assert abs(tests["plus[omega]"].value - ZONE) < 5.0 * tests["plus[omega]"].std_error
@@ -83,7 +83,7 @@ def test_the_document_and_the_table_say_the_same(charged: SeveralLogs) -> None:
 def test_a_short_log_without_the_effect_says_so() -> None:
     other = log("new driver.csv", 3, zone=0.0).rows(0, 120)
     said = found([log("a.csv", 1), log("b.csv", 2), replace(other, sha256="")])
-    assert [v.effects[0].state for v in said.logs] == [PRESENT, PRESENT, ABSENT]
+    assert [v.effects[0].state for v in said.logs] == [SIGNIFICANT, SIGNIFICANT, ABSENT]
     assert any("plus[omega] differs between logs" in s for s in sentences(said))
     assert "dead-zone is not there in new driver.csv." in sentences(said)
 
@@ -94,7 +94,7 @@ def test_a_log_of_one_speed_cannot_tell() -> None:
     u = np.full_like(still.u, 1.0)
     y = np.full_like(still.y, 17.0) + NOISE * np.random.default_rng(4).standard_normal(u.shape)
     said = found([log("a.csv", 1), log("b.csv", 2), replace(still, u=u, y=y, sha256="")])
-    assert said.logs[2].effects[0].state == HIDDEN
+    assert said.logs[2].effects[0].state == INCONCLUSIVE
 
 
 def test_a_log_that_judges_may_have_a_battery_of_its_own() -> None:
@@ -165,7 +165,7 @@ def test_another_ground_is_seen_as_another_width_and_a_short_log_cannot_tell() -
     pose = diagnose_pose(logs[:1], (), Geometry())
     several = SeveralLogs(tuple(LogView(n, False, (), (), {}) for n in named))
     said = with_ground(several, logs, logs_of(logs, logs), pose, Geometry())
-    assert [v.effects[0].state for v in said.logs] == [PRESENT, PRESENT, HIDDEN]
+    assert [v.effects[0].state for v in said.logs] == [SIGNIFICANT, SIGNIFICANT, INCONCLUSIVE]
     (ratio,) = said.constancy
     assert not ratio.same
     seen = [v.effects[0].parameters[0].value for v in said.logs[:2]]

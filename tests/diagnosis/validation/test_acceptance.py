@@ -20,10 +20,10 @@ from sysid.diagnosis.search.selection import Interval, Selection
 from sysid.diagnosis.session import DiagnosisSession, noise_of
 from sysid.diagnosis.validation import acceptance
 from sysid.diagnosis.validation.acceptance import (
-    Number,
+    ParameterEstimate,
     _acting_alone,
     against,
-    doubtful_parameters,
+    uncertain_parameters,
     drifts,
     least_beside,
 )
@@ -32,7 +32,7 @@ from sysid.effects.catalogue import about, chain_effects
 from sysid.structures.augmented.structure import Augmented
 
 CLEAR = Evidence(-60.0, 6.0, 0.9, 0.5, 1e-6)
-AWAY = Number(0.3, 0.0, 0.05)
+AWAY = ParameterEstimate(0.3, 0.0, 0.05)
 
 
 def test_what_stands_is_not_spoken_against() -> None:
@@ -43,19 +43,19 @@ def test_what_stands_is_not_spoken_against() -> None:
 @pytest.mark.parametrize(
     ("evidence", "number", "words"),
     [
-        (CLEAR, Number(-0.031, 0.0, 0.062), "away from doing nothing"),
+        (CLEAR, ParameterEstimate(-0.031, 0.0, 0.062), "includes the null value"),
         (replace(CLEAR, p_value=0.118), AWAY, "may be chance (p = 0.12"),
         (replace(CLEAR, p_value=0.062), AWAY, "may be chance (p = 0.062"),
         (replace(CLEAR, delta_bic=-5.0), AWAY, "cost more than they gain"),
         (replace(CLEAR, ratio=1.15), AWAY, "changes the held-out error by +15 %"),
-        (CLEAR, Number(0.3, 0.0, 0.0), "away from doing nothing"),  # a slope of nothing
-        (CLEAR, Number(0.3, 0.0, 0.01, Interval(0.0, 0.6)), "away from doing nothing"),
-        (CLEAR, Number(0.3, 0.0, 0.01, Interval(0.2, 0.4, visited=False)), "away"),
-        (CLEAR, Number(0.9, 1e6, 0.01, Interval(0.8, None)), "away from doing nothing"),
+        (CLEAR, ParameterEstimate(0.3, 0.0, 0.0), "includes the null value"),  # a slope of nothing
+        (CLEAR, ParameterEstimate(0.3, 0.0, 0.01, Interval(0.0, 0.6)), "includes the null value"),
+        (CLEAR, ParameterEstimate(0.3, 0.0, 0.01, Interval(0.2, 0.4, visited=False)), "null value"),
+        (CLEAR, ParameterEstimate(0.9, 1e6, 0.01, Interval(0.8, None)), "includes the null value"),
     ],
 )
 def test_what_evidence_speaks_against_is_dropped(
-    evidence: Evidence, number: Number, words: str
+    evidence: Evidence, number: ParameterEstimate, words: str
 ) -> None:
     assert words in against(evidence, [number])
 
@@ -106,9 +106,9 @@ def test_a_wave_that_may_come_any_number_of_times_is_what_wanders(
 
 
 def test_one_number_away_from_its_null_is_enough_and_a_limit_needs_its_upper_end() -> None:
-    assert against(CLEAR, [Number(0.01, 0.0, 0.1), AWAY]) == ""
-    assert Number(0.9, 1e6, 0.0, Interval(0.8, 0.95)).away
-    assert Number(0.3, 0.0, 9.0, Interval(0.1, 0.5)).away  # the likelihood knows better
+    assert against(CLEAR, [ParameterEstimate(0.01, 0.0, 0.1), AWAY]) == ""
+    assert ParameterEstimate(0.9, 1e6, 0.0, Interval(0.8, 0.95)).away
+    assert ParameterEstimate(0.3, 0.0, 9.0, Interval(0.1, 0.5)).away  # the likelihood knows better
 
 
 def test_one_alone_must_do_what_a_first_effect_must() -> None:
@@ -160,7 +160,7 @@ def named(base: Base) -> Selection:
 
 def test_a_side_that_slopes_say_nothing_of_is_asked_of_the_likelihood(base: Base) -> None:
     slots = base.search.model.parameters
-    doubted = {slots[k].name for k in doubtful_parameters(base, named(base))}
+    doubted = {slots[k].name for k in uncertain_parameters(base, named(base))}
     assert "minus" in doubted
 
 
