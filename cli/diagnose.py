@@ -103,7 +103,7 @@ class _EstimationData:
         findings: what there is to say about the reading.
         read: how they were read.
         base: the stored model to diagnose, if any.
-        model: the model to diagnose, the base's or the plant's; None for the plainest.
+        model: the model to diagnose, the base's or the plant's; None for the baseline.
     """
 
     records: "list[Record]"
@@ -170,7 +170,7 @@ def _run(
 
     Args:
         data: what effects are searched on.
-        holdout: what judges.
+        holdout: validation records.
         drive: the mission and the vehicle.
         read_as: what there is to say about the reading.
         bench: what a bench measured.

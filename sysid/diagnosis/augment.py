@@ -63,7 +63,7 @@ def values_of(
         base: of the diagnosis.
         candidate: the model with the effect.
         id: of the effect.
-        intervals: of parameters whose standard error no slope tells, by parameter.
+        intervals: of parameters without a standard error from gradients, by index.
     """
     m = base.search.model
     names = base.search.estimation[0].output_names
@@ -156,7 +156,7 @@ def model_of(
     Args:
         base: of the diagnosis.
         candidate: what to make a model of.
-        intervals: of parameters whose standard error no slope tells, by parameter. One that the log
+        intervals: of parameters without a standard error from gradients, by index. One that the log
             never visits does nothing in the model, and its variance is infinite.
     """
     search = base.search

@@ -46,7 +46,7 @@ FULL_DRIVE = 20000.0
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """What is fitted and what judges.
+    """Estimation and held-out part of the logs.
 
     Attributes:
         estimation, holdout: records; the same ones where blocks of them are held out.
@@ -71,7 +71,7 @@ def divided(
     holdout: Sequence[Record] | None,
     inspect: Inspection = inspect_samples,
 ) -> Parts:
-    """With logs to judge on, those; else interleaved blocks of the estimation logs.
+    """Validation logs as the held-out part; else interleaved blocks of the estimation logs.
 
     Both parts are then scored on free runs from the beginning of each record. Lost measurements do
     not count in either.
@@ -104,7 +104,7 @@ class Base:
     """The base of a diagnosis.
 
     Attributes:
-        parts: what is fitted and what judges.
+        parts: estimation and held-out part.
         search: the selection search around it.
         candidate: the base itself.
         scales: full drive of each track's command.
@@ -174,7 +174,7 @@ def fit_baseline(
 
     Args:
         estimation: what is fitted.
-        holdout: what judges; None holds blocks out.
+        holdout: validation logs; None holds blocks out.
         effects: those that are tried.
         highest: order at most.
 

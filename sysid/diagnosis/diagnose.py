@@ -52,7 +52,7 @@ def diagnose(
 
     Args:
         estimation: logs that effects are searched on.
-        holdout: logs that judge; None holds out blocks of the estimation logs.
+        holdout: validation logs; None holds out blocks of the estimation logs.
         model: the model that disagrees; None fits the baseline first.
         mission: the mission that the logs drove: both models drive it again, and its geometry,
             where it gives one, is the vehicle's.
@@ -66,7 +66,7 @@ def diagnose(
     Raises:
         DataError: the logs cannot serve.
         ModelError: the model cannot be run on them.
-        UsageError: a log that judges is one that effects are searched on.
+        UsageError: a validation log is also an estimation log.
     """
     started = time.perf_counter()
     _require_enough(estimation, holdout)
@@ -130,8 +130,8 @@ def require_apart(estimation: Sequence[Record], holdout: Sequence[Record]) -> No
     """Refuse validation logs that equal an estimation log or have other channels.
 
     Raises:
-        DataError: a log that judges has other channels.
-        UsageError: effects are searched on one that judges.
+        DataError: a validation log has other channels.
+        UsageError: a validation log is also an estimation log.
     """
     first = estimation[0]
     for r in holdout:

@@ -84,7 +84,7 @@ class Diagnosis:
         where_after: the same afterwards.
         gap: the proof on held-out data.
         detectable: per effect the smallest size this log would have shown, None where it cannot.
-        next_experiments: runs that would tell more.
+        next_experiments: runs that would show more.
         before, after: the models.
         residuals: residual tests before and after.
         description: a sparse description of what no effect explains, empty without one.

@@ -1,4 +1,4 @@
-"""What a search has found, as the nouns and sentences of a diagnosis."""
+"""Results of a search as effects, sentences and traces of a diagnosis."""
 
 from collections.abc import Sequence
 

@@ -44,9 +44,9 @@ def not_followed(
     names = records[0].output_names
     inputs = ", ".join(records[0].input_names)
     poor = [i for i in range(len(names)) if fit[i] < VERDICT.min_fit and spread[i] > 0.0]
-    loud = [i for i in poor if size[i] > VERDICT.residual_to_noise * floor[i]]
-    if loud:
-        shown = ", ".join(f"{names[i]} {fit[i]:.0f} %" for i in loud)
+    above_noise = [i for i in poor if size[i] > VERDICT.residual_to_noise * floor[i]]
+    if above_noise:
+        shown = ", ".join(f"{names[i]} {fit[i]:.0f} %" for i in above_noise)
         why = " ".join(f.text for f in findings if f.severity >= Severity.WARNING and _tells(f))
         return (
             f"{ASTRAY} ({shown} fit in free run on held-out data): "

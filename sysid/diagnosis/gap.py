@@ -1,4 +1,4 @@
-"""The proof: how much of the gap the added effects close, on data not used for them."""
+"""The gap: how much of the error beyond the noise the added effects close on held-out data."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -1,5 +1,7 @@
-"""Effects around a given model or a base of high order, or on a plainer base where that explains
-more: what fits a log in part has absorbed a part of what is missing."""
+"""Effects around a given model or on the baseline, whichever explains more.
+
+A model that fits a log partly has absorbed part of what is missing.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -26,16 +28,16 @@ def around_model(
 
     A model that was fitted to the very logs has absorbed what is missing: then the baseline
     comes first. Else it comes where what is added to the model does not explain all of the logs, or
-    where several effects are added: some may only mend what is wrong with the model.
+    where several effects are added: some may only correct errors of the model.
     """
     if not session.needs_explanation:
         return session.searched((), say)
     fitted_logs = {s.sha256 for s in model.provenance.data}
     absorbed = any(r.sha256 in fitted_logs for r in estimation)
     if absorbed:
-        plainest = _on_baseline(session, estimation, holdout, say)
-        if plainest is not None:
-            return plainest
+        on_baseline = _on_baseline(session, estimation, holdout, say)
+        if on_baseline is not None:
+            return on_baseline
     effects = session.base.search.model.effects
     effects = effects if absorbed else (*effects, CHANGED)
     result = session.searched(effects, say)

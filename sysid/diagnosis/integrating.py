@@ -1,4 +1,4 @@
-"""Outputs that integrate, such as the position of an axis: the chain is then held to their rate."""
+"""Outputs that integrate, such as the position of an axis: their rate is modelled instead."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -12,9 +12,9 @@ class Value:
     Attributes:
         name: with the output that it belongs to in brackets.
         value: NaN where the log never goes where the parameter acts.
-        std_error: None where the log does not tell it.
+        std_error: None where the log does not determine it.
         unit: of value, error and interval.
-        interval: a 95 % interval where slopes tell no standard error; an end that the log leaves
+        interval: a 95 % interval where gradients give no standard error; an end that the log leaves
             open is None.
         in_file: the same parameter in the unit of the file's input, where full drive is not
             declared and a share of it is one of the largest command of the log; else None.

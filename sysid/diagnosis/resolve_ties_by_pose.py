@@ -1,4 +1,4 @@
-"""The pose tells an effect of the sensor from one of the motor that looks the same in the speeds.
+"""Ties between sensor and motor effects resolved by the pose.
 
 A lag of the sensor and one of the actuator, a zero point and a load, cannot be distinguished by the
 speeds that are read. But the vehicle goes by the speeds there are: put right for what only the
@@ -22,7 +22,7 @@ from sysid.vehicle.kinematics import Geometry
 def resolve_ties_by_pose(
     result: SelectionResult, geometry: Geometry | None
 ) -> tuple[SelectionResult, PoseDiagnosis | None]:
-    """What was found, ties resolved that the pose can tell, and what is missing on the ground."""
+    """The result with ties resolved by the pose, and what is missing on the ground."""
     if result.session.base.parts.estimation[0].pose is None:
         return result, None
     pose, fitted = _examined(result, result.selection, geometry), result.selection.final

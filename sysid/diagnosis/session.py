@@ -53,7 +53,7 @@ STAND_IN = (
 
 
 LeastLeft = dict[tuple[bool, ...], float]
-"""Least share of the gap that stayed open while effects were dropped, by the outputs that count."""
+"""Least share of the gap left open while effects were rejected, by the outputs that count."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +66,8 @@ class DiagnosisSession:
         scales: full drive of each input.
         seed: of every bootstrap.
         given: the session of the model that was given, where that had absorbed so much that effects
-            are added to a plainer base.
-        jitter: outputs whose commands act unevenly late, where samples that this spoils were left
+            are added to the baseline.
+        jitter: outputs whose command delay varies, where samples that this spoils were left
             out.
     """
 
@@ -171,7 +171,7 @@ class DiagnosisSession:
         return self.linear_rival.words(selection, self.floor, names)
 
     def residual_structure(self, selection: Selection, after: bool) -> ResidualStructure | None:
-        """What the errors on the held-out data still depend on; None where too few samples tell."""
+        """What the errors on the held-out data still depend on; None with too few samples."""
         base, candidate = self.base, selection.final if after else selection.base
         runs = holdout_runs(findings.traces(base, selection), after)
         gradients = sensitivities(base.search, candidate, holdout=True) if candidate.free else None
@@ -227,7 +227,7 @@ class DiagnosisSession:
         )
 
     def follows(self) -> bool:
-        """Whether the base follows the data at all: else its errors tell nothing."""
+        """Whether the base follows the data at all: else its errors say nothing."""
         y = np.concatenate([r.y for r in self.base.parts.holdout])
         errors = np.concatenate(self.base.candidate.errors.holdout)
         size = np.sqrt(np.nanmean(errors**2, axis=0))
@@ -262,7 +262,7 @@ class DiagnosisSession:
         return before.errors.holdout, without.errors.holdout, after.errors.holdout
 
     def confirmed(self, selection: Selection) -> tuple[Selection, tuple[RejectedEffect, ...]]:
-        """The effects that stand in the final model, and those that evidence speaks against."""
+        """The accepted effects of the final model, and the rejected ones."""
         selection, gone = self.measured(selection), []
         least_left: LeastLeft = {}
         while (least := self._objection(selection, least_left)) is not None:
@@ -275,7 +275,7 @@ class DiagnosisSession:
         return selection, tuple(gone)
 
     def stand_in(self, selection: Selection) -> bool:
-        """Whether what is named of a process may stand for physics that the catalogue has not.
+        """Whether the selected effects may stand in for physics outside the catalogue.
 
         Outflow, radiation and boiling are none of its effects, and bend like a dead zone. Without
         friction and gears beside it, an effect of the actuator or sensor explains nearly all. Nor
@@ -374,7 +374,7 @@ class DiagnosisSession:
         for candidate in (
             final,
             selection.final,
-        ):  # a ragged likelihood may lead away from what stands
+        ):  # a ragged likelihood may lead away from an accepted set
             widened = {k: i.holding(float(candidate.q[k])) for k, i in intervals.items()}
             measured = replace(selection, final=candidate, intervals=widened)
             if weakest(self.base, measured) is None:

@@ -8,7 +8,7 @@ SIGNIFICANT, ABSENT, INCONCLUSIVE = "significant", "absent", "inconclusive"
 
 
 SURE = 1e-6
-"""Chances below this are told as such."""
+"""Smaller p-values are only bounded."""
 
 
 def chance(p: float) -> str:
@@ -22,7 +22,7 @@ class LogParameter:
 
     Attributes:
         name: with its output in brackets.
-        value: None where the log alone does not tell it.
+        value: None where the log alone does not determine it.
         std_error: the same.
         unit: of both.
     """
@@ -186,7 +186,7 @@ class SeveralLogs:
 
     Attributes:
         logs: each log.
-        constancy: each parameter that two logs tell.
+        constancy: each parameter that two logs determine.
         differences: what differs and is no effect.
     """
 

@@ -24,7 +24,7 @@ class Remaining:
     """What remains in the errors of the augmented model.
 
     Attributes:
-        structure: what they depend on; None where too few samples tell.
+        structure: what they depend on; None where there are too few samples.
         gap: the gap before and after.
         where: the regime that holds most of what is left beyond its size, in words; empty where
             none stands out.
@@ -108,10 +108,10 @@ def _what_remains(remaining: Remaining) -> str:
     if remaining.structured and (closed < VERDICT.nearly_all or remaining.above_noise):
         rest = 100.0 - closed
         share = "Less than 1 %" if rest < 1.0 else f"{rest:.0f} %"
-        loud = f" (errors: {remaining.above_noise} the noise)" if remaining.above_noise else ""
+        ratios = f" (errors: {remaining.above_noise} the noise)" if remaining.above_noise else ""
         where = f", mostly where {remaining.where}" if remaining.where else ""
         return (
-            f" {share} of the error beyond the noise remains{loud}; inputs and outputs predict "
+            f" {share} of the error beyond the noise remains{ratios}; inputs and outputs predict "
             f"{remaining.share} of it{where}. It is partly explained, or something else is missing."
         )
     if remaining.above_noise:

@@ -1,4 +1,4 @@
-"""Effect: one physical phenomenon as one pure step that does nothing at its null value."""
+"""Effect: one physical phenomenon as one pure step, the identity at its null value."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -58,7 +58,7 @@ class Context:
         drive: command as it was given, before any effect.
         turned: angle of the wheel, integrated from its speed [rad].
         counted: angle integrated from the measurements before this one [rad].
-        holds: torque with which dry friction holds a track that stands.
+        holds: torque with which dry friction holds a track at standstill.
         gain: K, steady speed at full drive.
         log: which of several logs the sample belongs to, from 0.
     """
@@ -99,7 +99,7 @@ class EffectParameter:
             whose first parameter a search leaves there is not named.
         at_limit: whether it may end on the other bound, which is the method's and not physics.
         edge: +1 or −1 for an edge on the axis of the command, upward or downward: between two
-            neighbouring commands of a log nothing tells where it lies.
+            neighbouring commands of a log its position is not determined.
         as_command: whether it is also shown as the command that just overcomes it.
         measured_as: key of a mission's ``vehicle.supply`` under which a bench measures it.
     """
@@ -230,16 +230,16 @@ class Effect:
             the other effects leave of the speeds; None for none.
         at_rest: (speed, drive) → its states in steady motion; None where every state then equals
             the signal the effect acts on.
-        holds: (parameters) → torque with which it holds a track that stands.
+        holds: (parameters) → torque with which it holds a track at standstill.
         shared: whether all tracks share its parameters.
         undone: (reading, parameters) → the reading without the effect, where that is known: what
             a first reading says of the speed.
         inverse: how the command, or the torque, is chosen so that what is wanted is left of it;
             None where that is not possible, or not without knowing what comes.
-        ties: effects that many logs cannot tell from it.
-        by_hand: what tells it from its ties where no command can, and what is then seen; empty
-            where commands suffice.
-        rare: whether one of these is rather named where a log cannot tell.
+        ties: effects that many logs cannot distinguish from it.
+        by_hand: what distinguishes it from its ties where no command can, and what is then seen;
+            empty where commands suffice.
+        rare: whether one of its ties is preferred where a log cannot distinguish them.
         descriptive: whether its law says what is seen and no mechanism: then it has to explain
             nearly all, as many mechanisms look in part like it.
         contains: effects whose law is a case of its own: where one of them explains nearly as much,
@@ -267,8 +267,8 @@ class Effect:
         length: between tracks and ground, the length that its parameter scales; None for none.
         in_numbers: between tracks and ground, the sentence with its parameter.
         laws: its laws where it has several, the simplest first. Between tracks and ground each is
-            told by itself. In the chain one acts at a time: the data choose, and a later one only
-            where it is worth more than its parameters cost.
+            reported by itself. In the chain one acts at a time: the data choose, and a later one
+            only where it is worth more than its parameters cost.
     """
 
     id: str

@@ -1,4 +1,4 @@
-"""What may differ between several logs of one machine and is no effect: gain and load of each log.
+"""Differences between logs of one machine that are not effects: gain and load of each log.
 
 They are searched like effects, beside them and by the same rule, so that neither takes what is the
 other's: a battery that was fuller in one log is no curve, and a curve is no fuller battery.
@@ -75,7 +75,7 @@ def for_logs(count: int, own_level: bool) -> tuple[Effect, ...]:
     """What may differ between so many logs; none for one log, or for too many.
 
     Args:
-        count: logs, those that judge included.
+        count: logs, validation logs included.
         own_level: whether the base has a level already, which is then the first log's.
     """
     if not 1 < count <= MOST_LOGS:

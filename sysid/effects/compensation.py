@@ -1,4 +1,4 @@
-"""What acts between command and torque of a plant, and the drive that makes up for it.
+"""Compensation: the drive that cancels the effects between command and torque.
 
 An effect that can be undone says how (``Effect.inverse``); here the inverses of several are put
 together, against the order in which the effects act.

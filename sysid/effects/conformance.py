@@ -1,4 +1,4 @@
-"""What every effect must fulfil, tried on its own step: said before it can mislead a diagnosis."""
+"""Conformance tests of effects: what every effect must satisfy, tried on its own step."""
 
 from collections.abc import Mapping
 from dataclasses import replace

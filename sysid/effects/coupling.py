@@ -1,4 +1,4 @@
-"""Effects by which the body ties its tracks to each other.
+"""Effects by which the body couples the tracks.
 
 Torque is counted in units of steady speed: τ ω̇ = T − ω with T = K d.
 """

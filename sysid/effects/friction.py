@@ -1,4 +1,4 @@
-"""Resistance to motion: dry, viscous, of the air, and a load that is always there.
+"""Resistance to motion: dry, viscous and air friction, and a constant load.
 
 Torque is counted in units of steady speed: τ ω̇ = T − ω with T = K d.
 """
@@ -189,8 +189,8 @@ EFFECTS = (
             Law(
                 ("level",),
                 choices={"of_servo": 1.0},
-                sentence="Within this distance of the set point the servo's loop pushes less than friction "
-                "holds: there the servo stays.",
+                sentence="Within this distance of the set point the servo's loop pushes less than "
+                "friction holds: there the servo stays.",
             ),
         ),
     ),

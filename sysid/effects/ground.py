@@ -1,4 +1,4 @@
-"""Ground: what effects between tracks and ground make of wheel speeds."""
+"""Ground: the effects between tracks and ground, applied to wheel speeds."""
 
 import math
 from collections.abc import Mapping
@@ -124,7 +124,7 @@ class Ground:
         )
 
     def start(self) -> State:
-        """What the effects remember of a vehicle that stands."""
+        """What the effects remember of a vehicle at standstill."""
         return tuple((np.zeros(2),) * n for n in self._states)
 
     def step(self, state: State, omega: tuple[Any, Any], dt: Any) -> tuple[tuple[Any, Any], State]:

@@ -1,4 +1,4 @@
-"""How effects are undone: the signal in front of an effect that leaves what is wanted behind it."""
+"""Inverses of effects: the signal before an effect that gives the wanted signal behind it."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -11,7 +11,7 @@ EMPTY = 0.1
 """Share of its strength below which no command makes up for an empty battery."""
 
 STANDS = 0.05
-"""Share of the larger of speed and torque below which a track counts as one that stands.
+"""Share of the larger of speed and torque below which a track counts as at standstill.
 
 There friction is against the torque, else against the motion; measurements near zero change sign.
 """

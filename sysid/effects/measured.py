@@ -1,5 +1,4 @@
-"""Parameters of effects that were measured on a bench: what a mission applies, where a search
-looks.
+"""Effect parameters measured on a bench, for missions and as start values of a search.
 
 An effect's parameter says by ``measured_as`` which key of a mission's ``vehicle.supply`` is its
 value.

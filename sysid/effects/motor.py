@@ -1,4 +1,4 @@
-"""Effects of the motor and its driver: warm, and letting go instead of braking.
+"""Effects of the motor and its driver: heating, and freewheeling instead of braking.
 
 Torque is counted in units of steady speed: τ ω̇ = T − ω with T = K d.
 """

@@ -1,4 +1,4 @@
-"""What comes again with every turn of a wheel.
+"""Effects that repeat with every turn of a wheel.
 
 Angles are integrated from the wheel's speed, or counted from its measurements, from zero at the
 start of a record.

@@ -1,4 +1,4 @@
-"""Effects that are seen in the samples themselves: they have no step, and no model holds them."""
+"""Effects visible in the samples themselves: they have no step and are in no model."""
 
 from sysid.effects.base import Effect, Place, nothing
 from sysid.effects.programmes import CRUISE, REVERSALS

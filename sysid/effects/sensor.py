@@ -1,4 +1,4 @@
-"""Effects of the sensor: they change what is read, not what happens."""
+"""Effects of the sensor: they change the measurement, not the motion."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -30,8 +30,8 @@ MOST_LOSS = 0.1
 empty before a log has twenty commands."""
 
 USUAL_EMF = 0.85
-"""Share of the back-emf in the viscous term of a motor with its gear, until a log tells it: one
-under commands of a single size cannot, as it then acts like another gain."""
+"""Share of the back-emf in the viscous term of a motor with its gear, until a log determines it:
+one under commands of a single size cannot, as it then acts like another gain."""
 
 LEAST_EMF = 0.3
 """A smaller share of back-emf makes a current of the command alone: a limit of the current is then

@@ -1,4 +1,4 @@
-"""Play between motor and wheel.
+"""Backlash between motor and wheel.
 
 Torque is counted in units of steady speed: τ ω̇ = T − ω with T = K d.
 """

@@ -1,4 +1,4 @@
-"""Effects between the tracks and the ground: they change what speeds do to the pose.
+"""Effects between tracks and ground: they change the pose that wheel speeds produce.
 
 Forward speed v = r(ω_L + ω_R)/2 and yaw rate ψ̇ = r(ω_R − ω_L)/B before slip.
 """

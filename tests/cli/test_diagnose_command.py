@@ -88,7 +88,7 @@ def test_story_files_and_page(here: Path, capsys: pytest.CaptureFixture[str]) ->
         "of the excess error of omega_",
         "dead-zone (actuator)",
         "± std. error",
-        "cannot tell it from stiction",
+        "cannot distinguish it from stiction",
         "of the gap is closed",
         "sysid export --model",
     ):
@@ -144,7 +144,7 @@ def test_document(
     (effect,) = found["effects"]
     assert set(effect) == {
         "id", "stage", "channels", "parameters", "evidence", "indistinguishable", "sentence",
-        "explains_percent", "remains",
+        "error_ratio_without", "remains",
     }  # fmt: skip
     assert set(effect["parameters"][0]) == {
         "name", "value", "std_error", "unit", "interval", "visited", "on_bound",
@@ -203,7 +203,7 @@ def test_a_mission_is_told_and_drawn(
     told = run(capsys, "diagnose", "log.csv", "--mission", "mission.yaml")
     assert told.code == 0, told.err
     assert asked == [Path("mission.yaml")]
-    assert "driven again: time [s]" in told.out
+    assert "closed loop: time [s]" in told.out
     assert "off by 0.40 m before" in told.out
     page = (here / ".sysid" / "diagnosis" / "index.html").read_text(encoding="utf-8")
     assert "log.csv: the measured path" in page
@@ -236,7 +236,7 @@ def test_the_engine_takes_what_the_command_gives() -> None:
     assert {"estimation", "held", "model", "progress"} <= set(signature(diagnose).parameters)
 
 
-# Which model is doubted ---------------------------------------------------------------------------
+# The model to diagnose ---------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -251,7 +251,7 @@ def test_the_best_model_of_these_channels_is_doubted(
     run(capsys, "fit", one, "--structure", "arx", "--orders", "na=1 nb=1 nk=1", "--json")
     first = diagnosed(capsys)
     assert first["original_model"] == fitted
-    # what a diagnosis made is not doubted by the next one, unless a comparison put it first
+    # what a diagnosis made is not diagnosed by the next one, unless a comparison put it first
     assert diagnosed(capsys)["original_model"] == fitted
     run(capsys, "compare", fitted, first["augmented_model"], "--val", "other.csv")
     assert diagnosed(capsys)["original_model"] == first["augmented_model"]
@@ -297,7 +297,7 @@ def refused(told: Run, code: int, *words: str) -> None:
         ("missing.csv", 2, ("no file missing.csv",)),
         ("silent.csv", 1, ("output",)),
         ("log.csv --val single.csv", 1, ("single.csv",)),
-        ("log.csv --val log.csv", 2, ("would prove nothing", "leave --val")),
+        ("log.csv --val log.csv", 2, ("must differ from the estimation log", "omit --val")),
         ("log.csv --plant plant", 2, ("--plant", "--mission")),
         ("log.csv --mission none.yaml", 2, ("none.yaml",)),
         ("log.csv -o log.csv", 2, ("is a file",)),

@@ -70,7 +70,7 @@ def test_where_no_command_helps_it_is_said_what_does() -> None:
     tied = {e.id: replace(node, q=q) for e, q in zip(effects, rows, strict=True)}
     found = experiment_between(base.search, tied, np.array([SIGMA, SIGMA]), SCALES, base.delay)
     assert found.rows == ()
-    assert "no command helps" in found.purpose
+    assert "No command distinguishes" in found.purpose
     assert "turn the wheel by hand" in found.purpose
 
 

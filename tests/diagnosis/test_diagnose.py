@@ -104,7 +104,7 @@ def test_a_log_without_validation_is_divided_and_lost_readings_do_not_count(
     log = logs(tmp_path, "dropouts", 41)
     found = diagnose([log["est"]])
     assert [e.id for e in found.effects] == ["dropouts"]
-    assert any("left out" in w for w in found.warnings)
+    assert any("excluded" in w for w in found.warnings)
     assert np.isfinite(found.gap.before)
     held = next(t for t in found.traces if t.role == "held-out")
     assert 0.2 < np.mean(held.counted) < 0.4

@@ -1,4 +1,4 @@
-"""Wheel speeds put right for what the sensors have been found to make of them.
+"""Wheel speeds corrected for the selected effects of the sensor.
 
 The vehicle stage drives the vehicle by the measured speeds. A sensor that clips, lags or loses the
 sign shows there as slip or as another radius. With the model that names it the measurements are put
@@ -25,7 +25,7 @@ from sysid.effects.base import Place
 from sysid.effects.catalogue import about
 
 Parts = tuple[tuple[Record, ...], tuple[Record, ...]]
-"""Records that estimate, and records that judge."""
+"""Estimation records, and held-out records."""
 
 
 def correct_sensor(base: Base, selection: Selection) -> Parts:

@@ -1,4 +1,4 @@
-"""Selection of what is missing between the tracks and the ground, from logs that hold the pose.
+"""Diagnosis of what is missing between tracks and ground, from logs with a pose.
 
 Errors of the motors do not leak in: the *measured* wheel speeds drive the vehicle, and increments
 of its pose over two seconds are compared, so that nothing accumulates.
@@ -64,13 +64,13 @@ MIN_RECORDS = 4
 so that none stands for its part alone."""
 
 MIN_HOLDOUT_SHARE = 0.25
-"""Share of all windows that the part which judges must hold, where there are records to choose
+"""Share of all windows that the held-out part must hold, where there are records to choose
 from: a vehicle that starts hard once a mission shows in a single one whether it slips then by
 chance only."""
 
 MIN_TURN_SHARE = 0.1
-"""Share of all turning that the records that judge must hold: a mission turns where it begins, and
-a straight way to the goal does not tell what that turn was worth."""
+"""Share of all turning that the held-out records must hold: a mission turns where it begins, and
+a straight way to the goal does not show the gain of that turn."""
 
 BESIDE = 0.005
 """Share of a length that is uncertain at least where it is fitted together with effects: noise of
@@ -121,7 +121,7 @@ def diagnose_pose(
 
     Args:
         estimation: records that parameters are estimated on.
-        holdout: records that judge; where they hold too few windows, or hardly a turn, all records,
+        holdout: held-out records; where they hold too few windows, or hardly a turn, all records,
             or stretches of them, estimate and judge in turn.
         geometry: lengths of the vehicle. Unless given, those of the thesis's robot, or estimated
             together with the effects where the pose contradicts those; what only another radius or
@@ -177,7 +177,7 @@ _Found = tuple[PoseSearch, Fitted, list[Step], Fitted, tuple[tuple[str, float], 
 
 
 def _searched(search: PoseSearch) -> _Found:
-    """(search, before, after, steps, ranking); what the steps leave is told beside them."""
+    """(search, before, after, steps, ranking); the remaining error is reported beside the steps."""
     base = search.fit(())
     return search, base, *grown(search, base)
 
@@ -198,7 +198,7 @@ _Parts = tuple[tuple[Track, ...], tuple[Track, ...]]
 def _parted(
     estimation: Sequence[Record], holdout: Sequence[Record], channels: tuple[int, int]
 ) -> _Parts | None:
-    """What estimates and what judges: as given, else record by record in turn, else stretch by
+    """Estimation and held-out part: as given, else record by record in turn, else stretch by
     stretch; None where there is too little in any way."""
     both = (*estimation, *holdout)
     given = tracks_of(estimation, channels), tracks_of(holdout, channels)
@@ -230,7 +230,7 @@ def _windows(part: Sequence[Track]) -> int:
 
 
 def _turns_judged(parts: _Parts) -> float:
-    """Share of the squared turns of all windows that those which judge hold."""
+    """Share of the squared turns of all windows in the held-out part."""
     first, second = (
         sum(float(np.sum(t.measured(Geometry())[:, 2] ** 2)) for t in part) for part in parts
     )
@@ -270,7 +270,7 @@ def _pose_diagnosis(
 
 
 def _beside(estimate: GeometryEstimate, final: Fitted) -> GeometryEstimate:
-    """The lengths as fitted together with the effects; what the pose does not tell stays."""
+    """The lengths fitted together with the effects; undetermined ones are unchanged."""
     r, B = estimate.geometry.r, estimate.geometry.B
     at_radius, at_distance = radius_slot(), distance_slot()
     scale, turn = float(final.q[at_radius]), float(final.q[at_distance])

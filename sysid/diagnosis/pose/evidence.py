@@ -27,11 +27,11 @@ def evidence_of(before: Fitted, after: Fitted, tried: int) -> Evidence:
     this:
 
     The noise of an increment is known and an effect may show in the few windows of one turn, so
-    that neither blocks nor a coloured residual's sample size tell chance from effect. G, the fall
-    of the white squared error over both parts with parameters from the estimation part, is χ² with
-    one degree of freedom where nothing is there: its root is t, of as many degrees of freedom as
-    windows do not overlap, because no more tell how large the noise is. Blocks and held-out
-    error count the windows that the effect moves, and the channels: the turn does not tell of a
+    that neither blocks nor a coloured residual's sample size distinguish chance from effect. G, the
+    fall of the white squared error over both parts with parameters from the estimation part, is χ²
+    with one degree of freedom where nothing is there: its root is t, of as many degrees of freedom
+    as windows do not overlap, because no more determine the size of the noise. Blocks and held-out
+    error count the windows that the effect moves, and the channels: the turn does not show a
     vehicle that slides sideways.
     """
     from scipy.stats import t as student
@@ -202,7 +202,7 @@ def pose_residuals(search: PoseSearch, final: Fitted) -> PoseResiduals:
     holdout = np.concatenate(final.errors.holdout)
     size = np.sqrt(np.mean(holdout**2, axis=0))
     at = np.flatnonzero(size > POSE.residual_to_noise)
-    loud = {CHANNELS[i]: float(size[i]) for i in at}
+    above_noise = {CHANNELS[i]: float(size[i]) for i in at}
     if not len(at):
         return PoseResiduals({}, 0.0)
     X, Z = (_known(problem) for problem in (search.estimation, search.holdout))
@@ -211,7 +211,7 @@ def pose_residuals(search: PoseSearch, final: Fitted) -> PoseResiduals:
     gram = X.T @ X + 1e-2 * len(X) * np.eye(X.shape[1])
     rest = holdout - Z @ np.linalg.solve(gram, X.T @ Y)
     old, new = np.sum(holdout[:, at] ** 2, axis=0), np.sum(rest[:, at] ** 2, axis=0)
-    return PoseResiduals(loud, float(np.clip(np.max(1.0 - new / old), 0.0, 1.0)))
+    return PoseResiduals(above_noise, float(np.clip(np.max(1.0 - new / old), 0.0, 1.0)))
 
 
 def _known(problem: PoseProblem) -> Array:

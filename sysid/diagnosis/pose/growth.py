@@ -1,4 +1,4 @@
-"""Effects between tracks and ground come one at a time, the best first, while the rule accepts.
+"""Forward selection of effects between tracks and ground, one at a time, the best first.
 
 An earlier one goes again when a later one has made it needless.
 """
@@ -81,7 +81,7 @@ def _grown_from(search: PoseSearch, base: Fitted, instead: str) -> Grown:
         rated = judged(search, current, fits)
         if instead and not steps:
             rated = [p for p in rated if p[0].id == instead]
-        passed = [p for p in rated if _stands(*p, search, chosen)]
+        passed = [p for p in rated if _is_acceptable(*p, search, chosen)]
         if not passed:
             room = POSE.most_effects - len(steps) >= 2  # both of the pair
             pair = together(search, current, rated, chosen) if room else None
@@ -180,14 +180,14 @@ def _away(c: Candidate, fitted: Fitted) -> bool:
     )
 
 
-def _stands(
+def _is_acceptable(
     c: Candidate, f: Fitted, e: Evidence, search: PoseSearch, chosen: Sequence[Candidate]
 ) -> bool:
     """Whether the rule accepts a candidate.
 
     A parameter that what is still missing leaves uncertain may come where it predicts much; in the
     end it must be sure. Of a lag shorter than the sampling leaves open nothing is claimed: it
-    stands beside the effects where the likelihood asks for it, so that no effect makes up for it.
+    accompanies the effects where the likelihood asks for it, so that no effect makes up for it.
     """
     later = bool(chosen)
     if not _away(c, f) and (not e.accepted or _late(e)):
@@ -212,7 +212,7 @@ def _late(evidence: Evidence) -> bool:
 
 def allowed(c: Candidate, search: PoseSearch, chosen: Sequence[Candidate]) -> bool:
     """Both radii and their common scale are two parameters together, not three; and slip at any
-    speed is one of them, which only a radius that is known tells. One law says what way is lost
+    speed is one of them, which only a known radius shows. One law says what way is lost
     while the vehicle speeds up."""
     taken = (*search.always, *chosen)
     if c in taken or (_of_changes(c) and any(_of_changes(x) for x in taken)):

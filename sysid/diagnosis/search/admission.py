@@ -1,4 +1,4 @@
-"""What may be named: parameters away from their null and their bounds; and what is a tie."""
+"""Admissible candidates: parameters away from null values and bounds; and the test for ties."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,10 +82,10 @@ def admissible(model: FullModel, origin: Array, candidate: CandidateModel) -> bo
 
 
 def tied(best: CandidateModel, other: CandidateModel, logs: Logs | None = None) -> bool:
-    """Whether the data cannot tell two models apart.
+    """Whether the data cannot distinguish two models.
 
     One log that can is enough, unless another one says the opposite: of a short run that was made
-    to tell them apart, a long log that cannot would leave nothing.
+    to distinguish them, a long log that cannot would leave nothing.
     """
     a, b = best.effects[-1], other.effects[-1]
     known = b in about(a).ties or a in about(b).ties

@@ -1,4 +1,4 @@
-"""One more effect: every effect of the catalogue tried on top of a set, fitted and judged."""
+"""One more effect: every effect of the catalogue added to a set, fitted and scored."""
 
 from collections.abc import Sequence
 from copy import copy
@@ -117,7 +117,7 @@ class CandidateSearch:
         log_parameters = [
             self.model.index[id, parameter_of_log(k), i]
             for id in BY_LOG
-            for k in self.logs.judging
+            for k in self.logs.validation
             for i in range(self.model.tracks)
             if id in effects
         ]

@@ -1,4 +1,4 @@
-"""Could this log have shown it? For each effect the smallest size that the log would have revealed.
+"""Detectable sizes: for each effect the smallest size that the log would have revealed.
 
 An effect of size s would have changed the measurements by Δ(s) = run(q + s) − run(q). What the
 parameters already in the model can follow is projected out, Δ⊥ = Δ − J(JᵀJ)⁻¹JᵀΔ, and without the

@@ -1,4 +1,4 @@
-"""Intervals where the likelihood is ragged: an ensemble of walkers that drifts over it.
+"""Intervals where the likelihood is ragged, by an affine-invariant ensemble sampler.
 
 The instant of every shock in a gear moves with the gap, the inertia and the friction of the wheel
 together, and each moves the run by a jump; a search from anywhere ends on the next ledge, and so

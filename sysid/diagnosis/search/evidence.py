@@ -1,4 +1,4 @@
-"""What speaks for an effect: likelihood, paired blocks, held-out error; and the noise floor."""
+"""Evidence for an effect: likelihood, paired blocks, held-out error; and the noise floor."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -54,7 +54,7 @@ class Evidence:
         That many effects are tried is seen to elsewhere: no effect is looked for where a model of
         the errors finds nothing, and the gain must be there again on held-out data. What acts
         seldom changes few blocks by much, and t stays below 2 however sure they are: there the
-        ranks of the touched blocks tell, which must then stand the correction.
+        ranks of the touched blocks decide, and must then pass the correction.
         """
         return self.delta_bic < RULE.bic and (self.t > RULE.t or self.p_value < RULE.p)
 
@@ -106,7 +106,7 @@ def compare_errors(
         [e[:, at] / scale for e in (*after.estimation, *after.holdout)],
     )
     t = _t(gains)
-    # few blocks may hold most of an effect: then ranks tell more than means; twice the smaller
+    # few blocks may hold most of an effect: then ranks say more than means; twice the smaller
     chance = 2.0 * min(float(student.sf(t, max(len(gains) - 1, 1))), _by_ranks(gains[moved]))
     ratio = float(np.sqrt(np.mean((h1[at] + 1e-300) / (h0[at] + 1e-300))))
     better = float(np.mean(gains[moved] > 0)) if moved.any() else 0.0

@@ -1,4 +1,4 @@
-"""Two lags of first order in a row change places: the transfer function is the same.
+"""Two first-order lags in series can be exchanged: the transfer function is the same.
 
 Which of both is the motor's shows only beside an effect that acts between them, as friction does.
 """

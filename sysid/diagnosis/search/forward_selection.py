@@ -43,7 +43,7 @@ class ForwardSelection(CandidateSearch):
         required: RequiredRatio | None = None,
         needed: float | None = None,
     ) -> Selection:
-        """Grow one effect at a time in a small beam while the rule accepts, then drop.
+        """Grow one effect at a time in a small beam while the rule accepts, then prune.
 
         Args:
             base: the original model.
@@ -148,7 +148,7 @@ class ForwardSelection(CandidateSearch):
     ) -> CandidateModel:
         """Try look-alikes of the effects accepted so far: a later one may show one of them wrong.
 
-        What could not be distinguished from another at first may well be told beside a second
+        What could not be distinguished from another at first may be distinguished beside a second
         effect; and so for the laws of one.
         """
         for id in candidate.effects[:-1]:
@@ -193,7 +193,7 @@ class ForwardSelection(CandidateSearch):
 
     def passing(self, judged: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
         """Accepted candidates, the most likely first; nearly equal ones by fewest parameters."""
-        passed = [j for j in judged if self._stands(j)]
+        passed = [j for j in judged if self._is_acceptable(j)]
         passed = sorted(passed, key=lambda j: -j.score)
         if not passed:
             return []
@@ -224,7 +224,7 @@ class ForwardSelection(CandidateSearch):
             BUDGET.beam :
         ]
 
-    def _stands(self, j: ScoredCandidate) -> bool:
+    def _is_acceptable(self, j: ScoredCandidate) -> bool:
         return j.evidence.accepted and self.admissible(j.candidate)
 
     def _with_excluded(
@@ -336,7 +336,7 @@ class ForwardSelection(CandidateSearch):
             rest = base
             if len(candidate.effects) == 1:
                 judged: Sequence[ScoredCandidate] = first
-                # one that a swap or a drop has left alone may not be among the first candidates
+                # one that swapping or pruning has left alone may not be among the first candidates
                 first_candidate = next((j for j in first if j.id == id), None)
                 in_place = first_candidate or self._in_place(candidate, base, first, len(effects))
             else:
@@ -388,7 +388,7 @@ class ForwardSelection(CandidateSearch):
         return [self._instead(in_place, j) if behind(j) else j for j in judged]
 
     def _instead(self, in_place: ScoredCandidate, rival: ScoredCandidate) -> ScoredCandidate:
-        """The rival with the other effects as they stand beside the one in place, if that fits."""
+        """The rival with the other effects as fitted beside the one in place, if that fits."""
         q = in_place.candidate.q.copy()
         own_indices, rival_indices = self.model.of(in_place.id), self.model.of(rival.id)
         q[list(own_indices)], q[list(rival_indices)] = (
@@ -402,7 +402,7 @@ class ForwardSelection(CandidateSearch):
         return replace(rival, candidate=self.best_of(rival.candidate, (rival.candidate, moved)))
 
     def tied(self, best: CandidateModel, other: CandidateModel) -> bool:
-        """Whether no log can tell two models apart."""
+        """Whether no log can distinguish two models."""
         return tied(best, other, self.logs)
 
     def without_effect(self, selection: Selection, id: str) -> Selection:
@@ -427,7 +427,7 @@ class ForwardSelection(CandidateSearch):
     def _unsound(
         self, candidate: CandidateModel, selected: Sequence[SelectedEffect]
     ) -> list[SelectedEffect]:
-        """Effects that may not stand: all where a gain is chance, else delays that have shrunk."""
+        """Effects to reject: all where a gain is chance, else delays that have shrunk."""
         if not all(n.evidence.significant for n in selected):
             return list(selected)
         return [n for n in selected if not beyond_sampling(self.model, n.id, candidate.q).any()]
@@ -439,7 +439,7 @@ class ForwardSelection(CandidateSearch):
         judged: Sequence[ScoredCandidate],
         tried: int,
     ) -> ScoredCandidate:
-        """The effect that ``rest`` lacks as it stands in the candidate model, or as found anew.
+        """The effect that ``rest`` lacks, as it is in the candidate or as found anew.
 
         Found anew where that explains more; a search from nothing may not find it at all.
         """

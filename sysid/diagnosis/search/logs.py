@@ -1,4 +1,4 @@
-"""Which records belong to which log, and whether logs can be of one machine."""
+"""The log of each record, and the check that logs are of one machine."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ class Logs:
     """The logs of a diagnosis.
 
     Attributes:
-        names: of each log, those that only judge last.
+        names: of each log, validation logs last.
         estimation, holdout: the log that each record belongs to, from 0.
     """
 
@@ -24,8 +24,8 @@ class Logs:
     holdout: tuple[int, ...]
 
     @property
-    def judging(self) -> tuple[int, ...]:
-        """Logs that only judge."""
+    def validation(self) -> tuple[int, ...]:
+        """Validation logs."""
         return tuple(k for k in range(len(self.names)) if k not in self.estimation)
 
 

@@ -1,4 +1,4 @@
-"""The next effect beside a lag that may as well be another one: of the actuator, or of the sensor.
+"""The next effect beside a lag that ties with another one, of the actuator or of the sensor.
 
 What acts between them, as friction does, shows which of both it is; beside the wrong one it looks
 like something else.

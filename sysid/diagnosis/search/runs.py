@@ -1,4 +1,4 @@
-"""Runs of the full model: items in which the same effects act share one compiled simulation.
+"""Simulations of the full model: items of a batch with the same acting effects share one.
 
 An effect at its null value costs as much as one that acts. With all of the catalogue a step takes
 thirty times as long as with one effect, while most items hold one or two. So items are parted by

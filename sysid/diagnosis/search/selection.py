@@ -1,4 +1,4 @@
-"""Sets of effects in the course of a search: fitted, judged, named."""
+"""Sets of effects in a search: candidate models, scored candidates, the selection."""
 
 import math
 from collections.abc import Mapping
@@ -114,7 +114,7 @@ class Selection:
         minor: effects that help a little but not enough to be proven, with their evidence.
         candidates: score of every effect at the first stage, best first: the likelihood ratio
             (in units of BIC) over both parts of the data.
-        intervals: of parameters whose standard error no slope tells, by parameter.
+        intervals: of parameters without a standard error from gradients, by index.
     """
 
     base: CandidateModel

@@ -1,4 +1,4 @@
-"""Where the search for an effect starts: catalogue values, and values read off the data."""
+"""Start values of the search for an effect: from the catalogue, or estimated from the data."""
 
 from collections.abc import Sequence
 

@@ -27,7 +27,7 @@ def on_more_tracks(search: CandidateSearch, candidate: CandidateModel) -> Candid
     """
     model = search.model
     rms = np.sqrt(sum(candidate.errors.mean_squares()) / 2.0)
-    loud = rms > VERDICT.residual_to_noise * search.data.noise
+    above_noise = rms > VERDICT.residual_to_noise * search.data.noise
     q, free, touched = candidate.q.copy(), list(candidate.free), candidate.touched.copy()
     for id in candidate.effects:
         e = about(id)
@@ -38,7 +38,7 @@ def on_more_tracks(search: CandidateSearch, candidate: CandidateModel) -> Candid
         ]
         serves = [bool(set(parameters) & set(candidate.free)) for parameters in of_track]
         for i in range(model.tracks):
-            if serves[i] or not loud[i] or not any(serves):
+            if serves[i] or not above_noise[i] or not any(serves):
                 continue
             like = serves.index(True)
             for k, other in zip(of_track[i], of_track[like], strict=True):

@@ -32,8 +32,8 @@ from sysid.effects.catalogue import CHANGED, NOT_NAMED, about
 from sysid.fitting.profile import NORMAL
 
 SEEN = 3.0
-"""A log that tells a parameter so well that the value of all is so many errors away from nothing
-would have shown the effect."""
+"""A log whose standard error is so many times smaller than the value of all logs would have shown
+the effect."""
 
 DIFFERENT = 0.01
 """ParameterTable differ between logs when chance makes as much in fewer cases, over all tested."""
@@ -70,7 +70,7 @@ def _view(
     names = base.parts.estimation[0].output_names
     return LogView(
         logs.names[k],
-        k in logs.judging,
+        k in logs.validation,
         effects,
         _base_parameters(base, fit),
         {name: float(v) for name, v in zip(names, noise, strict=True)},
@@ -130,7 +130,7 @@ def _base_parameters(base: Base, fit: LogFit) -> tuple[LogParameter, ...]:
 
 
 def constancies(views: Sequence[LogView], ids: Sequence[str]) -> tuple[Constancy, ...]:
-    """Every parameter that two logs tell, of the effects and of the base."""
+    """Every parameter that two logs determine, of the effects and of the base."""
     rows: dict[tuple[str, str], list[tuple[str, LogParameter]]] = {}
     for v in views:
         every = [(e.id, n) for e in v.effects for n in e.parameters]

@@ -1,4 +1,4 @@
-"""What each of several logs shows between tracks and ground: its pose is examined alone."""
+"""Effects between tracks and ground in each of several logs: its pose is diagnosed alone."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What each log says alone: its own core and its own parameters of the effects that all logs found.
+"""Fits of each log alone: its own core and its own parameters of the effects found in all logs.
 
 Every log is fitted by itself from where all together ended; its standard errors are those of its
 own errors. What the logs share, and where one of them says otherwise, is for ``constancy``.
@@ -30,7 +30,7 @@ BEFOREHAND = 10.0
 CERTAIN = 0.95
 
 UNKNOWN_ABOVE = 3.0
-"""A parameter whose standard error is more of its typical size is not told by the log."""
+"""A parameter whose standard error is more of its typical size is not determined by the log."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class LogFit:
     Attributes:
         log: which, from 0.
         q: all parameters.
-        std_errors: of the free parameters that the log tells, by parameter.
+        std_errors: of the free parameters that the log determines, by index.
         rms: free-run error of each output with all effects, parameters of all logs.
         without: the same without each effect, by id.
         lacks: effects that the log alone does as well without, by their own parameters at null.
@@ -101,7 +101,7 @@ def _own(base: Base, candidate: CandidateModel, k: int) -> Array:
     """The parameters of a model; a validation log has its own gain and load."""
     return (
         base.search.in_phase(candidate.q, candidate.effects)
-        if k in base.search.logs.judging
+        if k in base.search.logs.validation
         else candidate.q
     )
 
@@ -116,7 +116,7 @@ def _least_known(base: Base, free: Sequence[int], errors: Mapping[int, float]) -
 def _data_of(base: Base, k: int) -> Data:
     """The rows of one log, held-out ones included; the others do not count."""
     s = base.search
-    if k in s.logs.judging:
+    if k in s.logs.validation:
         return replace(s.holdout_data, weight=s.holdout_data.weight * (s.holdout_data.log == k))
     whole = s.data.weight
     if s.holdout == s.estimation:
@@ -154,7 +154,7 @@ def _judged(base: Base, data: Data, q: Array) -> Data:
 
 
 def _std_errors(base: Base, data: Data, q: Array, free: Sequence[int]) -> dict[int, float]:
-    """Standard errors of parameters by slopes; large where the log does not tell them."""
+    """Standard errors of parameters by gradients; large where the log does not determine them."""
     if not free:
         return {}
     model = base.search.model

@@ -36,7 +36,7 @@ def table_of_logs(several: SeveralLogs) -> tuple[list[str], list[list[str]]]:
 def _parameter_rows(
     several: SeveralLogs, owner: str, per_log: list[tuple[LogParameter, ...]]
 ) -> list[list[str]]:
-    """A row for each parameter that a log tells."""
+    """A row for each parameter that a log determines."""
     tested = {c.name: c for c in several.constancy if c.owner == owner}
     rows = []
     for name in dict.fromkeys(n.name for some in per_log for n in some):

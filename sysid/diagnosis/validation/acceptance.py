@@ -70,7 +70,7 @@ class ParameterEstimate:
 def against(
     evidence: Evidence, parameters: Sequence[ParameterEstimate], needed: float = RULE.own_part
 ) -> str:
-    """What speaks against an accepted effect, in words after its name; empty where it stands.
+    """The objection to an accepted effect, in words after its name; empty where there is none.
 
     Args:
         evidence: of the final model against that without the effect.
@@ -99,7 +99,7 @@ def _beyond_chance(evidence: Evidence) -> bool:
 
 
 def weakest(base: Base, selection: Selection) -> RejectedEffect | None:
-    """The accepted effect that stands least, or None where all do."""
+    """The accepted effect to reject first, or None where all hold."""
     # one alone must do what a first effect must; beside others each keeps its own part
     needed = base.search.needed if len(selection.selected) == 1 else RULE.own_part
     objections = [
@@ -191,7 +191,7 @@ def least_beside(shares: Sequence[tuple[str, float, float]]) -> RejectedEffect |
 
 
 def small_share(closed: float, open_: float) -> str:
-    """Why an effect that closes so much of the gap and leaves so much does not stand."""
+    """Why an effect that closes so much of the gap and leaves so much is rejected."""
     return (
         f"it closes {closed:.1f} % of the gap of its outputs and leaves {open_:.1f} %, which is "
         "correlated with inputs and outputs: other physics may look partly like it"

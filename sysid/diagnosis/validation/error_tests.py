@@ -1,4 +1,4 @@
-"""Tests of errors that a regression leaves: a group of terms, a level, a ripple over the angle."""
+"""Tests of regression residuals: a group of terms, an offset, a ripple over the angle."""
 
 from collections.abc import Callable, Sequence
 

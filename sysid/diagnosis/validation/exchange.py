@@ -1,4 +1,4 @@
-"""Two lags in a row: which is the motor's and which the other's, the measurements do not say.
+"""Intervals of two lags in series, which the output cannot assign to motor and sensor.
 
 A first-order motor behind or before a lag of first order has the transfer function
 

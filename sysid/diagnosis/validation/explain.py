@@ -1,4 +1,4 @@
-"""What no effect explains, described sparsely: the errors against inputs and simulated states.
+"""Sparse descriptions of unexplained errors as functions of inputs and simulated states.
 
 A torque z that the model lacks bends its speed by F z (F the lag of the simulation), so the errors
 are regressed on a library of such terms (``known_terms.py``) by sequentially thresholded least

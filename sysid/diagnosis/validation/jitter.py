@@ -29,10 +29,10 @@ HOLDS = 1e-3
 """Change of the drive below which it holds."""
 
 MIN_CHANGES = 15
-"""Changes that a spread is told from: it is then known to a fifth."""
+"""Changes at least from which a spread is estimated, to about a fifth."""
 
 SHORTEST, LONGEST = 3, 12
-"""Samples behind a change that tell when it acted; the next one must leave as many."""
+"""Samples behind a change that show when it acted; the next one must leave as many."""
 
 MOST = 0.5
 """Share of the errors behind changes that uneven delays must explain: else it is something else."""

@@ -1,4 +1,4 @@
-"""What the errors of a simulation may depend on: functions of past commands and simulated speeds.
+"""Regressors for simulation errors: functions of past commands and simulated speeds.
 
 Of measured outputs only past ones enter, and only as the angle that they count up to; a command
 enters only after it was given. So reading noise can enter the terms through feedback and through

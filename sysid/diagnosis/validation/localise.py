@@ -131,23 +131,23 @@ def regimes(record: Record, i: int, scales: Array) -> dict[str, Mask]:
     d, y = record.u / scales, record.y
     drive, w = d[:, min(i, d.shape[1] - 1)], y[:, i]
     fast = float(np.quantile(np.abs(w), 0.98)) or 1.0
-    stands = np.abs(w) < 0.03 * fast
+    standstill = np.abs(w) < 0.03 * fast
     driven = np.abs(drive) > 0.01
     slope = np.gradient(np.abs(w))
     steep = 0.01 * fast
     time = np.arange(len(w)) / max(len(w) - 1, 1)
     reversal = _after(np.sign(drive[1:]) * np.sign(drive[:-1]) < 0, len(w), 8)
     masks = {
-        "it is stalled under command": stands & driven,
-        "it is at standstill": stands,
-        "it breaks away": _after(np.diff(stands.astype(int)) < 0, len(w), 4),
+        "it is stalled under command": standstill & driven,
+        "it is at standstill": standstill,
+        "it breaks away": _after(np.diff(standstill.astype(int)) < 0, len(w), 4),
         "it runs forward": w > 0.03 * fast,
         "it runs backward": w < -0.03 * fast,
         "its command has just reversed": reversal,
         "it speeds up": slope > steep,
         "it slows down": slope < -steep,
-        "its command is zero while it runs": ~driven & ~stands,
-        "it runs at steady speed": (np.abs(slope) <= steep) & ~stands,
+        "its command is zero while it runs": ~driven & ~standstill,
+        "it runs at steady speed": (np.abs(slope) <= steep) & ~standstill,
     }
     whole = "full drive" if record.full_drive_is_known else "its largest"
     for low, high in ((0.0, 0.25), (0.25, 0.5), (0.5, 0.75), (0.75, 10.0)):
@@ -192,7 +192,7 @@ _PLAIN = {
     "the other side is driven hard": "the other input is above 60 % of its largest",
     "the other side is at rest": "the other input is near zero",
 }
-"""Regimes of a log that is no robot's: an oven neither stands nor runs."""
+"""Regimes of a log that is no robot's: an oven neither standstill nor runs."""
 
 
 def _after(events: Mask, n: int, samples: int) -> Mask:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data.record import Array, Record
-from sysid.diagnosis.pose.ground_model import without_readings
+from sysid.diagnosis.pose.ground_model import without_sensor_effects
 from sysid.effects.ground import Ground
 from sysid.errors import ModelError
 from sysid.estimation.vehicle.windows import path_of, track_channels
@@ -29,7 +29,7 @@ from sysid.vehicle.kinematics import Geometry, wrap_angle
 
 SAME_PLACE = 0.05
 """A log that begins within so many metres and radians of the mission's start begins there: the
-start is then known better than one noisy reading tells."""
+start is then known better than by one noisy measurement."""
 
 ELSEWHERE = 0.25
 """A log begins elsewhere where it begins farther from the start than this share of the way …"""
@@ -189,7 +189,7 @@ def _replayed(
     geometry, start = mission.vehicle.geometry, _start(record, mission)
     paths = []
     for model in (before, after):
-        wheels = without_readings(model)
+        wheels = without_sensor_effects(model)
         run = wheels.simulate(record.u, wheels.fitted_state(record, HEAD))
         ground = model.structure.ground(model.theta)
         paths.append(_path(run, record.dt, ground, geometry, start, channels))

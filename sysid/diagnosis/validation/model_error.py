@@ -1,4 +1,4 @@
-"""Is there anything left to explain? A model of the errors that a simulation leaves.
+"""The model-error model: tests whether free-run errors depend on inputs and outputs.
 
 The free-run errors e of a record are regressed on what is known (``known_terms.py``):
 
@@ -33,7 +33,7 @@ from sysid.diagnosis.validation.known_terms import Terms, angles, drives_of, kno
 from sysid.errors import DataError
 
 MIN_SAMPLES = 100
-"""Fewer samples tell nothing."""
+"""Fewer samples are too few for the test."""
 
 BRIDGED = 10
 """Gaps in the errors up to this length [samples] are bridged; longer ones cut the record."""
@@ -277,7 +277,7 @@ def _predicted(e: Sequence[Array], gradients: Sequence[Array], columns: Sequence
     """Squared error that the terms predict on blocks left out of their fit; at least 0.
 
     The coefficients come from whitened equations and are drawn to zero in proportion to what the
-    terms tell there: a constant says nothing against a wandering load and stays zero.
+    terms say there: a constant says nothing against a wandering load and stays zero.
     """
     basis = orthonormal(np.concatenate(gradients))
     y, X = np.concatenate(e), np.concatenate(columns)

@@ -31,7 +31,7 @@ LONGEST = 400
 
 SPREAD = 1.8
 """Standard error of a noise from n third differences, in units of it over √n: they are correlated,
-and the median of their size tells less than their mean square."""
+and the median of their size is less accurate than their mean square."""
 
 SURE = 1.96
 

@@ -49,7 +49,7 @@ def rest_state(
 
 
 STANDING = 0.1
-"""A first reading below this share of the largest one is a track that stands."""
+"""A first reading below this share of the largest one is a track at standstill."""
 
 
 def drive_before(drive: Array, y: Array) -> Array:
@@ -67,7 +67,7 @@ def drive_before(drive: Array, y: Array) -> Array:
 
 
 def first_speed(effects: Sequence[Effect], parameters: Parameters, y: Signal) -> Signal:
-    """The speed that a first reading tells of."""
+    """The speed at a first measurement."""
     for effect in reversed(effects):
         if effect.undone is not None:
             y = effect.undone(y, parameters[effect.id])

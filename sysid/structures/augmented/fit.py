@@ -1,4 +1,4 @@
-"""Fitting a structure that a diagnosis made: from its own values, by its free run."""
+"""Fit of an augmented structure from its own values, by its free run."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,7 +18,7 @@ EVALUATIONS = 40
 """Usual limit: the search starts where another one ended."""
 
 TOLERANCE = 1e-6
-"""Usual tolerance: slopes by differences of runs that jump at edges tell no more."""
+"""Usual tolerance: slopes by differences of runs that jump at edges allow no less."""
 
 UNKNOWN = 3.0
 """A combination of parameters with a standard error beyond so many times its size (what its bounds

@@ -1,4 +1,4 @@
-"""A model of any structure taken apart into a drive and a first-order core per track."""
+"""A model of any structure split into a drive and a first-order core per track."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

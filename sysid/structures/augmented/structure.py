@@ -61,7 +61,7 @@ class Augmented(Structure):
     """
 
     name: ClassVar[str] = "augmented"
-    tells: ClassVar[str] = "gain and time constants, and each effect by its numbers"
+    tells: ClassVar[str] = "gain and time constants, and each effect with its parameters"
     title: ClassVar[str] = "Augmented: a linear core with named physical effects"
     equation: ClassVar[str] = "τ ω̇ = T − ω, T = K d, with the effects in their places"
     order_names: ClassVar[tuple[str, ...]] = ("n", "nk")
@@ -185,7 +185,7 @@ class Augmented(Structure):
         ), parameters
 
     def friction_entries(self) -> tuple[int, ...]:
-        """The parameters with which an effect holds a track that stands."""
+        """The parameters with which an effect holds a track at standstill."""
         entries: list[int] = []
         for e in self.active:
             for k, p in enumerate(e.parameters if e.holds else ()):

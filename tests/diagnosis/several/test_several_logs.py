@@ -71,10 +71,10 @@ def test_what_is_the_same_is_told_from_what_differs(charged: SeveralLogs) -> Non
 def test_the_document_and_the_table_say_the_same(charged: SeveralLogs) -> None:
     first = charged.to_json()["logs"][0]
     assert first["name"] == "full.csv"
-    assert first["effects"]["dead-zone"]["state"] == "present"
+    assert first["effects"]["dead-zone"]["state"] == "significant"
     heads, rows = table_of_logs(charged)
     assert heads[1:3] == ["full.csv", "empty.csv"]
-    assert ["dead-zone", "shows it", "shows it", ""] in rows
+    assert ["dead-zone", "significant", "significant", ""] in rows
     said = " ".join(sentences(charged))
     assert "full.csv 1; empty.csv 0.85" in said
     assert "The same number in all logs that tell it: dead-zone plus[omega]" in said
@@ -85,7 +85,7 @@ def test_a_short_log_without_the_effect_says_so() -> None:
     said = found([log("a.csv", 1), log("b.csv", 2), replace(other, sha256="")])
     assert [v.effects[0].state for v in said.logs] == [SIGNIFICANT, SIGNIFICANT, ABSENT]
     assert any("plus[omega] differs between logs" in s for s in sentences(said))
-    assert "dead-zone is not there in new driver.csv." in sentences(said)
+    assert "dead-zone is absent in new driver.csv." in sentences(said)
 
 
 @pytest.mark.slow

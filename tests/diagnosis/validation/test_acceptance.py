@@ -23,9 +23,9 @@ from sysid.diagnosis.validation.acceptance import (
     ParameterEstimate,
     _acting_alone,
     against,
-    uncertain_parameters,
     drifts,
     least_beside,
+    uncertain_parameters,
 )
 from sysid.diagnosis.verdict import Remaining, verdict_of
 from sysid.effects.catalogue import about, chain_effects
@@ -121,7 +121,7 @@ def test_what_takes_less_than_all_leave_is_a_share_of_a_misfit() -> None:
     gone = least_beside([("freewheel", 97.0, 2.8), ("dead-time", 2.0, 2.8)])
     assert gone is not None
     assert gone.id == "dead-time"
-    assert "explains 2.0 % of the gap of its outputs, less than the 2.8 %" in gone.reason
+    assert "closes 2.0 % of the gap of its outputs, less than the 2.8 %" in gone.reason
     assert least_beside([("input-delay", 96.0, 0.2), ("battery-discharge", 4.4, 0.2)]) is None
 
 
@@ -223,7 +223,7 @@ def test_a_noise_that_a_model_undercuts_was_none_and_beside_a_name_less_asks_for
 def test_a_number_on_a_bound_is_said_to_be_on_it() -> None:
     value = Value("kappa[omega]", -0.9, 0.0, "1/drive", bounded=True)
     said = sentence_of(about("concave-gain"), [value], ())
-    assert "the more it answers" in said
+    assert "static gain rises" in said
     assert "± 0" not in said
     assert "= -0.9 1/drive (on the bound of the search)" in said
     assert value.to_json()["on_bound"] is True
@@ -244,18 +244,22 @@ def test_what_only_the_samples_show_is_no_missing_effect(id: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("explains", "remains", "words"),
+    ("delta_bic", "gain", "remains", "words"),
     [
-        (62.4, "something else remains where it runs backward", "Explains 62 % of the gap; some"),
-        (99.6, "", "Explains 100 % of the gap."),
-        (0.4, "", "Explains less than 1 % of the gap."),
-        (None, "", ""),
+        (
+            -9.0,
+            0.5,
+            "partly explained",
+            "Without it the held-out error is 2 times as large; partly",
+        ),
+        (-9.0, 0.68, "", "Without it the held-out error is 3.12 times as large."),
+        (0.0, 0.0, "", ""),
     ],
 )
-def test_an_entry_says_how_well_its_law_fits(
-    explains: float | None, remains: str, words: str
+def test_an_entry_gives_the_error_without_it(
+    delta_bic: float, gain: float, remains: str, words: str
 ) -> None:
-    entry = NamedEffect("x", "motor", (), (), -9.0, 0.0, 0.5, (), "", explains, remains)
+    entry = NamedEffect("x", "motor", (), (), delta_bic, 0.0, gain, (), "", remains)
     assert entry.fit_words.startswith(words)
     assert bool(entry.fit_words) == bool(words)
 

@@ -69,7 +69,7 @@ def test_a_thousandth_of_the_speed_is_told_with_what_it_does_to_a_mission() -> N
     assert left.outputs[0] == ("omega_l", "rad/s", pytest.approx(0.01), pytest.approx(0.1))
     assert left.after_time == pytest.approx(0.03 * 0.01 * 60.0)  # r e t
     assert left.after_way == pytest.approx(10.0 * 0.001)  # the share of the way
-    assert "0.1 % of its usual size" in left.sentence
+    assert "0.1 % of the typical output" in left.sentence
     assert "0.018 m off after 60 s, and 0.01 m after 10 m" in left.sentence
     assert left.to_json()["after_10_m_m"] == left.after_way
 
@@ -88,7 +88,7 @@ def test_lost_samples_and_noise_are_no_part_of_the_size_and_an_oven_drives_nowhe
 
 def test_where_something_remains_is_where_it_surely_stands_out() -> None:
     sure = Region("omega_l: it runs backward", 0.8, 0.3, (0.6, 0.9))
-    unsure = Region("omega_l: it stands", 0.9, 0.3, (0.2, 0.99))
+    unsure = Region("omega_l: it is at standstill", 0.9, 0.3, (0.2, 0.99))
     assert leading([unsure, sure], ["omega_l"]) == "it runs backward"
     assert leading([unsure, sure], ["omega_r"]) == ""
     late = Region("omega_l: the last third of the log", 0.9, 0.33, (0.8, 0.95))
