@@ -259,10 +259,7 @@ def _next(
 
 
 def _warnings(
-    session: DiagnosisSession,
-    selection: Selection,
-    pose: PoseDiagnosis | None,
-    hidden: int,
+    session: DiagnosisSession, selection: Selection, pose: PoseDiagnosis | None, hidden: int
 ) -> tuple[str, ...]:
     warnings = list(findings.absorbed(session.base, selection))
     if session.given is not None:

@@ -13,12 +13,7 @@ from sysid.data.reading.held import own_rate, without_repeats
 from sysid.data.record import Array, Record
 from sysid.diagnosis.integrating import rates, step_of
 from sysid.diagnosis.policies import RULE
-from sysid.diagnosis.samples import (
-    SampleEffects,
-    inspect_rates,
-    inspect_samples,
-    with_steps_of,
-)
+from sysid.diagnosis.samples import SampleEffects, inspect_rates, inspect_samples, with_steps_of
 from sysid.diagnosis.search.forward_selection import ForwardSelection
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.logs import logs_of

@@ -27,11 +27,7 @@ and by a larger share of itself, once the effect is added."""
 
 
 def named_effect(
-    base: Base,
-    selection: Selection,
-    n: SelectedEffect,
-    evidence: Evidence,
-    remains: str,
+    base: Base, selection: Selection, n: SelectedEffect, evidence: Evidence, remains: str
 ) -> NamedEffect:
     """An accepted effect of the chain.
 

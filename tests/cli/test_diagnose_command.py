@@ -233,7 +233,7 @@ def test_diagnosed_models_say_what_they_were_judged_on(
 def test_the_engine_takes_what_the_command_gives() -> None:
     from sysid.diagnosis.diagnose import diagnose
 
-    assert {"estimation", "held", "model", "progress"} <= set(signature(diagnose).parameters)
+    assert {"estimation", "holdout", "model", "progress"} <= set(signature(diagnose).parameters)
 
 
 # The model to diagnose ---------------------------------------------------------------------------

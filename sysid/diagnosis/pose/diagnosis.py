@@ -21,12 +21,7 @@ from sysid.data.record import Array, Record
 from sysid.diagnosis.gap import Gap
 from sysid.diagnosis.named_effects import NamedEffect, Value
 from sysid.diagnosis.policies import POSE, RULE
-from sysid.diagnosis.pose.evidence import (
-    PoseResiduals,
-    holdout_pairs,
-    pose_gap,
-    pose_residuals,
-)
+from sysid.diagnosis.pose.evidence import PoseResiduals, holdout_pairs, pose_gap, pose_residuals
 from sysid.diagnosis.pose.growth import Step, allowed, grown
 from sysid.diagnosis.pose.words import sentence_of, warnings_of
 from sysid.effects.catalogue import effect

@@ -12,12 +12,7 @@ from sysid.diagnosis.gap import REPLICATES, ChannelGap, Gap
 from sysid.diagnosis.policies import POSE
 from sysid.diagnosis.search.evidence import Evidence
 from sysid.effects.ground import Ground
-from sysid.estimation.vehicle.ground_fit import (
-    Candidate,
-    Fitted,
-    PoseProblem,
-    PoseSearch,
-)
+from sysid.estimation.vehicle.ground_fit import Candidate, Fitted, PoseProblem, PoseSearch
 from sysid.estimation.vehicle.windows import CHANNELS, OVERLAP
 from sysid.fitting.holdout import Errors
 

@@ -33,9 +33,7 @@ def sentence_of(c: Candidate, value: float, error: float, side: int) -> str:
 
 
 def warnings_of(
-    search: PoseSearch,
-    final: Fitted,
-    steps: Sequence[tuple[Candidate, Sequence[Candidate]]],
+    search: PoseSearch, final: Fitted, steps: Sequence[tuple[Candidate, Sequence[Candidate]]]
 ) -> tuple[str, ...]:
     """What is said beside the effects: what competes with them, and what they cannot be
     distinguished from.

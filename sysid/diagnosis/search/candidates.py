@@ -15,11 +15,7 @@ from sysid.diagnosis.policies import BUDGET, RULE
 from sysid.diagnosis.search.admission import admissible, beyond_sampling
 from sysid.diagnosis.search.batched_search import best_tracks, refined, search
 from sysid.diagnosis.search.edges import between_levels, edges_of
-from sysid.diagnosis.search.evidence import (
-    Evidence,
-    compare_errors,
-    effective_samples,
-)
+from sysid.diagnosis.search.evidence import Evidence, compare_errors, effective_samples
 from sysid.diagnosis.search.exchanged import exchanged, lags_of
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.logs import logs_of
@@ -99,8 +95,7 @@ class CandidateSearch:
         if self.holdout != self.estimation and edges_of(self.model, free):
             q = between_levels(self.model, q, free, self.data, self.holdout_data, best_tracks)
         errors = Errors(
-            self._errors(q, self.data),
-            self._errors(self.in_phase(q, effects), self.holdout_data),
+            self._errors(q, self.data), self._errors(self.in_phase(q, effects), self.holdout_data)
         )
         return CandidateModel(
             effects, q, tuple(free), errors, every if touched is None else touched

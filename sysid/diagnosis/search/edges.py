@@ -183,7 +183,4 @@ def _open(drive: Array, now: float) -> tuple[float, float]:
     """The neighbouring levels of the command below and above an edge."""
     levels = np.unique(drive[drive > 0.0])
     below, above = levels[levels <= now], levels[levels > now]
-    return (
-        float(below[-1]) if len(below) else now,
-        float(above[0]) if len(above) else now,
-    )
+    return (float(below[-1]) if len(below) else now, float(above[0]) if len(above) else now)

@@ -192,11 +192,4 @@ def _difference(session: DiagnosisSession, selection: Selection, n: SelectedEffe
     what = "gain relative to the first log" if n.id == GAIN_BY_LOG.id else "load"
     sentence = f"{about(n.id).sentence} The {what}, of {', '.join(names)}: {said}."
     evidence = final_evidence(base, selection, n)
-    return Difference(
-        n.id,
-        tuple(names),
-        by_log,
-        evidence.p_value,
-        1.0 / evidence.ratio,
-        sentence,
-    )
+    return Difference(n.id, tuple(names), by_log, evidence.p_value, 1.0 / evidence.ratio, sentence)

@@ -72,10 +72,7 @@ def drives_of(
 
 
 def known_terms(
-    records: Sequence[Record],
-    simulated: Sequence[Array],
-    i: int,
-    scales: Array,
+    records: Sequence[Record], simulated: Sequence[Array], i: int, scales: Array
 ) -> Terms:
     """Terms for the errors of output ``i``; those that are nothing on these records are left out.
 

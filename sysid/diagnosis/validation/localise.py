@@ -58,11 +58,7 @@ class Region:
 
 
 def localise(
-    records: Sequence[Record],
-    errors: Sequence[Array],
-    floor: Array,
-    scales: Array,
-    seed: int = 0,
+    records: Sequence[Record], errors: Sequence[Array], floor: Array, scales: Array, seed: int = 0
 ) -> tuple[Region, ...]:
     """Regimes ordered by how much of the excess error they hold beyond their size.
 

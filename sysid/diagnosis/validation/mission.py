@@ -245,11 +245,7 @@ def _open_facts(trace: PathTrace) -> dict[str, Any]:
     facts: dict[str, Any] = {"record": trace.name}
     for name, path in (("before", trace.before), ("after", trace.after)):
         rms, end, heading = _apart(path, trace.measured)
-        facts |= {
-            f"rms_{name}_m": rms,
-            f"end_{name}_m": end,
-            f"heading_rms_{name}_rad": heading,
-        }
+        facts |= {f"rms_{name}_m": rms, f"end_{name}_m": end, f"heading_rms_{name}_rad": heading}
     if facts["rms_before_m"] > 0:
         facts["shrunk_percent"] = 100.0 * (1.0 - facts["rms_after_m"] / facts["rms_before_m"])
     return facts

@@ -11,7 +11,7 @@ from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter
 from sysid.fitting.uncertainty import with_infinite
 from sysid.structures.base import Structure
-from sysid.structures.outcome import FitOutcome, Warm
+from sysid.structures.outcome import FitOutcome, InitialGuesses
 from sysid.structures.search import by_search
 
 EVALUATIONS = 40
@@ -33,14 +33,14 @@ def fit(
     records: Sequence[Record],
     options: FitOptions,
     parameters: tuple[Parameter, ...],
-    warm: Warm,
+    initial_guesses: InitialGuesses,
 ) -> FitOutcome:
     """The general search from given values.
 
     Raises:
         ModelError: there are none; finding effects and their first values is a diagnosis.
     """
-    if not warm:
+    if not initial_guesses:
         raise ModelError(
             "an augmented model is fitted again from its own values only; make one of a log with "
             "sysid diagnose"
@@ -50,7 +50,7 @@ def fit(
         max_evaluations=options.limit(EVALUATIONS),
         tolerance=options.precision(TOLERANCE),
     )
-    outcome = by_search(structure, records, limited, parameters, warm)
+    outcome = by_search(structure, records, limited, parameters, initial_guesses)
     more = _undetermined(outcome)
     if not more.size:
         return outcome

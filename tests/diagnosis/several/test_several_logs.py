@@ -77,14 +77,14 @@ def test_the_document_and_the_table_say_the_same(charged: SeveralLogs) -> None:
     assert ["dead-zone", "significant", "significant", ""] in rows
     said = " ".join(sentences(charged))
     assert "full.csv 1; empty.csv 0.85" in said
-    assert "The same number in all logs that tell it: dead-zone plus[omega]" in said
+    assert "Estimates agree across logs: dead-zone plus[omega]" in said
 
 
 def test_a_short_log_without_the_effect_says_so() -> None:
     other = log("new driver.csv", 3, zone=0.0).rows(0, 120)
     said = found([log("a.csv", 1), log("b.csv", 2), replace(other, sha256="")])
     assert [v.effects[0].state for v in said.logs] == [SIGNIFICANT, SIGNIFICANT, ABSENT]
-    assert any("plus[omega] differs between logs" in s for s in sentences(said))
+    assert any("plus[omega] differ between logs" in s for s in sentences(said))
     assert "dead-zone is absent in new driver.csv." in sentences(said)
 
 
