@@ -32,7 +32,7 @@ def fit(
     options: FitOptions | None = None,
     *,
     detrend: Detrend | Offsets | str = "auto",
-    warm: Sequence[tuple[str, Array]] = (),
+    initial_guesses: Sequence[tuple[str, Array]] = (),
 ) -> Model:
     """Estimate a structure's parameters from one or several experiments.
 
@@ -45,7 +45,7 @@ def fit(
         detrend: a policy as ``sysid fit`` knows them (see ``offsets.choice.POLICIES``), offsets
             chosen before, or what to remove and to store with the model; a physical structure
             takes the records as they are.
-        warm: further named starts, e.g. from a neighbouring order.
+        initial_guesses: further named starts, e.g. from a neighbouring order.
 
     Raises:
         DataError: too few samples, a constant channel, or numbers that are not finite.
@@ -61,12 +61,12 @@ def fit(
     _check_length(structure, records, parameters)
     # a level is the coefficient of a constant input, which only polynomials have
     if any(offsets.estimated) and isinstance(structure, PolynomialStructure):
-        found = fit_with_level(structure, facts, offsets, options, parameters, warm)
+        found = fit_with_level(structure, facts, offsets, options, parameters, initial_guesses)
         if found is not None:
             plain = tuple(found.at_fit.remove(r) for r in records)
             return model_of(found.outcome, records, plain, options, found.detrend, found.level)
     plain = tuple(offsets.detrend.remove(r) for r in records)
-    outcome = fitter(structure, options)(structure, plain, options, parameters, warm)
+    outcome = fitter(structure, options)(structure, plain, options, parameters, initial_guesses)
     return model_of(outcome, records, plain, options, offsets.detrend, offsets.level)
 
 
@@ -74,7 +74,7 @@ def fit_prepared(
     structure: Structure,
     records: Sequence[Record],
     options: FitOptions,
-    warm: Sequence[tuple[str, Array]] = (),
+    initial_guesses: Sequence[tuple[str, Array]] = (),
 ) -> Model:
     """Fit to records from which offsets are removed already, which were checked as a whole.
 
@@ -83,7 +83,7 @@ def fit_prepared(
     records = tuple(records)
     parameters = _constrained(structure, records[0], options)
     _check_length(structure, records, parameters)
-    outcome = fitter(structure, options)(structure, records, options, parameters, warm)
+    outcome = fitter(structure, options)(structure, records, options, parameters, initial_guesses)
     none = Detrend.none(structure.nu, structure.ny)
     return model_of(outcome, records, records, options, none, Level())
 

@@ -31,17 +31,17 @@ class Errors:
 
     Attributes:
         estimation: (N, ny) of each estimation record, NaN where a sample does not count.
-        held: the same of the held-out samples.
+        holdout: the same of the held-out samples.
     """
 
     estimation: tuple[Array, ...]
-    held: tuple[Array, ...]
+    holdout: tuple[Array, ...]
 
     def mean_squares(self) -> tuple[Array, Array]:
         """Mean squared errors of both parts, (ny,) each."""
         return (
             np.nanmean(np.concatenate(self.estimation) ** 2, axis=0),
-            np.nanmean(np.concatenate(self.held) ** 2, axis=0),
+            np.nanmean(np.concatenate(self.holdout) ** 2, axis=0),
         )
 
 

@@ -95,7 +95,7 @@ def test_a_tie_is_one_standard_error_of_the_rms() -> None:
 
 @pytest.mark.parametrize("memory", [0.0, 0.5, 0.8])
 def test_errors_that_are_alike_tell_less(memory: float) -> None:
-    """The spread of the RMS of errors e(t) = ρ e(t−1) + w(t) in two blocks of 120 of 400 samples."""
+    """The RMS of errors e(t) = ρ e(t−1) + w(t) scatters so in two blocks of 120 of 400 samples."""
     draws = lfilter([1.0], [1.0, -memory], np.random.default_rng(1).standard_normal((600, 450)))
     counted = np.zeros(400)
     counted[140:200] = counted[340:400] = 1.0

@@ -221,7 +221,7 @@ class Fitted:
     @property
     def cost(self) -> float:
         """Mean squared white error over both parts; 1 where nothing but noise is left."""
-        return float(np.mean(np.concatenate([*self.white.estimation, *self.white.held]) ** 2))
+        return float(np.mean(np.concatenate([*self.white.estimation, *self.white.holdout]) ** 2))
 
     def std_error(self, slot: int) -> float | None:
         """Standard error of a number, None where it was not free."""
@@ -330,7 +330,7 @@ class PoseSearch:
     """Fits on the estimation part, judged on both.
 
     Attributes:
-        estimation, held: the problem of each part.
+        estimation, holdout: the problem of each part.
         always: what every fit frees: the lengths of a vehicle whose geometry nobody has given.
         radius_known: whether somebody has given the radius, so that a way that falls short of it
             on both sides is slip.
@@ -338,7 +338,7 @@ class PoseSearch:
     """
 
     estimation: PoseProblem
-    held: PoseProblem
+    holdout: PoseProblem
     always: tuple[Candidate, ...] = ()
     radius_known: bool = False
     begun: Mapping[frozenset[str], Fitted] = field(default_factory=dict)
@@ -394,10 +394,10 @@ class PoseSearch:
         best = min(fits, key=lambda f: float(np.sum(f.residual**2)))
         J = best.jacobian[:, list(free)]
         variance = max(float(np.mean(best.residual**2)), 1.0)
-        parts = self.estimation.errors(best.p), self.held.errors(best.p)
+        parts = self.estimation.errors(best.p), self.holdout.errors(best.p)
         floor = self.estimation.noise.floor
         errors = Errors(*(tuple(e / floor for e in part) for part in parts))
-        white = Errors(self.estimation.whitened(parts[0]), self.held.whitened(parts[1]))
+        white = Errors(self.estimation.whitened(parts[0]), self.holdout.whitened(parts[1]))
         bound = tuple(k for k in best.at_bound if k in free)
         inverse = np.linalg.pinv(J.T @ J, hermitian=True) if free else np.zeros((0, 0))
         grown = with_memory(best.residual[:, None] * (J @ inverse), self.estimation.lengths)

@@ -32,7 +32,7 @@ from sysid.structures.blocks.hammerstein_wiener_trials import (
 )
 from sysid.structures.blocks.static.functions import IDENTITY, Static, parse_static
 from sysid.structures.orders import Orders, spread
-from sysid.structures.outcome import FitOutcome, Warm
+from sysid.structures.outcome import FitOutcome, InitialGuesses
 
 CHOICE_SAMPLES = 5_000
 """Samples that choose statics and orders; the choice is fitted to all."""
@@ -60,7 +60,7 @@ def fit(
     records: Sequence[Record],
     options: FitOptions,
     parameters: tuple[Parameter, ...],
-    warm: Warm,
+    initial_guesses: InitialGuesses,
 ) -> FitOutcome:
     """Choose what is open on held-out samples, then fit it to everything."""
     assert isinstance(structure, HammersteinWiener)
@@ -77,7 +77,7 @@ def fit(
         tried = list(at_orders(plain, records, data, plain.inputs, plain.outputs))
         best = min(tried, key=lambda c: c.found.cost)
     best = replace(best, structure=replace(best.structure, requested=None, choose_orders=False))
-    return last_search(best, tried, records, options, parameters, warm)
+    return last_search(best, tried, records, options, parameters, initial_guesses)
 
 
 @dataclass(frozen=True, eq=False)

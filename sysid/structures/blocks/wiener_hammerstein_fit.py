@@ -26,7 +26,7 @@ from sysid.structures.blocks.static.functions import Static, parse_static
 from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
 from sysid.structures.blocks.wiener_hammerstein_starts import Candidate, ranked_starts
 from sysid.structures.orders import orders_text
-from sysid.structures.outcome import FitOutcome, Warm
+from sysid.structures.outcome import FitOutcome, InitialGuesses
 
 SHORT, MIDDLE, LONG = 2_500, 10_000, 40_000
 """Samples of the fits that rank, that choose and that settle; the last search sees all."""
@@ -65,7 +65,7 @@ def fit(
     records: Sequence[Record],
     options: FitOptions,
     parameters: tuple[Parameter, ...],
-    warm: Warm,
+    initial_guesses: InitialGuesses,
 ) -> FitOutcome:
     """Rank the ways of dealing the poles out, fit the best ones, grow the winner."""
     assert isinstance(structure, WienerHammerstein)
@@ -94,7 +94,7 @@ def fit(
         best, wider = _widened(best, records, settled)
         more += wider
     every = (*tried, *longer, *finer, *models, *more)
-    return last_search(best, every, records, options, parameters, warm)
+    return last_search(best, every, records, options, parameters, initial_guesses)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from sysid.fitting.uncertainty import (
 from sysid.structures.base import Structure
 from sysid.structures.linear.arx import ARX
 from sysid.structures.linear.predictor import RowLayout
-from sysid.structures.outcome import FitOutcome, StartReport, Warm
+from sysid.structures.outcome import FitOutcome, InitialGuesses, StartReport
 from sysid.structures.search import by_search
 
 SANDWICH_SAMPLES = 100_000
@@ -33,12 +33,12 @@ def fit(
     records: Sequence[Record],
     options: FitOptions,
     parameters: tuple[Parameter, ...],
-    warm: Warm,
+    initial_guesses: InitialGuesses,
 ) -> FitOutcome:
     """Least squares in one step, or a search where constraints or another loss forbid it."""
     weighted = any(r.weights is not None for r in records)
     if weighted or not (isinstance(structure, ARX) and _linear(options, parameters)):
-        return by_search(structure, records, options, parameters, warm)
+        return by_search(structure, records, options, parameters, initial_guesses)
     theta, covariance, null = solve(structure, records)
     return FitOutcome(
         structure,

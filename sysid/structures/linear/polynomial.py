@@ -26,7 +26,7 @@ from sysid.structures.linear.transfer import TransferMatrix, adjugate, determina
 from sysid.structures.orders import Orders, spread
 
 if TYPE_CHECKING:
-    from sysid.structures.outcome import Warm
+    from sysid.structures.outcome import InitialGuesses
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +87,7 @@ class PolynomialStructure(NamedStructure):
         """Orders of the grid that the samples bear."""
         return affordable(cls, cls.order_grid(nu, ny, samples), nu, ny, samples, delay)
 
-    def starts(self, records: Sequence[Record], focus: Focus) -> "Warm":
+    def starts(self, records: Sequence[Record], focus: Focus) -> "InitialGuesses":
         """Named starting values of θ, by the polynomials there are."""
         from sysid.structures.linear.starts import starts_of
 
