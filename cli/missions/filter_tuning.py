@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .. import reading, render
-from .estimate import columns_of
+from .localize import columns_of
 
 if TYPE_CHECKING:
     from sysid.mission.tuning.filter_noise import FilterTuning
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SensorOptions:
-    """A log of sensors, and how it is read; see ``sysid estimate``."""
+    """A log of sensors, and how it is read; see ``sysid localize``."""
 
     log: Path | None = None
     sensor: tuple[str, ...] = ()

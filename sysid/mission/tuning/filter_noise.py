@@ -11,7 +11,7 @@ from sysid.data.logs.sensor_log import SensorLog
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Array
 from sysid.errors import DataError
-from sysid.mission.estimate import Estimation, estimated, read_sensors, scene_of
+from sysid.mission.localize import Localization, localize_log, read_sensors, scene_of
 from sysid.mission.navigation.fusion import Filter
 from sysid.mission.spec import Mission
 
@@ -64,8 +64,8 @@ class FilterTuning:
     r: Mapping[str, float]
     gate: float
     log_likelihood: tuple[float, float]
-    before: Estimation
-    after: Estimation
+    before: Localization
+    after: Localization
     at_bound: tuple[str, ...]
     notes: tuple[str, ...]
 
@@ -147,13 +147,13 @@ def tuned_filter(
 
     def likelihood(powers: Array) -> float:
         taken = with_noise(powers).model_copy(update={"gate": 1.0})
-        found = estimated(short, mission.model_copy(update={"navigation": taken}))
+        found = localize_log(short, mission.model_copy(update={"navigation": taken}))
         prior = 0.5 * float(np.sum((powers / rule.known) ** 2))
         return float(np.nansum(found.columns["log_likelihood"])) - prior
 
     powers, *likelihoods = _climbed(likelihood, len(knobs), rule)
     best = with_noise(powers)
-    after = estimated(log, mission.model_copy(update={"navigation": best}))
+    after = localize_log(log, mission.model_copy(update={"navigation": best}))
     if law.gate < 1 and _rejected(after) > rule.rejects:
         notes = (
             *notes,
@@ -161,7 +161,7 @@ def tuned_filter(
             "moves less evenly than a random walk; the gate is opened (1).",
         )
         best = best.model_copy(update={"gate": 1.0})
-        after = estimated(log, mission.model_copy(update={"navigation": best}))
+        after = localize_log(log, mission.model_copy(update={"navigation": best}))
     edge = rule.decades - rule.steps[-1]
     bound = [f"{kind}.{name}" for knob, p in zip(knobs, powers, strict=True) if abs(p) >= edge
              for kind, name, _ in knob]  # fmt: skip
@@ -172,14 +172,14 @@ def tuned_filter(
         r=best.r,
         gate=best.gate,
         log_likelihood=(likelihoods[0], likelihoods[1]),
-        before=estimated(log, mission),
+        before=localize_log(log, mission),
         after=after,
         at_bound=tuple(bound),
         notes=notes,
     )
 
 
-def _rejected(found: Estimation) -> float:
+def _rejected(found: Localization) -> float:
     """Share of the readings' groups that the gate let not through."""
     groups = max(1, int(np.sum(found.columns["nis_dof"] > 0)))
     return float(np.sum(found.columns["rejected"])) / groups

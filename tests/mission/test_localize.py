@@ -8,7 +8,7 @@ from command_line import run
 from mission_cases import Robot
 
 from sysid.errors import DataError
-from sysid.mission.estimate import estimate
+from sysid.mission.localize import localize
 from sysid.mission.result import write_columns, write_log
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission, load_mission
@@ -42,7 +42,7 @@ def test_the_log_of_a_mission_gives_the_estimate_of_its_loop(
     driven: tuple[Path, Path, Mission],
 ) -> None:
     _, log, mission = driven
-    found, loop = estimate(log, mission), columns(log)
+    found, loop = localize(log, mission), columns(log)
     for name in ("x_est", "y_est", "psi_est", "P_xx", "P_psi"):
         # The same filter on numbers that went through a file, which keeps all their digits.
         np.testing.assert_allclose(found.columns[name], loop[name], rtol=1e-9, atol=1e-12)
@@ -54,7 +54,7 @@ def test_columns_of_other_names_and_units_are_found(
     driven: tuple[Path, Path, Mission], tmp_path: Path
 ) -> None:
     _, log, mission = driven
-    own, other = estimate(log, mission), tmp_path / "other.csv"
+    own, other = localize(log, mission), tmp_path / "other.csv"
     table = columns(log)
     renamed = {
         "time [ms]": table["t"] * 1e3,
@@ -67,11 +67,11 @@ def test_columns_of_other_names_and_units_are_found(
         "pwm_r": table["pwm_r"],
     }
     write_columns(renamed, other)
-    found = estimate(other, mission, {"gyro_z": "-imu_wz"})
+    found = localize(other, mission, {"gyro_z": "-imu_wz"})
     assert found.errors == {}  # no pose, no truth
     np.testing.assert_allclose(found.columns["x_est"], own.columns["x_est"], atol=1e-9)
     np.testing.assert_allclose(found.columns["psi_est"], own.columns["psi_est"], atol=1e-9)
-    over = estimate(other, mission, {"gyro_z": "imu_wz"})
+    over = localize(other, mission, {"gyro_z": "imu_wz"})
     assert any("mounted upside down" in note for note in over.notes)
     assert not any("mounted upside down" in note for note in found.notes)
 
@@ -79,7 +79,7 @@ def test_columns_of_other_names_and_units_are_found(
 def test_a_filter_that_believes_too_much_is_told_so(driven: tuple[Path, Path, Mission]) -> None:
     _, log, mission = driven
     sure = mission.navigation.model_copy(update={"r": {"fix_x": 1e-6, "fix_y": 1e-6}, "gate": 1.0})
-    found = estimate(log, mission.model_copy(update={"navigation": sure})).consistency
+    found = localize(log, mission.model_copy(update={"navigation": sure})).consistency
     assert found["nis_mean"] > found["nis_bounds"][1]
     assert found["nees_mean"] > found["nees_bounds"][1]
 
@@ -89,7 +89,7 @@ def test_the_command_writes_the_pose_with_its_covariance(
 ) -> None:
     mission, log, _ = driven
     target, picture = tmp_path / "pose.csv", tmp_path / "pose.svg"
-    line = ("estimate", log, "--mission", mission, "--to", target, "--plot", picture)
+    line = ("localize", log, "--mission", mission, "--to", target, "--plot", picture)
     facts = run(capsys, *line, "--navigation", "ekf", "--json").document
     assert facts["navigation"] == "ekf"
     assert facts["output"] == str(target)
@@ -117,7 +117,7 @@ def test_mistakes_are_one_sentence(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     mission, log, _ = driven
-    found = run(capsys, "estimate", log, "--mission", mission, *more)
+    found = run(capsys, "localize", log, "--mission", mission, *more)
     assert found.code == 2
     assert words in found.err
     assert len(found.err.strip().splitlines()) == 1
@@ -127,7 +127,7 @@ def test_a_log_without_readings_is_refused(tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
     log.write_text("t,temperature\n0,20\n1,21\n2,22\n")
     with pytest.raises(DataError, match="holds none of the readings omega_l, omega_r"):
-        estimate(log, Mission(goal=(1.0, 0.0)))
+        localize(log, Mission(goal=(1.0, 0.0)))
     log.write_text("t,omega_l,omega_r\n0,1,1\n2,1,1\n1,1,1\n")
     with pytest.raises(DataError, match=r"log\.csv, line 4"):
-        estimate(log, Mission(goal=(1.0, 0.0)))
+        localize(log, Mission(goal=(1.0, 0.0)))

@@ -44,7 +44,7 @@ ESTIMATE = ("x_est", "y_est", "psi_est", "v_est", "yaw_rate_est")
 
 
 @dataclass(frozen=True, eq=False)
-class Estimation:
+class Localization:
     """The pose over time as navigation sees it.
 
     Attributes:
@@ -66,12 +66,12 @@ class Estimation:
     notes: tuple[str, ...]
 
 
-def estimate(
+def localize(
     path: str | Path,
     mission: Mission,
     columns: Mapping[str, str] | None = None,
     options: ReadOptions | None = None,
-) -> Estimation:
+) -> Localization:
     """Run the navigation of a mission over a log.
 
     The first pose is the log's own where it has one (the truth that errors are counted against),
@@ -87,7 +87,7 @@ def estimate(
         DataError: the log cannot be read, or holds no wheel speed and no sensor.
         UsageError: a column or unit named is not there.
     """
-    return estimated(read_sensors(path, columns, options), mission)
+    return localize_log(read_sensors(path, columns, options), mission)
 
 
 def read_sensors(
@@ -95,12 +95,12 @@ def read_sensors(
     columns: Mapping[str, str] | None = None,
     options: ReadOptions | None = None,
 ) -> SensorLog:
-    """The readings and commands of a log; as for :func:`estimate`."""
+    """The readings and commands of a log; as for :func:`localize`."""
     return read_sensor_log(path, (*READINGS, *DRIVES), columns, options)
 
 
-def estimated(log: SensorLog, mission: Mission) -> Estimation:
-    """As :func:`estimate`, of a log that has been read."""
+def localize_log(log: SensorLog, mission: Mission) -> Localization:
+    """As :func:`localize`, of a log that has been read."""
     scene, notes = scene_of(log, mission)
     navigation = mission.navigation
     state = navigation.start(scene, np)
@@ -121,7 +121,7 @@ def estimated(log: SensorLog, mission: Mission) -> Estimation:
     values = np.array(rows)
     found = {n: values[:, k] for k, n in enumerate(("t", *ESTIMATE, *added))}
     _check(found, log)
-    return Estimation(
+    return Localization(
         log=log,
         columns=found,
         used=tuple(n for n in names if np.isfinite(reads[n]).any()),
@@ -215,7 +215,7 @@ def _errors(found: Mapping[str, Array], pose: Array) -> dict[str, float]:
     }
 
 
-def write_estimate(found: Estimation, path: str | Path) -> Path:
+def write_localization(found: Localization, path: str | Path) -> Path:
     """Write the estimate as CSV, a row for each row of the log; numbers survive unrounded.
 
     Raises:

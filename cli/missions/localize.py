@@ -1,4 +1,4 @@
-"""``sysid estimate``: where a robot was, from a log of its sensors."""
+"""``sysid localize``: where a robot was, from a log of its sensors."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sysid.data.record import Array
-    from sysid.mission.estimate import Estimation
+    from sysid.mission.localize import Localization
 
 
-def estimate(
+def localize(
     log: Annotated[
         Path, typer.Argument(metavar="LOG", help="A log of the sensors: CSV, Parquet or bag.")
     ],
@@ -44,7 +44,7 @@ def estimate(
     latency: reading.Latency = None,
     to: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="CSV to write [WORKSPACE/missions/NAME_estimate.csv]."),
+        typer.Option(metavar="FILE", help="CSV to write [WORKSPACE/missions/NAME_localized.csv]."),
     ] = None,
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw the path: .svg or .png.")
@@ -52,16 +52,16 @@ def estimate(
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
     json: reading.Json = False,
 ) -> None:
-    """Estimate where a robot was, with its uncertainty, from a log of its sensors."""
-    from sysid.mission.estimate import estimate as follow
-    from sysid.mission.estimate import write_estimate
+    """Localize a robot from a log of its sensors: its path, with the uncertainty."""
+    from sysid.mission.localize import localize as follow
+    from sysid.mission.localize import write_localization
     from sysid.mission.registry import kind_of
     from sysid.mission.spec import load_mission
 
     targets.check_picture(plot)
     if to is not None:
         targets.check(to, "--to")
-    target = to or Workspace(workspace).missions_dir / f"{log.stem}_estimate.csv"
+    target = to or Workspace(workspace).missions_dir / f"{log.stem}_localized.csv"
     if target.exists() and log.exists() and target.samefile(log):
         raise UsageError(f"--to {target} would overwrite the log; name another file")
     given = LawChoice(navigation=navigation).applied(load_mission(mission))
@@ -73,7 +73,7 @@ def estimate(
     targets.make_folder(target, "--to")
     facts: dict[str, Any] = {
         "navigation": kind_of("navigation", given.navigation),
-        "output": write_estimate(found, target),
+        "output": write_localization(found, target),
         "used": found.used,
         "consistency": found.consistency,
         "errors": found.errors,
@@ -132,7 +132,7 @@ def _verdict(large: bool) -> str:
     return "larger than believed" if large else "smaller than believed"
 
 
-def _draw(path: Path, name: str, found: "Estimation") -> None:
+def _draw(path: Path, name: str, found: "Localization") -> None:
     """The estimated path with ellipses of 95 %, and the errors beside what the filter believes."""
     import numpy as np
 
