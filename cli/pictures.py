@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from sysid.report.correlation_panels import LagTest
     from sysid.report.fit_picture import FitSegment
     from sysid.report.mission_drawing import MissionPicture
+    from sysid.report.missions.localization_drawing import PoseEstimate
 
 
 def draw_fit(path: Path, title: str, found: "Identification") -> None:

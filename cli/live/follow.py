@@ -213,8 +213,8 @@ def _kept(follower: "Follower", ending: str, request: "Request", workspace: Work
         "forgetting": follower.options.forgetting,
     }
     options = replace(request.options, extra=extra)
-    found = identification(live, records, options, request.policy)
-    return Followed(replace(found, reason=ending), state, log, ending)
+    identified = identification(live, records, options, request.policy)
+    return Followed(replace(identified, reason=ending), state, log, ending)
 
 
 @contextmanager

@@ -47,8 +47,8 @@ def change_sentence(change: "LiveChange") -> str:
     )
 
 
-def _estimate(found: "Estimate | None") -> str:
-    return "not known yet" if found is None else with_error(found.value, found.std_error)
+def _estimate(estimate: "Estimate | None") -> str:
+    return "not known yet" if estimate is None else with_error(estimate.value, estimate.std_error)
 
 
 def excitation_sentence(state: "LiveState") -> str:
@@ -139,5 +139,5 @@ class View:
         render.say(line(state, units))
 
 
-def _new(changes: "Sequence[LiveChange]", told: int) -> "Sequence[LiveChange]":
-    return changes[told:]
+def _new(changes: "Sequence[LiveChange]", shown: int) -> "Sequence[LiveChange]":
+    return changes[shown:]

@@ -142,16 +142,16 @@ def _driven(
         if how.runs is not None:
             return drive_many(path, mission, models, *files[:2], how)
         return _drive(path, package.plant(), *files, ride(mission, package, models, how))
-    found, measured, warnings = lay_over(how.measured, mission, models, how, read)
+    comparison, measured, warnings = lay_over(how.measured, mission, models, how, read)
     log, plot, bag = files
     if how.runs is not None:
         facts = drive_many(path, mission, models, log, None, how)
     else:
-        own = ride(mission, package, models, Repeats())
-        facts = _drive(path, package.plant(), log, None, bag, own)
+        single_run = ride(mission, package, models, Repeats())
+        facts = _drive(path, package.plant(), log, None, bag, single_run)
     facts |= {"measured": measured, "warnings": [*facts["warnings"], *warnings]}
     if plot is not None:
-        draw_measured(plot, path.stem, mission, found)
+        draw_measured(plot, path.stem, mission, comparison)
         facts["plot"] = plot
     return facts
 

@@ -54,16 +54,16 @@ def hanging(
 
 
 def _std_errors(given: list[str]) -> dict[str, float]:
-    found: dict[str, float] = {}
+    errors: dict[str, float] = {}
     for pair in (p for item in given for p in item.split(",")):
         name, sign, number = (part.strip() for part in pair.partition("="))
         try:
-            found[name] = float(number)
+            errors[name] = float(number)
         except ValueError:
             sign = ""
         if not sign:
             raise UsageError(f"--std-error cannot read {pair!r}; write NAME=VALUE such as l=0.002")
-    return found
+    return errors
 
 
 def swing_options(
@@ -134,16 +134,16 @@ def pendulum(
     or the period that was read off one.
     """
     targets.check_picture(plot)
-    found = _study(logs or [], period, amplitude, size, body, trim, read)
-    facts = found.summary()
+    study = _study(logs or [], period, amplitude, size, body, trim, read)
+    facts = study.summary()
     if plot is not None:
-        if not found.logs:
+        if not study.logs:
             raise UsageError("--plot draws the swing of a log: a period has none")
         from .pictures import draw_swing
 
-        draw_swing(plot, found)
+        draw_swing(plot, study)
         facts["plot"] = plot
-    render.document(facts) if json else _show(found, facts)
+    render.document(facts) if json else _show(study, facts)
 
 
 def _study(
@@ -184,20 +184,20 @@ def _lengths(text: str) -> tuple[float, float]:
     return a, b
 
 
-def _show(found: "PendulumStudy", facts: dict[str, Any]) -> None:
-    if found.logs:
+def _show(study: "PendulumStudy", facts: dict[str, Any]) -> None:
+    if study.logs:
         rows = [_row(log) for log in facts["logs"]]
         render.table(_HEADINGS, rows, caption="s; counted: from passages through the middle")
     render.table(
         ("", "value", "std. error", "unit"),
         [
-            ("period", f"{found.period:.6g}", found.period_std_error, "s"),
-            ("period of small swings", f"{found.small_period:.6g}", found.small_std_error, "s"),
-            ("inertia, period as it is", found.inertia, found.std_error, "kg m²"),
-            ("inertia, amplitude taken out", found.corrected, found.corrected_std_error, "kg m²"),
+            ("period", f"{study.period:.6g}", study.period_std_error, "s"),
+            ("period of small swings", f"{study.small_period:.6g}", study.small_std_error, "s"),
+            ("inertia, period as it is", study.inertia, study.std_error, "kg m²"),
+            ("inertia, amplitude taken out", study.corrected, study.corrected_std_error, "kg m²"),
         ],
     )
-    named = {"period": found.period_std_error} | {
+    named = {"period": study.period_std_error} | {
         n: h["std_error"] for n, h in facts["hanging"].items()
     }
     render.table(
@@ -209,7 +209,7 @@ def _show(found: "PendulumStudy", facts: dict[str, Any]) -> None:
     )
     for sentence in facts["sentences"]:
         render.say(sentence)
-    render.findings(found.findings)
+    render.findings(study.findings)
     if "plot" in facts:
         render.say(f"Picture: {facts['plot']}")
 

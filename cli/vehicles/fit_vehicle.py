@@ -200,18 +200,18 @@ def fit_vehicle(
         return
     _refuse_without(logs or [])
     motors = drive.known()
-    from sysid.estimation.vehicle.logs import read_drives
+    from sysid.estimation.vehicle.logs import read_vehicle_logs
     from sysid.estimation.vehicle.vehicle_fit import fit_vehicle as fit
 
-    records, findings = read_drives(logs or [], read, steps)
-    held, more = read_drives(validation, read, steps) if validation else ((), ())
+    records, findings = read_vehicle_logs(logs or [], read, steps)
+    held, more = read_vehicle_logs(validation, read, steps) if validation else ((), ())
 
     with render.progress("Fitting the vehicle"):
-        found = fit(records, held, given, motion, motors)
-    document: dict[str, Any] = {"logs": [str(p) for p in logs or []], **found.to_json()}
-    document["notes"] = [*found.notes, *(f.text for f in (*findings, *more))]
-    document |= _written(files, found, (logs or [])[0].stem)
-    render.document(document) if json else show(found, document)
+        fitted = fit(records, held, given, motion, motors)
+    document: dict[str, Any] = {"logs": [str(p) for p in logs or []], **fitted.to_json()}
+    document["notes"] = [*fitted.notes, *(f.text for f in (*findings, *more))]
+    document |= _written(files, fitted, (logs or [])[0].stem)
+    render.document(document) if json else show(fitted, document)
 
 
 def _returned(given: Squares, geometry: "Geometry | None", logs: list[Path], json: bool) -> None:
@@ -225,8 +225,8 @@ def _returned(given: Squares, geometry: "Geometry | None", logs: list[Path], jso
 
     if logs:
         raise UsageError("--returns stands instead of a LOG; squares in a log are found in it")
-    found = square_result(read_returns(given.returns, given.side, geometry or Geometry()))
-    render.document({"squares": found.to_json()}) if json else show_squares(found)
+    squares = square_result(read_returns(given.returns, given.side, geometry or Geometry()))
+    render.document({"squares": squares.to_json()}) if json else show_squares(squares)
 
 
 def _refuse_without(logs: list[Path]) -> None:
@@ -246,16 +246,16 @@ def _refuse_without(logs: list[Path]) -> None:
             )
 
 
-def _written(files: Files, found: "VehicleFit", name: str) -> dict[str, Any]:
+def _written(files: Files, fitted: "VehicleFit", name: str) -> dict[str, Any]:
     """What was written, by kind."""
     from sysid.mission.tuning.written import write_sections, write_vehicle
 
     document: dict[str, Any] = {}
     if files.section is not None:
-        document["output"] = write_sections(files.section, found.mission)
+        document["output"] = write_sections(files.section, fitted.mission)
     if files.mission is not None and files.to is not None:
-        document["to"] = write_vehicle(files.mission, files.to, found.mission)
+        document["to"] = write_vehicle(files.mission, files.to, fitted.mission)
     if files.plot is not None:
-        drawn(files.plot, name, found)
+        drawn(files.plot, name, fitted)
         document["plot"] = files.plot
     return document

@@ -29,7 +29,7 @@ from sysid.mission.contracts import (
 )
 from sysid.mission.loop import Loop, LoopState, Tick, Verdict
 from sysid.mission.result import MissionResult, Outcome
-from sysid.mission.simulator import drive_of, result_of, run, scene_of
+from sysid.mission.simulator import result_of, run, scene_of, shaper_of
 from sysid.mission.spec import Mission
 from sysid.vehicle.kinematics import Real
 
@@ -198,7 +198,7 @@ def guide(
         scene=scene._replace(sensors={}),
         timeout=mission.timeout,
         xp=floats,
-        drive=drive_of(mission, there if known is None else known),
+        shaper=shaper_of(mission, there if known is None else known),
     )
     parts = {f.name: getattr(plain, f.name) for f in fields(plain)}
     loop = _GuidingLoop(**parts, port=port, level=level)

@@ -27,9 +27,9 @@ from sysid.mission.contracts import (
     Scene,
     SteppablePlant,
 )
-from sysid.mission.loop import STUCK, Loop, LoopState, Tick, plain_drive, ticks
+from sysid.mission.loop import STUCK, Loop, LoopState, Tick, plain_shaper, ticks
 from sysid.mission.result import MissionResult, Outcome
-from sysid.mission.simulator import check_robot, closed_loop, drive_of, result_of, run, scene_of
+from sysid.mission.simulator import check_robot, closed_loop, result_of, run, scene_of, shaper_of
 from sysid.mission.spec import Mission
 from sysid.mission.traits import ControlAdvice, GuidanceAdvice, GuidanceTraits
 from sysid.vehicle.kinematics import Real
@@ -222,18 +222,18 @@ def play_robot(
         ModelError: the other half has broken off or asks for no numbers; the plant is no robot.
     """
     check_robot(mission, plant)
-    drive = drive_of(mission, plant)
-    plain = closed_loop(mission, plant, scene_of(mission, plant), floats, drive)
+    shaper = shaper_of(mission, plant)
+    plain = closed_loop(mission, plant, scene_of(mission, plant), floats, shaper)
     half = _OtherHalf(port, pace, level, float(plain.scene.start.psi))
     parts = {f.name: getattr(plain, f.name) for f in fields(plain)} | {"guidance": half}
     if level is Level.PWM:
-        parts |= {"control": _AskedPwm(half, mission.control.period), "drive": plain_drive}
-    loop, told = _RobotLoop(**parts, half=half), BROKEN_OFF
+        parts |= {"control": _AskedPwm(half, mission.control.period), "shaper": plain_shaper}
+    loop, ending = _RobotLoop(**parts, half=half), BROKEN_OFF
     try:
         state, table = run(loop, seed, half.ticks(plant.dt, mission.control.period, wait))
         result = result_of(mission, loop, state, table, half.outcome)
-        told = result.outcome.value
+        ending = result.outcome.value
     finally:
         with contextlib.suppress(Exception):  # what is wrong is the first error, not this
-            port.send(Ended(told))
+            port.send(Ended(ending))
     return result

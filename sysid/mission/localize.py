@@ -119,14 +119,14 @@ def localize_log(log: SensorLog, mission: Mission) -> Localization:
         rows.append((t, *_flat(body), *report(state, np)))
     added = navigation.columns if isinstance(navigation, Reporting) else ()
     values = np.array(rows)
-    found = {n: values[:, k] for k, n in enumerate(("t", *ESTIMATE, *added))}
-    _check(found, log)
+    columns = {n: values[:, k] for k, n in enumerate(("t", *ESTIMATE, *added))}
+    _check(columns, log)
     return Localization(
         log=log,
-        columns=found,
+        columns=columns,
         used=tuple(n for n in names if np.isfinite(reads[n]).any()),
-        consistency=_consistency(found, log.pose),
-        errors={} if log.pose is None else _errors(found, log.pose),
+        consistency=_consistency(columns, log.pose),
+        errors={} if log.pose is None else _errors(columns, log.pose),
         notes=(*notes, *_turned_over(log)),
     )
 
@@ -190,10 +190,10 @@ def _drives(log: SensorLog) -> list[tuple[float, float]]:
     return [(left, right) for left, right in before.tolist()]
 
 
-def _check(found: Mapping[str, Array], log: SensorLog) -> None:
+def _check(columns: Mapping[str, Array], log: SensorLog) -> None:
     """Refuse an estimate that is no number."""
     for name in ESTIMATE[:3]:
-        lost = np.flatnonzero(np.logical_not(np.isfinite(found[name])))
+        lost = np.flatnonzero(np.logical_not(np.isfinite(columns[name])))
         if len(lost):
             raise DataError(
                 f"{log.name}: the estimate is lost at t = {log.t[lost[0]]:g} s: the navigation "
@@ -202,11 +202,11 @@ def _check(found: Mapping[str, Array], log: SensorLog) -> None:
             )
 
 
-def _errors(found: Mapping[str, Array], pose: Array) -> dict[str, float]:
+def _errors(columns: Mapping[str, Array], pose: Array) -> dict[str, float]:
     """Errors against the true pose, where that is known."""
     known = np.isfinite(pose).all(axis=1)
-    distance = np.hypot(found["x_est"] - pose[:, 0], found["y_est"] - pose[:, 1])[known]
-    angle = (found["psi_est"] - pose[:, 2])[known]
+    distance = np.hypot(columns["x_est"] - pose[:, 0], columns["y_est"] - pose[:, 1])[known]
+    angle = (columns["psi_est"] - pose[:, 2])[known]
     angle = np.arctan2(np.sin(angle), np.cos(angle))
     return {
         "position_rms_m": float(np.sqrt(np.mean(distance**2))),
@@ -215,33 +215,33 @@ def _errors(found: Mapping[str, Array], pose: Array) -> dict[str, float]:
     }
 
 
-def write_localization(found: Localization, path: str | Path) -> Path:
+def write_localization(localization: Localization, path: str | Path) -> Path:
     """Write the estimate as CSV, a row for each row of the log; numbers survive unrounded.
 
     Raises:
         DataError: the file cannot be written there.
     """
-    return write_columns(found.columns, path)
+    return write_columns(localization.columns, path)
 
 
-def _consistency(found: Mapping[str, Array], pose: Array | None) -> dict[str, Any]:
+def _consistency(columns: Mapping[str, Array], pose: Array | None) -> dict[str, Any]:
     """NIS and NEES over the run, with the 95 % bounds in which a filter that is right keeps them.
 
     NIS: the innovations of a right filter are independent, so that their sum is χ² of all readings.
     NEES: the error of the position, (x̂ − x)ᵀP⁻¹(x̂ − x), is χ² of 2 at each instant, but errors of
     one run are like each other over time: it counts as many of them as are independent.
     """
-    if "nis" not in found:
+    if "nis" not in columns:
         return {}
-    came = found["nis_dof"] > 0
-    nis, dof = found["nis"][came], found["nis_dof"][came]
+    came = columns["nis_dof"] > 0
+    nis, dof = columns["nis"][came], columns["nis_dof"][came]
     facts: dict[str, Any] = {"nis_mean": None, "nis_bounds": None}
     if came.any():
         facts = {"nis_mean": float(nis.mean()), "nis_bounds": _bounds(float(dof.sum()), len(nis))}
     facts |= {"nees_mean": None, "nees_bounds": None}
     if pose is not None:
-        dx, dy = found["x_est"] - pose[:, 0], found["y_est"] - pose[:, 1]
-        xx, xy, yy = (found[n] for n in ("P_xx", "P_xy", "P_yy"))
+        dx, dy = columns["x_est"] - pose[:, 0], columns["y_est"] - pose[:, 1]
+        xx, xy, yy = (columns[n] for n in ("P_xx", "P_xy", "P_yy"))
         nees = (yy * dx**2 - 2 * xy * dx * dy + xx * dy**2) / (xx * yy - xy**2)
         nees = nees[np.isfinite(nees)][1:]  # the start is given, not estimated
         count = _independent(nees)

@@ -154,7 +154,7 @@ def command_module(command: Command, xp: Any) -> tuple[Real, Real]:
     )
 
 
-def plain_drive(
+def plain_shaper(
     command: Command, estimate: Body, t: Real, xp: Any
 ) -> tuple[tuple[Real, Real], Command]:
     """The command module alone, and what of the command it lets through."""
@@ -163,7 +163,7 @@ def plain_drive(
     return pwm, Command(0.5 * (left + right), 0.5 * (right - left))
 
 
-Drive = Callable[[Command, Body, Real, Any], tuple[tuple[Real, Real], Command]]
+CommandShaper = Callable[[Command, Body, Real, Any], tuple[tuple[Real, Real], Command]]
 """(command, how the robot moves, t, xp) → PWM of both tracks [µs], what of the command it gives."""
 
 
@@ -181,7 +181,7 @@ class Loop:
         scene: what the run is about.
         timeout: it is given up after this time [s].
         xp: array namespace of all laws.
-        drive: makes PWM of both tracks [µs] of a command, and says what of the command it gives.
+        shaper: makes PWM of both tracks [µs] of a command, and says what of the command it gives.
         feed: what battery and bridge make of that PWM; None for nothing.
     """
 
@@ -193,7 +193,7 @@ class Loop:
     scene: Scene
     timeout: float
     xp: Any
-    drive: Drive = plain_drive
+    shaper: CommandShaper = plain_shaper
     feed: Feed | None = None
 
     def __post_init__(self) -> None:
@@ -387,7 +387,7 @@ class Loop:
         control, command = self.control.step(state.control, given, dt, xp)
         over = references.arrived | references.gives_up
         command = Command(xp.where(over, 0.0, command.v_cmd), xp.where(over, 0.0, command.psi_cmd))
-        pwm, applied = self.drive(command, state.estimate, t, xp)
+        pwm, applied = self.shaper(command, state.estimate, t, xp)
         left, right = (xp.where(over, 0.0, p) for p in pwm)
         return state._replace(
             guidance=guidance,

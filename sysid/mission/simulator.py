@@ -23,7 +23,16 @@ from sysid.mission.contracts import (
     TurnsTracks,
 )
 from sysid.mission.ending import sentence, stuck
-from sysid.mission.loop import COLUMNS, Drive, Loop, LoopState, Tick, Verdict, plain_drive, ticks
+from sysid.mission.loop import (
+    COLUMNS,
+    CommandShaper,
+    Loop,
+    LoopState,
+    Tick,
+    Verdict,
+    plain_shaper,
+    ticks,
+)
 from sysid.mission.noise import sensor_draws
 from sysid.mission.result import MissionResult, Outcome
 from sysid.mission.robot.compensation import compensation_of
@@ -92,8 +101,8 @@ def simulate(
     if seed < 0:
         raise UsageError(f"the seed is {seed}: give a whole number of at least 0")
     informed = plant if known is None else known
-    scene, drive = scene_of(mission, informed), drive_of(mission, informed)
-    loop = closed_loop(mission, plant, scene, floats, drive)
+    scene, shaper = scene_of(mission, informed), shaper_of(mission, informed)
+    loop = closed_loop(mission, plant, scene, floats, shaper)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         state, table = run(loop, seed)
     return result_of(mission, loop, state, table)
@@ -139,7 +148,7 @@ def result_of(
     )
 
 
-def drive_of(mission: Mission, known: SteppablePlant) -> Drive:
+def shaper_of(mission: Mission, known: SteppablePlant) -> CommandShaper:
     """What makes PWM of a mission's commands, the effects undone that are to be compensated.
 
     Args:
@@ -150,7 +159,7 @@ def drive_of(mission: Mission, known: SteppablePlant) -> Drive:
         ModelError: the plant does not hold one that is named.
     """
     compensate = mission.control.compensate
-    return compensation_of(known, compensate, mission.vehicle.geometry) or plain_drive
+    return compensation_of(known, compensate, mission.vehicle.geometry) or plain_shaper
 
 
 def scene_of(mission: Mission, known: SteppablePlant) -> Scene:
@@ -164,14 +173,14 @@ def scene_of(mission: Mission, known: SteppablePlant) -> Scene:
     if wanted and isinstance(mission.motion, TurnsTracks):
         known = on_ground(known, scene)
     if mission.limits_from_plant:
-        found = limits_of(known, scene.geometry)
-        scene = scene._replace(limits=found._replace(**mission.limits.given))
+        limits = limits_of(known, scene.geometry)
+        scene = scene._replace(limits=limits._replace(**mission.limits.given))
     if not mission.control.uses_plant:
         return scene
-    drive, at_rest = drive_of(mission, driven), Body(scene.start, 0.0, 0.0)
+    shaper, at_rest = shaper_of(mission, driven), Body(scene.start, 0.0, 0.0)
 
     def pwm(command: Command) -> tuple[float, float]:
-        return drive(command, at_rest, 0.0, floats)[0]
+        return shaper(command, at_rest, 0.0, floats)[0]
 
     return scene._replace(nominal=nominal_of(known, scene.geometry, pwm))
 
@@ -181,7 +190,7 @@ def closed_loop(
     plant: SteppablePlant,
     scene: Scene,
     xp: Any = floats,
-    drive: Drive = plain_drive,
+    shaper: CommandShaper = plain_shaper,
 ) -> Loop:
     """The loop of a mission's laws, a robot plant and a scene, over an array namespace."""
     if isinstance(mission.motion, TurnsTracks):
@@ -195,7 +204,7 @@ def closed_loop(
         scene=scene,
         timeout=mission.timeout,
         xp=xp,
-        drive=drive,
+        shaper=shaper,
         feed=feed_of(mission.vehicle.supply, held_by(plant)),
     )
 

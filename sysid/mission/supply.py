@@ -46,8 +46,10 @@ class Supply(Settings):
 
     def numbers(self, effect: Effect) -> dict[str, float]:
         """Parameters of an effect, null values where no key says them, and what follows of them."""
-        found = {p.name: p.null for p in effect.parameters} | self._measured(effect)
-        return found | (effect.constants(np, found, 0.0, np.ones(1)) if effect.constants else {})
+        parameters = {p.name: p.null for p in effect.parameters} | self._measured(effect)
+        return parameters | (
+            effect.constants(np, parameters, 0.0, np.ones(1)) if effect.constants else {}
+        )
 
     def _measured(self, effect: Effect) -> dict[str, float]:
         return {

@@ -88,7 +88,7 @@ def _fit(fit: Mapping[str, Any] | None) -> Iterator[str]:
     if fit is None:
         yield "No figures were stored with the model."
         return
-    own = (
+    own_words = (
         "data that the fit did not see"
         if fit["on"] == "validation"
         else "the data it was fitted to"
@@ -96,7 +96,7 @@ def _fit(fit: Mapping[str, Any] | None) -> Iterator[str]:
     facts = [f"{k.replace('_', ' ')}: {fit[k]}" for k in ("horizon", "initial_state") if k in fit]
     data = fit.get("data")
     named = data if isinstance(data, str) else ", ".join(map(str, data or []))
-    yield f"On {fit['on']} data ({own}{', ' + _cell(named) if named else ''}); " + (
+    yield f"On {fit['on']} data ({own_words}{', ' + _cell(named) if named else ''}); " + (
         _cell("; ".join(facts)) + "." if facts else "horizon not stored."
     )
     yield ""

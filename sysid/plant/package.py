@@ -169,10 +169,10 @@ def files_of(path: str | Path) -> Files:
             f"{path} holds {strange[0]!r}, which its plant.json does not list; take it out, or "
             "export the plant again"
         )
-    found = read_members(path, (MARK, *covered))
-    if sum(map(len, found.values())) > MOST_BYTES:
+    members = read_members(path, (MARK, *covered))
+    if sum(map(len, members.values())) > MOST_BYTES:
         raise ModelError(f"{path} is too large for a plant package; export it again")
-    return found
+    return members
 
 
 def _sources(path: Path, covered: tuple[str, ...]) -> frozenset[str]:
@@ -180,11 +180,11 @@ def _sources(path: Path, covered: tuple[str, ...]) -> frozenset[str]:
     before those that the hash covers; what builds write elsewhere is nobody's source."""
     places = {Path(name).parent for name in covered} - {Path()}
     return frozenset(
-        (place / found.name).as_posix()
+        (place / entry.name).as_posix()
         for place in places
         if path.joinpath(place).is_dir()
-        for found in path.joinpath(place).iterdir()
-        if found.suffix.lower() in SOURCES
+        for entry in path.joinpath(place).iterdir()
+        if entry.suffix.lower() in SOURCES
     )
 
 

@@ -60,15 +60,15 @@ def step_sentences(responses: Sequence[StepResponse]) -> tuple[str, ...]:
 
 def mode_sentences(modes: Sequence[OwnMode]) -> tuple[str, ...]:
     """What a signal without inputs does by itself, a sentence a mode."""
-    found = []
+    sentences = []
     for m in modes:
         if m.frequency is not None and m.damping is not None:
             hertz = with_error(m.frequency.value / math.tau, m.frequency.std_error / math.tau)
             damping = with_error(m.damping.value, m.damping.std_error)
-            found.append(f"It swings at {hertz} Hz with damping {damping}.")
+            sentences.append(f"It swings at {hertz} Hz with damping {damping}.")
         elif m.time_constant is not None:
-            found.append(f"It forgets with a time constant of {_seconds(m.time_constant)}.")
-    return tuple(found)
+            sentences.append(f"It forgets with a time constant of {_seconds(m.time_constant)}.")
+    return tuple(sentences)
 
 
 def sentence(r: StepResponse) -> str:

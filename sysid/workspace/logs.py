@@ -81,8 +81,8 @@ class StoredData:
         except (SysidError, KeyError, TypeError):
             return None
         pieces = [_piece(whole, *source) for source in wanted]
-        found = tuple(p for p in pieces if p is not None)
-        return found if found and len(found) == len(wanted) else None
+        records = tuple(p for p in pieces if p is not None)
+        return records if records and len(records) == len(wanted) else None
 
     def _prepared(self, options: Mapping[str, Any], files: list[str]) -> "tuple[Record, ...]":
         from json import dumps

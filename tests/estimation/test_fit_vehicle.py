@@ -14,7 +14,7 @@ from sysid.data.io import read_log
 from sysid.data.preparation import Preparation
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Array, Record
-from sysid.estimation.vehicle.logs import read_drives
+from sysid.estimation.vehicle.logs import read_vehicle_logs
 from sysid.estimation.vehicle.vehicle_fit import VehicleFit, fit_vehicle
 from sysid.mission.motion.slip import Slip
 from sysid.mission.spec import load_mission
@@ -184,7 +184,7 @@ def test_speeds_go_by_many_names(tmp_path: Path, names: tuple[str, ...]) -> None
     scale = 0.15 if "m/s" in names[0] else 1.0
     speeds = {n: scale * named[WHEELS[k * 2 // len(names)]] for k, n in enumerate(names)}
     log = written(tmp_path / "log.csv", {"t": named["t"], **speeds, **_pose(named)})
-    records, _ = read_drives([log], ReadOptions(), Preparation())
+    records, _ = read_vehicle_logs([log], ReadOptions(), Preparation())
     found = fit_vehicle(records, geometry=NOMINAL)
     width = found.number("effective_width")
     assert abs(width.value - 0.9) < FAR * width.std_error

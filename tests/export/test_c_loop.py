@@ -352,12 +352,12 @@ int main(void)
     (c / "changed.c").write_text(main, encoding="utf-8")
     ran(c, str(COMPILER), *QUICK, "-o", "changed", "changed.c", "command.c", "-lm")
     loop = loop_of(model, mission)
-    known = loop.drive.identified  # type: ignore[attr-defined]
+    known = loop.shaper.identified  # type: ignore[attr-defined]
     numbers = {"dead-zone": {**known.parameters["dead-zone"], "plus": np.array([0.15, 0.3])}}
-    other = replace(loop.drive, identified=replace(known, parameters=numbers))  # type: ignore[type-var]
+    other = replace(loop.shaper, identified=replace(known, parameters=numbers))  # type: ignore[type-var]
     body = Body(Pose(0.0, 0.0, 0.0), 0.0, 0.0)
     expected, _ = other(Command(0.4, 0.1), body, 0.0, floats)
-    plain, _ = loop.drive(Command(0.4, 0.1), body, 0.0, floats)
+    plain, _ = loop.shaper(Command(0.4, 0.1), body, 0.0, floats)
     found = [float(v) for v in ran(c, "./changed").split()]
     assert found == pytest.approx(expected, rel=1e-13)
     assert found[1] > plain[1] + 1.0

@@ -15,7 +15,7 @@ from sysid.errors import DataError, ModelError
 from sysid.mission.contracts import Body, MotionInputs, Pose, SensorInputs
 from sysid.mission.monte_carlo.agreement import TOLERANCE, agreement
 from sysid.mission.monte_carlo.chunks import Runner, chunks
-from sysid.mission.monte_carlo.draws import run_seeds
+from sysid.mission.monte_carlo.sampler import run_seeds
 from sysid.mission.monte_carlo.setup import Setup
 from sysid.mission.motion.slip import Slip
 from sysid.mission.robot.mapping import as_robot
@@ -267,7 +267,7 @@ def test_runs_side_by_side_are_the_runs_one_after_the_other() -> None:
     assert found.apart == ()
     assert found.largest <= TOLERANCE
     assert len(set(figures.x.tolist())) == 3
-    names = {name for name, _ in setup.drivers[0].drawing.varying}
+    names = {name for name, _ in setup.plant_variants[0].sampler.varying}
     assert {"mass", "soil.rolling", "soil.friction_angle", "soil[2].lateral"} <= names
     assert "friction.slip" not in names
 
@@ -285,9 +285,9 @@ def test_mass_and_soil_vary_as_the_mission_says(vary, there: set[str]) -> None:
     setup = Setup.of(mission, [motor()])
     assert {"mass", "soil"} & set(setup.varied) == there
     seeds = run_seeds(1, 400)
-    drawing = setup.drivers[0].drawing
-    draws = drawing.draw(seeds)
-    scenes = [drawing.physics.scene(mission.scene(), row.tolist()) for row in draws.physics]
+    sampler = setup.plant_variants[0].sampler
+    samples = sampler.draw(seeds)
+    scenes = [sampler.physics.scene(mission.scene(), row.tolist()) for row in samples.physics]
     spread = float(np.std([s.car.mass for s in scenes]))  # 400 draws tell it to ± 4 %
     assert spread == pytest.approx(2.0 * (vary.get("mass", 0.02) or 0.0), rel=0.15)
     soil = mission.scene().floor.soil

@@ -27,9 +27,9 @@ class TopicLines(Lines):
         """
         super().__init__(topic)
         self._topic = topic if topic.startswith("/") else f"/{topic}"
-        found = sources(mapping)
+        topics = sources(mapping)
         by_topic: dict[str, list[Source]] = {}
-        for s in found:
+        for s in topics:
             if s.name == POSE and not s.steps:
                 raise UsageError("a whole pose cannot be followed; map x, y and psi on their own")
             by_topic.setdefault(s.topic, []).append(s)

@@ -106,9 +106,9 @@ def motors_of_model(model: Model) -> KnownMotors:
     left, right = source.motors[0], source.motors[-1]
 
     def numbers(theta: Array) -> Array:
-        found = torque_source(structure, theta)
-        assert found is not None
-        return np.array([float(getattr(found.motors[0], name)) for name in FIELDS])
+        torque = torque_source(structure, theta)
+        assert torque is not None
+        return np.array([float(getattr(torque.motors[0], name)) for name in FIELDS])
 
     middle = numbers(model.theta)
     deviation = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))

@@ -100,7 +100,7 @@ def quantities(fit: DynamicFit, p: Array) -> dict[str, float]:
     motor = fit.powered.machine.motors[0]
     torque, damping = motor.torque * theta["torque"], motor.damping * theta["damping"]
     rotor = motor.inertia * theta["rotor_inertia"]
-    found = {
+    values = {
         "mass": m,
         # the pose tells how far the vehicle turns for the lever that its forces have
         "yaw_inertia": J * named["effective_width"] / B,
@@ -118,7 +118,7 @@ def quantities(fit: DynamicFit, p: Array) -> dict[str, float]:
         "top_speed_per_command": torque / damping,
     }
     lengths = ("radius_left", "radius_right", "effective_width")
-    return found | {name: named[name] for name in lengths}
+    return values | {name: named[name] for name in lengths}
 
 
 def numbers_of(fit: DynamicFit) -> tuple[VehicleNumber, ...]:
@@ -136,10 +136,14 @@ def numbers_of(fit: DynamicFit) -> tuple[VehicleNumber, ...]:
         p[moved] = q
         return quantities(fit, p)
 
-    found = derived(of, fit.p[moved], every[np.ix_(moved, moved)], steps[moved])
+    derived_values = derived(of, fit.p[moved], every[np.ix_(moved, moved)], steps[moved])
     unknown = _without_information(fit)
-    more = [n for n in _weighed(fit, found, unknown) if n is not None]
-    lengths = [_length(name, *found[name]) for name in found if name not in (*WEIGHED, *RATIOS)]
+    more = [n for n in _weighed(fit, derived_values, unknown) if n is not None]
+    lengths = [
+        _length(name, *derived_values[name])
+        for name in derived_values
+        if name not in (*WEIGHED, *RATIOS)
+    ]
     return (*more, *lengths)
 
 
@@ -150,16 +154,16 @@ def _without_information(fit: DynamicFit) -> frozenset[str]:
 
 
 def _weighed(
-    fit: DynamicFit, found: Mapping[str, tuple[float, float]], silent: frozenset[str]
+    fit: DynamicFit, derived_values: Mapping[str, tuple[float, float]], silent: frozenset[str]
 ) -> list[VehicleNumber]:
     if not fit.powered.torque_known:
-        told = ("centre_of_mass", "command_delay")
-        untold = [_untold(name) for name in WEIGHED if name not in told]
-        plain = [_number(fit, name, *found[name]) for name in told]
-        return [*untold, *plain, *(_ratio(fit, name, *found[name]) for name in RATIOS)]
+        always_shown = ("centre_of_mass", "command_delay")
+        untold = [_untold(name) for name in WEIGHED if name not in always_shown]
+        plain = [_number(fit, name, *derived_values[name]) for name in always_shown]
+        return [*untold, *plain, *(_ratio(fit, name, *derived_values[name]) for name in RATIOS)]
     numbers = []
     for name in WEIGHED:
-        value, error = found[name]
+        value, error = derived_values[name]
         if name not in TIMES_AND_PLACES:
             share = STIFFNESS_LEFT_OUT if name == "thrust_stiffness" else LEFT_OUT
             error = math.hypot(error, share * abs(value))
@@ -171,12 +175,14 @@ def _weighed(
 
 def _number(fit: DynamicFit, name: str, value: float, error: float) -> VehicleNumber:
     unit, meaning = MEANING[name]
-    told = error < TELLS * abs(value) or error < SLIGHT.get(name, 0.0)
+    identifiable = error < TELLS * abs(value) or error < SLIGHT.get(name, 0.0)
     if name in TIMES_AND_PLACES:
         length = fit.powered.machine.vehicle.contact_length
-        told = error < CLOSE * (length if name == "centre_of_mass" else fit.powered.logs[0].dt)
+        identifiable = error < CLOSE * (
+            length if name == "centre_of_mass" else fit.powered.logs[0].dt
+        )
     sentence = f"{meaning[:1].upper()}{meaning[1:]}."
-    if not told:
+    if not identifiable:
         sentence = _why_not(fit, name, value, error)
     elif not fit.powered.rotors_known and name in INCLUDES:
         sentence += f" {INCLUDES[name]}"
@@ -190,7 +196,7 @@ def _number(fit: DynamicFit, name: str, value: float, error: float) -> VehicleNu
             " The log does not tell it apart from where on the vehicle that point is: it is the "
             "place that the vehicle turns about."
         )
-    return VehicleNumber(name, value, error, unit, told, sentence)
+    return VehicleNumber(name, value, error, unit, identifiable, sentence)
 
 
 def _why_not(fit: DynamicFit, name: str, value: float, error: float) -> str:
@@ -211,8 +217,8 @@ def _rests_on(fit: DynamicFit, name: str, value: float) -> str:
     machine = fit.powered.machine
     rotor = machine.motors[0].inertia * float(fit.theta[NUMBERS.index("rotor_inertia")])
     r, B = machine.vehicle.geometry.r, machine.vehicle.geometry.B
-    own = 2.0 * rotor / r**2 if name == "mass" else 0.5 * rotor * (B / r) ** 2
-    share = own / value
+    rotor_share = 2.0 * rotor / r**2 if name == "mass" else 0.5 * rotor * (B / r) ** 2
+    share = rotor_share / value
     if share < 0.2:
         return ""
     return f" It rests on the motors' inertia: 1 % of that is {share:.1f} % of this."
@@ -233,21 +239,21 @@ def _ratio(fit: DynamicFit, name: str, value: float, error: float) -> VehicleNum
     command = fit.powered.unit or "command"
     unit = unit or (f"(rad/s)/{command}" if name == "top_speed_per_command" else command)
     error = math.hypot(error, LEFT_OUT * abs(value))
-    told = error < TELLS * abs(value)
+    identifiable = error < TELLS * abs(value)
     sentence = f"{meaning[:1].upper()}{meaning[1:]}."
-    if not told:
+    if not identifiable:
         sentence = f"The log does not tell the {meaning}; {SHOWN_BY[name]} would."
-    return VehicleNumber(name, value, error, unit, told, sentence)
+    return VehicleNumber(name, value, error, unit, identifiable, sentence)
 
 
 def _length(name: str, value: float, error: float) -> VehicleNumber:
     """Lengths that act where slip is taken off."""
-    told = error < 0.1 * value
+    identifiable = error < 0.1 * value
     what = name.replace("_", " ")
     sentence = f"The {what} that acts once the slip under these forces is taken off."
-    if not told:
+    if not identifiable:
         sentence = f"The log does not tell the {what}; straight runs and turns to both sides would."
-    return VehicleNumber(name, value, error, "m", told, sentence)
+    return VehicleNumber(name, value, error, "m", identifiable, sentence)
 
 
 def correlations_of(fit: DynamicFit) -> Correlations:

@@ -80,7 +80,7 @@ class GeometryEstimate:
     @property
     def sentence(self) -> str:
         """What was found, and instead of what."""
-        found = " and ".join(
+        lengths = " and ".join(
             f"{name} = {value:.4g} ± {error:.1g} m"
             if error is not None
             else f"{name} = {value:.4g} m (assumed: the log does not tell it)"
@@ -90,7 +90,7 @@ class GeometryEstimate:
         )
         sentence = (
             f"The pose contradicts the geometry that is assumed unless one is given "
-            f"(r = {self.assumed.r:g} m, B = {self.assumed.B:g} m); from the log {found}, "
+            f"(r = {self.assumed.r:g} m, B = {self.assumed.B:g} m); from the log {lengths}, "
             "r as it drives and B as it turns, slip and skidding included."
         )
         if not SMALLEST < self.geometry.r < LARGEST:
@@ -216,9 +216,9 @@ def in_one_frame(tracks: Sequence[Track]) -> tuple[tuple[Track, ...], tuple[str,
     for reading in _READINGS[1:]:
         if abs(reading.factor) != 1.0 and largest < BEYOND_A_TURN:
             continue
-        left = _ways([reading.of(t) for t in tracks]).rest
-        if left < rest:
-            best, rest = reading, left
+        remaining_ways = _ways([reading.of(t) for t in tracks]).rest
+        if remaining_ways < rest:
+            best, rest = reading, remaining_ways
     said = [best.words] if best.words else []
     read = tuple(best.of(t) for t in tracks) if said else tuple(tracks)
     ways = _ways([_READINGS[0].of(t) for t in read])
@@ -268,8 +268,8 @@ def contradicted(tracks: Sequence[Track], assumed: Geometry) -> GeometryEstimate
         tracks: of one vehicle, in one frame.
         assumed: lengths that nobody has given.
     """
-    found = lengths_of(tracks, assumed)
-    return found if found.contradicts else None
+    estimate = lengths_of(tracks, assumed)
+    return estimate if estimate.contradicts else None
 
 
 def _off(value: float, error: float, assumed: float) -> bool:

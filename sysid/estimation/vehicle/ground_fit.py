@@ -159,19 +159,23 @@ def lengths() -> tuple[Candidate, ...]:
 def ground_of(q: Array, always: Sequence[Candidate] = ()) -> Ground:
     """The effects whose numbers are off their null values, but for what ``always`` is free."""
     lengths = {k for c in always for k in c.slots}
-    mine = [
+    parameters = [
         (s, v)
         for k, (s, v) in enumerate(zip(_of_effects(), q.tolist(), strict=False))
         if k not in lengths
     ]
-    acting = {s.owner for s, v in mine if v != s.null}
-    found: dict[str, dict[str, list[float]]] = {}
-    for slot, value in mine:
+    acting = {s.owner for s, v in parameters if v != s.null}
+    by_effect: dict[str, dict[str, list[float]]] = {}
+    for slot, value in parameters:
         if slot.owner in acting:
-            both = found.setdefault(slot.owner, {}).setdefault(slot.name, [slot.null, slot.null])
+            both = by_effect.setdefault(slot.owner, {}).setdefault(
+                slot.name, [slot.null, slot.null]
+            )
             for side in (LEFT, RIGHT) if slot.side < 0 else (slot.side,):
                 both[side] = value
-    numbers = {id: {k: np.array(v) for k, v in mine.items()} for id, mine in found.items()}
+    numbers = {
+        id: {k: np.array(v) for k, v in parameters.items()} for id, parameters in by_effect.items()
+    }
     return Ground(tuple(numbers), numbers)
 
 

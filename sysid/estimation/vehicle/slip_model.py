@@ -19,7 +19,7 @@ from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Index
 from sysid.effects.ground import Ground
 from sysid.effects.vehicle import SLIP, SLIP_SHARE
-from sysid.estimation.vehicle.drive import Drive
+from sysid.estimation.vehicle.trajectory import Trajectory
 from sysid.vehicle.kinematics import Geometry, body_velocity
 
 
@@ -218,18 +218,18 @@ def body_speeds(q: Array, omega: Array, step: float, geometry: Geometry) -> tupl
     )
 
 
-def path(q: Array, drive: Drive, geometry: Geometry, more: Array | float = 0.0) -> Array:
+def path(q: Array, trajectory: Trajectory, geometry: Geometry, more: Array | float = 0.0) -> Array:
     """x, y [m], ψ [rad] of the vehicle at the nodes of the grid, from the origin, (N + 1, 3).
 
     Args:
         q: every number, radii and 1/width relative to the geometry's.
-        drive: what the wheels rolled.
+        trajectory: what the wheels rolled.
         geometry: lengths that q multiplies.
         more: what something else adds to the way forward and to the left [m] and to the turn [rad]
             of every step of the grid, (N, 3).
     """
-    forward, yaw_rate = body_speeds(q, drive.omega, drive.step, geometry)
-    along, turn = forward * drive.step, yaw_rate * drive.step
+    forward, yaw_rate = body_speeds(q, trajectory.omega, trajectory.step, geometry)
+    along, turn = forward * trajectory.step, yaw_rate * trajectory.step
     aside = -q[AT["side_slip"]] * forward * turn
     added = np.broadcast_to(more, (len(along), 3))
     along, aside, turn = along + added[:, 0], aside + added[:, 1], turn + added[:, 2]
@@ -244,18 +244,21 @@ def path(q: Array, drive: Drive, geometry: Geometry, more: Array | float = 0.0) 
     return out
 
 
-def pose_read(q: Array, drive: Drive, geometry: Geometry, more: Array | float = 0.0) -> Array:
-    """The pose that the drive's source reads of the vehicle, at its readings, (M, 3)."""
-    x, y, psi = path(q, drive, geometry, more).T
-    late = drive.at - q[AT["pose_lag"]]
-    heading = np.interp(late, drive.nodes, psi)
+def pose_read(
+    q: Array, trajectory: Trajectory, geometry: Geometry, more: Array | float = 0.0
+) -> Array:
+    """The pose that the trajectory's source reads of the vehicle, at its measurements, (M, 3)."""
+    x, y, psi = path(q, trajectory, geometry, more).T
+    late = trajectory.at - q[AT["pose_lag"]]
+    heading = np.interp(late, trajectory.nodes, psi)
     c, s = np.cos(heading), np.sin(heading)
     ahead, left = q[AT["marker_x"]], q[AT["marker_y"]]
     return np.column_stack(
         [
-            np.interp(late, drive.nodes, x) + c * ahead - s * left,
-            np.interp(late, drive.nodes, y) + s * ahead + c * left,
-            np.interp(drive.at - q[AT["heading_lag"]], drive.nodes, psi) + q[AT["heading_offset"]],
+            np.interp(late, trajectory.nodes, x) + c * ahead - s * left,
+            np.interp(late, trajectory.nodes, y) + s * ahead + c * left,
+            np.interp(trajectory.at - q[AT["heading_lag"]], trajectory.nodes, psi)
+            + q[AT["heading_offset"]],
         ]
     )
 
@@ -281,12 +284,12 @@ def increments(pose: Array, windows: Index, offset: float) -> Array:
 
 
 def window_errors(
-    q: Array, drive: Drive, geometry: Geometry, windows: Index, more: Array | float = 0.0
+    q: Array, trajectory: Trajectory, geometry: Geometry, windows: Index, more: Array | float = 0.0
 ) -> Array:
     """Measured less predicted increments over windows, (W, 3) [m, m, rad]."""
     offset = float(q[AT["heading_offset"]])
-    measured = increments(drive.pose, windows, offset)
-    error = measured - increments(pose_read(q, drive, geometry, more), windows, offset)
+    measured = increments(trajectory.pose, windows, offset)
+    error = measured - increments(pose_read(q, trajectory, geometry, more), windows, offset)
     error[:, 2] -= 2.0 * np.pi * np.rint(error[:, 2] / (2.0 * np.pi))
     return error
 

@@ -20,11 +20,11 @@ def in_units(q: Array, geometry: Geometry) -> dict[str, float]:
         q: every number, radii and 1/width relative to the geometry's.
         geometry: lengths that q multiplies.
     """
-    found = {t.name: float(v) for t, v in zip(TERMS, q, strict=True)}
-    found["radius_left"] *= geometry.r
-    found["radius_right"] *= geometry.r
-    found["effective_width"] = geometry.B / found["effective_width"]
-    return found
+    values = {t.name: float(v) for t, v in zip(TERMS, q, strict=True)}
+    values["radius_left"] *= geometry.r
+    values["radius_right"] *= geometry.r
+    values["effective_width"] = geometry.B / values["effective_width"]
+    return values
 
 
 def centres(q: Array, geometry: Geometry) -> dict[str, float]:
@@ -89,7 +89,7 @@ def numbers_of(fit: SlipFit, given: Geometry | None) -> tuple[VehicleNumber, ...
         fit: the fit.
         given: lengths that a person gave; None for none.
     """
-    told = dict(zip((t.name for t in TERMS), fit.told, strict=True))
+    identifiable = dict(zip((t.name for t in TERMS), fit.told, strict=True))
     plain = [_number(fit, k, t) for k, t in enumerate(TERMS)]
     steps = 1e-4 * fit.prior
 
@@ -103,10 +103,10 @@ def numbers_of(fit: SlipFit, given: Geometry | None) -> tuple[VehicleNumber, ...
     more = []
     for name, (value, error) in derived(follow, fit.q, joint, steps).items():
         unit, meaning = _DERIVED[name]
-        tells = all(told[n] for n in _FROM[name])
+        tells = all(identifiable[n] for n in _FROM[name])
         sentence = f"{_capital(meaning)}."
         if not tells:
-            missing = " and ".join(n for n in _FROM[name] if not told[n])
+            missing = " and ".join(n for n in _FROM[name] if not identifiable[n])
             sentence = f"The log does not tell {name}, because it does not tell {missing}."
         more.append(VehicleNumber(name, value, error, unit, tells, sentence))
     return (*plain, *more)
@@ -139,10 +139,10 @@ def _sentence(term: Term, fit: SlipFit, k: int, value: float, error: float) -> s
     like = " and ".join(TERMS[j].name for j in fit.like(k))
     also = f" On this log {like} would do nearly the same." if like else ""
     if not fit.told[k]:
-        left = min(float(fit.std_errors[k] / fit.prior[k]), 1.0)
+        prior_share = min(float(fit.std_errors[k] / fit.prior[k]), 1.0)
         return (
             f"The log does not tell {term.meaning}: {value:.2g} ± {error:.2g}{unit} leaves "
-            f"{100 * left:.0f} % of what one would guess without it. What tells it: "
+            f"{100 * prior_share:.0f} % of what one would guess without it. What tells it: "
             f"{term.shown_by}.{also}"
         )
     if k not in fit.free:

@@ -75,8 +75,8 @@ class SquareResult:
     def to_json(self) -> dict[str, Any]:
         """Every field."""
 
-        def number(found: tuple[float, float | None] | None) -> dict[str, float | None] | None:
-            return None if found is None else {"value": found[0], "std_error": found[1]}
+        def number(pair: tuple[float, float | None] | None) -> dict[str, float | None] | None:
+            return None if pair is None else {"value": pair[0], "std_error": pair[1]}
 
         cw, ccw = self.centres
         return {
@@ -223,7 +223,7 @@ def square_result(runs: Sequence[SquareRun]) -> SquareResult:
 
 def _solved(plain: SquareResult, groups: list[list[SquareRun]]) -> SquareResult:
     """Gauss–Newton on the mean returns of both directions, each weighed alike."""
-    found = np.concatenate([np.mean([r.found for r in g], axis=0) for g in groups])
+    measured = np.concatenate([np.mean([r.found for r in g], axis=0) for g in groups])
 
     def foretold(p: Array) -> Array:
         return np.concatenate(
@@ -233,7 +233,7 @@ def _solved(plain: SquareResult, groups: list[list[SquareRun]]) -> SquareResult:
     p = np.ones(2)
     for _ in range(ROUNDS):
         J = _jacobian(foretold, p)
-        step = np.linalg.lstsq(J, found - foretold(p), rcond=None)[0]
+        step = np.linalg.lstsq(J, measured - foretold(p), rcond=None)[0]
         p = np.maximum(p + step, 0.1)
         if float(np.abs(step).max()) < 1e-10:
             break
@@ -243,8 +243,8 @@ def _solved(plain: SquareResult, groups: list[list[SquareRun]]) -> SquareResult:
         text = "The returns move along one line whatever is wrong, so that they tell neither error."
         return replace(plain, sentence=text)
     errors = _std_errors(np.asarray(np.linalg.pinv(J), dtype=np.float64), groups)
-    left = (found - foretold(p)).reshape(2, 2)
-    after = float(np.linalg.norm(left, axis=1).max())
+    residual = (measured - foretold(p)).reshape(2, 2)
+    after = float(np.linalg.norm(residual, axis=1).max())
     cw, ccw = plain.runs
     said = f"{cw} clockwise and {ccw} counter-clockwise squares of {plain.side:.3g} m"
     shown = ["" if e is None else f" ± {e:.1g}" for e in errors]

@@ -13,7 +13,6 @@ import numpy as np
 
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError
-from sysid.estimation.vehicle.drive import Drive, Drives, drives_of
 from sysid.estimation.vehicle.dynamic_motion import fit_weighed
 from sysid.estimation.vehicle.dynamic_motors import KnownMotors
 from sysid.estimation.vehicle.geometry import SURE, GeometryEstimate, lengths_of
@@ -35,6 +34,7 @@ from sysid.estimation.vehicle.slip_model import NULLS, TERMS, body_speeds, pose_
 from sysid.estimation.vehicle.slip_numbers import correlations_of, in_units, numbers_of
 from sysid.estimation.vehicle.square_runs import SquareResult, square_result
 from sysid.estimation.vehicle.square_search import PoseReading, square_runs
+from sysid.estimation.vehicle.trajectory import Trajectories, Trajectory, trajectories_of
 from sysid.vehicle.kinematics import Geometry
 
 
@@ -45,12 +45,12 @@ class Motion(Protocol):
         """Measured less foretold increments of windows, (W, 3) [m, m, rad]."""
         ...
 
-    def readings(self, drive: Drive) -> Array:
-        """x, y [m], ψ [rad] that a drive's source would read, from any start, (M, 3)."""
+    def readings(self, trajectory: Trajectory) -> Array:
+        """x, y [m], ψ [rad] that a trajectory's source would read, from any start, (M, 3)."""
         ...
 
-    def driven(self, drive: Drive) -> tuple[Array, Array]:
-        """Way [m] and angle turned [rad] in each step of a drive's grid."""
+    def driven(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Way [m] and angle turned [rad] in each step of a trajectory's grid."""
         ...
 
 
@@ -84,13 +84,13 @@ class Kinematic:
         """Measured less foretold increments of windows, (W, 3) [m, m, rad]."""
         return errors_of(NULLS, parts, self.geometry)
 
-    def readings(self, drive: Drive) -> Array:
-        """x, y [m], ψ [rad] at a drive's readings, from the origin, (M, 3)."""
-        return pose_read(NULLS, drive, self.geometry)
+    def readings(self, trajectory: Trajectory) -> Array:
+        """x, y [m], ψ [rad] at a trajectory's measurements, from the origin, (M, 3)."""
+        return pose_read(NULLS, trajectory, self.geometry)
 
-    def driven(self, drive: Drive) -> tuple[Array, Array]:
-        """Way [m] and angle turned [rad] in each step of a drive's grid."""
-        return _steps(NULLS, drive, self.geometry)
+    def driven(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Way [m] and angle turned [rad] in each step of a trajectory's grid."""
+        return _steps(NULLS, trajectory, self.geometry)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,13 +122,13 @@ class Slipping:
         """Measured less foretold increments of windows, (W, 3) [m, m, rad]."""
         return errors_of(self.fit.q, parts, self.fit.geometry)
 
-    def readings(self, drive: Drive) -> Array:
-        """x, y [m], ψ [rad] that the source of a drive's pose would read, (M, 3)."""
-        return pose_read(self.fit.q, drive, self.fit.geometry)
+    def readings(self, trajectory: Trajectory) -> Array:
+        """x, y [m], ψ [rad] that the source of a trajectory's pose would read, (M, 3)."""
+        return pose_read(self.fit.q, trajectory, self.fit.geometry)
 
-    def driven(self, drive: Drive) -> tuple[Array, Array]:
-        """Way [m] and angle turned [rad] in each step of a drive's grid."""
-        return _steps(self.fit.q, drive, self.fit.geometry)
+    def driven(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Way [m] and angle turned [rad] in each step of a trajectory's grid."""
+        return _steps(self.fit.q, trajectory, self.fit.geometry)
 
     def shares(self) -> dict[str, dict[str, Any]] | None:
         """The vehicle and its slip i = slip + turning |ω_R − ω_L|/(|ω_L| + |ω_R|) as sections of a
@@ -148,9 +148,9 @@ class Slipping:
         return {"vehicle": {"r": mean, "B": n["effective_width"]}, "motion": motion}
 
 
-def _steps(q: Array, drive: Drive, geometry: Geometry) -> tuple[Array, Array]:
-    forward, yaw_rate = body_speeds(q, drive.omega, drive.step, geometry)
-    return forward * drive.step, yaw_rate * drive.step
+def _steps(q: Array, trajectory: Trajectory, geometry: Geometry) -> tuple[Array, Array]:
+    forward, yaw_rate = body_speeds(q, trajectory.omega, trajectory.step, geometry)
+    return forward * trajectory.step, yaw_rate * trajectory.step
 
 
 MOTIONS = ("slip", "dynamic")
@@ -313,31 +313,31 @@ def fit_vehicle(
     if motors is not None and motion != "dynamic":
         raise UsageError(f"motion {motion} knows no torques; motors go with `motion='dynamic'`")
     known = geometry or Geometry()
-    drives = drives_of((*records, *held), known)
-    own, other = drives.each[: len(records)], drives.each[len(records) :]
-    first, second = (whole(own), whole(other)) if held else split(own)
+    trajectories = trajectories_of((*records, *held), known)
+    estimation, validation = trajectories.each[: len(records)], trajectories.each[len(records) :]
+    first, second = (whole(estimation), whole(validation)) if held else split(estimation)
     check_enough(first, records[0].name)
     check_enough(second, (held or records)[0].name)
-    lengths = lengths_of([t for t in drives.tracks if len(t.starts)], known)
+    lengths = lengths_of([t for t in trajectories.tracks if len(t.starts)], known)
     start = _start(lengths)
     model: MotionFit
     if motion == "dynamic":
-        model = weighed = fit_weighed(first, start, (*records, *held), drives, known, motors)
-        drives = replace(drives, notes=(*drives.notes, *weighed.notes))
+        model = weighed = fit_weighed(first, start, (*records, *held), trajectories, known, motors)
+        trajectories = replace(trajectories, notes=(*trajectories.notes, *weighed.notes))
     else:
         model = Slipping(fit_slip(first, start), geometry)
-    found = _judged(_Study(drives, first, second, known, geometry, lengths, motion), model)
-    worse = found.after.path > WORSE * found.plain.path
-    if motion == "dynamic" and (worse or found.after.heading > WORSE * found.plain.heading):
-        found = replace(found, notes=(*found.notes, _FORETOLD_WORSE))
-    return found
+    fitted = _judged(_Study(trajectories, first, second, known, geometry, lengths, motion), model)
+    worse = fitted.after.path > WORSE * fitted.plain.path
+    if motion == "dynamic" and (worse or fitted.after.heading > WORSE * fitted.plain.heading):
+        fitted = replace(fitted, notes=(*fitted.notes, _FORETOLD_WORSE))
+    return fitted
 
 
 @dataclass(frozen=True, eq=False)
 class _Study:
     """What a vehicle is fitted to and judged by."""
 
-    drives: Drives
+    trajectories: Trajectories
     first: list[Part]
     second: list[Part]
     known: Geometry
@@ -389,7 +389,7 @@ def _judged(study: _Study, model: MotionFit) -> VehicleFit:
         estimation=tuple(study.first),
         held=tuple(study.second),
         squares=_squares(study, slipping),
-        notes=(*study.drives.notes, *_still_off(after, model, study.second)),
+        notes=(*study.trajectories.notes, *_still_off(after, model, study.second)),
     )
 
 
@@ -414,13 +414,13 @@ def _squares(study: _Study, fit: SlipFit) -> SquareResult | None:
     """Closed squares, judged as such, beside what the whole of the paths says."""
     n = in_units(fit.q, fit.geometry)
     reading = PoseReading(n["pose_lag"], n["heading_offset"])
-    runs = square_runs(study.drives.each, study.known, reading)
+    runs = square_runs(study.trajectories.each, study.known, reading)
     if not runs:
         return None
-    found = square_result(runs)
+    result = square_result(runs)
     ratio, width = n["radius_right"] / n["radius_left"], n["effective_width"] / study.known.B
-    text = f"{found.sentence} The whole of the paths says {ratio:.5g} and {width:.5g}."
-    return replace(found, sentence=text)
+    text = f"{result.sentence} The whole of the paths says {ratio:.5g} and {width:.5g}."
+    return replace(result, sentence=text)
 
 
 def _acting(model: Motion, parts: Sequence[Part]) -> Geometry:
@@ -429,7 +429,7 @@ def _acting(model: Motion, parts: Sequence[Part]) -> Geometry:
     Least squares over all steps: v = r ½(ω_L + ω_R),   ψ̇ = (r/B)(ω_R − ω_L).
     """
     rolled, spun, way, turned = [], [], [], []
-    for d in (p.drive for p in parts):
+    for d in (p.trajectory for p in parts):
         along, angle = model.driven(d)
         way.append(along / d.step)
         turned.append(angle / d.step)
@@ -446,16 +446,16 @@ def _slope(x: Array, y: Array) -> float:
 
 
 def _folds(study: _Study, model: MotionFit) -> tuple[Fold, ...]:
-    """Both halves of every drive, each fitted and judged by the other, with the same terms."""
-    halves = split(study.drives.each, 0.5)
+    """Both halves of every trajectory, each fitted and judged by the other, with the same terms."""
+    halves = split(study.trajectories.each, 0.5)
     if not all(enough(h) for h in halves):
         return ()
-    found = []
+    folds = []
     before = Kinematic(study.known)
     for fitted, judge in (halves, halves[::-1]):
         model = model.refitted(fitted)
         values = {n.name: n.value for n in model.numbers() if n.in_model}
-        found.append(
+        folds.append(
             Fold(PathErrors.of(before.errors(judge)), PathErrors.of(model.errors(judge)), values)
         )
-    return tuple(found)
+    return tuple(folds)

@@ -293,9 +293,9 @@ def tracks_of(
             record the other way round, because missions turn where they begin.
     """
     posed = [r for r in records if r.pose is not None and len(r)]
-    found = [
+    tracks = [
         Track(r.y[:, list(channels)], r.pose, r.dt, part if part is None else (part + k) % 2)
         for k, r in enumerate(posed)
         if r.pose is not None
     ]
-    return tuple(t for t in found if len(t.starts))
+    return tuple(t for t in tracks if len(t.starts))

@@ -83,8 +83,8 @@ def _theta_numbers(
         yield Number(p.name, p.unit, f"{p.name}: {words}" if words else p.name, float(value))
     base = structure.given if isinstance(structure, Augmented) else None
     if base is not None:
-        own = base.structure.parameters(inputs, outputs)
-        for n in _theta_numbers(base.structure, own, base.theta, inputs, outputs):
+        own_parameters = base.structure.parameters(inputs, outputs)
+        for n in _theta_numbers(base.structure, own_parameters, base.theta, inputs, outputs):
             yield replace(n, called=f"base.{n.called}", words=f"base, {n.words}")
 
 
@@ -141,8 +141,8 @@ def _groups(free: Sequence[int], every: Sequence[Number]) -> Iterator[list[int]]
     def alike(k: int) -> tuple[str, str]:
         return _COUNT.sub("#", every[k].called), every[k].unit
 
-    for _, found in groupby(free, alike):
-        group = list(found)
+    for _, alike_entries in groupby(free, alike):
+        group = list(alike_entries)
         if len(group) > WRITTEN_OUT:
             yield group
         else:

@@ -87,9 +87,9 @@ def c_step(model: Model) -> PlantStep:
         ModelError: the structure's equations use what cannot be written as C.
     """
     try:
-        own = model.structure.c_step(model.theta)
-        if own is not None:
-            return _of_its_own(model, own)
+        own_step = model.structure.c_step(model.theta)
+        if own_step is not None:
+            return _of_its_own(model, own_step)
         step = _recorded(model, ())
         long = len(step.following) > MOST_FOLLOWING
         return (_of_coefficients(step) or _recorded(model, None)) if long else step
@@ -200,18 +200,18 @@ def _of_coefficients(step: PlantStep) -> PlantStep | None:
     )
 
 
-def _of_its_own(model: Model, own: CStep) -> PlantStep:
+def _of_its_own(model: Model, own_step: CStep) -> PlantStep:
     """What a structure says itself: C may change the operating point alone."""
     numbers = plant_numbers(Program(), model, None)
     entering, starting = _operating_point(numbers.u_offset, numbers.y_offset)
     return PlantStep(
-        own.n_states,
-        (*own.words, *OWN_WORDS),
+        own_step.n_states,
+        (*own_step.words, *OWN_WORDS),
         numbers.read_in("\n".join([*entering, *starting])),
         entering,
         starting,
-        tuple(line.removeprefix("    ") for line in own.body),
-        own.support,
+        tuple(line.removeprefix("    ") for line in own_step.body),
+        own_step.support,
     )
 
 

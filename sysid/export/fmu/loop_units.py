@@ -315,11 +315,11 @@ def _parameters(
     lines: list[str] = []
     known: dict[str, int] = {}
     for block in blocks:
-        own = {identifier(p) for p, _ in numbers(getattr(loop, block.name, None))}
+        names = {identifier(p) for p, _ in numbers(getattr(loop, block.name, None))}
         in_steps = "\n".join(block.step)
         for f in block.parameters:
             for place, value in places((f,)):
-                shared = f.name in scene and f.name not in own
+                shared = f.name in scene and f.name not in names
                 name = place if shared else f"{block.name}.{place}"
                 read = re.search(rf"\bparameters->{f.name}\b", in_steps)
                 variable = Variable(

@@ -9,7 +9,7 @@ from typing import ClassVar
 from sysid.errors import ModelError
 from sysid.export.base import Exporter, Source
 from sysid.export.c.fields import Field
-from sysid.export.c.loop.drive import CLOSED, driven, not_again
+from sysid.export.c.loop.recorded_run import CLOSED, not_again, record_run
 from sysid.export.c.loop.sources import law_sources, robot_lines
 from sysid.export.c.precision import DOUBLE
 from sysid.export.c.source import plant_sources
@@ -75,13 +75,13 @@ class Ros(Exporter):
         made["drive.csv"] = _drive(loop)
         for template, place in _PLACES.items():
             structs = _CONTROLLER if template.startswith("guidance") else _ROBOT
-            told = [
+            lines = [
                 line
                 for law, struct in structs.items()
                 if law in blocks
                 for line in _told(law, struct, blocks[law].parameters)
             ]
-            made[place] = _filled(template, {**values, "parameters": "\n".join(told)})
+            made[place] = _filled(template, {**values, "parameters": "\n".join(lines)})
         return dict(made)
 
     def usage(self) -> str:
@@ -91,7 +91,7 @@ class Ros(Exporter):
 
 def _drive(loop: Loop) -> str:
     """The log of Python's drive as the robot's node writes it, to compare with."""
-    rows = driven(loop).closed.tolist()
+    rows = record_run(loop).closed.tolist()
     lines = [",".join(map(repr, [k * loop.scene.dt, *row])) for k, row in enumerate(rows)]
     return "\n".join([",".join(("t", *CLOSED)), *lines]) + "\n"
 

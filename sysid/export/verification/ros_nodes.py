@@ -52,15 +52,15 @@ class RosNodes:
         lacking = lacks()
         if lacking:
             return Result(self.name, skipped=lacking)
-        told = run(["rosversion", "roscpp"], folder).stdout.strip()
+        version = run(["rosversion", "roscpp"], folder).stdout.strip()
         if DRIVE not in files:
-            return Result(self.name, told, skipped="the package has no nodes of ROS")
+            return Result(self.name, version, skipped="the package has no nodes of ROS")
         try:
             nodes = built(folder / "ros", folder / "ros-build")
             worst = _error(nodes, folder, files[DRIVE])
         except ModelError as refused:
-            return Result(self.name, told, failed=str(refused))
-        return Result(self.name, told, worst, worst <= TOLERANCE)
+            return Result(self.name, version, failed=str(refused))
+        return Result(self.name, version, worst, worst <= TOLERANCE)
 
 
 def lacks() -> str:
@@ -91,10 +91,10 @@ def built(package: Path, build: Path) -> Path:
         if done.returncode:
             said = [line for line in f"{done.stderr}\n{done.stdout}".splitlines() if "rror" in line]
             raise ModelError(f"the nodes do not build: {said[0].strip() if said else 'no word'}")
-    found = next((build / "devel" / "lib").rglob("robot_node"), None)
-    if found is None:
+    binary = next((build / "devel" / "lib").rglob("robot_node"), None)
+    if binary is None:
         raise ModelError("the nodes do not build: there is no robot_node")
-    return found.parent
+    return binary.parent
 
 
 @contextmanager
@@ -163,10 +163,10 @@ def _error(nodes: Path, folder: Path, drive: bytes) -> float:
                 raise ModelError(f"{name}_node takes longer than {SECONDS:g} s") from None
             if code:
                 raise ModelError(f"{name}_node ends with {code}")
-    found = _rows(log.read_text(encoding="utf-8") if log.is_file() else "", "its log")
-    if found.shape != expected.shape:
-        raise ModelError(f"the nodes drive {len(found)} samples, Python drives {len(expected)}")
-    error = float(np.max(np.abs(found - expected) / reach(expected)))
+    logged = _rows(log.read_text(encoding="utf-8") if log.is_file() else "", "its log")
+    if logged.shape != expected.shape:
+        raise ModelError(f"the nodes drive {len(logged)} samples, Python drives {len(expected)}")
+    error = float(np.max(np.abs(logged - expected) / reach(expected)))
     return error if np.isfinite(error) else float("inf")
 
 
@@ -177,11 +177,11 @@ def _rows(text: str, where: str) -> Array:
         ModelError: it is damaged.
     """
     try:
-        found = np.array(
+        rows = np.array(
             [[float(v) for v in line.split(",")] for line in text.splitlines()[1:]], dtype=float
         )
     except ValueError:
         raise ModelError(f"{where} is damaged") from None
-    if found.ndim != 2 or not np.all(np.isfinite(found)):
+    if rows.ndim != 2 or not np.all(np.isfinite(rows)):
         raise ModelError(f"{where} is damaged or empty")
-    return found
+    return rows

@@ -72,8 +72,8 @@ def by_libcosim(unit: Path, inputs: Sequence[str], outputs: Sequence[str], u: Ro
     for row in u:
         manipulator.slave_real_values(slave_index=index, variable_references=places, values=row)
         execution.step()
-        found = observer.last_real_values(slave_index=index, variable_references=shown)
-        y.append([float(v) for v in found])
+        values = observer.last_real_values(slave_index=index, variable_references=shown)
+        y.append([float(v) for v in values])
     return y
 
 

@@ -274,7 +274,7 @@ class AlongWall:
         pose, rho = body.pose, scene.to_goal(body.pose, xp)
         gap, nx, ny = nearest_surface(scene, pose, inputs.t, None, xp)[:3]
         off = (scene.goal[0] - pose.x) * nx + (scene.goal[1] - pose.y) * ny
-        left = out.following & (rho < out.rho - WALL.leave) & (off >= 0.0)
+        leaves = out.following & (rho < out.rho - WALL.leave) & (off >= 0.0)
         begins = trapped & xp.logical_not(out.following) & (gap < FAR)
         # Of both directions along the surface the one that is nearer to its heading.
         along = nx * xp.sin(pose.psi) - ny * xp.cos(pose.psi)
@@ -284,7 +284,7 @@ class AlongWall:
         back = xp.hypot(pose.x - x, pose.y - y) < WALL.back
         round_over = out.following & back & (way >= WALL.settled + WALL.round)
         return WallState(
-            following=(out.following & xp.logical_not(left)) | begins,
+            following=(out.following & xp.logical_not(leaves)) | begins,
             side=xp.where(begins, xp.where(along >= 0.0, 1.0, -1.0), out.side),
             rho=xp.where(begins, rho, out.rho),
             way=way,

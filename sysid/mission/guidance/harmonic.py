@@ -78,9 +78,9 @@ class Harmonic(GuidanceSettings):
         near = xp.hypot(goal_x - pose.x, goal_y - pose.y) <= scene.tolerance
         last = state == len(scene.way)
         closed = xp.logical_not(grid.is_open(state, pose.x, pose.y, xp))
-        left = xp.hypot(scene.goal[0] - pose.x, scene.goal[1] - pose.y)
+        to_go = xp.hypot(scene.goal[0] - pose.x, scene.goal[1] - pose.y)
         references = References(
-            speed=paced(self.v_max, self.slow_within, pose.psi, psi, left, xp),
+            speed=paced(self.v_max, self.slow_within, pose.psi, psi, to_go, xp),
             psi=psi,
             arrived=near & last,
             held=xp.where(closed, int(Hold.NO_WAY_THROUGH), int(Hold.NOTHING)),

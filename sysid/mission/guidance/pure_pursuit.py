@@ -66,13 +66,13 @@ class PurePursuit(GuidanceSettings):
         course = _course(state, scene)
         done, _ = _nearest(course, pose, state.done, state.done + 2.0 * self.lookahead, xp)
         x, y = _point(course, done + self.lookahead, xp)
-        left = _length(course, xp) - done
+        to_go = _length(course, xp) - done
         psi = xp.arctan2(y - pose.y, x - pose.x)
         to_goal = scene.to_goal(pose, xp)
         # A course that comes by its goal before its end is not over there.
-        ending = left <= self.lookahead + scene.tolerance
+        ending = to_go <= self.lookahead + scene.tolerance
         return state._replace(done=done), References(
-            speed=paced(self.v_max, self.slow_within, pose.psi, psi, left, xp),
+            speed=paced(self.v_max, self.slow_within, pose.psi, psi, to_go, xp),
             psi=psi,
             arrived=ending & (to_goal <= scene.tolerance),
         )

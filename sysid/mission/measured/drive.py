@@ -110,20 +110,20 @@ class MeasuredDrive:
     def notes(self, start: tuple[float, float, float]) -> tuple[str, ...]:
         """What was done to compare it with a mission that starts there, in sentences."""
         what = "first command" if self.clock.by == "command" else "first motion"
-        found = [f"Time counts from the {what}, at {self.clock.at:.4g} s of {self.name}."]
+        sentences = [f"Time counts from the {what}, at {self.clock.at:.4g} s of {self.name}."]
         if self.clock.by == "motion":
-            found.append(
+            sentences.append(
                 f"Of commands {self.name} tells nothing, so the clocks agree to about a sample."
             )
         away = float(np.hypot(*(self.start[:2] - start[:2])))
         turned = float(abs(wrap_angle(self.start[2] - start[2])))
         if away > SAME_PLACE[0] or turned > SAME_PLACE[1]:
             x, y, psi = self.start
-            found.append(
+            sentences.append(
                 f"{self.name} begins at ({x:.3g}, {y:.3g}, {psi:.3g} rad), {away:.2g} m and "
                 f"{turned:.2g} rad from the mission's start: the runs start where it does."
             )
-        return tuple(found)
+        return tuple(sentences)
 
 
 def reading_noise(pose: Array) -> Array:
@@ -155,8 +155,8 @@ def sets_off(t: Array, pose: Array, distance: float, angle: float) -> Array:
     before = np.maximum(first - 1, 0)
     low, high = share[rows, before], share[rows, first]
     part = np.where(first > 0, (1.0 - low) / np.where(high > low, high - low, 1.0), 0.0)
-    found = t[before] + part * (t[first] - t[before])
-    return np.where(over.any(axis=1), found, np.nan)
+    instant = t[before] + part * (t[first] - t[before])
+    return np.where(over.any(axis=1), instant, np.nan)
 
 
 def command_begins(t: Array, pwm: Array) -> float:

@@ -201,8 +201,8 @@ def _at(paths: RunPaths, t: Array, begins: float, clock: Clock) -> Array:
     pose[..., 2] = np.unwrap(pose[..., 2], axis=1)
     origin = np.full(len(pose), begins)
     if clock.by == "motion":
-        found = sets_off(paths.t, pose, clock.distance, clock.angle)
-        origin = np.where(np.isfinite(found), found, begins)
+        instants = sets_off(paths.t, pose, clock.distance, clock.angle)
+        origin = np.where(np.isfinite(instants), instants, begins)
     at = np.clip(origin[:, None] + t, paths.t[0], paths.t[-1])
     high = np.clip(np.searchsorted(paths.t, at), 1, len(paths.t) - 1)
     low = high - 1

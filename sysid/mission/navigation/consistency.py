@@ -94,7 +94,11 @@ def consistency(runs: Sequence[Mapping[str, Array]], probability: float = 0.99) 
     if read > 0:
         total = sum(float(np.nansum(run["nis"])) for run in runs)
         nis = Mean(total / read, _bounds(read, probability))
-    series = [found for run in runs if (found := nees(run)) is not None and len(found)]
+    series = [
+        errors_of_run
+        for run in runs
+        if (errors_of_run := nees(run)) is not None and len(errors_of_run)
+    ]
     if not series:
         return Consistency(nis, None, len(runs))
     independent = sum(len(s) for s in series) / _samples_in_one(series)
@@ -114,8 +118,8 @@ def nees(run: Mapping[str, Array]) -> Array | None:
     P = np.stack([xx, xy, xp, xy, yy, yp, xp, yp, pp], axis=1).reshape(-1, 3, 3)
     known = np.isfinite(error).all(axis=1) & np.isfinite(P).all(axis=(1, 2))
     error, P = error[known], P[known]
-    found: Array = np.einsum("ti,ti->t", error, np.linalg.solve(P, error[:, :, None])[:, :, 0])
-    return found
+    squared: Array = np.einsum("ti,ti->t", error, np.linalg.solve(P, error[:, :, None])[:, :, 0])
+    return squared
 
 
 def _bounds(dof: float, probability: float) -> tuple[float, float]:

@@ -64,11 +64,11 @@ def doubted(
     came = present.any()
     nu, H = xp.where(present, nu, 0.0), xp.where(present[:, None], H, 0.0)
     S = H @ one.P @ H.T + sight.variance * xp.eye(len(nu))
-    found, inverse = innovation(nu, S, sight.variance, present, sight.quantiles, xp)
+    innovated, inverse = innovation(nu, S, sight.variance, present, sight.quantiles, xp)
     off = nu - before.nu
-    agrees = 1.0 * (off @ inverse @ off <= AGREE * found.nis)
-    run = xp.where(came, found.rejected * (1.0 + agrees * before.run), before.run)
-    told = H * xp.array([1.0 * (i < POSE) for i in range(len(one.x))])
+    agrees = 1.0 * (off @ inverse @ off <= AGREE * innovated.nis)
+    run = xp.where(came, innovated.rejected * (1.0 + agrees * before.run), before.run)
+    pose_part = H * xp.array([1.0 * (i < POSE) for i in range(len(one.x))])
     more = 1.0 * (run >= RUN) * came
-    added = more * symmetric((told.T * (nu * nu)) @ told)
+    added = more * symmetric((pose_part.T * (nu * nu)) @ pose_part)
     return Doubt(run, xp.where(came, nu, before.nu)), added

@@ -26,8 +26,8 @@ def measured(
 ) -> tuple[Gaussian, Innovation]:
     """Correct by z = h(x) + v, with the slopes of h at x."""
     nu, H = sight.group.linearised(sight.z, belief.x, names, sight.setting, xp)
-    belief, found = corrected(belief, nu, H, sight.variance, sight.quantiles, xp)
-    return Gaussian(wrapped(belief.x, PSI, xp), belief.P), found
+    belief, innovated = corrected(belief, nu, H, sight.variance, sight.quantiles, xp)
+    return Gaussian(wrapped(belief.x, PSI, xp), belief.P), innovated
 
 
 class ExtendedKalman(Filter):

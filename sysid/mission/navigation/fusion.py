@@ -239,16 +239,16 @@ class Filter(Settings):
             if not compiled(xp) and not came:
                 continue
             setting = Setting(geometry, elapsed=elapsed, known_heading=self.linear)
-            told, spread = group.told(z, mark[1:], elapsed, xp), group.spread(elapsed, xp)
+            values, spread = group.told(z, mark[1:], elapsed, xp), group.spread(elapsed, xp)
             quantiles = chi2_quantiles(self.gate, len(group.names))
-            sight = Sight(group, told, spread, setting, quantiles)
+            sight = Sight(group, values, spread, setting, quantiles)
             if k in places:
                 at, names = places.index(k), plan.process.names
                 doubt[at], added = doubted(self.moments(of, xp), names, sight, doubt[at], xp)
                 of = self.widened(of, added)
-            of, found = self.corrected(of, plan, sight, xp)
+            of, innovated = self.corrected(of, plan, sight, xp)
             fresh = slot.fresh[k]
-            counted = Innovation(*(c + fresh * f for c, f in zip(counted, found, strict=True)))
+            counted = Innovation(*(c + fresh * f for c, f in zip(counted, innovated, strict=True)))
             T = plan.since[k]
             if T is not None:
                 of = self.set_since(of, xp.where(came, xp.array(T), xp.eye(len(T))), xp)

@@ -110,13 +110,13 @@ def corrected(
     present = xp.isfinite(nu)
     nu, H = xp.where(present, nu, 0.0), xp.where(present[:, None], H, 0.0)
     PH = belief.P @ H.T
-    found, inverse = innovation(
+    innovated, inverse = innovation(
         nu, H @ PH + variance * xp.eye(len(nu)), variance, present, quantiles, xp
     )
-    K = PH @ inverse * (1.0 - found.rejected)
+    K = PH @ inverse * (1.0 - innovated.rejected)
     rest = xp.eye(len(belief.x)) - K @ H
     P = rest @ belief.P @ rest.T + (K * variance) @ K.T
-    return Gaussian(belief.x + K @ nu, symmetric(P)), found
+    return Gaussian(belief.x + K @ nu, symmetric(P)), innovated
 
 
 def inverted(S: Any, m: int, xp: Any) -> tuple[Any, Real]:

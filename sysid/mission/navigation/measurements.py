@@ -228,7 +228,7 @@ class Group:
 
     def expected(self, s: States, setting: Setting, xp: Any) -> list[Expected]:
         """What each should be."""
-        found = []
+        expectations = []
         for name in self.names:
             table = ADDED_UP if self.adds_up and name in ADDED_UP else EXPECTED
             value, slopes = table[name](s, setting, self.compass, xp)
@@ -236,8 +236,8 @@ class Group:
                 bias = f"{name}_bias"
                 share = setting.elapsed if name in VO and self.adds_up else 1.0
                 value, slopes = value + share * s[bias], {**slopes, bias: share}
-            found.append(Expected(value, slopes))
-        return found
+            expectations.append(Expected(value, slopes))
+        return expectations
 
     def linearised(
         self, z: Any, x: Any, names: tuple[str, ...], setting: Setting, xp: Any

@@ -73,10 +73,10 @@ class UnscentedKalman(Filter):
         after = xp.where(present, after, 0.0)
         share = weights(around, len(of.x), xp)[1]
         S = (after.T * share) @ after + sight.variance * xp.eye(len(nu))
-        found, inverse = innovation(nu, S, sight.variance, present, sight.quantiles, xp)
-        K = (before.T * share) @ after @ inverse * (1.0 - found.rejected)
+        innovated, inverse = innovation(nu, S, sight.variance, present, sight.quantiles, xp)
+        K = (before.T * share) @ after @ inverse * (1.0 - innovated.rejected)
         P = of.P - K @ S @ K.T
-        return Gaussian(wrapped(of.x + K @ nu, PSI, xp), symmetric(P)), found
+        return Gaussian(wrapped(of.x + K @ nu, PSI, xp), symmetric(P)), innovated
 
     def _spread(self, of: Gaussian) -> Spread:
         return spread(len(of.x), self.alpha, self.beta, self.kappa)

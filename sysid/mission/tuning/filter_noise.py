@@ -147,9 +147,9 @@ def tuned_filter(
 
     def likelihood(powers: Array) -> float:
         taken = with_noise(powers).model_copy(update={"gate": 1.0})
-        found = localize_log(short, mission.model_copy(update={"navigation": taken}))
+        localization = localize_log(short, mission.model_copy(update={"navigation": taken}))
         prior = 0.5 * float(np.sum((powers / rule.known) ** 2))
-        return float(np.nansum(found.columns["log_likelihood"])) - prior
+        return float(np.nansum(localization.columns["log_likelihood"])) - prior
 
     powers, *likelihoods = _climbed(likelihood, len(knobs), rule)
     best = with_noise(powers)
@@ -179,10 +179,10 @@ def tuned_filter(
     )
 
 
-def _rejected(found: Localization) -> float:
+def _rejected(localization: Localization) -> float:
     """Share of the readings' groups that the gate let not through."""
-    groups = max(1, int(np.sum(found.columns["nis_dof"] > 0)))
-    return float(np.sum(found.columns["rejected"])) / groups
+    groups = max(1, int(np.sum(localization.columns["nis_dof"] > 0)))
+    return float(np.sum(localization.columns["rejected"])) / groups
 
 
 Knob = tuple[tuple[str, str, float], ...]

@@ -154,9 +154,9 @@ class MotorBench:
         """Correlations of the parameters in ``names``, (n, n)."""
         s = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         size = np.where(s > 0.0, s, 1.0)
-        found = self.covariance / np.outer(size, size)
-        np.fill_diagonal(found, 1.0)
-        return np.asarray(found)
+        correlations = self.covariance / np.outer(size, size)
+        np.fill_diagonal(correlations, 1.0)
+        return np.asarray(correlations)
 
 
 def characterise_motor(files: Sequence[Path], options: MotorOptions | None = None) -> MotorBench:
@@ -178,24 +178,24 @@ def characterise_motor(files: Sequence[Path], options: MotorOptions | None = Non
     if missing:
         raise DataError(missing)
     tests, said = _sided(read.tests, known, gear)
-    found = routes(tests, known, gear)
-    require_plausible(values_of(found))
-    if "R" in values_of(found):
-        require_currents(tests, values_of(found)["R"])
-    tied = "Kc" not in values_of(found)
+    from_tables = routes(tests, known, gear)
+    require_plausible(values_of(from_tables))
+    if "R" in values_of(from_tables):
+        require_currents(tests, values_of(from_tables)["R"])
+    tied = "Kc" not in values_of(from_tables)
     if tied:
         said.append(
             "No torque was measured: Kc is taken for equal to Kem, as it is in a motor without "
             "losses. Voltage, current and speed tell f, C0 and J only in parts of Kc; a stall or "
             "external-load experiment tells Kc itself."
         )
-    joint, remarks = fit_all(tests, read.drives, known, values_of(found), gear, tied)
+    joint, remarks = fit_all(tests, read.drives, known, values_of(from_tables), gear, tied)
     require_plausible(vars(joint.constants))
     errors, covariance, names = propagated(tests, known, gear, joint.sigma, tied)
-    notes = [*read.notes, *notes, *said, *remarks, *contradictions(found, errors)]
+    notes = [*read.notes, *notes, *said, *remarks, *contradictions(from_tables, errors)]
     notes += [*misfits(joint, tests), *hardly_told(joint)]
     work = _Evaluation(
-        BenchFiles(tests, read.drives, known, tuple(notes)), gear, found, errors,
+        BenchFiles(tests, read.drives, known, tuple(notes)), gear, from_tables, errors,
         (names, covariance), joint, tied, given.method,
     )  # fmt: skip
     return work.bench()
@@ -291,24 +291,24 @@ class _Evaluation:
         if self.tied:
             values["Kc"] = values["Kem"]
         kept = [k for k, n in enumerate(names) if n not in self.joint.undetermined]
-        told = {n: v for n, v in values.items() if n not in self.joint.undetermined}
-        return told, tuple(names[k] for k in kept), covariance[np.ix_(kept, kept)]
+        determined = {n: v for n, v in values.items() if n not in self.joint.undetermined}
+        return determined, tuple(names[k] for k in kept), covariance[np.ix_(kept, kept)]
 
     def _row(
         self, name: str, values: Mapping[str, float], names: Sequence[str], covariance: Array
     ) -> Estimate:
-        told = "Kem" if name == "Kc" and self.tied else name
+        source = "Kem" if name == "Kc" and self.tied else name
         value, error = values.get(name), None
         of_joint = dict(zip(self.joint.names, self.joint.theta.tolist(), strict=True))
         single = values_of(self.found)
-        if told in names:
-            k = list(names).index(told)
+        if source in names:
+            k = list(names).index(source)
             error = float(np.sqrt(covariance[k, k]))
-            if self.method == "separate" and told in of_joint:
+            if self.method == "separate" and source in of_joint:
                 # what the way of evaluation changes is an error as well
-                error = float(np.hypot(error, single[told] - of_joint[told]))
-        elif value is not None and told in of_joint:
-            k = self.joint.names.index(told)
+                error = float(np.hypot(error, single[source] - of_joint[source]))
+        elif value is not None and source in of_joint:
+            k = self.joint.names.index(source)
             error = float(np.sqrt(self.joint.covariance[k, k]))
         printed = PRINTED.get(name) if is_the_thesis(self.files.tests) else None
         reason = self._reason(name, value)

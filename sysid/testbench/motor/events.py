@@ -72,14 +72,14 @@ class Events:
         span = float(self.t[-1] - self.t[0])
         x = (self.t - self.t.mean()) / span
         terms = np.column_stack([np.ones(len(x)), x, x**2])
-        found, *_ = np.linalg.lstsq(terms, self.angle, rcond=None)
-        rest = self.angle - terms @ found
+        theta, *_ = np.linalg.lstsq(terms, self.angle, rcond=None)
+        rest = self.angle - terms @ theta
         speed = abs(float(self.angle[-1] - self.angle[0])) / span
         noise = max(
             float(rest @ rest) / max(len(x) - 3, 1), float(np.mean((speed * self.error) ** 2))
         )
         spread = np.linalg.pinv(terms.T @ terms)[2, 2]
-        return 2.0 * float(found[2]) / span, 2.0 * float(np.sqrt(noise * spread)) / span
+        return 2.0 * float(theta[2]) / span, 2.0 * float(np.sqrt(noise * spread)) / span
 
 
 def from_times(t: Array, pulses_per_turn: float, where: str) -> Events:

@@ -112,10 +112,10 @@ def smallest_step(values: Array) -> float:
 
     Nothing finer was read, or printed.
     """
-    found = values[np.isfinite(values) & (values != 0.0)]
+    steps = values[np.isfinite(values) & (values != 0.0)]
     for exponent in range(6, -13, -1):
         step = 10.0**exponent
-        parts = found / step
-        if len(found) and np.all(np.abs(parts - np.round(parts)) < 1e-6 * np.abs(parts)):
+        parts = steps / step
+        if len(steps) and np.all(np.abs(parts - np.round(parts)) < 1e-6 * np.abs(parts)):
             return step
     return 0.0

@@ -86,8 +86,8 @@ def read_bench_files(
                 "its events (`pulses_per_turn`)."
             )
         elif "time" in roles:
-            found, said = _drives(path, columns, units)
-            drives += found
+            drive_logs, said = _drives(path, columns, units)
+            drives += drive_logs
             notes += said
         else:
             test, remark = steady_test(table, columns)

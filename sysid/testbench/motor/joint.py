@@ -147,8 +147,8 @@ class JointFit:
         """Correlation matrix of the estimates, (n, n)."""
         s = np.sqrt(np.diag(self.covariance))
         with np.errstate(invalid="ignore", divide="ignore"):
-            found = self.covariance / np.outer(s, s)
-        return np.where(np.isfinite(found), found, np.eye(len(s)))
+            correlations = self.covariance / np.outer(s, s)
+        return np.where(np.isfinite(correlations), correlations, np.eye(len(s)))
 
 
 def steady_part(test: SteadyTest, gear: float) -> Part:
@@ -304,20 +304,20 @@ class _Bench(Problem):
 
     def constants(self, p: Array) -> MotorConstants:
         """The motor that p describes."""
-        found = dict(zip(self.names, p.tolist(), strict=False))
-        if self.tied and "Kem" in found:
-            found["Kc"] = found["Kem"]
-        return replace(self.held, **found)
+        values = dict(zip(self.names, p.tolist(), strict=False))
+        if self.tied and "Kem" in values:
+            values["Kc"] = values["Kem"]
+        return replace(self.held, **values)
 
     def differences(self, p: Array) -> list[Array]:
         """Measured less predicted of every group, in SI."""
-        c, at, found = self.constants(p), len(self.names), []
+        c, at, differences = self.constants(p), len(self.names), []
         for part in self.parts:
-            own = p[at : at + len(part.start)]
+            unknowns = p[at : at + len(part.start)]
             at += len(part.start)
-            predicted = part.predict(c, own)
-            found += [m - q for m, q in zip(part.measured, predicted, strict=True)]
-        return found
+            predicted = part.predict(c, unknowns)
+            differences += [m - q for m, q in zip(part.measured, predicted, strict=True)]
+        return differences
 
     def residual(self, p: Array) -> Array:
         """All residuals over their noise levels."""
@@ -346,25 +346,25 @@ def _groups(problem: _Bench, p: Array) -> tuple[Group, ...]:
     """Noise level of every group: residuals over degrees of freedom, not below the resolution."""
     differences = problem.differences(p)
     leverage = _leverage(problem.jacobian(p))
-    found, at, k = [], 0, 0
+    groups, at, k = [], 0, 0
     for part in problem.parts:
         for q, m, floor in zip(part.quantities, part.measured, part.floor, strict=True):
             n, d = len(m), differences[k]
             freedom = n - float(np.sum(leverage[at : at + n]))
             size = float(np.sqrt(np.mean(m**2))) or 1.0
-            told = freedom > FEWEST and not part.known
+            estimated = freedom > FEWEST and not part.known
             # a level from few residuals may be small by chance: Student's variance is that of ν − 2
-            level = float(np.sqrt(d @ d / (freedom - 2.0))) if told else 0.0
-            least = floor if told or part.known else max(floor, ACCURACY * size)
+            level = float(np.sqrt(d @ d / (freedom - 2.0))) if estimated else 0.0
+            least = floor if estimated or part.known else max(floor, ACCURACY * size)
             noise = max(level, least, 1e-12 * size)
-            found.append(
+            groups.append(
                 Group(
                     part.name, part.kind, q, noise, noise / size, freedom, level <= least,
                     tuple(d.tolist()),
                 )
             )  # fmt: skip
             at, k = at + n, k + 1
-    return tuple(found)
+    return tuple(groups)
 
 
 def _with_uneven_noise(covariance: Array, J: Array, r: Array) -> Array:
@@ -381,8 +381,8 @@ def _with_uneven_noise(covariance: Array, J: Array, r: Array) -> Array:
         J, r: of residuals over their noise levels, (M, n) and (M,).
     """
     free = 1.0 - _leverage(J)
-    told = free > LEAST_FREE
-    size = np.where(told, np.square(r / np.where(told, free, 1.0)), 1.0)
+    enough = free > LEAST_FREE
+    size = np.where(enough, np.square(r / np.where(enough, free, 1.0)), 1.0)
     known = np.isfinite(np.diag(covariance))
     C = np.where(np.outer(known, known), covariance, 0.0)
     uneven = np.diag(C @ (J.T * size) @ J @ C)

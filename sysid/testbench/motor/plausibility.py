@@ -99,7 +99,7 @@ def require_plausible(values: Mapping[str, float]) -> None:
         )
 
 
-def contradictions(found: Sequence[Route], errors: Sequence[float]) -> list[str]:
+def contradictions(estimates: Sequence[Route], errors: Sequence[float]) -> list[str]:
     """Sentences on experiments whose values of a constant exclude each other.
 
     Several evaluations of one experiment bracket the constant: the stall torque over the whole
@@ -109,7 +109,7 @@ def contradictions(found: Sequence[Route], errors: Sequence[float]) -> list[str]
     said, bracketed = [], False
     for name in CONSTANTS:
         by_experiment: dict[str, list[tuple[Route, float]]] = {}
-        for r, e in zip(found, errors, strict=True):
+        for r, e in zip(estimates, errors, strict=True):
             if r.name == name:
                 by_experiment.setdefault(r.how.partition(":")[0], []).append((r, e))
         if name == "Kc" and max(map(len, by_experiment.values()), default=0) > 1:
@@ -126,7 +126,7 @@ def contradictions(found: Sequence[Route], errors: Sequence[float]) -> list[str]
                     f"{name} contradicts itself: {a.value:.4g} ± {ea:.2g} ({a.how}), but "
                     f"{b.value:.4g} ± {eb:.2g} ({b.how}), {apart:.1f} standard errors apart."
                 )
-    first = {r.name: (r.value, e) for r, e in reversed(list(zip(found, errors, strict=True)))}
+    first = {r.name: (r.value, e) for r, e in reversed(list(zip(estimates, errors, strict=True)))}
     if "Kc" in first and "Kem" in first:
         said += _power(*first["Kc"], *first["Kem"])
     return said

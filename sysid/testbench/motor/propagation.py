@@ -43,14 +43,14 @@ def propagated(
     def add(step: float, error: float, high: Slope, low: Slope) -> None:
         nonlocal spread, covariance
         slope = (high[0] - low[0]) / (2.0 * step) * error
-        own = (high[1] - low[1]) / (2.0 * step) * error
+        change = (high[1] - low[1]) / (2.0 * step) * error
         spread = spread + slope**2
-        covariance = covariance + np.outer(own, own)
+        covariance = covariance + np.outer(change, change)
 
     def at(some: Sequence[SteadyTest], values: Mapping[str, KnownValue]) -> Slope:
-        found = routes(some, values, gear)
-        first = values_of(found)
-        return np.array([r.value for r in found]), np.array([first[n] for n in names])
+        perturbed = routes(some, values, gear)
+        first = values_of(perturbed)
+        return np.array([r.value for r in perturbed]), np.array([first[n] for n in names])
 
     for name, value in known.items():
         h = _STEP * value.value

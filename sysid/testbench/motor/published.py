@@ -77,8 +77,8 @@ def is_the_thesis(tests: Sequence[SteadyTest]) -> bool:
 
 def printed_against(tests: Sequence[SteadyTest]) -> tuple[float, ...]:
     """Error of the speeds without load that the printed constants predict, in parts of each."""
-    found: list[float] = []
+    deviations: list[float] = []
     for t in tests:
         if t.kind is Kind.NO_LOAD and t.has("speed"):
-            found += (steady_state(PUBLISHED, t.voltage)[0] / t.of("speed") - 1.0).tolist()
-    return tuple(found)
+            deviations += (steady_state(PUBLISHED, t.voltage)[0] / t.of("speed") - 1.0).tolist()
+    return tuple(deviations)

@@ -91,21 +91,21 @@ def columns_of(table: Table, units: Mapping[str, str]) -> tuple[Column, ...]:
         DataError: a column's unit is not told.
         UsageError: a unit is unknown.
     """
-    found = []
+    columns = []
     for name, bracket in zip(table.names, table.units, strict=True):
         column = _column(name, units.get(name) or bracket, table.where)
         if column is not None:
-            found.append(column)
-    roles = [c.role for c in found]
+            columns.append(column)
+    roles = [c.role for c in columns]
     twice = next((r for r in roles if roles.count(r) > 1), "")
     if twice:
-        names = ", ".join(c.name for c in found if c.role == twice)
+        names = ", ".join(c.name for c in columns if c.role == twice)
         raise DataError(f"{table.where} has two columns of {twice} ({names}); keep one")
-    return tuple(found)
+    return tuple(columns)
 
 
 def _column(name: str, unit: str, where: str) -> Column | None:
-    base, told = ending(name)
+    base, unit_given = ending(name)
     parts = words(base)
     constant = next((c for c in (*CONSTANTS, "gear") if name == c or name.startswith(f"{c}_")), "")
     if constant:
@@ -114,12 +114,12 @@ def _column(name: str, unit: str, where: str) -> Column | None:
         return None
     word = next((_ROLE_OF_WORD[w] for w in parts if w in _ROLE_OF_WORD), "")
     if _is_event(parts, word == "time"):
-        return Column(name, "event", _seconds(unit or told or _tail(name)))
+        return Column(name, "event", _seconds(unit or unit_given or _tail(name)))
     if word == "time":
-        return Column(name, "time", _seconds(unit or told or _tail(name)))
+        return Column(name, "time", _seconds(unit or unit_given or _tail(name)))
     # a column may be called by its unit: amps, volts
     named = next((synonym(w) for w in parts if synonym(w) in ("V", "A", "mA")), "")
-    known = _conversion(name, unit or told or named)
+    known = _conversion(name, unit or unit_given or named)
     role = _ROLE_OF_UNIT.get(known.unit, word)
     if not role or role == "time":
         return None
@@ -153,8 +153,8 @@ def _tail(name: str) -> str:
 
 
 def _seconds(unit: str) -> float:
-    found = {"us": 1e-6, "µs": 1e-6}.get(unit)
-    return found if found is not None else conversion(unit or "s").scale
+    factor = {"us": 1e-6, "µs": 1e-6}.get(unit)
+    return factor if factor is not None else conversion(unit or "s").scale
 
 
 def _conversion(name: str, unit: str) -> Conversion:

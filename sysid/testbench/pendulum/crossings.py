@@ -243,8 +243,8 @@ def _zero(t: Array, x: Array) -> float:
 def _passage(t: Array, x: Array, at: float, half: float) -> float:
     """A passage through zero from a line through the readings near it [s]."""
     near = slice(*np.searchsorted(t, (at - half / 6.0, at + half / 6.0)))
-    found = _line_zero(t[near] - at, x[near]) if near.stop - near.start >= 3 else 0.0
-    return at + (found if abs(found) < half / 6.0 else 0.0)
+    offset = _line_zero(t[near] - at, x[near]) if near.stop - near.start >= 3 else 0.0
+    return at + (offset if abs(offset) < half / 6.0 else 0.0)
 
 
 def _line_zero(t: Array, x: Array) -> float:
@@ -264,8 +264,8 @@ def _turn(t: Array, x: Array, at: float, half: float) -> float:
         return at
     s = (t[near] - at) / half
     bend, slope, _ = np.polyfit(s, x[near], 2)
-    found = -slope / (2.0 * bend) if bend else 0.0
-    return at + half * (float(found) if abs(found) < 1.0 / 3.0 else 0.0)
+    vertex = -slope / (2.0 * bend) if bend else 0.0
+    return at + half * (float(vertex) if abs(vertex) < 1.0 / 3.0 else 0.0)
 
 
 def _counted(instants: Array, numbers: NDArray[np.int_]) -> Counted:
@@ -273,13 +273,13 @@ def _counted(instants: Array, numbers: NDArray[np.int_]) -> Counted:
     k = numbers.astype(np.float64)
     X = np.column_stack([k, np.ones(len(k)), (-1.0) ** k])
     beta = np.linalg.lstsq(X, instants, rcond=None)[0]
-    left = instants - X @ beta
-    usual = 1.4826 * float(np.median(np.abs(left)))
-    good = np.abs(left) <= 6.0 * usual + 1e-12  # a turn or passage that a wild reading moved
+    residual = instants - X @ beta
+    usual = 1.4826 * float(np.median(np.abs(residual)))
+    good = np.abs(residual) <= 6.0 * usual + 1e-12  # a turn or passage that a wild reading moved
     if 5 <= good.sum() < len(k):
         X, instants = X[good], instants[good]
         beta = np.linalg.lstsq(X, instants, rcond=None)[0]
-        left = instants - X @ beta
+        residual = instants - X @ beta
     dof = max(len(instants) - 3, 1)
-    variance = float(left @ left) / dof * float(np.linalg.pinv(X.T @ X)[0, 0])
+    variance = float(residual @ residual) / dof * float(np.linalg.pinv(X.T @ X)[0, 0])
     return Counted(2.0 * float(beta[0]), 2.0 * float(np.sqrt(variance)), len(instants))

@@ -100,8 +100,8 @@ class _Fit:
 
     def misfit(self, samples: float) -> float:
         """−2 log-likelihood up to a constant, in the unit of the log's own angle."""
-        left = self.residual[self.good] / self.scale
-        return samples * math.log(float(left @ left) / len(left) + 1e-300)
+        residual = self.residual[self.good] / self.scale
+        return samples * math.log(float(residual @ residual) / len(residual) + 1e-300)
 
 
 def fit_oscillation(
@@ -128,16 +128,16 @@ def fit_oscillation(
     scales = [1.0] if in_radians else [1.0, DEGREES]
     shapes = [(True, s) for s in scales if s * largest < WIDEST]
     fits = [_fitted(t, angle, swing, *shape) for shape in (*shapes, (False, scales[-1]))]
-    best, told = _best(fits)
+    best, is_distinct = _best(fits)
     moved = angle[best.good] - np.mean(angle[best.good])
-    left = best.residual[best.good] / best.scale
-    if not float(left @ left) < (1.0 - LEAST_EXPLAINED) * float(moved @ moved):
+    residual = best.residual[best.good] / best.scale
+    if not float(residual @ residual) < (1.0 - LEAST_EXPLAINED) * float(moved @ moved):
         raise DataError(
             f"{where} holds no oscillation: the best fading swing leaves "
-            f"{100 * float(left @ left) / float(moved @ moved):.0f} % of what moves; let the body "
-            "swing freely, and name the column of its angle"
+            f"{100 * float(residual @ residual) / float(moved @ moved):.0f} % of the motion "
+            "unexplained; let the body swing freely, and name the column of its angle"
         )
-    return _result(t, angle, best, told)
+    return _result(t, angle, best, is_distinct)
 
 
 def _thinned(t: Array, angle: Array, period: float) -> tuple[Array, Array]:
@@ -188,7 +188,7 @@ def _fitted(t: Array, angle: Array, swing: FreeSwing, pendulum: bool, scale: flo
     good = np.ones(len(s), dtype=bool)
     p = start
     for k in range(ROUNDS):
-        found = least_squares(
+        solution = least_squares(
             partial(_errors, s=s[good], y=y[good], span=float(s[-1]), pendulum=pendulum),
             p,
             "2-point",
@@ -198,14 +198,14 @@ def _fitted(t: Array, angle: Array, swing: FreeSwing, pendulum: bool, scale: flo
             f_scale=0.02 * start[2],
             ftol=1e-8 if k else 1e-4,
         )
-        p = found.x
-        left = y - _angle(p, s, s[-1], pendulum)
-        usual = 1.4826 * float(np.median(np.abs(left)))
-        now = np.abs(left) <= WILD * max(usual, 1e-9 * start[2])
+        p = solution.x
+        residuals = y - _angle(p, s, s[-1], pendulum)
+        usual = 1.4826 * float(np.median(np.abs(residuals)))
+        now = np.abs(residuals) <= WILD * max(usual, 1e-9 * start[2])
         if k and np.array_equal(now, good):
             break
         good = now
-    return _Fit(pendulum, scale, p, -np.asarray(found.jac), left, good)
+    return _Fit(pendulum, scale, p, -np.asarray(solution.jac), residuals, good)
 
 
 def _errors(p: Array, s: Array, y: Array, span: float, pendulum: bool) -> Array:
@@ -290,7 +290,7 @@ def _angle(p: Array, s: Array, span: float, pendulum: bool) -> Array:
     return np.asarray(course + p[5] + p[6] * (s - 0.5 * span))
 
 
-def _result(t: Array, angle: Array, fit: _Fit, told: bool) -> Oscillation:
+def _result(t: Array, angle: Array, fit: _Fit, is_distinct: bool) -> Oscillation:
     s, span = t - t[0], float(t[-1] - t[0])
     scales = _scales(fit.p, span)
     free = np.array(
@@ -319,7 +319,7 @@ def _result(t: Array, angle: Array, fit: _Fit, told: bool) -> Oscillation:
         damping_ratio=float(fit.p[3] / fit.p[0]) if free[3] else 0.0,
         friction=float(0.5 * math.pi * fit.p[4] / fit.p[0]) if free[4] else 0.0,
         kind="pendulum" if fit.pendulum else "sine",
-        told=told,
+        told=is_distinct,
         noise=float(np.std(good)),
         left_out=int(np.sum(~fit.good)),
         t=t,

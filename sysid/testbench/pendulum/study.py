@@ -290,10 +290,13 @@ def inertia_of_logs(
         longer = float(np.mean([o.period / o.small_period for o in fits]))
         period, error = longer * small, longer * small_error
     amplitude = float(np.sqrt(np.mean([o.amplitudes[1] ** 2 for o in fits])))
-    found = (*(f for log in logs for f in (*log.swing.findings, *_said(log))), *_scatter(logs, odd))
+    findings = (
+        *(f for log in logs for f in (*log.swing.findings, *_said(log))),
+        *_scatter(logs, odd),
+    )
     made = PendulumStudy(
         hanging, period, error, small, small_error, amplitude, _size(size, hanging),
-        tuple(logs), found,
+        tuple(logs), findings,
     )  # fmt: skip
     return _possible(made)
 
@@ -351,10 +354,10 @@ def _scatter(logs: Sequence[LogResult], chance: float) -> tuple[Finding, ...]:
 def _said(log: LogResult) -> tuple[Finding, ...]:
     """What a person should know of one log."""
     o, free, name = log.oscillation, log.free, log.swing.name
-    found = []
+    findings = []
 
     def say(code: str, severity: Severity, sentence: str, advice: str = "") -> None:
-        found.append(Finding(code, severity, f"{name}: {sentence}", advice, record=name))
+        findings.append(Finding(code, severity, f"{name}: {sentence}", advice, record=name))
 
     for what, counted in (("passages", free.from_passages), ("turning points", free.from_turns)):
         apart = abs(counted.period - o.period)
@@ -392,7 +395,7 @@ def _said(log: LogResult) -> tuple[Finding, ...]:
             "all the same.",
             "Check the unit of the angle, and that the hinge has no spring.",
         )
-    return tuple(found)
+    return tuple(findings)
 
 
 def _say_unit(o: Oscillation, say: Any) -> None:

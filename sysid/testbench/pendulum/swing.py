@@ -120,10 +120,10 @@ def _places(table: Table, options: ReadOptions) -> tuple[tuple[str, ...], str]:
         if len(options.outputs) > 1:
             raise UsageError("`outputs` names several columns: one angle swings")
         asked = options.outputs[0]
-        found = [n for n in table.names if n.lower() == asked.lower()]
-        if not found:
+        names = [n for n in table.names if n.lower() == asked.lower()]
+        if not names:
             raise UsageError(f"{table.where} has no column {asked!r}: {_listed(table)}")
-        return (found[0],), "angle"
+        return (names[0],), "angle"
     parts: dict[str, dict[str, str]] = {"quaternion": {}, "position": {}}
     for name in table.names:
         base = ending(name)[0]
@@ -201,14 +201,14 @@ def _from_angle(
     table: Table, names: tuple[str, ...], values: Array, options: ReadOptions, arm: float
 ) -> tuple[Array, bool, str]:
     unit = _unit(table, names[0], options.units)
-    found = conversion(unit, names[0]) if unit else None
-    if found is not None and found.unit not in ("rad", ""):
+    factor = conversion(unit, names[0]) if unit else None
+    if factor is not None and factor.unit not in ("rad", ""):
         raise UsageError(
             f"{table.where}: {names[0]} is in {unit}, which is no angle: name another column, or "
             f"its unit with {argument(units={names[0]: 'deg'})}"
         )
-    known = found is not None and bool(found.unit)
-    angle = values[:, 0] * (found.scale if found is not None and known else 1.0)
+    known = factor is not None and bool(factor.unit)
+    angle = values[:, 0] * (factor.scale if factor is not None and known else 1.0)
     return _unfolded(angle, known), known, names[0]
 
 
@@ -250,10 +250,10 @@ def _from_position(
     scales = []
     for name in names:
         unit = _unit(table, name, options.units) or "m"
-        found = conversion(unit, name)
-        if found.unit != "m":
+        factor = conversion(unit, name)
+        if factor.unit != "m":
             raise UsageError(f"{table.where}: {name} is in {unit}, which is no length of a path")
-        scales.append(found.scale)
+        scales.append(factor.scale)
     place = values * np.array(scales)
     good = np.all(np.isfinite(place), axis=1)
     if good.sum() < FEWEST:

@@ -204,9 +204,9 @@ def _chosen(v: Array, i: Array, dt: float) -> _Shape:
 def _worth(v: Array, i: Array, dt: float, taus: Sequence[float]) -> float:
     """Independent samples of the log, N(1 − ρ)/(1 + ρ) of a generous fit's errors, at least 20."""
     generous = _Shape(True, (taus[len(taus) // 4], taus[3 * len(taus) // 4]))
-    left = v - _columns(i, dt, generous) @ _solved(v, i, dt, generous)
-    power = float(left @ left)
-    near = float(left[1:] @ left[:-1]) / power if power > 0.0 else 0.0
+    residual = v - _columns(i, dt, generous) @ _solved(v, i, dt, generous)
+    power = float(residual @ residual)
+    near = float(residual[1:] @ residual[:-1]) / power if power > 0.0 else 0.0
     worth = len(v) * (1.0 - max(near, 0.0)) / (1.0 + max(near, 0.0))
     return max(worth, 20.0)
 
@@ -215,12 +215,12 @@ def _bic(v: Array, i: Array, dt: float, shape: _Shape, samples: float) -> float:
     theta = _solved(v, i, dt, shape)
     if np.any(theta[2 : 2 + shape.slope + len(shape.taus)] <= 0.0):
         return math.inf  # a part that is nothing
-    left = v - _columns(i, dt, shape) @ theta
+    residual = v - _columns(i, dt, shape) @ theta
     resolution = 1e-12 * float(v @ v)
     numbers = len(theta) + len(shape.taus)
-    return samples * math.log((float(left @ left) + resolution) / len(v)) + numbers * math.log(
-        samples
-    )
+    return samples * math.log(
+        (float(residual @ residual) + resolution) / len(v)
+    ) + numbers * math.log(samples)
 
 
 def _columns(i: Array, dt: float | None, shape: _Shape) -> Array:
@@ -314,5 +314,5 @@ def _refined(v: Array, i: Array, dt: float | None, shape: _Shape) -> _Shape:
     most = max(step * len(v) / SLOWEST, 4.0 * step)
     bounds = (np.full(len(start), math.log(step)), np.full(len(start), math.log(most)))
     start = np.clip(start, bounds[0] + 1e-9, bounds[1] - 1e-9)
-    found = least_squares(left, start, bounds=bounds, x_scale=0.1)
-    return _Shape(shape.slope, tuple(sorted(np.exp(found.x).tolist())))
+    solution = least_squares(left, start, bounds=bounds, x_scale=0.1)
+    return _Shape(shape.slope, tuple(sorted(np.exp(solution.x).tolist())))

@@ -114,7 +114,7 @@ class Bridge:
 
     def summary(self) -> dict[str, object]:
         """The figures as a JSON object."""
-        found: dict[str, object] = {
+        facts: dict[str, object] = {
             "name": self.name,
             "side": self.side,
             "quantity": self.quantity,
@@ -123,7 +123,7 @@ class Bridge:
         }
         for name, d in self.directions().items():
             drop = self.drop(d)
-            found[name] = {
+            facts[name] = {
                 "dead_band": d.dead_band,
                 "dead_band_std_error": d.dead_band_std_error,
                 "between": d.between,
@@ -140,7 +140,7 @@ class Bridge:
                 "bends": d.bends,
                 "levels": d.levels,
             }
-        return found
+        return facts
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,9 +224,9 @@ def _steps(drive: Array, answer: Array, log: bool) -> _Steps:
 
 def _direction(steps: _Steps, sign: float) -> Direction | None:
     """One direction of drive; None where fewer than three steps of it answer."""
-    mine = sign * steps.drive > SAME
+    in_direction = sign * steps.drive > SAME
     rest = np.abs(steps.drive) <= SAME
-    d, y = sign * steps.drive[mine], sign * steps.answer[mine]
+    d, y = sign * steps.drive[in_direction], sign * steps.answer[in_direction]
     if not len(d):
         return None
     level = float(np.median(sign * steps.answer[rest])) if rest.any() else 0.0
@@ -277,8 +277,8 @@ def _line(d: Array, y: Array) -> tuple[float, float, Array, bool]:
     """Slope, value at 0, their covariance, and whether the answers bend."""
     X = np.column_stack([d, np.ones(len(d))])
     theta = np.linalg.lstsq(X, y, rcond=None)[0]
-    left = y - X @ theta
-    variance = float(left @ left) / max(len(d) - 2, 1)
+    residual = y - X @ theta
+    variance = float(residual @ residual) / max(len(d) - 2, 1)
     cov = variance * np.linalg.inv(X.T @ X)
     bends = False
     if len(np.unique(d)) > FEWEST_LEVELS + 1:

@@ -101,15 +101,17 @@ def read_power_log(
     driven = any(c.quantity == "command" for c in columns)
     battery = {q: _battery_column(columns, q, driven, table.where) for q in ("voltage", "current")}
     t, said = _times(table, [c.name for c in columns], units)
-    found = {q: None if c is None else _values(table, c, units) for q, c in battery.items()}
+    by_quantity = {q: None if c is None else _values(table, c, units) for q, c in battery.items()}
     drives, answers = _bridge(table, columns, set(battery.values()), units, pwm_max)
-    if not answers and (found["voltage"] is None or found["current"] is None):
+    if not answers and (by_quantity["voltage"] is None or by_quantity["current"] is None):
         raise DataError(
             f"{table.where} tells neither of a battery (columns voltage_V and current_A) nor of a "
             "bridge (pwm and motor_voltage_V, or the motor's speed or current): its columns are "
             f"{', '.join(table.names[:20])}"
         )
-    return PowerLog(table.where, t, found["voltage"], found["current"], drives, answers, said)
+    return PowerLog(
+        table.where, t, by_quantity["voltage"], by_quantity["current"], drives, answers, said
+    )
 
 
 def _column(table: Table, name: str, units: Mapping[str, str]) -> _Column | None:
@@ -224,8 +226,8 @@ def _values(table: Table, column: _Column, units: Mapping[str, str]) -> Array:
 def _unit(table: Table, name: str, units: Mapping[str, str]) -> str:
     given = next((u for n, u in units.items() if n.lower() == name.lower()), "")
     bracket = table.units[table.names.index(name)]
-    told = ending(name)[1] or ("rpm" if "rpm" in words(name) else "")
-    return given or bracket or ("" if told == "us" else told)
+    unit = ending(name)[1] or ("rpm" if "rpm" in words(name) else "")
+    return given or bracket or ("" if unit == "us" else unit)
 
 
 def _times(

@@ -47,37 +47,37 @@ class PowerBench:
 
     def supply(self) -> dict[str, Measured]:
         """Keys of a mission's ``vehicle.supply``, each with its value and standard error."""
-        found: dict[str, Measured] = {}
+        measured: dict[str, Measured] = {}
         if self.batteries:
-            found |= self._of_battery()
+            measured |= self._of_battery()
         voltages = [b for b in self.bridges if b.quantity == "voltage"]
         every = [d for b in voltages or self.bridges for d in b.directions().items()]
         for name in ("forward", "backward"):
             bands = [(d.dead_band, d.dead_band_std_error) for n, d in every if n == name]
             if bands:
-                found[f"dead_band_{name}"] = _mean(bands)
+                measured[f"dead_band_{name}"] = _mean(bands)
         jumps = [(d.jump, d.jump_std_error) for _, d in every]
         if any(j > DISAGREE * e and j > 0.0 for j, e in jumps):
-            found["dead_band_jump"] = _mean(jumps)
+            measured["dead_band_jump"] = _mean(jumps)
         if voltages:  # the dead band is taken off the command before
-            found["voltage"] = _mean([(d.gain, d.gain_std_error) for _, d in every])
-        return found
+            measured["voltage"] = _mean([(d.gain, d.gain_std_error) for _, d in every])
+        return measured
 
     def _of_battery(self) -> dict[str, Measured]:
         """Voltage, sag at full drive and loss by discharge."""
         b = _joined(self.batteries)
         E, current = b["open"], self.full_current or 0.0
-        found = {"voltage": E}
+        measured = {"voltage": E}
         if current > 0.0:
             ratio = b["settled"].value * current / E.value
             relative = b["settled"].std_error / max(b["settled"].value, 1e-12)
             error = ratio * math.hypot(relative, E.std_error / E.value)
-            found["sag"] = Measured(ratio, error)
+            measured["sag"] = Measured(ratio, error)
         if "slope" in b and current > 0.0:
             mean = float(np.mean([x.currents[0] for x in self.batteries]))
             each = mean / HOUR / E.value
-            found["loss"] = Measured(b["slope"].value * each, b["slope"].std_error * each)
-        return found
+            measured["loss"] = Measured(b["slope"].value * each, b["slope"].std_error * each)
+        return measured
 
     def sentences(self) -> tuple[str, ...]:
         """What the numbers mean, in words."""
@@ -169,7 +169,7 @@ def bench_power(
     )
 
 
-def write_supply(mission: Path, found: PowerBench) -> Path:
+def write_supply(mission: Path, bench: PowerBench) -> Path:
     """Write what was measured into the section ``vehicle.supply`` of a mission; the rest stays.
 
     Raises:
@@ -178,7 +178,7 @@ def write_supply(mission: Path, found: PowerBench) -> Path:
     """
     load_mission(mission)  # refused before it is touched
     values = read_yaml(mission).values
-    keys = {k: float(f"{m.value:.4g}") for k, m in found.supply().items()}
+    keys = {k: float(f"{m.value:.4g}") for k, m in bench.supply().items()}
     if not keys:
         raise UsageError("nothing was measured that a mission's vehicle.supply takes")
     vehicle = {**(values.get("vehicle") or {})}
@@ -192,28 +192,28 @@ def write_supply(mission: Path, found: PowerBench) -> Path:
 def _mean(pairs: Sequence[tuple[float, float]]) -> Measured:
     """Mean of several; the error is their scatter's or their own, whichever is larger."""
     values = np.array([v for v, _ in pairs])
-    own = math.sqrt(sum(e * e for _, e in pairs)) / len(pairs)
+    error = math.sqrt(sum(e * e for _, e in pairs)) / len(pairs)
     scatter = float(np.std(values, ddof=1)) if len(pairs) > 1 else 0.0
-    return Measured(float(values.mean()), max(own, scatter))
+    return Measured(float(values.mean()), max(error, scatter))
 
 
 def _joined(batteries: Sequence[Battery]) -> dict[str, Measured]:
     """Open-circuit voltage, settled resistance and slope of one or several logs."""
-    found = {
+    joined = {
         "open": _mean([(b.open_voltage, b.open_std_error) for b in batteries]),
         "settled": _mean([(b.settled, b.settled_std_error) for b in batteries]),
     }
     slopes = [(b.slope, b.slope_std_error or 0.0) for b in batteries if b.slope is not None]
     if slopes:
-        found["slope"] = _mean(slopes)
-    return found
+        joined["slope"] = _mean(slopes)
+    return joined
 
 
 def _battery_findings(b: Battery, log: PowerLog) -> list[Finding]:
-    found = []
+    findings = []
 
     def say(code: str, severity: Severity, sentence: str, advice: str = "") -> None:
-        found.append(Finding(code, severity, f"{b.name}: {sentence}", advice, record=b.name))
+        findings.append(Finding(code, severity, f"{b.name}: {sentence}", advice, record=b.name))
 
     if b.turned:
         say("current-sign", Severity.NOTE, "current that is drawn stands with a minus sign there.")
@@ -245,15 +245,15 @@ def _battery_findings(b: Battery, log: PowerLog) -> list[Finding]:
             "no voltage is lost at once when current is drawn.",
             "Record voltage and current at the same instants, and faster than the load changes.",
         )
-    return found
+    return findings
 
 
 def _bridge_findings(bridge: Bridge) -> list[Finding]:
-    found = []
+    findings = []
     where = f"{bridge.name}{' ' + bridge.side if bridge.side else ''}"
 
     def say(code: str, severity: Severity, sentence: str, advice: str = "") -> None:
-        found.append(Finding(code, severity, f"{where}: {sentence}", advice, record=bridge.name))
+        findings.append(Finding(code, severity, f"{where}: {sentence}", advice, record=bridge.name))
 
     if bridge.quantity != "voltage":
         say(
@@ -283,11 +283,11 @@ def _bridge_findings(bridge: Bridge) -> list[Finding]:
                 f"{name} the answers are no straight line.",
                 "The gain is a mean: fit a Hammerstein–Wiener model, or diagnose for a soft gain.",
             )
-    return found
+    return findings
 
 
 def _bridges_words(bridges: Sequence[Bridge]) -> tuple[str, ...]:
-    found = []
+    sentences = []
     for b in bridges:
         for name, d in b.directions().items():
             text = (
@@ -300,5 +300,5 @@ def _bridges_words(bridges: Sequence[Bridge]) -> tuple[str, ...]:
             drop = b.drop(d)
             if drop is not None:
                 text += f", {drop[0]:.3g} ± {drop[1]:.2g} V less than the supply"
-            found.append(text + ".")
-    return tuple(found)
+            sentences.append(text + ".")
+    return tuple(sentences)

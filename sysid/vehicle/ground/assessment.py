@@ -167,7 +167,7 @@ def _values(traction: Traction, slope: float | None, slips: Sequence[float]) -> 
     most, at = traction.largest_pull()
     peak = pressure.peak(traction.load(), v.contact_length, v.track_width)
     _, moment = lateral_reaction(traction.soil, v.weight, 0.0, 1.0, v.contact_length, pressure)
-    found = {
+    values = {
         "thrust_max": most + traction.rolling() + traction.compaction(),
         "rolling_resistance": traction.rolling(),
         "compaction_resistance": traction.compaction(),
@@ -179,24 +179,24 @@ def _values(traction: Traction, slope: float | None, slips: Sequence[float]) -> 
     }
     if slope is not None:
         tilted = replace(traction, slope=slope)
-        found["slope_pull"] = v.weight * math.sin(slope)
-        found["slope_slip"] = tilted.slip_for(found["slope_pull"])
+        values["slope_pull"] = v.weight * math.sin(slope)
+        values["slope_slip"] = tilted.slip_for(values["slope_pull"])
     for slip in slips:
-        found[f"thrust {slip}"] = traction.thrust(slip)
-        found[f"pull {slip}"] = traction.drawbar_pull(slip)
-    return {name: float(value) for name, value in found.items()}
+        values[f"thrust {slip}"] = traction.thrust(slip)
+        values[f"pull {slip}"] = traction.drawbar_pull(slip)
+    return {name: float(value) for name, value in values.items()}
 
 
 def _turns(traction: Traction, radii: Sequence[float]) -> dict[str, float]:
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     for radius in radii:
         try:
             turn = steady_turn(traction, radius)
             moment, power = turn.moment, turn.power
         except ModelError:
             moment = power = math.nan
-        found |= {f"moment {radius}": moment, f"power {radius}": power}
-    return found
+        values |= {f"moment {radius}": moment, f"power {radius}": power}
+    return values
 
 
 def _empirical(traction: Traction, radius: float) -> float:

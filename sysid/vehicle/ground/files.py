@@ -66,7 +66,7 @@ def read_vehicle(path: Path) -> TrackedVehicle:
 def _numbers(
     source: YamlSource, section: Mapping[str, Any], place: tuple[str, ...]
 ) -> dict[str, float]:
-    found = {}
+    numbers = {}
     for key, value in section.items():
         where = source.where((*place, key))
         if key == "wheels":
@@ -79,5 +79,5 @@ def _numbers(
             raise DataError(f"{where}: a tracked vehicle has no key {key!r}: {advice}")
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise DataError(f"{where}: {key} is {shown(value)}: give a number")
-        found[_SPELT.get(key, key)] = float(value)
-    return found
+        numbers[_SPELT.get(key, key)] = float(value)
+    return numbers

@@ -90,9 +90,9 @@ class Row:
             f'armature="{self.axle.inertia / n!r}" damping="{self.axle.damping / n!r}" '
             f'frictionloss="{self.axle.dry / n!r}"'
         )
-        found = []
+        lines = []
         for name, x in zip(self.joints, self.places, strict=True):
-            found += [
+            lines += [
                 f'<body name={quoteattr(name + "_wheel")} pos="{words((x, self.y, self.height))}">',
                 f'  <joint type="slide" axis="0 0 1" stiffness="{stiff!r}" damping="{damp!r}"/>',
                 f'  <joint name={quoteattr(name)} axis="0 1 0" {turned}/>',
@@ -101,7 +101,7 @@ class Row:
                 f'  <geom class="wheel" type="sphere" size="{self.r!r}"{friction(self.friction)}/>',
                 "</body>",
             ]
-        return found
+        return lines
 
     @property
     def together(self) -> list[str]:

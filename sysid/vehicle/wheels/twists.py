@@ -197,10 +197,10 @@ def largest_speed(wheels: Sequence[Wheel], direction: Sequence[float]) -> float 
         The factor; 0 where the wheels cannot give this twist, None where no wheel that turns has
         a largest speed.
     """
-    found = inverse(wheels, direction)
-    if not found.exact:
+    speeds = inverse(wheels, direction)
+    if not speeds.exact:
         return 0.0
-    shares = [w.over for w in found.wheels.values() if w.over]
+    shares = [w.over for w in speeds.wheels.values() if w.over]
     return 1.0 / max(shares) if shares else None
 
 

@@ -17,12 +17,12 @@ from sysid.estimation.pem import fit
 from sysid.export.package import write_package
 from sysid.mission.monte_carlo.agreement import TOLERANCE, agreement
 from sysid.mission.monte_carlo.compiled import CompiledRuns
-from sysid.mission.monte_carlo.draws import Drawing, run_seeds
-from sysid.mission.monte_carlo.drivers import added, moments, shares
 from sysid.mission.monte_carlo.mission_runs import MissionRuns, wilson
 from sysid.mission.monte_carlo.paths import paths_of
 from sysid.mission.monte_carlo.runs import simulate_runs
+from sysid.mission.monte_carlo.sampler import Sampler, run_seeds
 from sysid.mission.monte_carlo.setup import Setup
+from sysid.mission.monte_carlo.variance_shares import added, moments, shares
 from sysid.mission.monte_carlo.varied_plant import ModelPlant
 from sysid.mission.spec import load_mission
 from sysid.mission.variation import Spread, Variation
@@ -56,8 +56,8 @@ def test_runs_at_once_are_runs_alone() -> None:
     setup = Setup.of(mission, [robot_model()])
     assert setup.varied == ("parameters", "noise", "start", "obstacles", "friction")
     seeds = run_seeds(1, 12)
-    draws = setup.drivers[0].drawing.draw(seeds)
-    figures = CompiledRuns(setup, 0, 16).figures(draws)
+    samples = setup.plant_variants[0].sampler.draw(seeds)
+    figures = CompiledRuns(setup, 0, 16).figures(samples)
     found = agreement(setup, seeds, figures)
     assert found.apart == ()
     assert found.largest < TOLERANCE
@@ -70,7 +70,7 @@ def test_a_plant_that_is_no_model_runs_at_once_too() -> None:
     setup = Setup.of(goal(0.4, 0), [Robot()])
     assert setup.varied == ("start", "friction")
     seeds = run_seeds(0, 4)
-    figures = CompiledRuns(setup, 0, 4).figures(setup.drivers[0].drawing.draw(seeds))
+    figures = CompiledRuns(setup, 0, 4).figures(setup.plant_variants[0].sampler.draw(seeds))
     assert agreement(setup, seeds, figures).apart == ()
 
 
@@ -83,46 +83,46 @@ def test_a_ground_that_remembers_and_slides_is_the_same_in_a_batch() -> None:
     ground = Ground(tuple(numbers), numbers)
     setup = Setup.of(SHORT, [with_ground(two_tracks(), ground, {})])
     seeds = run_seeds(1, 3)
-    figures = CompiledRuns(setup, 0, 4).figures(setup.drivers[0].drawing.draw(seeds))
+    figures = CompiledRuns(setup, 0, 4).figures(setup.plant_variants[0].sampler.draw(seeds))
     assert agreement(setup, seeds, figures).apart == ()
 
 
-def drawing(**vary: object) -> Drawing:
+def sampler(**vary: object) -> Sampler:
     mission = SHORT.model_copy(update={"vary": Variation.model_validate(vary)})
-    return Setup.of(mission, [robot_model()]).drivers[0].drawing
+    return Setup.of(mission, [robot_model()]).plant_variants[0].sampler
 
 
 def test_draws_have_the_covariance_of_the_estimate() -> None:
     model = robot_model()
-    draws = drawing(friction=False).draw(run_seeds(0, 4000))
-    assert draws.redrawn.sum() == 0
+    samples = sampler(friction=False).draw(run_seeds(0, 4000))
+    assert samples.redrawn.sum() == 0
     error = np.sqrt(np.diag(model.covariance))
-    standardised = (draws.theta - model.theta) / error
+    standardised = (samples.theta - model.theta) / error
     # 4000 draws give a correlation within 4/√4000 = 0.063
     np.testing.assert_allclose(
         np.cov(standardised.T), model.covariance / np.outer(error, error), atol=0.07
     )
-    np.testing.assert_allclose(draws.start.std(axis=0), (0.02, 0.02, 0.03), rtol=0.05)
+    np.testing.assert_allclose(samples.start.std(axis=0), (0.02, 0.02, 0.03), rtol=0.05)
 
 
 def test_what_is_left_out_changes_nothing_else() -> None:
     seeds = run_seeds(3, 5)
-    every, few = drawing().draw(seeds), drawing(obstacles=False, parameters=False).draw(seeds)
+    every, few = sampler().draw(seeds), sampler(obstacles=False, parameters=False).draw(seeds)
     np.testing.assert_array_equal(every.start, few.start)
     np.testing.assert_array_equal(every.slip, few.slip)
     np.testing.assert_array_equal(few.theta, np.tile(robot_model().theta, (5, 1)))
     np.testing.assert_array_equal(few.obstacles, np.tile((0.7, 0.0), (5, 1, 1)))
-    alone = drawing().draw(seeds[2:3])
+    alone = sampler().draw(seeds[2:3])
     np.testing.assert_array_equal(alone.theta[0], every.theta[2])
 
 
 def test_draws_that_nobody_could_drive_are_made_again() -> None:
-    far = drawing(obstacles=0.4, start=False).draw(run_seeds(0, 300))
+    far = sampler(obstacles=0.4, start=False).draw(run_seeds(0, 300))
     gap = np.hypot(*(far.obstacles[:, 0] - (0.0, 0.0)).T)
     assert far.redrawn.sum() > 0
     assert gap.min() > 0.15  # the obstacle's radius
     around = goal(1.2, 0.5, obstacles=[(0.7, 0.0, 0.69)], vary={"obstacles": [-0.5, -0.5]})
-    hopeless = Setup.of(around, [robot_model()]).drivers[0].drawing
+    hopeless = Setup.of(around, [robot_model()]).plant_variants[0].sampler
     with pytest.raises(ModelError, match="inside an obstacle"):
         hopeless.draw([1])
 
@@ -137,12 +137,12 @@ class Narrow(ModelPlant):
 
 def test_a_direction_that_leads_nowhere_is_drawn_less_far() -> None:
     plant = Narrow(robot_model())
-    draws = Drawing(SHORT, plant, SHORT.vary).draw(run_seeds(0, 200))
-    assert draws.pulled.mean() > 0.9
-    assert plant.feasible(draws.theta).all()
+    samples = Sampler(SHORT, plant, SHORT.vary).draw(run_seeds(0, 200))
+    assert samples.pulled.mean() > 0.9
+    assert plant.feasible(samples.theta).all()
     last = plant.theta.size - 1  # of the other track, which the first one hardly is tied to
     error = np.sqrt(plant.model.covariance[last, last])
-    assert 0.8 < np.std(draws.theta[:, last]) / error < 1.2
+    assert 0.8 < np.std(samples.theta[:, last]) / error < 1.2
 
 
 def test_a_range_is_drawn_evenly() -> None:
@@ -208,7 +208,7 @@ def test_a_batch_tells_what_its_runs_came_to() -> None:
     assert sum(o["count"] for o in told["outcomes"].values()) == told["n"] == 1500
     assert told["time_s"]["p05"] <= told["time_s"]["p50"] <= told["time_s"]["p95"]
     assert "of 1 500 runs" in found.sentence
-    assert {d["name"] for d in told["drivers"]} == {
+    assert {d["name"] for d in told["plant_variants"]} == {
         "parameters", "start.x", "start.y", "start.psi", "obstacles[1]", "friction.slip",
     }  # fmt: skip
 

@@ -14,9 +14,9 @@ from sysid.mission.contracts import Command, ControlInputs, Scene
 from sysid.mission.monte_carlo.agreement import agreement
 from sysid.mission.monte_carlo.chunks import ChunkResult, Runner, chunks
 from sysid.mission.monte_carlo.cluster import on_cluster
-from sysid.mission.monte_carlo.draws import run_seeds
 from sysid.mission.monte_carlo.processes import Processes
 from sysid.mission.monte_carlo.runs import simulate_runs
+from sysid.mission.monte_carlo.sampler import run_seeds
 from sysid.mission.monte_carlo.setup import Setup
 from sysid.mission.monte_carlo.workers import why_not_at_once
 from sysid.mission.settings import ControlSettings

@@ -223,12 +223,12 @@ def _texts_of(value: Any) -> list[str]:
 
 def _assigned(struct: str, tree: Leaves) -> list[tuple[str, list[Cell]]]:
     """What is to be put into the members of a struct."""
-    found = []
+    assigned = []
     for path, value in tree:
         cells = cells_of(value)
         name = f"{struct}->{identifier(path)}"
-        found.append((f"{name}[{{}}]" if cells.ndim else name, cells.ravel().tolist()))
-    return found
+        assigned.append((f"{name}[{{}}]" if cells.ndim else name, cells.ravel().tolist()))
+    return assigned
 
 
 def _texts(rows: Sequence[tuple[str, list[Cell]]]) -> Iterator[str]:

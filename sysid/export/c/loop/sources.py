@@ -10,8 +10,8 @@ from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.errors import ModelError
 from sysid.export.c.fields import members
 from sysid.export.c.loop.block import Block, Law, recorded
-from sysid.export.c.loop.drive import CLOSED, Drive, driven, not_again
 from sysid.export.c.loop.laws_of_mission import laws
+from sysid.export.c.loop.recorded_run import CLOSED, RecordedRun, not_again, record_run
 from sysid.export.c.precision import Precision
 from sysid.export.c.source import fill
 from sysid.export.c.writing import comment, listed, number
@@ -50,9 +50,9 @@ def loop_sources(loop: Loop, precision: Precision) -> LoopSources:
         ModelError: a law cannot be written as C.
     """
     blocks, files = law_sources(loop)
-    drive, why = driven(loop), not_again(loop, blocks)
-    files["loop_data.h"] = _data(blocks, drive, not why)
-    files["loop_selftest.c"] = _selftest(loop, blocks, drive, precision, not why)
+    run, why = record_run(loop), not_again(loop, blocks)
+    files["loop_data.h"] = _data(blocks, run, not why)
+    files["loop_selftest.c"] = _selftest(loop, blocks, run, precision, not why)
     return LoopSources(files, tuple(blocks.values()), why)
 
 
@@ -160,13 +160,13 @@ def _table(name: str, values: Array) -> Iterator[str]:
     yield "};"
 
 
-def _rows(block: Block, drive: Drive) -> Array:
-    found = drive.rows[block.name]
+def _rows(block: Block, run: RecordedRun) -> Array:
+    columns = run.rows[block.name]
     names = [f.name for f in (*block.inputs, *block.outputs)]
-    return np.column_stack([found[n] for n in names])[:MOST_ROWS]
+    return np.column_stack([columns[n] for n in names])[:MOST_ROWS]
 
 
-def _data(blocks: dict[str, Block], drive: Drive, closed: bool) -> str:
+def _data(blocks: dict[str, Block], run: RecordedRun, closed: bool) -> str:
     lines = [
         "/* What went in and out of every function when sysid drove the mission.",
         " *",
@@ -177,31 +177,31 @@ def _data(blocks: dict[str, Block], drive: Drive, closed: bool) -> str:
         "",
         "#include <math.h>",
         "",
-        f"#define LOOP_ROWS {len(drive.closed)}",
+        f"#define LOOP_ROWS {len(run.closed)}",
         f"#define LOOP_COLUMNS {len(CLOSED)} /* {', '.join(CLOSED)} */",
         "",
     ]
-    for name in drive.rows:
+    for name in run.rows:
         block = blocks[name]
-        rows = _rows(block, drive)
+        rows = _rows(block, run)
         ranges = _ranges(rows[:, len(block.inputs) :])
         lines += [f"#define {name.upper()}_ROWS {len(rows)}"]
         lines += [*_table(f"{name}_rows", rows)]
         lines += [f"static const double {name}_ranges[{len(ranges)}] = {{{listed(ranges)}}};", ""]
     if closed:
-        ranges = _ranges(drive.closed)
-        lines += [*_table("loop_rows", drive.closed)]
+        ranges = _ranges(run.closed)
+        lines += [*_table("loop_rows", run.closed)]
         lines += [f"static const double loop_ranges[LOOP_COLUMNS] = {{{listed(ranges)}}};", ""]
     return "\n".join([*lines, "#endif", ""])
 
 
 def _selftest(
-    loop: Loop, blocks: dict[str, Block], drive: Drive, precision: Precision, closed: bool
+    loop: Loop, blocks: dict[str, Block], run: RecordedRun, precision: Precision, closed: bool
 ) -> str:
-    functions = "\n".join(_function_test(blocks[name]) for name in drive.rows)
+    functions = "\n".join(_function_test(blocks[name]) for name in run.rows)
     calls = [
         line
-        for name in drive.rows
+        for name in run.rows
         for line in (
             f"    error = test_{name}();",
             f'    printf("{name} %.17g\\n", error);',

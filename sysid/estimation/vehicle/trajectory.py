@@ -1,8 +1,8 @@
-"""A drive: what the wheels rolled between equal instants, and the pose at its fresh readings.
+"""A trajectory: wheel travel between equal instants, and the pose where it was measured anew.
 
-Telemetry repeats readings: a lidar's pose may come every fifth row of a log, late and unevenly. A
-repeat is no measurement, so a drive keeps the readings that are new, each with its instant, and
-what the wheels rolled on a grid of its own that is fine enough to read the path between rows.
+Telemetry repeats measurements: a lidar's pose may come every fifth row of a log, late and
+unevenly. A repeat carries nothing new, so a trajectory keeps the new measurements with their
+instants, and the wheel travel on a grid of its own, fine enough to read the path between rows.
 """
 
 from collections.abc import Sequence
@@ -51,7 +51,7 @@ STILL = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class Trajectory:
     """One record as the fit of a vehicle sees it.
 
     Attributes:
@@ -112,8 +112,8 @@ class Drive:
 
 
 @dataclass(frozen=True, eq=False)
-class Drives:
-    """The drives of one vehicle.
+class Trajectories:
+    """The trajectories of one vehicle.
 
     Attributes:
         each: in the order of the records.
@@ -121,13 +121,13 @@ class Drives:
         notes: what was done to them, in sentences.
     """
 
-    each: tuple[Drive, ...]
+    each: tuple[Trajectory, ...]
     tracks: tuple[Track, ...]
     notes: tuple[str, ...]
 
 
-def drives_of(records: Sequence[Record], geometry: Geometry) -> Drives:
-    """The drives that the records hold.
+def trajectories_of(records: Sequence[Record], geometry: Geometry) -> Trajectories:
+    """The trajectories that the records hold.
 
     Args:
         records: of one vehicle.
@@ -159,9 +159,9 @@ def drives_of(records: Sequence[Record], geometry: Geometry) -> Drives:
     if max(float(np.nanmax(np.abs(t.omega))) for t in raw) < STILL:
         raise DataError(f"the wheels of {records[0].name} never turn; give a log of a drive")
     tracks, changed = in_one_frame(raw) if all(len(t.starts) for t in raw) else (raw, ())
-    found = tuple(_drive(r.name, t, commanded) for r, t in zip(records, tracks, strict=True))
-    found, jumped = _without_jumps(found)
-    return Drives(found, tracks, (*said, *changed, *jumped))
+    each = tuple(_drive(r.name, t, commanded) for r, t in zip(records, tracks, strict=True))
+    each, jumped = _without_jumps(each)
+    return Trajectories(each, tracks, (*said, *changed, *jumped))
 
 
 # What a log must hold ---------------------------------------------------------------------------
@@ -227,10 +227,10 @@ def _is_a_drive(place: str, unit: str) -> bool:
 
 def _sided(record: Record, geometry: Geometry) -> Record:
     """The record with the mean speeds of its left and of its right wheels [rad/s] as outputs."""
-    found = _sides_of(record)
-    if found is None:
+    sides = _sides_of(record)
+    if sides is None:
         raise DataError(what_is_missing([record]))
-    place, left, right = found
+    place, left, right = sides
     values, channels = (
         (record.y, record.outputs) if place == "outputs" else (record.u, record.inputs)
     )
@@ -244,7 +244,7 @@ def _sided(record: Record, geometry: Geometry) -> Record:
 # Onto the grid ----------------------------------------------------------------------------------
 
 
-def _drive(name: str, track: Track, commanded: bool) -> Drive:
+def _drive(name: str, track: Track, commanded: bool) -> Trajectory:
     dt = track.dt
     step = dt / np.ceil(dt / SLOWEST_GRID - 1e-9) if dt > SLOWEST_GRID else max(dt, FASTEST_GRID)
     t = np.arange(len(track.omega), dtype=np.float64) * dt
@@ -260,7 +260,9 @@ def _drive(name: str, track: Track, commanded: bool) -> Drive:
     pose = track.pose[rows].copy()
     pose[:, 2] = np.unwrap(pose[:, 2])
     gaps = np.concatenate([[0], np.cumsum(lost)])
-    return Drive(name, step, np.diff(on_grid, axis=0) / step, t[rows], pose, gaps[rows], commanded)
+    return Trajectory(
+        name, step, np.diff(on_grid, axis=0) / step, t[rows], pose, gaps[rows], commanded
+    )
 
 
 def _at_rest(omega: Array) -> NDArray[np.bool_]:
@@ -274,28 +276,28 @@ def _filled(t: Array, values: Array) -> Array:
 
 
 def _without_jumps(
-    drives: tuple[Drive, ...],
-) -> tuple[tuple[Drive, ...], tuple[str, ...]]:
-    """The drives with stretches that end where the pose goes faster than the wheels ever roll.
+    trajectories: tuple[Trajectory, ...],
+) -> tuple[tuple[Trajectory, ...], tuple[str, ...]]:
+    """The trajectories, cut where the pose moves faster than the wheels ever roll.
 
     How far these carry it is seen in the log itself, so that no length need be known.
     """
-    found, count = [], 0
-    for d in drives:
+    cut, count = [], 0
+    for d in trajectories:
         jumped = _jumps(d)
         count += int(jumped.sum())
-        found.append(replace(d, joins=d.joins + np.cumsum(jumped)))
+        cut.append(replace(d, joins=d.joins + np.cumsum(jumped)))
     if not count:
-        return tuple(found), ()
+        return tuple(cut), ()
     times = "time" if count == 1 else "times"
     text = (
         f"The pose jumps {count} {times} farther than the wheels could have carried the vehicle; "
         "no window reaches over a jump."
     )
-    return tuple(found), (text,)
+    return tuple(cut), (text,)
 
 
-def _jumps(d: Drive) -> NDArray[np.bool_]:
+def _jumps(d: Trajectory) -> NDArray[np.bool_]:
     """Readings before which the pose has jumped, (M,)."""
     jumped = np.zeros(len(d.at), dtype=bool)
     if len(d.at) < 3:
