@@ -112,7 +112,7 @@ class View:
 
     def __init__(self, where: str, quiet: bool) -> None:
         self._where, self._quiet = where, quiet
-        self._told = 0
+        self._shown = 0
 
     @contextmanager
     def shown(self) -> Iterator["View"]:
@@ -133,9 +133,9 @@ class View:
         if self._draw is not None:
             self._draw(screen(state, units, self._where))
             return
-        for change in _new(state.changes, self._told):
+        for change in _new(state.changes, self._shown):
             render.say(change_sentence(change), "bold")
-        self._told = len(state.changes)
+        self._shown = len(state.changes)
         render.say(line(state, units))
 
 

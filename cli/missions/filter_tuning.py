@@ -38,7 +38,7 @@ def sensor_options(
     sensor: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME=COLUMN", help="Of --navigation: column of a reading of another name."
+            metavar="NAME=COLUMN", help="Of --navigation: column of a measurement of another name."
         ),
     ] = None,
     time: reading.Time = None,

@@ -33,7 +33,7 @@ def localize(
         list[str] | None,
         typer.Option(
             metavar="NAME=COLUMN",
-            help="Column of a reading (omega_l, gyro_z, mag_x, vo_x, fix_x, …) of another name.",
+            help="Column that holds a measurement (omega_l, gyro_z, mag_x, vo_x, fix_x, …).",
         ),
     ] = None,
     time: reading.Time = None,

@@ -50,7 +50,7 @@ MOST = 4000
 
 
 def _drive(log: Path, read: "ReadOptions") -> "tuple[Record, tuple[Finding, ...]]":
-    """The longest record of a log, on an even grid with lost readings held."""
+    """The longest record of a log, on an even grid with lost measurements held."""
     from sysid.data.preparation import Preparation, read_prepared
 
     if read.resample == "auto":

@@ -204,10 +204,10 @@ def fit_vehicle(
     from sysid.estimation.vehicle.vehicle_fit import fit_vehicle as fit
 
     records, findings = read_vehicle_logs(logs or [], read, steps)
-    held, more = read_vehicle_logs(validation, read, steps) if validation else ((), ())
+    holdout, more = read_vehicle_logs(validation, read, steps) if validation else ((), ())
 
     with render.progress("Fitting the vehicle"):
-        fitted = fit(records, held, given, motion, motors)
+        fitted = fit(records, holdout, given, motion, motors)
     document: dict[str, Any] = {"logs": [str(p) for p in logs or []], **fitted.to_json()}
     document["notes"] = [*fitted.notes, *(f.text for f in (*findings, *more))]
     document |= _written(files, fitted, (logs or [])[0].stem)

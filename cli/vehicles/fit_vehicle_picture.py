@@ -23,11 +23,11 @@ def drawn(path: Path, name: str, fitted: "VehicleFit") -> None:
     from sysid.estimation.vehicle.vehicle_fit import Kinematic
     from sysid.report.plots import Line, Panel, ResponsePicture, plot_responses
 
-    part = max(fitted.held, key=lambda p: len(p.windows))
+    part = max(fitted.holdout, key=lambda p: len(p.windows))
     models: dict[str, Motion] = {"before": Kinematic(fitted.known), "after": fitted.model}
     starts = _pieces(part)
     paths = [
-        Line(k, *_path(part.trajectory, m.readings(part.trajectory), starts))
+        Line(k, *_path(part.trajectory, m.predicted_pose(part.trajectory), starts))
         for k, m in models.items()
     ]
     measured = Line(
@@ -54,7 +54,7 @@ def drawn(path: Path, name: str, fitted: "VehicleFit") -> None:
 
 
 def _pieces(part: "Part") -> "list[tuple[int, int]]":
-    """First and last reading of the pieces that are drawn."""
+    """First and last measurement of the pieces that are drawn."""
     d = part.trajectory
     pieces: list[tuple[int, int]] = []
     i, end = int(part.windows[0, 0]), int(part.windows[-1, 1])
@@ -69,16 +69,16 @@ def _pieces(part: "Part") -> "list[tuple[int, int]]":
 
 
 def _path(
-    trajectory: "Trajectory", readings: "Array", pieces: "list[tuple[int, int]]"
+    trajectory: "Trajectory", measurements: "Array", pieces: "list[tuple[int, int]]"
 ) -> "tuple[Array, Array]":
-    """x and y of the readings, each piece from the measured pose at its start."""
+    """x and y of the measurements, each piece from the measured pose at its start."""
     import numpy as np
 
     x, y = [], []
     for i, j in pieces:
-        a, b = readings[i], trajectory.pose[i]
+        a, b = measurements[i], trajectory.pose[i]
         turn = np.exp(1j * (b[2] - a[2]))
-        moved = (readings[i : j + 1, 0] - a[0]) + 1j * (readings[i : j + 1, 1] - a[1])
+        moved = (measurements[i : j + 1, 0] - a[0]) + 1j * (measurements[i : j + 1, 1] - a[1])
         there = moved * turn + complex(b[0], b[1])
         x += [there.real, [np.nan]]
         y += [there.imag, [np.nan]]

@@ -74,7 +74,7 @@ class _OtherHalf:
         self._rest, self._level = Asked(0.0, psi), level
         self.asked = Asked(0.0, 0.0) if level is Level.PWM else self._rest
         self.outcome: str | None = None
-        self._port, self._pace, self._told = port, pace, -math.inf
+        self._port, self._pace, self._streamed_until = port, pace, -math.inf
         self._heard = time.monotonic()
 
     def start(self, scene: Scene, xp: Any) -> int:
@@ -83,7 +83,7 @@ class _OtherHalf:
 
     def step(self, state: int, inputs: GuidanceInputs, dt: Real, xp: Any) -> tuple[int, References]:
         """What is asked, and whether it is over."""
-        self.tell(float(inputs.t), inputs.estimate)
+        self.stream(float(inputs.t), inputs.estimate)
         if self._pace.lock_step and self.outcome is None:
             self._take(self._port.receive(self._pace.patience))
         else:
@@ -103,11 +103,11 @@ class _OtherHalf:
         """Ever less: whether the robot comes closer is judged where it is guided."""
         return -2.0 * STUCK.progress * state
 
-    def tell(self, t: float, body: Body) -> None:
+    def stream(self, t: float, body: Body) -> None:
         """Say where the robot is, once an instant."""
-        if t > self._told:
+        if t > self._streamed_until:
             self._port.send(Seen(t, body))
-            self._told = t
+            self._streamed_until = t
 
     def _take_all(self) -> None:
         """Everything that has come; the last of it counts."""
@@ -181,7 +181,7 @@ class _RobotLoop(Loop):
         """A sample of the loop."""
         state, row = super().sample(state, tick, draws)
         if self.half is not None and not tick.now:
-            self.half.tell(tick.t, state.estimate)
+            self.half.stream(tick.t, state.estimate)
         return state, row
 
 

@@ -16,7 +16,7 @@ from sysid.mission.registry import law
 from sysid.mission.result import write_columns
 from sysid.mission.spec import Mission
 
-READINGS = (
+MEASUREMENTS = (
     Wanted("omega_l", "rad/s", "speed", "left"),
     Wanted("omega_r", "rad/s", "speed", "right"),
     Wanted("ticks_l", ""),
@@ -95,8 +95,8 @@ def read_sensors(
     columns: Mapping[str, str] | None = None,
     options: ReadOptions | None = None,
 ) -> SensorLog:
-    """The readings and commands of a log; as for :func:`localize`."""
-    return read_sensor_log(path, (*READINGS, *DRIVES), columns, options)
+    """The measurements and commands of a log; as for :func:`localize`."""
+    return read_sensor_log(path, (*MEASUREMENTS, *DRIVES), columns, options)
 
 
 def localize_log(log: SensorLog, mission: Mission) -> Localization:
@@ -113,8 +113,8 @@ def localize_log(log: SensorLog, mission: Mission) -> Localization:
     report = navigation.report if isinstance(navigation, Reporting) else _nothing
     names = list(reads)
     table = np.column_stack([reads[n] for n in names]).tolist()
-    for t, dt, read, held in zip(log.t.tolist(), steps.tolist(), table, drive, strict=True):
-        seen = NavigationInputs(t, dict(zip(names, read, strict=True)), scene, held)
+    for t, dt, read, command in zip(log.t.tolist(), steps.tolist(), table, drive, strict=True):
+        seen = NavigationInputs(t, dict(zip(names, read, strict=True)), scene, command)
         state, body = navigation.step(state, seen, dt, np)
         rows.append((t, *_flat(body), *report(state, np)))
     added = navigation.columns if isinstance(navigation, Reporting) else ()
@@ -185,8 +185,8 @@ def _drives(log: SensorLog) -> list[tuple[float, float]]:
     pwm = [log.readings[w.name] for w in DRIVES if w.name in log.readings]
     if len(pwm) < len(DRIVES):
         return [(0.0, 0.0)] * len(log.t)
-    held = np.nan_to_num(np.column_stack(pwm)) / PWM_FULL_SCALE
-    before = np.vstack([np.zeros(2), held[:-1]])
+    commands = np.nan_to_num(np.column_stack(pwm)) / PWM_FULL_SCALE
+    before = np.vstack([np.zeros(2), commands[:-1]])
     return [(left, right) for left, right in before.tolist()]
 
 
@@ -197,7 +197,7 @@ def _check(columns: Mapping[str, Array], log: SensorLog) -> None:
         if len(lost):
             raise DataError(
                 f"{log.name}: the estimate is lost at t = {log.t[lost[0]]:g} s: the navigation "
-                "needs a reading that is missing there; fill it, or choose a filter that does "
+                "needs a measurement that is missing there; fill it, or choose a filter that does "
                 "without"
             )
 
@@ -227,7 +227,8 @@ def write_localization(localization: Localization, path: str | Path) -> Path:
 def _consistency(columns: Mapping[str, Array], pose: Array | None) -> dict[str, Any]:
     """NIS and NEES over the run, with the 95 % bounds in which a filter that is right keeps them.
 
-    NIS: the innovations of a right filter are independent, so that their sum is χ² of all readings.
+    NIS: the innovations of a right filter are independent, so that their sum is χ² of all
+        measurements.
     NEES: the error of the position, (x̂ − x)ᵀP⁻¹(x̂ − x), is χ² of 2 at each instant, but errors of
     one run are like each other over time: it counts as many of them as are independent.
     """

@@ -255,7 +255,7 @@ def default_sensor(kind: str) -> Sensor:
 
 
 def _check_names(names: tuple[str, ...], others: Mapping[str, Sensor]) -> None:
-    """Refuse a sensor whose readings have the name of something else in the log."""
+    """Refuse a sensor whose measurements have the name of something else in the log."""
     for kind, other in others.items():
         for name in {*names} & {*other.names}:
             raise UsageError(f"{name} is read by sensors.{kind} already: remove one of them")

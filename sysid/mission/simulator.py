@@ -38,7 +38,7 @@ from sysid.mission.result import MissionResult, Outcome
 from sysid.mission.robot.compensation import compensation_of
 from sysid.mission.robot.nominal import limits_of, nominal_of
 from sysid.mission.robot.on_ground import on_ground
-from sysid.mission.robot.robot_plant import held_by
+from sysid.mission.robot.robot_plant import identified_effects
 from sysid.mission.robot.torque import motors_of
 from sysid.mission.spec import Mission
 from sysid.mission.supply import feed_of
@@ -68,12 +68,12 @@ def simulate(
 
     Two clocks run on one time line: the plant's, t = k·dt, and the controller's, t = j·period; no
     ratio between them is asked for. At a control instant guidance and control use the latest
-    wheel-speed reading, the one of the same instant included; their command is held and reaches
+    wheel-speed measurement, the one of the same instant included; their command is held and reaches
     the plant at its first sample at or after the instant. Between samples of the plant nothing
-    new is read, so a controller faster than the plant repeats itself on held readings (its
+    new is read, so a controller faster than the plant repeats itself on held measurements (its
     integral still counts time), and one slower than the plant holds its command over several.
 
-    A reading at t = k·dt is y(k) under the command held so far. For plants whose y(k) does not
+    A measurement at t = k·dt is y(k) under the command held so far. For plants whose y(k) does not
     depend on u(k) that is y(k) itself; with feed-through the logged y(k) belongs to the new u(k).
     The vehicle moves by the mission's motion, after what the plant's ``ground`` takes off the track
     speeds; navigation sees the wheels alone.
@@ -205,7 +205,7 @@ def closed_loop(
         timeout=mission.timeout,
         xp=xp,
         shaper=shaper,
-        feed=feed_of(mission.vehicle.supply, held_by(plant)),
+        feed=feed_of(mission.vehicle.supply, identified_effects(plant)),
     )
 
 

@@ -242,9 +242,9 @@ class Mission(Settings):
     @model_validator(mode="after")
     def _one_vehicle(self) -> "Mission":
         """What the motion says of the vehicle is what the vehicle says of itself."""
-        of_motion = self.motion.told if isinstance(self.motion, Physics) else {}
+        of_motion = self.motion.given if isinstance(self.motion, Physics) else {}
         for key, value in of_motion.items():
-            if self.vehicle.told.get(key, value) != value:
+            if self.vehicle.given.get(key, value) != value:
                 raise sentence_at(
                     ("vehicle", key), f"{key} of the vehicle is not that of motion: keep one"
                 )
@@ -254,8 +254,8 @@ class Mission(Settings):
     @property
     def physics(self) -> Mapping[str, Any]:
         """What is said of the vehicle and its floor, in either section."""
-        of_motion = self.motion.told if isinstance(self.motion, Physics) else {}
-        return {**self.vehicle.told, **of_motion}
+        of_motion = self.motion.given if isinstance(self.motion, Physics) else {}
+        return {**self.vehicle.given, **of_motion}
 
     @property
     def car(self) -> TrackedVehicle:
@@ -357,7 +357,7 @@ class Mission(Settings):
             return self
         changed: dict[str, Any] = {"vehicle": self.vehicle.model_copy(update=dict(physics))}
         if isinstance(self.motion, Physics):
-            of_motion = {k: physics[k] for k in self.motion.told if k in physics}
+            of_motion = {k: physics[k] for k in self.motion.given if k in physics}
             changed["motion"] = self.motion.model_copy(update=of_motion)
         return self.model_copy(update=changed)
 

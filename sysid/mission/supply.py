@@ -83,32 +83,34 @@ class Feed:
         return PWM_FULL_SCALE * acting[0], PWM_FULL_SCALE * acting[1]
 
 
-def feed_of(supply: Supply | None, held: Sequence[str]) -> Feed | None:
+def feed_of(supply: Supply | None, identified: Sequence[str]) -> Feed | None:
     """What acts between command and plant; None where nothing does.
 
     Args:
         supply: of the mission's vehicle.
-        held: effects that the plant was identified with: these it has itself.
+        identified: effects that the plant was identified with: these it has itself.
     """
     if supply is None:
         return None
-    acting = tuple((e, supply.numbers(e)) for e in supply.effects if e.id not in held)
+    acting = tuple((e, supply.numbers(e)) for e in supply.effects if e.id not in identified)
     return Feed(acting) if acting else None
 
 
-def supply_notes(supply: Supply | None, held: Sequence[str], by_voltage: bool) -> tuple[str, ...]:
+def supply_notes(
+    supply: Supply | None, identified: Sequence[str], by_voltage: bool
+) -> tuple[str, ...]:
     """What is done with a mission's ``vehicle.supply``, in sentences.
 
     Args:
         supply: of the mission's vehicle.
-        held: effects that the plant was identified with.
+        identified: effects that the plant was identified with.
         by_voltage: whether the plant's inputs are voltages.
     """
     if supply is None:
         return ()
     said = []
-    acting = [e.id for e in supply.effects if e.id not in held]
-    doubled = [e.id for e in supply.effects if e.id in held]
+    acting = [e.id for e in supply.effects if e.id not in identified]
+    doubled = [e.id for e in supply.effects if e.id in identified]
     if acting:
         said.append(f"Between command and plant act, as vehicle.supply says: {', '.join(acting)}.")
     if acting and not by_voltage:

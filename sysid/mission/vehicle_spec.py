@@ -21,7 +21,7 @@ DEFAULT_SOIL = "concrete"
 STEEPEST = 5.0
 """Rise over run: what is steeper is a wall, or an angle in degrees."""
 
-_OWN = {"L": "contact_length"}
+_FIELD_NAMES = {"L": "contact_length"}
 """Keys whose name here is not that of the vehicle's field."""
 
 
@@ -118,7 +118,7 @@ class Physics(Settings):
     height: Annotated[float, Field(ge=0, le=1e3)] | None = None
 
     @property
-    def told(self) -> Mapping[str, Any]:
+    def given(self) -> Mapping[str, Any]:
         """The keys that were given."""
         return {k: v for k in PHYSICS if (v := getattr(self, k)) is not None}
 
@@ -137,7 +137,9 @@ def tracked_vehicle(geometry: Geometry, given: Mapping[str, Any]) -> TrackedVehi
     Raises:
         ModelError: the numbers make no vehicle.
     """
-    fields = {_OWN.get(k, k): v for k, v in given.items() if k not in ("soil", "patches", "slope")}
+    fields = {
+        _FIELD_NAMES.get(k, k): v for k, v in given.items() if k not in ("soil", "patches", "slope")
+    }
     return TrackedVehicle(geometry, **fields)
 
 
@@ -206,7 +208,7 @@ class VehicleSpec(Physics):
     def _stands(self) -> "VehicleSpec":
         """The numbers make a vehicle."""
         try:
-            tracked_vehicle(self.geometry, self.told)
+            tracked_vehicle(self.geometry, self.given)
         except ModelError as error:
             raise ValueError(str(error)) from None
         return self

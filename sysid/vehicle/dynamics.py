@@ -306,15 +306,15 @@ class _Model(NamedTuple):
         r, half = car.geometry.r, 0.5 * car.geometry.B
         speeds, forces = last.speeds, last.forces
 
-        held, free, stands = [], [], []
+        passed_on, free, stands = [], [], []
         for e, w, taken, (back, forth) in zip(
             known.motor, speeds.omega, forces.motors, known.limits, strict=True
         ):
             without = w + e * taken
             needed = without / e
             stands.append((needed > -back) & (needed < forth))
-            held.append(xp.minimum(xp.maximum(needed, -back), forth))
-            free.append(without - e * held[-1])
+            passed_on.append(xp.minimum(xp.maximum(needed, -back), forth))
+            free.append(without - e * passed_on[-1])
         motors_stand = (stands[0], stands[1])
         omega = (free[0], free[1])
 
@@ -349,7 +349,7 @@ class _Model(NamedTuple):
             omega,
         )
         tried = Forces(
-            (held[0], held[1]),
+            (passed_on[0], passed_on[1]),
             (thrust[0], thrust[1]),
             (rolling[0], rolling[1]),
             side.side,

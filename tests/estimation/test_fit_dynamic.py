@@ -82,7 +82,7 @@ def test_it_weighs_the_vehicle_of_another_engine(weighed: Weighed) -> None:
     for name, value in truth.items():
         number = found[name]
         assert number.identifiable, number.sentence
-        # contacts that sink in and lift leave a hundredth beside the error of the readings
+        # contacts that sink in and lift leave a hundredth beside the error of the measurements
         assert abs(number.value - value) < FAR * np.hypot(number.std_error, 0.01 * value), name
     # isotropic points creep, which the model holds as a wider vehicle only: within a fifth
     assert found["yaw_inertia"].value == pytest.approx(MACHINE.yaw_inertia, rel=0.2)
@@ -130,7 +130,7 @@ def test_paths_are_foretold_better_than_by_rolling_wheels(
     after = weighed.errors(parts)
     # pose noise at both ends of a window, and no more than twice that
     assert np.sqrt(np.mean(after[:, :2] ** 2)) < 2.0 * np.sqrt(2.0) * 0.001 * 2.0
-    read = weighed.readings(trajectories.each[0])
+    read = weighed.measurements(trajectories.each[0])
     assert read.shape == trajectories.each[0].pose.shape
 
 

@@ -129,7 +129,7 @@ def test_readings_that_repeat_are_no_measurements(folder: Path) -> None:
     pose, omega = log.pose[rows - rows % 5], log.y[rows - rows % 4]
     held = Record(log.u, omega, log.dt, log.inputs, log.outputs, pose, name="held.csv")
     found = fit_vehicle([held], geometry=NOMINAL)
-    # speeds between readings every 0.2 s are no better than a line: 1 % and a tenth of a row
+    # speeds between measurements every 0.2 s are no better than a line: 1 % and a tenth of a row
     assert found.number("effective_width").value == pytest.approx(0.9, rel=0.02)
     assert found.number("pose_lag").value == pytest.approx(0.137, abs=0.02)
 

@@ -38,7 +38,7 @@ def start(n: int) -> Gaussian:
 
 
 def measurements(groups: tuple[Group, ...], steps: int = 50) -> Iterator[tuple[Array, ...]]:
-    """Numbers that readings might be; what they are worth does not matter here."""
+    """Numbers that measurements might be; what they are worth does not matter here."""
     rng = np.random.default_rng(3)
     for k in range(steps):
         turn = 0.3 + 0.04 * k * 0.1
@@ -145,7 +145,7 @@ TOLD_BY = {
         Group("accelerometer", ("acc_x", "acc_y"), (0.1, 0.1)),
     ),
 }
-"""Groups of readings by the states that they need besides pose and speeds."""
+"""Groups of measurements by the states that they need besides pose and speeds."""
 
 
 def test_noise_reaches_the_pose_as_it_does_in_the_vehicle() -> None:

@@ -149,7 +149,7 @@ def test_more_inputs_and_outputs_use_the_first_two() -> None:
     np.testing.assert_allclose(at_full(robot), FULL, rtol=1e-3)
     assert warnings[:2] == (
         "Input a and output p are taken as the left track, b and q as the right one.",
-        "Held at the operating point: c.",
+        "Fixed at the operating point: c.",
     )
 
 
@@ -173,7 +173,7 @@ def test_two_channels_that_do_not_steer_fall_back_to_copies(
     plant = Lag(gain, names("a", "b"), names("p", "q"))
     robot, warnings = as_robot(plant, MISSION)
     assert robot.twins
-    assert "held at the operating point, because" in warnings[0]
+    assert "fixed at the operating point, because" in warnings[0]
     assert simulate(MISSION, robot).outcome is Outcome.ARRIVED
 
 

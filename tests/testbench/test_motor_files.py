@@ -26,7 +26,7 @@ def table(path: Path, head: str, *columns: Sequence[float] | np.ndarray) -> Path
 
 
 def experiments(folder: Path, seed: int) -> list[Path]:
-    """All four experiments on a motor that is no one's, readings with 0.5 % of noise."""
+    """All four experiments on a motor that is no one's, measurements with 0.5 % of noise."""
     rng = np.random.default_rng(seed)
 
     def noisy(values: np.ndarray) -> np.ndarray:
@@ -61,7 +61,8 @@ def test_all_experiments_tell_the_motor_within_their_errors(
     tmp_path: Path, method: str, seed: int
 ) -> None:
     found = characterise_motor(experiments(tmp_path, seed), MotorOptions(gear=60.0, method=method))
-    # noise levels come from a dozen readings: Student's tails, 4.5 of 10 degrees of freedom is 1e-3
+    # noise levels come from a dozen measurements: Student's tails, 4.5 of 10 degrees of freedom is
+    # 1e-3
     assert max(errors(found)) < 4.5
     assert [t.kind.value for t in found.tests] == [
         "blocked rotor", "no load", "stall", "external load",
@@ -229,7 +230,7 @@ def bench_of(folder: Path) -> MotorBench:
 
 @pytest.mark.slow
 def test_readings_that_err_by_a_share_widen_the_joint_errors(tmp_path: Path) -> None:
-    """Errors in proportion to a reading turn a line by more than one level for all of them says."""
+    """Errors proportional to the measurement turn a line by more than one noise level suggests."""
     away = []
     for seed in range(8):
         (tmp_path / str(seed)).mkdir()

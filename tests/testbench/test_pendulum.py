@@ -190,7 +190,7 @@ REFUSED = {
     "no oscillation": ({"angle": np.random.default_rng(0).standard_normal(len(T))}, "oscillation"),
     "at rest": ({"pitch_deg": np.random.default_rng(2).standard_normal(len(T))}, "is noise"),
     "a ramp": ({"angle_deg": 2.0 * T}, "drifts evenly"),
-    "no reading": ({"angle_deg": np.nan * T}, "holds 0 readings"),
+    "no measurement": ({"angle_deg": np.nan * T}, "holds 0 measurements"),
     "a random walk": (
         {"angle": np.cumsum(np.random.default_rng(0).standard_normal(len(T)))},
         "no oscillation",

@@ -18,7 +18,7 @@ class TopicLines(Lines):
 
     def __init__(self, topic: str, mapping: Mapping[str, str]) -> None:
         """Args:
-            topic: whose messages make the rows, a reading's.
+            topic: whose messages make the rows, a measurement's.
             mapping: column → field, as recordings are read (see ``bags.mapping``).
 
         Raises:

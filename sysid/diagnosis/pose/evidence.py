@@ -108,7 +108,7 @@ def held_pairs(search: PoseSearch, keys: Sequence[Candidate]) -> list[tuple[Arra
     pairs = list(zip(before.errors.held, after.errors.held, strict=True))
     if sum(int(t.sum()) for t in _touched(pairs)) >= FEW_TOUCHED:
         return pairs
-    turned = replace(search, estimation=search.held, held=search.estimation)
+    turned = replace(search, estimation=search.holdout, holdout=search.estimation)
     before, after = turned.fit(()), turned.fit(keys)
     return pairs + list(zip(before.errors.held, after.errors.held, strict=True))
 
@@ -203,7 +203,7 @@ def pose_residuals(search: PoseSearch, final: Fitted) -> PoseResiduals:
     loud = {CHANNELS[i]: float(size[i]) for i in at}
     if not len(at):
         return PoseResiduals({}, 0.0)
-    X, Z = (_known(problem) for problem in (search.estimation, search.held))
+    X, Z = (_known(problem) for problem in (search.estimation, search.holdout))
     scale = np.maximum(np.sqrt(np.mean(X**2, axis=0)), 1e-12)
     X, Z, Y = X / scale, Z / scale, np.concatenate(final.errors.estimation)
     gram = X.T @ X + 1e-2 * len(X) * np.eye(X.shape[1])

@@ -61,7 +61,7 @@ class Weighed:
         """Measured less foretold increments of windows, (W, 3) [m, m, rad]."""
         return self.fit.errors(parts)
 
-    def readings(self, trajectory: Trajectory) -> Array:
+    def predicted_pose(self, trajectory: Trajectory) -> Array:
         """x, y [m], ψ [rad] that the source of a trajectory's pose would read, (M, 3)."""
         return pose_read(self.fit.q, trajectory, self.fit.geometry, self.fit.added(trajectory))
 

@@ -20,7 +20,7 @@ pressure leave out moves them by so much on made logs."""
 STIFFNESS_LEFT_OUT = 0.04
 """Share of the thrust stiffness likewise: the law of shear is a chord of its curve in each step."""
 
-TELLS = 0.25
+IDENTIFIABLE_SHARE = 0.25
 """A log tells a quantity whose standard error is less than this share of it …"""
 
 SLIGHT: Mapping[str, float] = {"rolling_friction": 0.0125, "turning_friction": 0.125}
@@ -175,7 +175,7 @@ def _weighed(
 
 def _number(fit: DynamicFit, name: str, value: float, error: float) -> VehicleNumber:
     unit, meaning = MEANING[name]
-    identifiable = error < TELLS * abs(value) or error < SLIGHT.get(name, 0.0)
+    identifiable = error < IDENTIFIABLE_SHARE * abs(value) or error < SLIGHT.get(name, 0.0)
     if name in TIMES_AND_PLACES:
         length = fit.powered.machine.vehicle.contact_length
         identifiable = error < CLOSE * (
@@ -239,7 +239,7 @@ def _ratio(fit: DynamicFit, name: str, value: float, error: float) -> VehicleNum
     command = fit.powered.unit or "command"
     unit = unit or (f"(rad/s)/{command}" if name == "top_speed_per_command" else command)
     error = math.hypot(error, LEFT_OUT * abs(value))
-    identifiable = error < TELLS * abs(value)
+    identifiable = error < IDENTIFIABLE_SHARE * abs(value)
     sentence = f"{meaning[:1].upper()}{meaning[1:]}."
     if not identifiable:
         sentence = f"The log does not tell the {meaning}; {SHOWN_BY[name]} would."

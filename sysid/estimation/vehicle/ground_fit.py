@@ -54,8 +54,8 @@ COMPETITORS = (
     Slot(POSE_FILTER, "lag", -1, 0.0, 0.0, 2.0, (0.1,)),
 )
 """Numbers that compete with the effects, so that a radius that the geometry has wrong, a sensor
-that does not read zero at rest, or a pose whose readings, or whose headings, come later than the
-speeds, or are smoothed, lends its name to none."""
+that does not read zero at rest, or a pose whose measurements, or whose headings, come later than
+the speeds, or are smoothed, lends its name to none."""
 
 LAGS = (POSE_LAG, HEADING_LAG, POSE_FILTER)
 
@@ -144,8 +144,7 @@ def _of_effect(e: Effect) -> list[Candidate]:
 
 @cache
 def lags() -> tuple[Candidate, ...]:
-    """Readings of the pose that come late or are smoothed, which is nearly what an effect with a
-    memory does."""
+    """Delays and smoothing of the measured pose, which resemble an effect with memory."""
     return tuple(c for c in every_candidate() if c.key in LAGS)
 
 
@@ -334,7 +333,7 @@ class PoseSearch:
     """Fits on the estimation part, judged on both.
 
     Attributes:
-        estimation, held: the problem of each part.
+        estimation, holdout: the problem of each part.
         always: what every fit frees: the lengths of a vehicle whose geometry nobody has given.
         radius_known: whether somebody has given the radius, so that a way that falls short of it
             on both sides is slip.
@@ -342,7 +341,7 @@ class PoseSearch:
     """
 
     estimation: PoseProblem
-    held: PoseProblem
+    holdout: PoseProblem
     always: tuple[Candidate, ...] = ()
     radius_known: bool = False
     begun: Mapping[frozenset[str], Fitted] = field(default_factory=dict)
@@ -398,10 +397,10 @@ class PoseSearch:
         best = min(fits, key=lambda f: float(np.sum(f.residual**2)))
         J = best.jacobian[:, list(free)]
         variance = max(float(np.mean(best.residual**2)), 1.0)
-        parts = self.estimation.errors(best.p), self.held.errors(best.p)
+        parts = self.estimation.errors(best.p), self.holdout.errors(best.p)
         floor = self.estimation.noise.floor
         errors = Errors(*(tuple(e / floor for e in part) for part in parts))
-        white = Errors(self.estimation.whitened(parts[0]), self.held.whitened(parts[1]))
+        white = Errors(self.estimation.whitened(parts[0]), self.holdout.whitened(parts[1]))
         bound = tuple(k for k in best.at_bound if k in free)
         inverse = np.linalg.pinv(J.T @ J, hermitian=True) if free else np.zeros((0, 0))
         grown = with_memory(best.residual[:, None] * (J @ inverse), self.estimation.lengths)

@@ -10,13 +10,13 @@ from sysid.data.record import Array
 from sysid.errors import DataError
 from sysid.estimation.vehicle.slip_fit import Part
 from sysid.estimation.vehicle.trajectory import Trajectory
-from sysid.estimation.vehicle.windows import OVERLAP, WINDOW
+from sysid.estimation.vehicle.windows import WINDOW
 
 ESTIMATED = 0.7
-"""Share of each trajectory's windows that numbers are estimated on, where no other log judges."""
+"""Share of each trajectory's windows used for estimation where there is no validation log."""
 
-FEWEST = 6
-"""Windows that each part must hold: fewer leave nothing to judge by."""
+MIN_WINDOWS = 6
+"""Windows each part needs for a judgement."""
 
 LONG = 10.0
 """Length of the stretches [s] over which drift is told."""
@@ -99,21 +99,20 @@ def whole(trajectories: Sequence[Trajectory], length: float = WINDOW) -> list[Pa
 
 def enough(parts: Sequence[Part]) -> bool:
     """Whether windows are enough to estimate from or to judge by."""
-    return sum(len(p.windows) for p in parts) >= FEWEST
+    return sum(len(p.windows) for p in parts) >= MIN_WINDOWS
 
 
 def check_enough(parts: Sequence[Part], name: str) -> None:
     """Refuse a log with too few windows.
 
     Raises:
-        DataError: it holds fewer than ``FEWEST``.
+        DataError: it holds fewer than ``MIN_WINDOWS``.
     """
     if not enough(parts):
         count = sum(len(p.windows) for p in parts)
         raise DataError(
-            f"{name} holds {count} window{'' if count == 1 else 's'} of two seconds in which the "
-            f"vehicle drives and its pose is read at both ends, fewer than {FEWEST} (they overlap "
-            f"{OVERLAP} times); drive for at least 20 s"
+            f"{name} has {count} two-second window{'' if count == 1 else 's'} with motion and a "
+            f"pose at both ends, and {MIN_WINDOWS} are needed; drive for at least 20 s"
         )
 
 

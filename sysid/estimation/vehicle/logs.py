@@ -28,9 +28,9 @@ NEEDED = (
 def read_vehicle_logs(
     paths: Sequence[Path], options: ReadOptions, steps: Preparation
 ) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
-    """The records of logs with a pose, and what there is to say about the reading.
+    """The records of logs with a pose, and what there is to say about the measurement.
 
-    The fit tells fresh readings from repeats itself, so that every row is read. A log with long
+    The fit tells fresh measurements from repeats itself, so that every row is read. A log with long
     gaps is several drives, as windows do not reach over them; one without commands serves, too.
 
     Raises:

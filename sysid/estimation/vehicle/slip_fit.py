@@ -41,7 +41,7 @@ BETTER = 0.98
 LAGS = (-0.25, 0.0, 0.25, 0.5, 0.75, 1.0, 1.5)
 """Lags of the pose [s] from which a fit starts: a lidar's pose comes up to a second late."""
 
-TELLS = 0.1
+IDENTIFIABLE_SHARE = 0.1
 """A log tells a number where it leaves less than this share of what one would guess without it."""
 
 ALIKE = 0.9
@@ -61,7 +61,7 @@ class Part:
 
     Attributes:
         trajectory: of one log.
-        windows: first and last reading of each, (W, 2).
+        windows: first and last measurement of each, (W, 2).
     """
 
     trajectory: Trajectory
@@ -99,9 +99,9 @@ class SlipFit:
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
     @property
-    def told(self) -> tuple[bool, ...]:
+    def identifiable(self) -> tuple[bool, ...]:
         """Whether the log tells each number; it does of an optional one that it has shown."""
-        sure = self.std_errors < TELLS * self.prior
+        sure = self.std_errors < IDENTIFIABLE_SHARE * self.prior
         return tuple(bool(sure[k]) or (t.optional and k in self.free) for k, t in enumerate(TERMS))
 
     def like(self, k: int) -> tuple[int, ...]:

@@ -267,8 +267,8 @@ def increments(pose: Array, windows: Index, offset: float) -> Array:
     """Forward and lateral way [m] and turn [rad] over windows, in the frame at their start, (W, 3).
 
     Args:
-        pose: at every reading, (M, 3).
-        windows: first and last reading of each, (W, 2).
+        pose: at every measurement, (M, 3).
+        windows: first and last measurement of each, (W, 2).
         offset: of the heading, which is no direction of the vehicle [rad].
     """
     a, b = pose[windows[:, 0]], pose[windows[:, 1]]

@@ -89,7 +89,7 @@ def numbers_of(fit: SlipFit, given: Geometry | None) -> tuple[VehicleNumber, ...
         fit: the fit.
         given: lengths that a person gave; None for none.
     """
-    identifiable = dict(zip((t.name for t in TERMS), fit.told, strict=True))
+    identifiable = dict(zip((t.name for t in TERMS), fit.identifiable, strict=True))
     plain = [_number(fit, k, t) for k, t in enumerate(TERMS)]
     steps = 1e-4 * fit.prior
 
@@ -103,12 +103,12 @@ def numbers_of(fit: SlipFit, given: Geometry | None) -> tuple[VehicleNumber, ...
     more = []
     for name, (value, error) in derived(follow, fit.q, joint, steps).items():
         unit, meaning = _DERIVED[name]
-        tells = all(identifiable[n] for n in _FROM[name])
+        determined = all(identifiable[n] for n in _FROM[name])
         sentence = f"{_capital(meaning)}."
-        if not tells:
+        if not determined:
             missing = " and ".join(n for n in _FROM[name] if not identifiable[n])
-            sentence = f"The log does not tell {name}, because it does not tell {missing}."
-        more.append(VehicleNumber(name, value, error, unit, tells, sentence))
+            sentence = f"{name} is not identifiable from this log, because {missing} is not."
+        more.append(VehicleNumber(name, value, error, unit, determined, sentence))
     return (*plain, *more)
 
 
@@ -128,9 +128,15 @@ def _number(fit: SlipFit, k: int, term: Term) -> VehicleNumber:
         error *= fit.geometry.r
     elif term.name == "effective_width":
         error *= value / float(fit.added[k])
-    tells, inside = fit.told[k], k in fit.free
+    identifiable, inside = fit.identifiable[k], k in fit.free
     return VehicleNumber(
-        term.name, value, error, term.unit, tells, _sentence(term, fit, k, value, error), inside
+        term.name,
+        value,
+        error,
+        term.unit,
+        identifiable,
+        _sentence(term, fit, k, value, error),
+        inside,
     )
 
 
@@ -138,7 +144,7 @@ def _sentence(term: Term, fit: SlipFit, k: int, value: float, error: float) -> s
     unit = "" if term.unit == "1" else f" {term.unit}"
     like = " and ".join(TERMS[j].name for j in fit.like(k))
     also = f" On this log {like} would do nearly the same." if like else ""
-    if not fit.told[k]:
+    if not fit.identifiable[k]:
         prior_share = min(float(fit.std_errors[k] / fit.prior[k]), 1.0)
         return (
             f"The log does not tell {term.meaning}: {value:.2g} ± {error:.2g}{unit} leaves "

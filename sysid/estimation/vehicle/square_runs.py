@@ -37,14 +37,14 @@ class SquareRun:
     Attributes:
         clockwise: its direction.
         side: length of a side [m].
-        foretold: (E_d, E_b) → what ``found`` would be, (2,) [m].
+        predicted: (E_d, E_b) → what ``found`` would be, (2,) [m].
         found: where the run ended, or by how much it missed its start, (2,) [m].
         missed: where it ended less where the odometry as it is said so, (2,) [m].
     """
 
     clockwise: bool
     side: float
-    foretold: Callable[[float, float], Array]
+    predicted: Callable[[float, float], Array]
     found: Array
     missed: Array
 
@@ -225,25 +225,25 @@ def _solved(plain: SquareResult, groups: list[list[SquareRun]]) -> SquareResult:
     """Gauss–Newton on the mean returns of both directions, each weighed alike."""
     measured = np.concatenate([np.mean([r.found for r in g], axis=0) for g in groups])
 
-    def foretold(p: Array) -> Array:
+    def predicted(p: Array) -> Array:
         return np.concatenate(
-            [np.mean([r.foretold(*p.tolist()) for r in g], axis=0) for g in groups]
+            [np.mean([r.predicted(*p.tolist()) for r in g], axis=0) for g in groups]
         )
 
     p = np.ones(2)
     for _ in range(ROUNDS):
-        J = _jacobian(foretold, p)
-        step = np.linalg.lstsq(J, measured - foretold(p), rcond=None)[0]
+        J = _jacobian(predicted, p)
+        step = np.linalg.lstsq(J, measured - predicted(p), rcond=None)[0]
         p = np.maximum(p + step, 0.1)
         if float(np.abs(step).max()) < 1e-10:
             break
-    J = _jacobian(foretold, p)
+    J = _jacobian(predicted, p)
     size = np.linalg.svd(J, compute_uv=False)
     if size[1] < TURNS_ALIKE * size[0]:
         text = "The returns move along one line whatever is wrong, so that they tell neither error."
         return replace(plain, sentence=text)
     errors = _std_errors(np.asarray(np.linalg.pinv(J), dtype=np.float64), groups)
-    residual = (measured - foretold(p)).reshape(2, 2)
+    residual = (measured - predicted(p)).reshape(2, 2)
     after = float(np.linalg.norm(residual, axis=1).max())
     cw, ccw = plain.runs
     said = f"{cw} clockwise and {ccw} counter-clockwise squares of {plain.side:.3g} m"
@@ -263,13 +263,13 @@ def _solved(plain: SquareResult, groups: list[list[SquareRun]]) -> SquareResult:
     )
 
 
-def _jacobian(foretold: Callable[[Array], Array], p: Array) -> Array:
+def _jacobian(predicted: Callable[[Array], Array], p: Array) -> Array:
     columns = []
     for k in range(2):
         up, down = p.copy(), p.copy()
         up[k] += 1e-5
         down[k] -= 1e-5
-        columns.append((foretold(up) - foretold(down)) / 2e-5)
+        columns.append((predicted(up) - predicted(down)) / 2e-5)
     return np.column_stack(columns)
 
 

@@ -37,7 +37,7 @@ class _Corner:
 
 
 @dataclass(frozen=True)
-class PoseReading:
+class PoseMeasurement:
     """How a pose's source reads: how late [s], and by how much its heading is off [rad]."""
 
     lag: float = 0.0
@@ -45,7 +45,7 @@ class PoseReading:
 
 
 def square_runs(
-    trajectories: Sequence[Trajectory], geometry: Geometry, reading: PoseReading
+    trajectories: Sequence[Trajectory], geometry: Geometry, measurement: PoseMeasurement
 ) -> tuple[SquareRun, ...]:
     """The closed squares of all trajectories.
 
@@ -54,10 +54,10 @@ def square_runs(
         geometry: that its odometry uses.
         reading: how the pose's source reads.
     """
-    return tuple(run for d in trajectories for run in _of_drive(d, geometry, reading))
+    return tuple(run for d in trajectories for run in _of_drive(d, geometry, measurement))
 
 
-def _of_drive(d: Trajectory, geometry: Geometry, reading: PoseReading) -> list[SquareRun]:
+def _of_drive(d: Trajectory, geometry: Geometry, measurement: PoseMeasurement) -> list[SquareRun]:
     corners = _corners(d)
     end = float(d.nodes[-1])
     runs, i, start = [], 0, 0.0
@@ -65,7 +65,7 @@ def _of_drive(d: Trajectory, geometry: Geometry, reading: PoseReading) -> list[S
         four = corners[i : i + 4]
         stop = four[3].stop if len(four) == 4 else end
         between = (t for c in four for t in (c.start, c.stop))
-        run = _run(d, geometry, reading, (start, *between, stop))
+        run = _run(d, geometry, measurement, (start, *between, stop))
         if run is None:
             start, i = corners[i].stop, i + 1
         else:
@@ -92,10 +92,10 @@ def _corners(d: Trajectory) -> list[_Corner]:
 
 
 def _run(
-    d: Trajectory, geometry: Geometry, reading: PoseReading, times: tuple[float, ...]
+    d: Trajectory, geometry: Geometry, measurement: PoseMeasurement, times: tuple[float, ...]
 ) -> SquareRun | None:
     """The run between these times: start, both ends of three or four corners, stop; or None."""
-    lag = reading.lag
+    lag = measurement.lag
     start, stop = times[0], times[-1]
     sides = [*zip(times[:-1:2], times[1::2], strict=False)][:4]
     way = np.concatenate([[0.0], np.cumsum(_speed(d, geometry)) * d.step])
@@ -109,14 +109,15 @@ def _run(
     if np.any(np.sign(turns) != np.sign(turns[0])) or _jumped(d, start + lag, stop + lag):
         return None
     began, ended = (
-        _pose(d.at, d.pose, t + lag) - np.array([0.0, 0.0, reading.offset]) for t in (start, stop)
+        _pose(d.at, d.pose, t + lag) - np.array([0.0, 0.0, measurement.offset])
+        for t in (start, stop)
     )
     side = float(lengths.mean())
     pair = _from(began, ended)
     if float(np.hypot(*pair)) > CLOSED * side:
         return None
 
-    def foretold(wheel_ratio: float, width_ratio: float) -> Array:
+    def predicted(wheel_ratio: float, width_ratio: float) -> Array:
         left, right = scales(wheel_ratio)
         wide = Geometry(geometry.r, geometry.B * width_ratio)
         speed, yaw_rate = body_velocity(left * d.omega[:, 0], right * d.omega[:, 1], wide)
@@ -128,7 +129,7 @@ def _run(
         path = np.column_stack([x, y, psi])
         return _from(_pose(d.nodes, path, start), _pose(d.nodes, path, stop))
 
-    return SquareRun(bool(turns[0] < 0.0), side, foretold, pair, pair - foretold(1.0, 1.0))
+    return SquareRun(bool(turns[0] < 0.0), side, predicted, pair, pair - predicted(1.0, 1.0))
 
 
 def _speed(d: Trajectory, geometry: Geometry) -> Array:

@@ -26,7 +26,7 @@ SLOWEST_GRID, FASTEST_GRID = 0.05, 0.02
 vehicle changes its speed within the fastest one."""
 
 OFF_LENGTH = 0.125
-"""A window may be longer or shorter by this share, where readings come unevenly."""
+"""A window may be longer or shorter by this share, where measurements come unevenly."""
 
 AT_REST = 0.02
 """A vehicle is at rest in a window in which the wheels turn less than this share of what they turn
@@ -58,9 +58,9 @@ class Trajectory:
         name: of the record.
         step: of the grid [s].
         omega: mean speed of the left and the right wheels in each step of the grid, (N, 2) [rad/s].
-        at: instants of the pose's readings, from the start of the record, (M,) [s].
+        at: instants of the pose's measurements, from the start of the record, (M,) [s].
         pose: x, y [m], ψ [rad], not wrapped, at these instants, (M, 3).
-        joins: number of the stretch without a jump that each reading belongs to, (M,).
+        joins: number of the stretch without a jump that each measurement belongs to, (M,).
         commanded: whether the speeds are commands, as none were measured.
     """
 
@@ -78,7 +78,7 @@ class Trajectory:
         return np.asarray(np.arange(len(self.omega) + 1) * self.step, dtype=np.float64)
 
     def windows(self, length: float = WINDOW) -> Index:
-        """First and last reading of every window in which the wheels turn, (W, 2).
+        """First and last measurement of every window in which the wheels turn, (W, 2).
 
         Windows begin ``OVERLAP`` times in their length, and hold no jump.
 
@@ -102,7 +102,7 @@ class Trajectory:
         return np.column_stack([first, last[first]])
 
     def _driven(self, last: Index) -> NDArray[np.bool_]:
-        """Whether the wheels turn between each reading and its last one, (M,)."""
+        """Whether the wheels turn between each measurement and its last one, (M,)."""
         rolled = np.concatenate([[0.0], np.cumsum(np.abs(self.omega).max(axis=1)) * self.step])
         between = np.interp(self.at[last], self.nodes, rolled) - np.interp(
             self.at, self.nodes, rolled
@@ -298,12 +298,12 @@ def _without_jumps(
 
 
 def _jumps(d: Trajectory) -> NDArray[np.bool_]:
-    """Readings before which the pose has jumped, (M,)."""
+    """Measurements before which the pose has jumped, (M,)."""
     jumped = np.zeros(len(d.at), dtype=bool)
     if len(d.at) < 3:
         return jumped
     gap = np.diff(d.at)
-    gap = gap + float(np.median(gap))  # a reading may come late by the time of one
+    gap = gap + float(np.median(gap))  # a measurement may come late by the time of one
     moves = np.diff(d.pose, axis=0)
     way, turn = np.hypot(moves[:, 0], moves[:, 1]), np.abs(moves[:, 2])
     around = max(round(LATEST / d.step), 1)

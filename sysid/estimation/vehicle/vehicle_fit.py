@@ -33,7 +33,7 @@ from sysid.estimation.vehicle.slip_fit import Part, SlipFit, errors_of, fit_slip
 from sysid.estimation.vehicle.slip_model import NULLS, TERMS, body_speeds, pose_read
 from sysid.estimation.vehicle.slip_numbers import correlations_of, in_units, numbers_of
 from sysid.estimation.vehicle.square_runs import SquareResult, square_result
-from sysid.estimation.vehicle.square_search import PoseReading, square_runs
+from sysid.estimation.vehicle.square_search import PoseMeasurement, square_runs
 from sysid.estimation.vehicle.trajectory import Trajectories, Trajectory, trajectories_of
 from sysid.vehicle.kinematics import Geometry
 
@@ -45,7 +45,7 @@ class Motion(Protocol):
         """Measured less foretold increments of windows, (W, 3) [m, m, rad]."""
         ...
 
-    def readings(self, trajectory: Trajectory) -> Array:
+    def predicted_pose(self, trajectory: Trajectory) -> Array:
         """x, y [m], ψ [rad] that a trajectory's source would read, from any start, (M, 3)."""
         ...
 
@@ -84,7 +84,7 @@ class Kinematic:
         """Measured less foretold increments of windows, (W, 3) [m, m, rad]."""
         return errors_of(NULLS, parts, self.geometry)
 
-    def readings(self, trajectory: Trajectory) -> Array:
+    def predicted_pose(self, trajectory: Trajectory) -> Array:
         """x, y [m], ψ [rad] at a trajectory's measurements, from the origin, (M, 3)."""
         return pose_read(NULLS, trajectory, self.geometry)
 
@@ -122,7 +122,7 @@ class Slipping:
         """Measured less foretold increments of windows, (W, 3) [m, m, rad]."""
         return errors_of(self.fit.q, parts, self.fit.geometry)
 
-    def readings(self, trajectory: Trajectory) -> Array:
+    def predicted_pose(self, trajectory: Trajectory) -> Array:
         """x, y [m], ψ [rad] that the source of a trajectory's pose would read, (M, 3)."""
         return pose_read(self.fit.q, trajectory, self.fit.geometry)
 
@@ -160,7 +160,7 @@ MOTIONS = ("slip", "dynamic")
 WORSE = 1.1
 """Errors larger than those of wheels that roll by more than chance does to thirty windows."""
 
-_FORETOLD_WORSE = (
+_PREDICTED_WORSE = (
     "The forces foretell held-out paths worse than wheels that roll (plain): something beside the "
     "motors' torque and this friction moves the vehicle, such as a controller of the wheel speeds, "
     "so do not build on its stiffness and turning resistance."
@@ -200,7 +200,7 @@ class VehicleFit:
         acting: radius and width as a vehicle without slip would have them to drive alike.
         windows: windows (estimation, held-out); they overlap fourfold.
         model: what was fitted.
-        estimation, held: windows that it was fitted on, and judged on.
+        estimation, holdout: windows that it was fitted on, and judged on.
         squares: what closed squares among the paths tell; None where there are none.
         notes: what was done to the logs, in sentences.
     """
@@ -221,7 +221,7 @@ class VehicleFit:
     windows: tuple[int, int]
     model: MotionFit
     estimation: tuple[Part, ...]
-    held: tuple[Part, ...]
+    holdout: tuple[Part, ...]
     squares: SquareResult | None
     notes: tuple[str, ...]
 
@@ -289,7 +289,7 @@ class VehicleFit:
 
 def fit_vehicle(
     records: Sequence[Record],
-    held: Sequence[Record] = (),
+    holdout: Sequence[Record] = (),
     geometry: Geometry | None = None,
     motion: str = "slip",
     motors: KnownMotors | None = None,
@@ -299,7 +299,7 @@ def fit_vehicle(
     Args:
         records: of one vehicle, with a pose and the speeds of its two sides, every row as logged
             (``held='keep'`` where they are read: repeats of slow sensors are told apart here).
-        held: records that judge; without them the last 30 % of each record's windows do.
+        holdout: records that judge; without them the last 30 % of each record's windows do.
         geometry: radius and distance of the wheels or tracks; None for the thesis's robot's.
         motion: a name of ``MOTIONS``.
         motors: what drives a vehicle of motion ``dynamic``; None where nothing of it is known.
@@ -313,23 +313,25 @@ def fit_vehicle(
     if motors is not None and motion != "dynamic":
         raise UsageError(f"motion {motion} knows no torques; motors go with `motion='dynamic'`")
     known = geometry or Geometry()
-    trajectories = trajectories_of((*records, *held), known)
+    trajectories = trajectories_of((*records, *holdout), known)
     estimation, validation = trajectories.each[: len(records)], trajectories.each[len(records) :]
-    first, second = (whole(estimation), whole(validation)) if held else split(estimation)
+    first, second = (whole(estimation), whole(validation)) if holdout else split(estimation)
     check_enough(first, records[0].name)
-    check_enough(second, (held or records)[0].name)
+    check_enough(second, (holdout or records)[0].name)
     lengths = lengths_of([t for t in trajectories.tracks if len(t.starts)], known)
     start = _start(lengths)
     model: MotionFit
     if motion == "dynamic":
-        model = weighed = fit_weighed(first, start, (*records, *held), trajectories, known, motors)
+        model = weighed = fit_weighed(
+            first, start, (*records, *holdout), trajectories, known, motors
+        )
         trajectories = replace(trajectories, notes=(*trajectories.notes, *weighed.notes))
     else:
         model = Slipping(fit_slip(first, start), geometry)
     fitted = _judged(_Study(trajectories, first, second, known, geometry, lengths, motion), model)
     worse = fitted.after.path > WORSE * fitted.plain.path
     if motion == "dynamic" and (worse or fitted.after.heading > WORSE * fitted.plain.heading):
-        fitted = replace(fitted, notes=(*fitted.notes, _FORETOLD_WORSE))
+        fitted = replace(fitted, notes=(*fitted.notes, _PREDICTED_WORSE))
     return fitted
 
 
@@ -387,7 +389,7 @@ def _judged(study: _Study, model: MotionFit) -> VehicleFit:
         ),
         model=model,
         estimation=tuple(study.first),
-        held=tuple(study.second),
+        holdout=tuple(study.second),
         squares=_squares(study, slipping),
         notes=(*study.trajectories.notes, *_still_off(after, model, study.second)),
     )
@@ -413,8 +415,8 @@ def _still_off(after: PathErrors, model: Motion, parts: Sequence[Part]) -> tuple
 def _squares(study: _Study, fit: SlipFit) -> SquareResult | None:
     """Closed squares, judged as such, beside what the whole of the paths says."""
     n = in_units(fit.q, fit.geometry)
-    reading = PoseReading(n["pose_lag"], n["heading_offset"])
-    runs = square_runs(study.trajectories.each, study.known, reading)
+    measurement = PoseMeasurement(n["pose_lag"], n["heading_offset"])
+    runs = square_runs(study.trajectories.each, study.known, measurement)
     if not runs:
         return None
     result = square_result(runs)

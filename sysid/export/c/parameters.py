@@ -88,7 +88,7 @@ def _theta_numbers(
             yield replace(n, called=f"base.{n.called}", words=f"base, {n.words}")
 
 
-def plant_numbers(program: Program, model: Model, held: Iterable[int] | None) -> PlantNumbers:
+def plant_numbers(program: Program, model: Model, fixed: Iterable[int] | None) -> PlantNumbers:
     """The numbers of a model, those that C may change as values of a program.
 
     An operating point of zero is none. A long row of numbers that are called alike but for what
@@ -97,10 +97,10 @@ def plant_numbers(program: Program, model: Model, held: Iterable[int] | None) ->
     Args:
         program: of the step.
         model: whose numbers.
-        held: entries of θ that stay numbers; None for all.
+        fixed: entries of θ that stay numbers; None for all.
     """
     theta = theta_numbers(model)
-    kept = set(range(len(theta)) if held is None else held)
+    kept = set(range(len(theta)) if fixed is None else fixed)
     point = [
         Number(f"{letter}0[{c.name}]", c.unit, f"operating point of {c.name}", float(value))
         for letter, channels, offsets in (

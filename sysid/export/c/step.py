@@ -103,8 +103,8 @@ def c_step(model: Model) -> PlantStep:
         raise _refused(model, str(error.__cause__ or error)) from None
     if len(every) > MOST_TRIED:
         return plain
-    held = [k for k in every if not _can_change(model, k, every)]
-    return _recorded(model, held) if len(held) < len(every) else plain
+    fixed = [k for k in every if not _can_change(model, k, every)]
+    return _recorded(model, fixed) if len(fixed) < len(every) else plain
 
 
 def tunable_parameters(model: Model) -> tuple[Tunable, ...]:
@@ -127,18 +127,18 @@ def _can_change(model: Model, one: int, every: Iterable[int]) -> bool:
     return True
 
 
-def _recorded(model: Model, held: Iterable[int] | None) -> PlantStep:
+def _recorded(model: Model, fixed: Iterable[int] | None) -> PlantStep:
     """The step with these entries of θ as numbers, None for all, and the others as parameters."""
     structure = model.structure
     n, ny = structure.n_states(model.theta), len(model.outputs)
     program = Program()
-    numbers = plant_numbers(program, model, held)
+    numbers = plant_numbers(program, model, fixed)
     x: Any = Traced(program.inputs("x", n))
     v: Any = Traced(program.inputs("v", len(model.inputs)))
     with np.errstate(all="ignore"):
         step = (
             structure.step(model.theta)
-            if held is None
+            if fixed is None
             else traced_step(structure, numbers.theta, model.theta)
         )
         after, y = map(cells_of, step(x, v))

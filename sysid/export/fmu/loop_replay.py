@@ -31,7 +31,7 @@ class _Part:
 
     Attributes:
         unit: it.
-        advance: to a sample with these readings.
+        advance: to a sample with these measurements.
         shown: outputs after it, as the unit orders them.
     """
 

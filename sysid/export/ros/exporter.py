@@ -79,7 +79,7 @@ class Ros(Exporter):
                 line
                 for law, struct in structs.items()
                 if law in blocks
-                for line in _told(law, struct, blocks[law].parameters)
+                for line in _parameter_lines(law, struct, blocks[law].parameters)
             ]
             made[place] = _filled(template, {**values, "parameters": "\n".join(lines)})
         return dict(made)
@@ -96,7 +96,7 @@ def _drive(loop: Loop) -> str:
     return "\n".join([",".join(("t", *CLOSED)), *lines]) + "\n"
 
 
-def _told(law: str, struct: str, parameters: tuple[Field, ...]) -> Iterator[str]:
+def _parameter_lines(law: str, struct: str, parameters: tuple[Field, ...]) -> Iterator[str]:
     """Lines that take the numbers of a law from the parameters of the node."""
     for f in parameters:
         for k in range(max(f.size, 1)):

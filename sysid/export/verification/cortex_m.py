@@ -23,7 +23,7 @@ MACHINE = (
 )  # fmt: skip
 """An instruction takes a nanosecond, always; what the program prints comes out of qemu."""
 
-_OWN = "cortex_m"
+FOLDER = "cortex_m"
 """Folder of what is compiled beside a package."""
 
 _STEP = re.compile(r"^void (\w+_step)\(", re.MULTILINE)
@@ -51,7 +51,7 @@ class CortexM(Compiled):
 
     def prepare(self, folder: Path, files: Files) -> None:
         """Start-up, linker script, what counts, and the options that put it around the steps."""
-        target = folder / _OWN
+        target = folder / FOLDER
         target.mkdir(exist_ok=True)
         headers = [files[n].decode("utf-8") for n in files if _HEADER.fullmatch(n)]
         steps = sorted({name for text in headers for name in _STEP.findall(text)})
@@ -68,7 +68,7 @@ class CortexM(Compiled):
 
     def build(self, made: str, sources: Sequence[str]) -> list[str]:
         """With a start-up of our own: the program is alone on the machine."""
-        target = f"../{_OWN}"
+        target = f"../{FOLDER}"
         return [
             self.compiler, *FLAGS, *TARGET, f"-specs={_LIBRARY}", "-nostartfiles",
             "-T", f"{target}/mps2.ld", f"@{target}/options", "-o", made,

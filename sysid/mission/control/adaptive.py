@@ -22,7 +22,7 @@ WEAKEST = 0.2
 UNSURE = 100.0
 """Prior variance of the estimated numbers over that of μ, and the most that forgetting makes of it.
 
-Numbers that are 0.3 off, and readings within 0.03 of full speed.
+Numbers that are 0.3 off, and measurements within 0.03 of full speed.
 """
 
 

@@ -83,7 +83,7 @@ class Harmonic(GuidanceSettings):
             speed=paced(self.v_max, self.slow_within, pose.psi, psi, to_go, xp),
             psi=psi,
             arrived=near & last,
-            held=xp.where(closed, int(Hold.NO_WAY_THROUGH), int(Hold.NOTHING)),
+            hold=xp.where(closed, int(Hold.NO_WAY_THROUGH), int(Hold.NOTHING)),
             gives_up=closed & xp.logical_not(near),
         )
         return state + xp.where(near & xp.logical_not(last), 1, 0), references

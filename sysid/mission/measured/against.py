@@ -30,7 +30,7 @@ def against_runs(
 ) -> Comparison:
     """Drive a mission many times from where a measured drive of it began, and lay that over them.
 
-    The start is measured, so it varies no more than its reading is uncertain.
+    The start is measured, so it varies no more than its measurement is uncertain.
 
     Args:
         record: the log of the drive, with a pose.

@@ -17,13 +17,13 @@ MOVED = (0.02, 0.03)
 than a robot that is put down right trembles, and passed within the first instants of any drive."""
 
 BEYOND_NOISE = 6.0
-"""… and so many standard deviations of the readings: one in a thousand million is that far off."""
+"""… and by this many standard deviations of the measurements: one in 10⁹ is that far off."""
 
 STANDS = 0.5
 """Commands that stay as they are for so long [s] while the robot stands are those of rest."""
 
-FEWEST = 10
-"""Rows with a pose in a log that is compared: fewer are no path."""
+MIN_POSE_ROWS = 10
+"""Rows with a pose that a compared log needs."""
 
 SAME_PLACE = (0.05, 0.05)
 """A start within so many metres and radians of the mission's needs no word."""
@@ -53,7 +53,7 @@ class MeasuredDrive:
         name: of the log.
         t: instants since its first row [s], (N,); rows without a pose are left out.
         pose: x, y [m], ψ [rad] at these, (N, 3).
-        noise: standard deviation of a reading, (3,).
+        noise: standard deviation of a measurement, (3,).
         clock: when it set off.
         start: the pose in which it stood before, (3,).
         start_error: standard error of that, (3,).
@@ -79,14 +79,14 @@ class MeasuredDrive:
             if record.pose is None
             else np.isfinite(record.pose).all(axis=1)
         )
-        if record.pose is None or known.sum() < FEWEST:
+        if record.pose is None or known.sum() < MIN_POSE_ROWS:
             raise DataError(
-                f"{record.name} holds no path to compare (columns x, y, psi, {FEWEST} rows of them "
-                "at least): record the pose, or join the file that has it"
+                f"{record.name} has fewer than {MIN_POSE_ROWS} rows of a path (columns x, y, psi); "
+                "record the pose, or join the file that has it"
             )
         t, pose = (record.t - record.t0)[known], record.pose[known].copy()
         pose[:, 2] = np.unwrap(pose[:, 2])
-        noise = reading_noise(pose)
+        noise = measurement_noise(pose)
         distance = max(MOVED[0], BEYOND_NOISE * float(noise[:2].max()))
         angle = max(MOVED[1], BEYOND_NOISE * float(noise[2]))
         moves = sets_off(t, pose[None], distance, angle)[0]
@@ -126,7 +126,7 @@ class MeasuredDrive:
         return tuple(sentences)
 
 
-def reading_noise(pose: Array) -> Array:
+def measurement_noise(pose: Array) -> Array:
     """Standard deviation of white noise on x, y and ψ: MAD(Δ³)/(0.6745 √20), at least ``FINEST``.
 
     Third differences of a way are tiny beside its own, and those of white noise have 20 times its
@@ -179,6 +179,6 @@ def _first_command(record: Record, moves: float) -> tuple[float, str]:
         begins = command_begins(t, u)
         return (begins, "command") if np.any(u) and begins <= moves else (moves, "motion")
     changes = np.any(u != u[0], axis=1)
-    held = float(t[int(np.argmax(changes))])
-    rest = changes.any() and STANDS <= held <= moves
-    return (held if rest else float(t[0])), "command"
+    changed_at = float(t[int(np.argmax(changes))])
+    rest = changes.any() and STANDS <= changed_at <= moves
+    return (changed_at if rest else float(t[0])), "command"

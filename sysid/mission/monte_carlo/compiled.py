@@ -134,9 +134,11 @@ class CompiledRuns:
         loop = self._loop(numbers)
         state = loop.start()
         plant, nothing = jnp.asarray(state.plant, jnp.float64), jnp.zeros(2)
-        held = self.variant.held
-        if held:
-            plant = jax.lax.fori_loop(0, held, lambda _, x: loop.plant.step(x, nothing)[0], plant)
+        settling_steps = self.variant.settling_steps
+        if settling_steps:
+            plant = jax.lax.fori_loop(
+                0, settling_steps, lambda _, x: loop.plant.step(x, nothing)[0], plant
+            )
         return jax.tree.map(jnp.asarray, state._replace(plant=plant))
 
     def _sampled(self, pattern: Pattern) -> Callable[..., tuple[Any, Any]]:

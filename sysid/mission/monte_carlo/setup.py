@@ -35,13 +35,13 @@ class PlantVariant:
         sampler: how its runs are drawn.
         robot: the robot of the estimated plant.
         warnings: what was assumed to make it one.
-        held: samples without drive after which it is at rest; 0 where it rests as it is.
+        settling_steps: samples without drive after which it is at rest; 0 where it rests as it is.
     """
 
     sampler: Sampler
     robot: RobotPlant
     warnings: tuple[str, ...]
-    held: int
+    settling_steps: int
 
     @staticmethod
     def of(plant: VariedPlant, mission: Mission, variation: Variation) -> "PlantVariant":
@@ -51,10 +51,10 @@ class PlantVariant:
         check_robot(mission, robot)
         state = nominal.initial_state()
         fresh = np.array((state, state)) if robot.twins else state
-        held = 0
+        settling_steps = 0
         if not np.array_equal(robot.rest, fresh):
-            held = settle(nominal, state, robot.centre).steps
-        return PlantVariant(Sampler(mission, plant, variation), robot, warnings, held)
+            settling_steps = settle(nominal, state, robot.centre).steps
+        return PlantVariant(Sampler(mission, plant, variation), robot, warnings, settling_steps)
 
     @cached_property
     def scene(self) -> Scene:
@@ -191,7 +191,7 @@ class Setup:
         samples = variant.sampler.draw([seed])
         robot = variant.robot_of(samples.theta[0], float(samples.slip[0]))
         state = robot.initial_state()
-        for _ in range(variant.held):
+        for _ in range(variant.settling_steps):
             state, _ = robot.step(state, np.zeros(2))
         mission = varied_mission(variant.sampler, samples)
         return mission, replace(robot, rest=state), self.noise_seed(seed)

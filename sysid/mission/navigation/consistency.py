@@ -157,7 +157,7 @@ def own_run(
         law: the filter.
         scene: with the sensors; only where it starts, its vehicle and its sample time matter.
         samples: how long.
-        seed: of the truth and of the readings.
+        seed: of the truth and of the measurements.
         of: whose model the truth is drawn from; the filter's own unless given.
 
     Returns:
@@ -166,8 +166,8 @@ def own_run(
     world = _World(of or law, scene, np.random.default_rng(seed))
     state, rows = law.start(scene, np), []
     for k in range(samples):
-        readings = world.moved(scene.dt if k else 0.0)
-        given = NavigationInputs(k * scene.dt, readings, scene)
+        measurements = world.moved(scene.dt if k else 0.0)
+        given = NavigationInputs(k * scene.dt, measurements, scene)
         state, _ = law.step(state, given, scene.dt if k else 0.0, np)
         rows.append((*world.x[:POSE], *law.report(state, np)))
     table = np.array(rows)
@@ -200,18 +200,18 @@ class _World:
         return {name: self.x[i] for i, name in enumerate(self.plan.process.names)}
 
     def moved(self, dt: float) -> dict[str, float]:
-        """Move on; the readings that come then."""
+        """Move on; the measurements that come then."""
         process, s = self.plan.process, self._named()
         after = process.advanced(s, dt, 0.0, self.geometry, np)
         Q = process.slopes(s, dt, 0.0, self.geometry, np)[1]
         self.x = np.array([after[name] for name in process.names]) + self._drawn(Q)
-        readings: dict[str, float] = {"omega_l": math.nan, "omega_r": math.nan}
+        measurements: dict[str, float] = {"omega_l": math.nan, "omega_r": math.nan}
         for k, group in enumerate(self.plan.groups):
             self.elapsed[k] += dt
             due = self.elapsed[k] > group.interval * (1.0 - 1e-9)
             self.late[k].append(self._read(k, group) if due else {})
-            readings |= self.late[k].pop(0)
-        return readings
+            measurements |= self.late[k].pop(0)
+        return measurements
 
     def _read(self, k: int, group: Group) -> dict[str, float]:
         """What one sensor reads now."""

@@ -1,8 +1,8 @@
 """Measurements that come late or out of order: kept for a while, and used where they belong.
 
-A reading that comes ``d`` samples after the instant it is of is put into the sample ``d`` back,
+A measurement that comes ``d`` samples after the instant it is of is put into the sample ``d`` back,
 and the filter runs again from there (replay). That gives, to the last bit, what the filter would
-have given had the reading come in time, at the price of ``d`` more steps at samples where one
+have given had the measurement come in time, at the price of ``d`` more steps at samples where one
 comes; between them nothing is repeated. The memory is bounded by the longest delay of the sensors.
 """
 
@@ -19,7 +19,7 @@ class Slot(NamedTuple):
     Attributes:
         dt: time since the sample before [s].
         drive: mean command of both tracks [drive].
-        z: what each group of readings tells of this sample, (m,) each; NaN where nothing came.
+        z: what each group of measurements tells of this sample, (m,) each; NaN where nothing came.
         fresh: which groups came now, (groups,); the others were used before.
     """
 
@@ -46,7 +46,7 @@ Fuse = Callable[[Any, Slot], tuple[Any, Any]]
 
 
 def begun(belief: Any, empty: Slot, longest: int, xp: Any) -> History | tuple[()]:
-    """The history before the first sample; nothing where no reading is ever late."""
+    """The history before the first sample; nothing where no measurement is ever late."""
     if longest == 0:
         return ()
     rows = longest + 2  # a belief before the oldest slot that may still change
@@ -61,16 +61,16 @@ def advanced(
     Args:
         fuse: the filter's step.
         history: before it.
-        slot: the sample; readings that are late stand in ``z`` as they came.
+        slot: the sample; measurements that are late stand in ``z`` as they came.
         delays: of each group [samples].
         xp: array namespace.
 
     Returns:
         The history whose newest belief is that of this sample, and the sum of the figures of all
-        readings that came at it.
+        measurements that came at it.
     """
     came = [xp.isfinite(z).any() for z in slot.z]
-    slots = _with_readings(mapped(_shifted(xp), history.slots, slot), slot, came, delays, xp)
+    slots = _with_measurements(mapped(_shifted(xp), history.slots, slot), slot, came, delays, xp)
     beliefs = mapped(_shifted(xp), history.beliefs, mapped(lambda leaf: leaf[-1], history.beliefs))
     rows = len(slots.dt)
 
@@ -108,16 +108,16 @@ def newest(history: History) -> Any:
     return mapped(lambda leaf: leaf[-1], history.beliefs)
 
 
-def _with_readings(
+def _with_measurements(
     slots: Slot, slot: Slot, came: list[Any], delays: tuple[int, ...], xp: Any
 ) -> Slot:
-    """The slots with every reading at the sample it is of, and marked there as fresh."""
+    """The slots with every measurement at the sample it is of, and marked there as fresh."""
     rows = len(slots.dt)
     index = xp.arange(rows)
     z, fresh = [], []
     for old, new, c, d in zip(slots.z, slot.z, came, delays, strict=True):
         here = index == rows - 1 - d
-        # The newest row holds what came now, which for late readings is not of now.
+        # The newest row holds what came now, which for late measurements is not of now.
         kept = xp.where((index == rows - 1)[:, None], xp.nan, old)
         z.append(xp.where((here & c)[:, None], new, kept))
         fresh.append(here & c)

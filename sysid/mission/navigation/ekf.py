@@ -42,5 +42,5 @@ class ExtendedKalman(Filter):
     def corrected(
         self, of: Gaussian, plan: Design, sight: Sight, xp: Any
     ) -> tuple[Gaussian, Innovation]:
-        """What is believed after one group of readings."""
+        """What is believed after one group of measurements."""
         return measured(of, plan.process.names, sight, xp)

@@ -139,7 +139,7 @@ class FiniteModel(Filter):
         return Bank(weight, xp.array([g.x for g in beliefs]), xp.array([g.P for g in beliefs]))
 
     def corrected(self, of: Bank, plan: Design, sight: Sight, xp: Any) -> tuple[Bank, Innovation]:
-        """What is believed after one group of readings; rejected where no hypothesis has it."""
+        """What is believed after one group of measurements; rejected where no hypothesis has it."""
         open_gate = (math.inf,) * len(sight.quantiles)
         innovations = []
         for j, hypothesis in enumerate(self.hypotheses.values()):
@@ -167,7 +167,7 @@ class FiniteModel(Filter):
         return mixture(of, POSE_AND_SPEEDS, xp)
 
     def set_since(self, of: Bank, T: Any, xp: Any) -> Bank:
-        """What is believed once a reading has set states for the next one of its sensor."""
+        """What is believed once a measurement has set states for the next one of its sensor."""
         return Bank(of.weight, *reset(Gaussian(of.x, of.P), T, LEAST_VARIANCE, xp))
 
     def slip(self, of: Bank) -> Real:

@@ -58,7 +58,7 @@ class UnscentedKalman(Filter):
     def corrected(
         self, of: Gaussian, plan: Design, sight: Sight, xp: Any
     ) -> tuple[Gaussian, Innovation]:
-        """What is believed after one group of readings, with points drawn anew."""
+        """What is believed after one group of measurements, with points drawn anew."""
         names, group = plan.process.names, sight.group
 
         def seen(points: Any) -> Any:

@@ -14,7 +14,7 @@ from sysid.errors import ModelError
 from sysid.mission.contracts import SteppablePlant, TurnsTracks
 from sysid.mission.navigation.equipment import assumed
 from sysid.mission.registry import default_sensor
-from sysid.mission.robot.robot_plant import RobotPlant, held_by
+from sysid.mission.robot.robot_plant import RobotPlant, identified_effects
 from sysid.mission.robot.settling import Ending, Settling, settle
 from sysid.mission.robot.torque import check_lifted
 from sysid.mission.robot.wiring import Wiring, wirings
@@ -104,7 +104,7 @@ def as_robot(
     """
     robot, notes = _driving(plant, mission, top_speed)
     volts = all(_is_voltage(plant.inputs[i]) for i in robot.driven)
-    notes = (*notes, *supply_notes(mission.vehicle.supply, held_by(robot), volts))
+    notes = (*notes, *supply_notes(mission.vehicle.supply, identified_effects(robot), volts))
     said = assumed(mission.navigation, mission.sensors, robot.dt, default_sensor)
     return robot, (*notes, *said, *_about_motion(robot, mission))
 
@@ -148,13 +148,13 @@ def _driving(
         turning, drift = _opposite(robot, top_speed / mission.vehicle.r)
         if wiring.named:
             weak = () if turning >= RULE.turns[0] else (_WEAK_STEERING,)
-            return robot, (*_held_note(plant, wiring), *notes, *weak)
+            return robot, (*_fixed_note(plant, wiring), *notes, *weak)
         if RULE.turns[0] <= abs(turning) <= RULE.turns[1] and abs(drift) <= RULE.drifts:
             if turning < 0:  # the first output answers more to the second input
                 wiring = Wiring(False, wiring.driven, wiring.read[::-1])
                 wired = _wired(plant, wiring, vehicle, top_speed)
             if not isinstance(wired, _Refused):
-                taken = (_order_note(plant, wiring), *_held_note(plant, wiring))
+                taken = (_order_note(plant, wiring), *_fixed_note(plant, wiring))
                 return wired[0], (*taken, *wired[1])
         complaint = "its first two inputs and outputs do not steer as two tracks do"
     raise ModelError(f"the plant cannot drive a robot: {complaint}")
@@ -355,7 +355,7 @@ def _twins_note(plant: SteppablePlant, wiring: Wiring, complaint: str) -> str:
         f"{plant.outputs[wiring.read[0]].name}"
     )
     if names:
-        note += f", with {', '.join(names)} held at the operating point"
+        note += f", with {', '.join(names)} fixed at the operating point"
     return f"{note}, because {complaint}." if complaint else f"{note}."
 
 
@@ -368,6 +368,6 @@ def _order_note(plant: SteppablePlant, wiring: Wiring) -> str:
     )
 
 
-def _held_note(plant: SteppablePlant, wiring: Wiring) -> tuple[str, ...]:
-    held = [c.name for i, c in enumerate(plant.inputs) if i not in wiring.driven]
-    return (f"Held at the operating point: {', '.join(held)}.",) if held else ()
+def _fixed_note(plant: SteppablePlant, wiring: Wiring) -> tuple[str, ...]:
+    fixed = [c.name for i, c in enumerate(plant.inputs) if i not in wiring.driven]
+    return (f"Fixed at the operating point: {', '.join(fixed)}.",) if fixed else ()

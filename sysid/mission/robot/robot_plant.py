@@ -141,6 +141,6 @@ def _pair(left: Any, right: Any) -> Any:
     return left.__array_namespace__().stack((left, right))
 
 
-def held_by(plant: SteppablePlant) -> tuple[str, ...]:
+def identified_effects(plant: SteppablePlant) -> tuple[str, ...]:
     """Effects that a robot plant was identified with."""
     return plant.identified.effects if isinstance(plant, RobotPlant) else ()

@@ -118,7 +118,7 @@ class BatchRunner:
     def _one(self, run: Runs) -> Driven:
         robot = self.variant.robot_of(run.theta[0], 0.0)
         state = robot.initial_state()
-        for _ in range(self.variant.held):
+        for _ in range(self.variant.settling_steps):
             state, _ = robot.step(state, np.zeros(2))
         robot = replace(robot, rest=state)
         mission = self.with_gains(run.gains[0].tolist())
@@ -199,9 +199,11 @@ class BatchRunner:
         loop = self._loop(*numbers)
         state = loop.start()
         plant, nothing = jnp.asarray(state.plant, jnp.float64), jnp.zeros(2)
-        held = self.variant.held
-        if held:
-            plant = jax.lax.fori_loop(0, held, lambda _, x: loop.plant.step(x, nothing)[0], plant)
+        settling_steps = self.variant.settling_steps
+        if settling_steps:
+            plant = jax.lax.fori_loop(
+                0, settling_steps, lambda _, x: loop.plant.step(x, nothing)[0], plant
+            )
         return jax.tree.map(jnp.asarray, state._replace(plant=plant))
 
     @cached_property

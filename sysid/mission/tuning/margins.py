@@ -48,8 +48,8 @@ class SampledLoop:
     """The plant of one axis as its controller meets it, once a period.
 
     G(z) = Σ g_k z^{−k} of the answer's differences, times T/2·(z + 1)/(z − 1) for the yaw, whose
-    rate is integrated by the trapezoidal rule. The reading of an instant and the command it leads
-    to share the instant, as in the simulated loop.
+    rate is integrated by the trapezoidal rule. The measurement of an instant and the command it
+    leads to share the instant, as in the simulated loop.
 
     Attributes:
         omega: frequencies up to Nyquist's, (N,) [rad/s].

@@ -19,11 +19,11 @@ from sysid.testbench.motor.plausibility import (
     LEAST_RATIO,
     MOST_RATIO,
     contradictions,
-    hardly_told,
     misfits,
     missing_experiments,
     require_currents,
     require_plausible,
+    weakly_identified,
 )
 from sysid.testbench.motor.propagation import propagated
 from sysid.testbench.motor.published import PRINTED, is_the_thesis, printed_against
@@ -193,7 +193,7 @@ def characterise_motor(files: Sequence[Path], options: MotorOptions | None = Non
     require_plausible(vars(joint.constants))
     errors, covariance, names = propagated(tests, known, gear, joint.sigma, tied)
     notes = [*read.notes, *notes, *said, *remarks, *contradictions(from_tables, errors)]
-    notes += [*misfits(joint, tests), *hardly_told(joint)]
+    notes += [*misfits(joint, tests), *weakly_identified(joint)]
     work = _Evaluation(
         BenchFiles(tests, read.drives, known, tuple(notes)), gear, from_tables, errors,
         (names, covariance), joint, tied, given.method,
@@ -326,14 +326,14 @@ class _Evaluation:
         if name == "Kc" and self.tied:
             return "taken for equal to Kem: no torque was measured"
         if value is None:
-            return NOT_TOLD.get(name, "not told by these files")
+            return WHY_UNDETERMINED.get(name, "not told by these files")
         how = {r.name: r.how for r in reversed(self.found)}
         if self.method == "separate" and name in how:
             return how[name]
         return "all experiments at once" if how or len(self.files.drives) > 1 else "the drive"
 
 
-NOT_TOLD = {
+WHY_UNDETERMINED = {
     "L": "not told: steady states do not see it; a log of voltage steps with its current, sampled "
     "faster than L/R, does",
     "J": "not told: give a value from geometry (`known={'J': 1e-7}`) or a log of a run-up",

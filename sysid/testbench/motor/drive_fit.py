@@ -41,7 +41,7 @@ def fit_all(
         tied: whether Kc is Kem.
 
     Raises:
-        DataError: there are fewer readings than constants.
+        DataError: there are fewer measurements than constants.
     """
     steady = [steady_part(t, gear) for t in tests] + [known_part(v) for v in known.values()]
     starts = _starts(drives, values, gear)
@@ -69,7 +69,7 @@ def fit_all(
     if "L" in names and "L" not in known:
         dt = max(d.dt for d in drives)
         logged = any(d.current is not None for d in drives)
-        if logged and _told(best_fit, dt if smeared else 0.0):
+        if logged and _inductance_identifiable(best_fit, dt if smeared else 0.0):
             return best_fit, said
         # it stays among the estimates, whose errors take in that it is not known
         best_fit = replace(best_fit, undetermined=(*best_fit.undetermined, "L"))
@@ -110,7 +110,7 @@ def _starts(
         assert tables is not None  # experiments are complete
         return (tables,)
     used = [d for d in drives if d.current is not None] or drives
-    read = [guessed(used, gear, tables, b) for b in BLOCKS if b * FEWEST < len(used[0].t)]
+    read = [guessed(used, gear, tables, b) for b in BLOCKS if b * MIN_BLOCKS < len(used[0].t)]
     read = [g for g in read if g.R > 0.0 and g.Kem > 0.0 and np.isfinite(g.J)]
     if not read:
         raise DataError(
@@ -126,7 +126,7 @@ def _starts(
     return tuple(replace(g, J=a * g.J, L=b * g.L) for g in guesses for a in around for b in around)
 
 
-FEWEST = 10
+MIN_BLOCKS = 10
 """Blocks from which constants are read off."""
 
 
@@ -135,7 +135,7 @@ def _cost(fit: JointFit) -> float:
     return float(sum(len(g.residuals) * np.log(g.noise) for g in fit.groups if g.kind == "drive"))
 
 
-def _told(fit: JointFit, least: float) -> bool:
+def _inductance_identifiable(fit: JointFit, least: float) -> bool:
     """Whether the inductance differs from zero, and L/R from the least that could be told [s]."""
     k = fit.names.index("L")
     error = float(np.sqrt(fit.covariance[k, k]))

@@ -16,8 +16,8 @@ from sysid.errors import DataError
 
 _TURN = 2.0 * np.pi
 
-FEWEST = 3
-"""Events of a steady speed: two intervals, whose difference shows whether it is steady."""
+MIN_EVENTS = 3
+"""Events of a steady speed: two intervals, whose difference shows whether the speed is steady."""
 
 UNSTEADY = 5.0
 """A speed counts as not steady where its trend over the events is larger than so many standard
@@ -93,8 +93,10 @@ def from_times(t: Array, pulses_per_turn: float, where: str) -> Events:
     Raises:
         DataError: there are fewer than three, or the instants do not rise.
     """
-    if len(t) < FEWEST:
-        raise DataError(f"{where}: {len(t)} events tell no steady speed; record at least {FEWEST}")
+    if len(t) < MIN_EVENTS:
+        raise DataError(
+            f"{where}: {len(t)} events tell no steady speed; record at least {MIN_EVENTS}"
+        )
     if not np.all(np.diff(t) > 0.0):
         row = int(np.flatnonzero(np.diff(t) <= 0.0)[0])
         raise DataError(
@@ -142,7 +144,7 @@ def require_steady(events: Events, where: str, voltage: float) -> None:
     Raises:
         DataError: the speed has a trend.
     """
-    if len(events.t) <= FEWEST:
+    if len(events.t) <= MIN_EVENTS:
         return
     change, error = events.trend()
     speed, _ = events.steady_speed()

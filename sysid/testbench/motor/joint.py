@@ -1,6 +1,6 @@
 """All experiments of a motor at once: weighted least squares with a noise level each.
 
-Every reading is compared with what the constants predict at its voltage. Each quantity of each
+Every measurement is compared with what the constants predict at its voltage. Each quantity of each
 file has a noise level of its own, estimated along with the constants from its residuals over its
 degrees of freedom (iteratively reweighted least squares, restricted maximum likelihood).
 """
@@ -23,14 +23,14 @@ ROUNDS = 30
 """Limit of the reweighting; noise levels settle within ten rounds."""
 
 SETTLED = 1e-4
-"""Relative change of every noise level below which it is settled."""
+"""Relative change of every noise estimate below which the iteration has settled."""
 
-FEWEST = 2.5
-"""Degrees of freedom of a group below which its residuals tell no noise level: at two the variance
-of Student's distribution is infinite."""
+MIN_DEGREES_OF_FREEDOM = 2.5
+"""Degrees of freedom that a group needs for a noise estimate from its residuals: at two the
+variance of Student's distribution is infinite."""
 
 ACCURACY = 0.01
-"""Noise of a reading that nothing tells, as a share of the largest one: bench instruments are
+"""Noise of a measurement that nothing tells, as a share of the largest one: bench instruments are
 specified to about 1 %."""
 
 TOLERANCE = 1e-7
@@ -44,7 +44,7 @@ Predict = Callable[[MotorConstants, Array], tuple[Array, ...]]
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Readings of one experiment, and how the constants predict them.
+    """Measurements of one experiment, and how the constants predict them.
 
     Attributes:
         name: of the file.
@@ -76,9 +76,9 @@ class Group:
         kind: the experiment.
         quantity: what was read.
         noise: estimated noise level, in SI.
-        relative: noise level over the root mean square of the readings.
+        relative: noise level over the root mean square of the measurements.
         freedom: degrees of freedom it comes from.
-        floor: whether the resolution of the readings decides it.
+        floor: whether the resolution of the measurements decides it.
         residuals: measured less predicted, in SI.
         at: voltage of each, empty for a log.
     """
@@ -105,7 +105,7 @@ class JointFit:
         at_bound: names of those that ended at zero.
         termination: how the search ended.
         sigma: noise levels by (file, quantity).
-        undetermined: names about which the readings say nothing.
+        undetermined: names about which the measurements say nothing.
     """
 
     names: tuple[str, ...]
@@ -180,7 +180,7 @@ def _is_answer(test: SteadyTest, quantity: str) -> bool:
 
 
 def known_part(value: KnownValue) -> Part:
-    """A known value as a reading of the constant itself."""
+    """A known value as a measurement of the constant itself."""
     name = value.name
 
     def predict(c: MotorConstants, _: Array) -> tuple[Array, ...]:
@@ -213,13 +213,13 @@ def fit_jointly(
         tied: whether Kc is Kem.
 
     Raises:
-        DataError: there are fewer readings than constants.
+        DataError: there are fewer measurements than constants.
     """
-    readings = sum(len(m) for part in parts for m in part.measured)
-    if readings < len(names):
+    measurements = sum(len(m) for part in parts for m in part.measured)
+    if measurements < len(names):
         raise DataError(
-            f"{readings} readings cannot tell {len(names)} constants ({', '.join(names)}); measure "
-            "at more voltages"
+            f"{measurements} measurements do not determine {len(names)} constants "
+            f"({', '.join(names)}); measure at more voltages"
         )
     problem = min((_Bench(parts, names, s, tied) for s in starts), key=_Bench.first_cost)
     # with equal weights first: levels from residuals of a poor start hold the search there
@@ -261,9 +261,9 @@ class _Bench(Problem):
     """Residuals of all parts over their noise levels."""
 
     def __init__(
-        self, parts: Sequence[Part], names: Sequence[str], held: MotorConstants, tied: bool
+        self, parts: Sequence[Part], names: Sequence[str], fixed: MotorConstants, tied: bool
     ) -> None:
-        self.parts, self.names, self.held, self.tied = tuple(parts), tuple(names), held, tied
+        self.parts, self.names, self.fixed, self.tied = tuple(parts), tuple(names), fixed, tied
         self.index = np.arange(len(names))
         self.n_initial = sum(len(part.start) for part in parts)
         sizes = [len(m) for part in parts for m in part.measured]
@@ -271,12 +271,12 @@ class _Bench(Problem):
         # before any residual is known: a twentieth of each quantity
         sizes_of = [float(np.sqrt(np.mean(m**2))) for part in parts for m in part.measured]
         self.levels: Array = np.array([0.05 * s if s > 0.0 else 1.0 for s in sizes_of])
-        self.scale = np.array([max(abs(float(getattr(held, n))), 1e-12) for n in names])
+        self.scale = np.array([max(abs(float(getattr(fixed, n))), 1e-12) for n in names])
 
     def first(self) -> Array:
         """Where the search begins."""
         starts = [part.start for part in self.parts]
-        values = np.array([float(getattr(self.held, n)) for n in self.names])
+        values = np.array([float(getattr(self.fixed, n)) for n in self.names])
         return np.concatenate([values, *starts])
 
     def first_cost(self) -> float:
@@ -286,7 +286,7 @@ class _Bench(Problem):
 
     def weighted(self, levels: Array) -> "_Bench":
         """The same problem with other noise levels."""
-        made = _Bench(self.parts, self.names, self.held, self.tied)
+        made = _Bench(self.parts, self.names, self.fixed, self.tied)
         made.levels = levels
         return made
 
@@ -307,7 +307,7 @@ class _Bench(Problem):
         values = dict(zip(self.names, p.tolist(), strict=False))
         if self.tied and "Kem" in values:
             values["Kc"] = values["Kem"]
-        return replace(self.held, **values)
+        return replace(self.fixed, **values)
 
     def differences(self, p: Array) -> list[Array]:
         """Measured less predicted of every group, in SI."""
@@ -352,7 +352,7 @@ def _groups(problem: _Bench, p: Array) -> tuple[Group, ...]:
             n, d = len(m), differences[k]
             freedom = n - float(np.sum(leverage[at : at + n]))
             size = float(np.sqrt(np.mean(m**2))) or 1.0
-            estimated = freedom > FEWEST and not part.known
+            estimated = freedom > MIN_DEGREES_OF_FREEDOM and not part.known
             # a level from few residuals may be small by chance: Student's variance is that of ν − 2
             level = float(np.sqrt(d @ d / (freedom - 2.0))) if estimated else 0.0
             least = floor if estimated or part.known else max(floor, ACCURACY * size)
@@ -372,9 +372,9 @@ def _with_uneven_noise(covariance: Array, J: Array, r: Array) -> Array:
 
         C' = C Jᵀ diag(r²/(1 − h)²) J C
 
-    (MacKinnon and White 1985, HC3.) Instruments err by a share of the reading: large readings,
-    which turn a line the most, err by more than the one level of their group. Errors are widened,
-    never made smaller, and correlations are kept.
+    (MacKinnon and White 1985, HC3.) Instruments err by a share of the measurement: large
+    measurements, which turn a line the most, err by more than the one level of their group. Errors
+    are widened, never made smaller, and correlations are kept.
 
     Args:
         covariance: (JᵀJ)⁻¹, (n, n).
@@ -392,12 +392,12 @@ def _with_uneven_noise(covariance: Array, J: Array, r: Array) -> Array:
 
 
 LEAST_FREE = 0.05
-"""Share of a reading that the estimates leave free below which its residual tells no noise: a value
-that is known is taken up whole."""
+"""Share of a measurement that the estimates leave free below which its residual tells no noise: a
+value that is known is taken up whole."""
 
 
 def _leverage(J: Array) -> Array:
-    """Diagonal of J (JᵀJ)⁺ Jᵀ: how much of each reading the estimates take up, (M,)."""
+    """Diagonal of J (JᵀJ)⁺ Jᵀ: how much of each measurement the estimates take up, (M,)."""
     size = np.linalg.norm(J, axis=0)
     size[size == 0.0] = 1.0
     U, s, _ = np.linalg.svd(J / size, full_matrices=False)

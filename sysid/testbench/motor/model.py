@@ -79,7 +79,8 @@ def bench_model(
         theta=theta,
         covariance=covariance,
         parameters=tuple(
-            _held(p, v, p.name in estimated) for p, v in zip(table, theta, strict=True)
+            _fixed_unless_estimated(p, v, p.name in estimated)
+            for p, v in zip(table, theta, strict=True)
         ),
         dt=dt,
         inputs=inputs,
@@ -98,7 +99,7 @@ def bench_model(
     )
 
 
-def _held(parameter: Parameter, value: float, estimated: bool) -> Parameter:
+def _fixed_unless_estimated(parameter: Parameter, value: float, estimated: bool) -> Parameter:
     return replace(parameter, fixed=None if estimated else float(value))
 
 

@@ -171,7 +171,7 @@ def misfits(joint: JointFit, tests: Sequence[SteadyTest]) -> list[str]:
     return said
 
 
-def hardly_told(joint: JointFit) -> list[str]:
+def weakly_identified(joint: JointFit) -> list[str]:
     """Sentences on constants whose standard error is not small."""
     errors = np.sqrt(np.diag(joint.covariance))
     advice = {

@@ -120,7 +120,7 @@ def _torque_constant(tests: Sequence[SteadyTest], values: Values, gear: float) -
 
 
 def _no_load_current(tests: Sequence[SteadyTest], voltage: Array) -> Array:
-    """Current without load at these voltages: read there, or on the line through the readings."""
+    """No-load current at these voltages: measured there, or on the line through the measurements."""
     some = _of(tests, Kind.NO_LOAD, "current")
     if not some:
         return np.full(len(voltage), np.nan)
@@ -152,7 +152,7 @@ def _loaded_rows(tests: Sequence[SteadyTest], values: Values, gear: float) -> Ar
             computed = (t.voltage - values["Kem"] * speed) / values["R"]
             current = np.where(np.isfinite(current), current, computed)
         if np.all(np.isfinite(current)):
-            # both directions as one: readings have the signs of their voltages
+            # both directions as one: measurements have the signs of their voltages
             signed = np.column_stack([current, t.motor_torque(gear), speed])
             parts.append(np.sign(t.voltage)[:, None] * signed)
     return np.concatenate(parts) if parts else None
@@ -179,7 +179,7 @@ def _friction(tests: Sequence[SteadyTest], values: Values, gear: float) -> list[
             ways += [Route("f", f, how), Route("C0", C0, how)]
     free = _of(tests, Kind.NO_LOAD, "current", "speed")
     if free:
-        # both directions as one: readings have the signs of their voltages
+        # both directions as one: measurements have the signs of their voltages
         speed = np.concatenate([gear * np.abs(t.of("speed")) for t in free])
         current = np.concatenate([np.abs(t.of("current")) for t in free])
         ok = np.isfinite(speed) & np.isfinite(current)

@@ -14,7 +14,7 @@ from sysid.data.units import UNITS, Conversion, conversion, from_name
 from sysid.errors import DataError, UsageError, argument
 from sysid.testbench.motor.experiments import (
     CONSTANTS,
-    READINGS,
+    MEASUREMENTS,
     Kind,
     KnownValue,
     SteadyTest,
@@ -178,7 +178,7 @@ def known_values(table: Table, columns: Sequence[Column]) -> tuple[KnownValue, .
 
 
 def known_value(name: str, value: float, source: str, std_error: float | None = None) -> KnownValue:
-    """A constant that is known without readings.
+    """A constant that is known without measurements.
 
     Args:
         name: as in ``CONSTANTS``, or ``gear``.
@@ -217,7 +217,7 @@ def steady_test(table: Table, columns: Sequence[Column]) -> tuple[SteadyTest | N
             f"{table.where} has no column of voltage; an experiment needs voltage_V and "
             "current_A (blocked rotor), speed_rpm (no load), torque_Nm (stall) or both"
         )
-    read = [c for c in columns if c.role in ("voltage", *READINGS)]
+    read = [c for c in columns if c.role in ("voltage", *MEASUREMENTS)]
     values = table.columns([c.name for c in read])
     columns_in_file = dict(zip((c.role for c in read), values.T, strict=True))
     if len(read) == 1:
@@ -228,16 +228,16 @@ def steady_test(table: Table, columns: Sequence[Column]) -> tuple[SteadyTest | N
         empty = [by_role[r].name for r in needed if not np.isfinite(columns_in_file[r]).any()]
         which = ", ".join(empty) or "every row"
         return None, f"{table.where} is not used: {which} is empty there."
-    readings = {r: _scaled(columns_in_file[r][full], by_role[r]) for r in columns_in_file}
+    measurements = {r: _scaled(columns_in_file[r][full], by_role[r]) for r in columns_in_file}
     steps = {
         r: smallest_step(columns_in_file[r][full]) * abs(by_role[r].scale) for r in columns_in_file
     }
-    voltage = readings.pop("voltage")
+    voltage = measurements.pop("voltage")
     side = "torque" in by_role and by_role["torque"].motor_side
-    kind = _kind(readings)
+    kind = _kind(measurements)
     if kind is Kind.STALL:
-        readings.pop("speed", None)
-    made = SteadyTest(table.where, kind, voltage, readings, steps, side)
+        measurements.pop("speed", None)
+    made = SteadyTest(table.where, kind, voltage, measurements, steps, side)
     _check(made)
     lost = int(np.sum(~full))
     said = f"{table.where}: {lost} of {len(full)} rows are not full and left out." if lost else ""
@@ -248,9 +248,9 @@ def _scaled(values: Array, column: Column) -> Array:
     return np.asarray(values * column.scale)
 
 
-def _kind(readings: Mapping[str, Array]) -> Kind:
-    turns = "speed" in readings and bool(np.any(readings["speed"] != 0.0))
-    if "torque" in readings:
+def _kind(measurements: Mapping[str, Array]) -> Kind:
+    turns = "speed" in measurements and bool(np.any(measurements["speed"] != 0.0))
+    if "torque" in measurements:
         return Kind.EXTERNAL if turns else Kind.STALL
     return Kind.NO_LOAD if turns else Kind.BLOCKED
 
@@ -267,7 +267,7 @@ def _check(test: SteadyTest) -> None:
         if len(wrong):
             raise DataError(
                 f"{test.name}: at {test.voltage[wrong[0]]:g} V the {quantity} has the other sign; "
-                "give readings of a motor that drives, with the signs of its voltage"
+                "give measurements of a motor that drives, with the signs of its voltage"
             )
     if np.any(test.voltage == 0.0):
         raise DataError(f"{test.name}: a row has the voltage 0, at which nothing is driven")

@@ -36,7 +36,7 @@ AT_LEAST = 2e-4
 FEW_PERIODS = 10.0
 """Periods below which a log is called short: a count of them is good to 1/10 of an instant's."""
 WILD_SHARE = 0.05
-"""Share of readings left out from which that is worth a warning."""
+"""Share of measurements left out from which that is worth a warning."""
 ODD = 0.01
 """Significance below which logs that differ are said to differ by more than their errors."""
 FAR = 2.0
@@ -381,9 +381,13 @@ def _said(log: LogResult) -> tuple[Finding, ...]:
         )
     if o.left_out > WILD_SHARE * len(o.t):
         share = 100.0 * o.left_out / len(o.t)
-        say("wild-readings", Severity.WARNING, f"{share:.0f} % of the readings are wild, left out.")
+        say(
+            "wild-readings",
+            Severity.WARNING,
+            f"{share:.0f} % of the measurements are wild, left out.",
+        )
     elif o.left_out:
-        say("wild-readings", Severity.NOTE, f"{o.left_out} wild readings left out.")
+        say("wild-readings", Severity.NOTE, f"{o.left_out} wild measurements left out.")
     if not log.swing.in_radians:
         _say_unit(o, say)
     if o.kind == "sine":
@@ -402,7 +406,7 @@ def _say_unit(o: Oscillation, say: Any) -> None:
     """How an angle of an untold unit was taken."""
     unit = "radians" if o.scale == 1.0 else "degrees"
     how = f"the angle is taken to be in {unit} (first amplitude {o.amplitudes[0] / DEGREES:.3g}°)"
-    if o.kind == "pendulum" and o.told:
+    if o.kind == "pendulum" and o.unit_identified:
         say("angle-unit", Severity.NOTE, f"{how}: its period changes as it must in that unit.")
         return
     say(

@@ -41,8 +41,8 @@ _POSITION = re.compile(
     r"(?:p|pos|position|com|cog|tracker)?[ _.\-]*(?P<axis>[xyz])(?:[ _.\-]*pos(?:ition)?)?",
     re.IGNORECASE,
 )
-FEWEST = 20
-"""Rows below which nothing swings to be seen."""
+MIN_ROWS = 20
+"""Rows that a log of a swing needs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class Swing:
         t: instants, rising, (N,) [s].
         angle: (N,) [rad], or in an untold unit.
         in_radians: whether the unit is known; else it is radians or degrees.
-        findings: what there is to say about the reading.
+        findings: what there is to say about the measurement.
     """
 
     name: str
@@ -103,14 +103,13 @@ def read_swing(
         fresh = np.append(True, np.diff(t) > 0)
         fresh &= (t >= t[0] + head) & (t <= t[-1] - tail)
         t, angle = t[fresh], angle[fresh]
-    if len(t) < FEWEST:
+    if len(t) < MIN_ROWS:
         raise DataError(
-            f"{table.where} holds {len(t)} readings of {how}: record some ten swings, at 20 Hz or "
-            "faster"
+            f"{table.where} has {len(t)} measurements of {how}; record ten swings at 20 Hz or faster"
         )
     notes = [_note(table, "swing-columns", f"the angle is {how}.")] if how != names[0] else []
     if missing:
-        notes.append(_note(table, "empty-cells", f"{missing} rows without a reading left out."))
+        notes.append(_note(table, "empty-cells", f"{missing} rows without a measurement left out."))
     return Swing(table.where, t - t[0], angle, in_radians, (*said, *notes))
 
 
@@ -175,7 +174,7 @@ def _largest(table: Table, angles: Sequence[str]) -> tuple[str, ...]:
 
 
 def _span(values: Array) -> float:
-    """The range of the bulk: a wild reading is no swing."""
+    """The range of the bulk: a wild measurement is no swing."""
     good = values[np.isfinite(values)]
     return float(np.ptp(np.percentile(good, (1.0, 99.0)))) if len(good) else 0.0
 
@@ -213,7 +212,7 @@ def _from_angle(
 
 
 def _unfolded(angle: Array, in_radians: bool) -> Array:
-    """An angle that starts over at ±180° made to go on; a wild reading is no fold."""
+    """An angle that starts over at ±180° made to go on; a wild measurement is no fold."""
     turn = 360.0 if not in_radians and _span(angle) > 2.0 * np.pi else 2.0 * np.pi
     if _span(angle) < 0.5 * turn:
         return angle
@@ -228,7 +227,7 @@ def _from_quaternion(
     """Rotation about the axis the body mostly turns about, from its mean attitude."""
     size = np.linalg.norm(values, axis=1)
     good = np.isfinite(size) & (size > 0.5)  # a tracker that sees nothing writes zeros
-    if good.sum() < FEWEST:
+    if good.sum() < MIN_ROWS:
         raise DataError(f"{table.where}: {', '.join(names)} hold no quaternion of length 1")
     q = values[good] / size[good, None]
     mean = np.linalg.eigh(q.T @ q)[1][:, -1]  # Markley (2007): signs of q do not matter
@@ -256,7 +255,7 @@ def _from_position(
         scales.append(factor.scale)
     place = values * np.array(scales)
     good = np.all(np.isfinite(place), axis=1)
-    if good.sum() < FEWEST:
+    if good.sum() < MIN_ROWS:
         raise DataError(f"{table.where}: {', '.join(names)} hold {int(good.sum())} positions")
     way = _along_main(place[good])
     way = way - 0.5 * float(np.sum(np.percentile(way, (1.0, 99.0))))

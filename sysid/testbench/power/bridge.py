@@ -22,12 +22,12 @@ SETTLED = 0.5
 """Share of a step, from its end, that is averaged: before that the motor's speed changes."""
 SAME = 1e-4
 """Commands closer than this share of full drive are one step."""
-FEWEST_LEVELS = 3
-"""Steps that answer from which a line has an error."""
+MIN_STEPS = 3
+"""Steps with a response that a line with a standard error needs."""
 ANSWERS = 0.02
-"""Share of the largest answer from which a step counts as answered …"""
+"""Share of the largest response from which a step counts as answered …"""
 NOISY = 5.0
-"""… and standard deviations of the readings at rest."""
+"""… and standard deviations of the measurements at rest."""
 SURE = 2.0
 """Standard errors within which the line's beginning counts as the edge of the dead band."""
 BENDS = 3.0
@@ -176,7 +176,7 @@ def fit_bridge(
     """
     good = np.isfinite(drive) & np.isfinite(answer)
     steps = _steps(drive[good], answer[good], log)
-    if len(steps.drive) < FEWEST_LEVELS:
+    if len(steps.drive) < MIN_STEPS:
         raise DataError(
             f"{name}: {len(steps.drive)} steps of PWM are no staircase: go up and down in small "
             "steps, in both directions, and hold each for a second"
@@ -184,14 +184,14 @@ def fit_bridge(
     away = steps.drive - np.median(steps.drive)
     turned = float(away @ (steps.answer - np.median(steps.answer))) < 0.0
     if quantity in ("speed", "current") and np.all(answer[good] >= 0.0) and np.any(drive < 0.0):
-        signed = np.sign(steps.drive) * np.abs(steps.answer)  # a reading without a sign
+        signed = np.sign(steps.drive) * np.abs(steps.answer)  # a measurement without a sign
         steps, turned = _Steps(steps.drive, signed, steps.error), False
     sign = -1.0 if turned else 1.0
     steps = _Steps(steps.drive, sign * steps.answer, steps.error)
     both = [_direction(steps, s) for s in (1.0, -1.0)]
     if both == [None, None]:
         raise DataError(
-            f"{name}: fewer than {FEWEST_LEVELS} steps of PWM are answered by the {quantity} in "
+            f"{name}: fewer than {MIN_STEPS} steps of PWM are answered by the {quantity} in "
             "either direction: drive on to larger commands"
         )
     return Bridge(name, side, quantity, both[0], both[1], _at_large(supply, drive), turned)
@@ -235,7 +235,7 @@ def _direction(steps: _Steps, sign: float) -> Direction | None:
     if abs(level) < threshold:
         y = y - level  # a meter's own zero
     moves = y > threshold
-    if moves.sum() < FEWEST_LEVELS or len(np.unique(d[moves])) < FEWEST_LEVELS:
+    if moves.sum() < MIN_STEPS or len(np.unique(d[moves])) < MIN_STEPS:
         return None
     slope, cut, cov, bends = _line(d[moves], y[moves])
     # a small answer that stands on the line is the line's, below the share or not
@@ -281,7 +281,7 @@ def _line(d: Array, y: Array) -> tuple[float, float, Array, bool]:
     variance = float(residual @ residual) / max(len(d) - 2, 1)
     cov = variance * np.linalg.inv(X.T @ X)
     bends = False
-    if len(np.unique(d)) > FEWEST_LEVELS + 1:
+    if len(np.unique(d)) > MIN_STEPS + 1:
         Z = np.column_stack([(d - d.mean()) ** 2, X])
         curved = np.linalg.lstsq(Z, y, rcond=None)[0]
         rest = y - Z @ curved

@@ -18,7 +18,7 @@ from sysid.mission.spec import load_mission
 from sysid.mission.tuning.written import replaced
 from sysid.testbench.power.battery import HOUR, Battery, fit_battery
 from sysid.testbench.power.bridge import Bridge, fit_bridge
-from sysid.testbench.power.readings import ANY_FILE, PowerLog, read_power_log
+from sysid.testbench.power.power_log import ANY_FILE, PowerLog, read_power_log
 
 DISAGREE = 3.0
 """Standard errors by which two batteries' or bridges' numbers differ before that is said."""

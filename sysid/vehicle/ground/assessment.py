@@ -260,13 +260,13 @@ def _quantity(key: str, value: float, parts: Mapping[str, float], firm: bool) ->
 def _notes(traction: Traction) -> list[str]:
     soil, v = traction.soil, traction.vehicle
     begin, end = traction.spread().contact(v.contact_length)
-    held = 2.0 * (end - begin) * v.track_width * soil.cohesion
+    cohesive_force = 2.0 * (end - begin) * v.track_width * soil.cohesion
     said = []
-    if held > v.weight:
+    if cohesive_force > v.weight:
         said.append(
-            f"Cohesion alone holds {held:.3g} N, {held / v.weight:.2g} times the weight: only "
-            "tracks whose lugs cut into the soil call that up; a belt that slides on top has its "
-            "own adhesion and friction, so give those."
+            f"Cohesion alone holds {cohesive_force:.3g} N, "
+            f"{cohesive_force / v.weight:.2g} times the weight. Only lugs that cut into the soil "
+            "mobilise that; for a belt that slides on top give its adhesion and friction."
         )
     peak = traction.spread().peak(traction.load(), v.contact_length, v.track_width)
     depth = float(sinkage(soil, peak, min(v.track_width, v.contact_length)))

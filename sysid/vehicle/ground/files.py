@@ -14,11 +14,11 @@ from sysid.vehicle.soil import Soil
 from sysid.vehicle.tracked import TrackedVehicle
 
 _LENGTHS = ("r", "B")
-_OWN = tuple(f.name for f in fields(TrackedVehicle) if f.name != "geometry")
+_VEHICLE_FIELDS = tuple(f.name for f in fields(TrackedVehicle) if f.name != "geometry")
 _SPELT = {"L": "contact_length"}
 _OTHERS = ("name", "effective_width", "max_speed", "friction", "body")
 """What a description of a tracked vehicle also says, and no soil asks for."""
-KEYS = (*_LENGTHS, *_SPELT, *_OWN)
+KEYS = (*_LENGTHS, *_SPELT, *_VEHICLE_FIELDS)
 """What a file may say of a vehicle here."""
 
 

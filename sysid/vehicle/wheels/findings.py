@@ -5,7 +5,11 @@ from collections.abc import Iterator
 
 from sysid.vehicle.wheels.constraints import RANK_TOLERANCE, Angles, Scale, rank, rows_of
 from sysid.vehicle.wheels.mobility import Icr, IcrKind, icr
-from sysid.vehicle.wheels.twists import ForwardKinematics, InverseKinematics, speeds_tell_motion
+from sysid.vehicle.wheels.twists import (
+    ForwardKinematics,
+    InverseKinematics,
+    speeds_determine_motion,
+)
 from sysid.vehicle.wheels.vehicle import Vehicle
 from sysid.vehicle.wheels.wheel import Wheel
 
@@ -84,7 +88,7 @@ def _notes(vehicle: Vehicle, angles: Angles | None) -> Iterator[str]:
                     f"{wheel.name} stands on the axle of the fixed wheels: steering it turns "
                     "nothing."
                 )
-    if not speeds_tell_motion(wheels):
+    if not speeds_determine_motion(wheels):
         yield (
             "The speeds of the wheels do not tell the motion, and cannot command all of it: "
             "casters follow whatever the body does."

@@ -27,7 +27,7 @@ and a contact model that lifts sliding points a little puts all of it on a few."
 ROAD_WHEELS = 4
 """Wheels of a row: with more of them the effective width changes by a hundredth."""
 
-HELD = 0.005
+SERVO_SLIP = 0.005
 """Speed [rad/s] by which a servo gives way under the largest force that friction passes on: less
 than the tenth part of what an encoder of a small robot resolves."""
 
@@ -117,7 +117,7 @@ class Row:
         """
         grip = 1.0 if self.friction is None else self.friction
         force = grip * self.load * len(self.places) * self.r
-        return f'<velocity {self._acts} kv="{force / HELD!r}"/>'
+        return f'<velocity {self._acts} kv="{force / SERVO_SLIP!r}"/>'
 
     def motor(self, torque: float) -> str:
         """What turns them by a torque [Nm] for each unit of a control."""

@@ -55,7 +55,7 @@ def test_the_newest_command_stands_beside_each_reading(monkeypatch: pytest.Monke
     while not feeds["/volts"].empty():
         time.sleep(0.005)
     time.sleep(0.02)
-    assert source.new() == []  # no reading so far
+    assert source.new() == []  # no measurement so far
     for k in range(5):
         feeds["/wheel"].put((1.7e9 + 0.1 * k, (-2.0 * k,)))
     lines = lines_when(source, 6)

@@ -16,7 +16,7 @@ from sysid.estimation.pem import fit
 from sysid.export.package import write_package
 from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS
 from sysid.mission.measured.against import against_runs
-from sysid.mission.measured.drive import MeasuredDrive, reading_noise
+from sysid.mission.measured.drive import MeasuredDrive, measurement_noise
 from sysid.mission.measured.fan import Comparison, compared
 from sysid.mission.monte_carlo.paths import RunPaths, run_paths
 from sysid.mission.monte_carlo.setup import Setup
@@ -165,8 +165,8 @@ def test_noise_of_readings_is_seen_through_the_way() -> None:
     noise = (0.004, 0.006, 0.01)
     read = way + noise * np.random.default_rng(1).standard_normal(way.shape)
     # the median of 400 differences, some of them alike: within a quarter
-    np.testing.assert_allclose(reading_noise(read), noise, rtol=0.25)
-    assert reading_noise(way)[0] == pytest.approx(1e-3)
+    np.testing.assert_allclose(measurement_noise(read), noise, rtol=0.25)
+    assert measurement_noise(way)[0] == pytest.approx(1e-3)
 
 
 # What cannot be -----------------------------------------------------------------------------------
@@ -174,7 +174,9 @@ def test_noise_of_readings_is_seen_through_the_way() -> None:
 
 def test_a_log_without_a_way_is_refused() -> None:
     record = driven(SHORT)
-    with pytest.raises(DataError, match=r"run7.csv holds no path to compare \(columns x, y, psi"):
+    with pytest.raises(
+        DataError, match=r"run7.csv has fewer than 10 rows of a path \(columns x, y, psi"
+    ):
         MeasuredDrive.of(Record(record.u, record.y, 0.1, name="run7.csv"))
     still = np.zeros((len(record), 3))
     with pytest.raises(DataError, match="the robot does not move"):
@@ -243,7 +245,7 @@ def test_a_log_without_pose_is_refused_in_one_sentence(
     log = write_log(Path("bare.csv"), names, [*record.u.T, *record.y.T])
     refused = run(capsys, "simulate", "m.yaml", "--plant", "plant", "--measured", log)
     assert refused.code == 1
-    assert refused.err.startswith("bare.csv holds no path to compare")
+    assert refused.err.startswith("bare.csv has fewer than 10 rows of a path")
     replayed = run(capsys, "simulate", log, "--plant", "plant", "--measured", log)
     assert replayed.code == 2
     assert "--measured has no use with it" in replayed.err

@@ -208,7 +208,7 @@ def test_a_batch_tells_what_its_runs_came_to() -> None:
     assert sum(o["count"] for o in told["outcomes"].values()) == told["n"] == 1500
     assert told["time_s"]["p05"] <= told["time_s"]["p50"] <= told["time_s"]["p95"]
     assert "of 1 500 runs" in found.sentence
-    assert {d["name"] for d in told["plant_variants"]} == {
+    assert {d["name"] for d in told["drivers"]} == {
         "parameters", "start.x", "start.y", "start.psi", "obstacles[1]", "friction.slip",
     }  # fmt: skip
 

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from sensor_cases import SCENE, readings, way
+from sensor_cases import SCENE, measurements, way
 
 from sysid import floats
 from sysid.data.record import Array
@@ -42,7 +42,7 @@ def poses(found: dict[str, Array], *names: str) -> list[Pose]:
 
 def test_the_acceleration_adds_up_to_the_speed_at_any_rate() -> None:
     for rate in (3.0, 10.0):
-        found = readings(sensor("accelerometer", rate=rate), 200)
+        found = measurements(sensor("accelerometer", rate=rate), 200)
         read = ~np.isnan(found["acc_x"])
         steps = np.diff(found["t"][read], prepend=0.0)
         added = np.cumsum(found["acc_x"][read] * steps)
@@ -52,7 +52,7 @@ def test_the_acceleration_adds_up_to_the_speed_at_any_rate() -> None:
 
 
 def test_the_heading_comes_from_the_field_where_no_iron_is() -> None:
-    found = readings(sensor("magnetometer", field=18.0, north=0.4), 200)
+    found = measurements(sensor("magnetometer", field=18.0, north=0.4), 200)
     psi = 0.4 + np.arctan2(-found["mag_y"], found["mag_x"])
     np.testing.assert_allclose(np.exp(1j * psi), np.exp(1j * found["psi"]), rtol=0, atol=1e-12)
     np.testing.assert_allclose(np.hypot(found["mag_x"], found["mag_y"]), 18.0, rtol=1e-12)
@@ -75,8 +75,8 @@ def test_iron_in_the_world_bends_the_field_as_a_dipole() -> None:
 
 
 def test_iron_on_the_robot_turns_with_it() -> None:
-    found = readings(sensor("magnetometer", bias=[4.0, -2.0]), 100)
-    plain = readings(sensor("magnetometer"), 100)
+    found = measurements(sensor("magnetometer", bias=[4.0, -2.0]), 100)
+    plain = measurements(sensor("magnetometer"), 100)
     np.testing.assert_allclose(found["mag_x"] - plain["mag_x"], 4.0, rtol=1e-12)
     np.testing.assert_allclose(found["mag_y"] - plain["mag_y"], -2.0, rtol=1e-12)
 
@@ -87,7 +87,7 @@ def test_visual_odometry_and_fixes_without_errors_are_the_pose(keys: dict[str, f
         ("visual_odometry", ("vo_x", "vo_y", "vo_psi")),
         ("position_fixes", ("fix_x", "fix_y")),
     ):
-        found = readings(sensor(kind, **keys), 300)
+        found = measurements(sensor(kind, **keys), 300)
         read = ~np.isnan(found[names[0]])
         assert 0 < read.sum() <= 300
         for name in names:
@@ -100,7 +100,7 @@ def test_visual_odometry_and_fixes_without_errors_are_the_pose(keys: dict[str, f
 
 
 def errors_of(found: dict[str, Array], kind: str) -> dict[str, Array]:
-    """What each reading errs by, by name."""
+    """What each measurement errs by, by name."""
     t, v, yaw = found["t"], found["v"], found["yaw_rate"]
     if kind == "visual_odometry":
         truth, seen = poses(found, "x", "y", "psi"), poses(found, "vo_x", "vo_y", "vo_psi")
@@ -109,7 +109,7 @@ def errors_of(found: dict[str, Array], kind: str) -> dict[str, Array]:
             np.subtract(motion_between(*s, floats), motion_between(*p, floats)) for p, s in pairs
         ]
         return dict(zip(("vo_x", "vo_y", "vo_psi"), np.transpose(moves), strict=True))
-    exact = readings(sensor(kind), t.size)
+    exact = measurements(sensor(kind), t.size)
     if kind == "encoders":
         mean = np.array([[left, right] for *_, left, right in way(t.size)])
         mean = 0.5 * (mean[1:] + mean[:-1])
@@ -123,7 +123,7 @@ def test_the_variance_that_filters_are_told_is_that_of_the_readings(kind: str) -
     cls = law_class("sensors", kind)
     plain = cls.model_validate({"bias_std": 0.0, "bias_walk": 0.0, "latency": 0.0})
     assert isinstance(plain, ImperfectSensor)
-    found = readings(plain, 3000)
+    found = measurements(plain, 3000)
     errors = errors_of(found, kind)
     for name, figures in plain.figures(0.1).items():
         got = np.mean(errors[name] ** 2)
@@ -153,7 +153,7 @@ def test_a_batch_reads_what_single_runs_read(kind: str) -> None:
         return jax.lax.scan(step, first, (times, numbers, z))[1]
 
     batch = np.stack(jax.jit(jax.vmap(one))(draws), axis=-1)
-    single = [readings(several, samples, seed=seed, name=kind) for seed in range(3)]
+    single = [measurements(several, samples, seed=seed, name=kind) for seed in range(3)]
     wanted = np.stack([[run[name] for name in several.names] for run in single]).transpose(0, 2, 1)
     assert np.isnan(wanted).any()
     np.testing.assert_allclose(batch, wanted, rtol=0, atol=1e-12 * np.nanmax(np.abs(wanted)))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import sysid
 from sysid.errors import UsageError
-from sysid.vehicle.wheels.twists import speeds_tell_motion
+from sysid.vehicle.wheels.twists import speeds_determine_motion
 from sysid.vehicle.wheels.vehicle import Vehicle
 from sysid.vehicle.wheels.wheel import Wheel, velocity_at
 
@@ -23,7 +23,7 @@ motion = st.tuples(*(st.floats(-2, 2).map(lambda v: round(v, 3)) for _ in range(
 
 
 @law
-@given(st.sampled_from([n for n in NAMES if speeds_tell_motion(VEHICLES[n].wheels)]), motion)
+@given(st.sampled_from([n for n in NAMES if speeds_determine_motion(VEHICLES[n].wheels)]), motion)
 def test_forward_undoes_inverse(name: str, wanted: Sequence[float]) -> None:
     vehicle = VEHICLES[name]
     answer = vehicle.inverse(wanted)

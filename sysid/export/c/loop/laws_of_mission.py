@@ -231,9 +231,9 @@ def _navigation(loop: Loop) -> Law:
     names = ("omega_l", "omega_r", *(n for s in loop.scene.sensors.values() for n in s.names))
 
     def step(law: Any, scene: Scene, state: Any, read: Mapping[str, Any]) -> tuple[Any, Any]:
-        readings = {n: read[n] for n in names}
+        measurements = {n: read[n] for n in names}
         drive = (read["drive_l"], read["drive_r"])
-        seen = NavigationInputs(read["t"], readings, scene, drive)
+        seen = NavigationInputs(read["t"], measurements, scene, drive)
         state, body = law.step(state, seen, read["dt"], TRACE)
         return state, flat(body)
 

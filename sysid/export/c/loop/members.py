@@ -16,7 +16,7 @@ _WORDS = {
     "reference_psi": ("rad", "wanted yaw"),
     "arrived": ("", "1 where there is nothing more to drive to"),
     "gives_up": ("", "1 where guidance sees no way"),
-    "held": ("", "what keeps the robot from coming closer, a number"),
+    "hold": ("", "what keeps the robot from coming closer, a number"),
     "detour": ("", "1 while it is led away from the goal on purpose"),
     "v_cmd": ("", "speed command, 1 is full drive"),
     "psi_cmd": ("", "yaw command, 1 is full drive"),

@@ -81,7 +81,7 @@ def record_run(loop: Loop, seed: int = 0) -> RecordedRun:
             lambda i, dt: {
                 "t": i.t,
                 "dt": dt,
-                **i.readings,
+                **i.measurements,
                 "drive_l": i.drive[0],
                 "drive_r": i.drive[1],
             },

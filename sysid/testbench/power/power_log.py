@@ -43,12 +43,12 @@ class PowerLog:
 
     Attributes:
         name: of the file.
-        t: instants [s], (N,); None for a table of steady readings.
+        t: instants [s], (N,); None for a table of steady measurements.
         voltage, current: of the battery [V, A], (N,), or None.
         drives: side → share of full drive, (N,); ``""`` where there is one motor.
         answers: side → (quantity, values (N,)): ``voltage`` [V], ``speed`` [rad/s] or ``current``
             [A] of the motor.
-        findings: what there is to say about the reading.
+        findings: what there is to say about the measurement.
     """
 
     name: str
@@ -79,10 +79,10 @@ def read_power_log(
     pwm_max: float | None = None,
     bags: ReadOptions = ANY_FILE,
 ) -> PowerLog:
-    """The readings of a file of the power bench.
+    """The measurements of a file of the power bench.
 
     Args:
-        path: CSV, Parquet or bag; a log over time, or a table of steady readings.
+        path: CSV, Parquet or bag; a log over time, or a table of steady measurements.
         units: column → its unit in the file.
         pwm_max: command of full drive; None for duty (± 1), per cent by name, or ± 20000 µs.
         bags: what is which column of a bag, its stamps and its latencies.
