@@ -59,8 +59,8 @@ def voltages_of(bench: MotorBench) -> tuple[float, ...]:
         top = bench.largest_voltage
         return tuple(top * k / MOST_LINES for k in range(1, MOST_LINES + 1))
     every = sorted(set(seen))
-    places = np.linspace(0, len(every) - 1, min(len(every), MOST_LINES)).round().astype(int)
-    return tuple(every[k] for k in places)
+    chosen = np.linspace(0, len(every) - 1, min(len(every), MOST_LINES)).round().astype(int)
+    return tuple(every[k] for k in chosen)
 
 
 def torque_speed_panel(c: MotorConstants, voltages: Sequence[float]) -> Panel:

@@ -72,7 +72,7 @@ def named(numbers: tuple[VehicleNumber, ...]) -> dict[str, VehicleNumber]:
 
 
 def test_it_weighs_the_vehicle_of_another_engine(weighed: Weighed) -> None:
-    found = named(weighed.numbers())
+    numbers = named(weighed.numbers())
     moment, _ = MACHINE.scrub
     truth = {
         "mass": MACHINE.mass,
@@ -80,13 +80,13 @@ def test_it_weighs_the_vehicle_of_another_engine(weighed: Weighed) -> None:
         "turning_resistance": moment,
     }
     for name, value in truth.items():
-        number = found[name]
+        number = numbers[name]
         assert number.identifiable, number.sentence
         # contacts that sink in and lift leave a hundredth beside the error of the measurements
         assert abs(number.value - value) < FAR * np.hypot(number.std_error, 0.01 * value), name
     # isotropic points creep, which the model holds as a wider vehicle only: within a fifth
-    assert found["yaw_inertia"].value == pytest.approx(MACHINE.yaw_inertia, rel=0.2)
-    assert "1 % of that is" in found["mass"].sentence
+    assert numbers["yaw_inertia"].value == pytest.approx(MACHINE.yaw_inertia, rel=0.2)
+    assert "1 % of that is" in numbers["mass"].sentence
 
 
 def test_errors_of_the_bench_are_errors_of_the_mass(weighed: Weighed) -> None:
@@ -101,26 +101,26 @@ def test_straight_runs_do_not_tell_what_turns_would(
 ) -> None:
     windows = trajectories.each[0].windows()
     ahead = windows[trajectories.each[0].at[windows[:, 1]] <= STRAIGHT]
-    found = named(weighed.refitted([Part(trajectories.each[0], ahead)]).numbers())
-    assert found["mass"].identifiable
+    numbers = named(weighed.refitted([Part(trajectories.each[0], ahead)]).numbers())
+    assert numbers["mass"].identifiable
     for name, manoeuvre in (
         ("yaw_inertia", "quick turns on the spot"),
         ("turning_resistance", "slow, steady turns on the spot"),
         ("centre_of_mass", "turns on the spot"),
     ):
-        assert not found[name].identifiable, name
-        assert manoeuvre in found[name].sentence
+        assert not numbers[name].identifiable, name
+        assert manoeuvre in numbers[name].sentence
 
 
 def test_without_a_torque_only_ratios_are_told(weighed: Weighed) -> None:
     powered = replace(weighed.fit.powered, torque_known=False)
-    found = named(numbers_of(replace(weighed.fit, powered=powered)))
-    assert not found["mass"].identifiable
-    assert "`motors`" in found["mass"].sentence
-    assert found["mass"].to_json()["in_model"] is False
+    numbers = named(numbers_of(replace(weighed.fit, powered=powered)))
+    assert not numbers["mass"].identifiable
+    assert "`motors`" in numbers["mass"].sentence
+    assert numbers["mass"].to_json()["in_model"] is False
     m = MACHINE.motor
     lag = (m.inertia + 0.5 * MACHINE.mass * MACHINE.r**2) / m.damping
-    assert found["straight_lag"].value == pytest.approx(lag, rel=0.03)
+    assert numbers["straight_lag"].value == pytest.approx(lag, rel=0.03)
 
 
 def test_paths_are_foretold_better_than_by_rolling_wheels(

@@ -230,9 +230,9 @@ def test_a_plant_can_be_identified_from_the_log(direct: float) -> None:
         u, y = log[pulse], log[omega]
         # y(k) = a y(k−1) + d u(k) + (b − a d) u(k−1)
         regressors = np.column_stack((y[:-1], u[1:], u[:-1]))
-        found = np.linalg.lstsq(regressors, y[1:], rcond=None)[0]
+        result = np.linalg.lstsq(regressors, y[1:], rcond=None)[0]
         wanted = (robot.a, direct, b - robot.a * direct)
-        np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(result, wanted, rtol=1e-6, atol=1e-9)
 
 
 def test_the_pose_of_the_log_is_the_dead_reckoning_of_its_speeds() -> None:

@@ -22,7 +22,7 @@ _USAGE = """As two nodes of ROS 1, in a catkin package: link the folder `ros/` i
 of a catkin workspace and build; `ros/README.md` tells the rest.
 """
 
-_PLACES = {
+_TARGETS = {
     "README.md": "README.md",
     "package.xml": "package.xml",
     "CMakeLists.txt": "CMakeLists.txt",
@@ -73,7 +73,7 @@ class Ros(Exporter):
         }
         made = {f"src/laws/{name}": text for name, text in code.items()}
         made["drive.csv"] = _drive(loop)
-        for template, place in _PLACES.items():
+        for template, place in _TARGETS.items():
             structs = _CONTROLLER if template.startswith("guidance") else _ROBOT
             lines = [
                 line

@@ -23,7 +23,7 @@ from sysid.plant.storage import Files
 DRIVE = "ros/drive.csv"
 """The drive of Python, in the columns of the log that the robot's node writes."""
 
-PLACES = (Path("/usr/include"), *sorted(Path("/opt/ros").glob("*/include")))
+HEADER_FOLDERS = (Path("/usr/include"), *sorted(Path("/opt/ros").glob("*/include")))
 """Where Debian and ROS's own packages keep headers."""
 
 HEADERS = {
@@ -69,7 +69,7 @@ def lacks() -> str:
     missing += [
         package
         for header, package in HEADERS.items()
-        if not any(place.joinpath(header).is_file() for place in PLACES)
+        if not any(place.joinpath(header).is_file() for place in HEADER_FOLDERS)
     ]
     return f"{missing[0]} is not installed" if missing else ""
 
@@ -80,11 +80,14 @@ def built(package: Path, build: Path) -> Path:
     Raises:
         ModelError: it does not build.
     """
-    places = [f"-DCATKIN_DEVEL_PREFIX={build / 'devel'}", "-DCMAKE_CXX_FLAGS=-Wall -Wextra -Werror"]
+    options = [
+        f"-DCATKIN_DEVEL_PREFIX={build / 'devel'}",
+        "-DCMAKE_CXX_FLAGS=-Wall -Wextra -Werror",
+    ]
     # catkin is a package of the system's Python
     python = "-DPYTHON_EXECUTABLE=/usr/bin/python3"
     for command in (
-        ["cmake", "-S", str(package), "-B", str(build), python, *places],
+        ["cmake", "-S", str(package), "-B", str(build), python, *options],
         ["cmake", "--build", str(build), "-j2"],
     ):
         done = run(command, package)

@@ -35,17 +35,17 @@ def paths_of(setup: Setup, seeds: Sequence[int]) -> list[Array]:
             continue
         seen: list[tuple[Array, Array]] = []
 
-        def keep(verdict: Array, places: Array, seen: list[tuple[Array, Array]] = seen) -> None:
-            seen.append((verdict, places))
+        def keep(verdict: Array, positions: Array, seen: list[tuple[Array, Array]] = seen) -> None:
+            seen.append((verdict, positions))
 
         samples = variant.sampler.draw([seeds[k] for k in runs])
         # as many columns as the runs themselves had: what was compiled for them serves again
         CompiledRuns(setup, which, max(BATCH_SIZE, len(runs))).figures(samples, keep)
         verdict = np.concatenate([v for v, _ in seen])
-        places = np.concatenate([p for _, p in seen])
+        positions = np.concatenate([p for _, p in seen])
         for column, k in enumerate(runs):
             last = int(np.argmax(verdict[:, column] != Verdict.GOES_ON))
-            paths[k] = places[: last + 1, :2, column]
+            paths[k] = positions[: last + 1, :2, column]
     return [paths[k] for k in sorted(paths)]
 
 
@@ -102,8 +102,8 @@ def _all_paths(setup: Setup, seeds: Sequence[int]) -> list[_Part]:
     for chunk in chunks(setup, seeds, batch_size):
         compiled_runs, poses = compiled[chunk.which], list[Array]()
 
-        def keep(_: Array, places: Array, poses: list[Array] = poses) -> None:
-            poses.append(places)
+        def keep(_: Array, positions: Array, poses: list[Array] = poses) -> None:
+            poses.append(positions)
 
         figures = compiled_runs.figures(compiled_runs.variant.sampler.draw(chunk.seeds), keep)
         kept = np.flatnonzero(figures.verdict != FAILED)

@@ -95,5 +95,5 @@ def simulate_runs(
 
 def _in_order(parts: Sequence[Chunk], results: Sequence[ChunkResult]) -> Figures:
     """Figures of all runs by their numbers."""
-    places = np.argsort([k for chunk in parts for k in chunk.runs])
-    return joined([r.figures for r in results], places)
+    order = np.argsort([k for chunk in parts for k in chunk.runs])
+    return joined([r.figures for r in results], order)

@@ -97,7 +97,7 @@ class Sampler:
 
     @cached_property
     def varying(self) -> tuple[tuple[str, tuple[int, ...]], ...]:
-        """Names of what varies, with the places of their numbers."""
+        """Names of what varies, with the indices of their numbers."""
         v, floor = self.variation, self._floor
         varying: list[tuple[str, tuple[int, ...]]] = []
         if v.parameters and self.plant.size:
@@ -148,7 +148,7 @@ class Sampler:
             )
         start, obstacles, slip, dry = self._placed(z)
         theta, p, redrawn, pulled = self._plants(seeds, dry)
-        used = [k for _, places in self.varying for k in places]
+        used = [k for _, indices in self.varying for k in indices]
         q = np.array([generator(s, "vehicle").standard_normal(self.physics.size) for s in seeds])
         inputs = np.concatenate([z, p, q], axis=1)[:, used]
         again = again + redrawn

@@ -23,7 +23,7 @@ ROWS_A_COLUMN = 4
 """Runs for each regressor, at least: with fewer a share is mostly chance."""
 
 Varying = Sequence[tuple[str, tuple[int, ...]]]
-"""Names of what varies, with the places of their numbers, see ``Sampler.varying``."""
+"""Names of what varies, with the indices of their numbers, see ``Sampler.varying``."""
 
 
 @dataclass(frozen=True)
@@ -106,23 +106,23 @@ def _squared(varying: Varying) -> list[int]:
     """Places, among the inputs that are used, whose squares are regressors."""
     squared: list[int] = []
     at = 0
-    for _, places in varying:
-        if len(places) <= FEW:
-            squared += range(at, at + len(places))
-        at += len(places)
+    for _, indices in varying:
+        if len(indices) <= FEW:
+            squared += range(at, at + len(indices))
+        at += len(indices)
     return squared
 
 
 def _columns(varying: Varying) -> list[tuple[str, Index]]:
     """Regressors of each quantity: its numbers, then their squares."""
     squared = _squared(varying)
-    width, at = sum(len(places) for _, places in varying), 0
+    width, at = sum(len(indices) for _, indices in varying), 0
     regressors: list[tuple[str, Index]] = []
-    for name, places in varying:
-        columns = list(range(at, at + len(places)))
+    for name, indices in varying:
+        columns = list(range(at, at + len(indices)))
         columns += [width + squared.index(k) for k in columns if k in squared]
         regressors.append((name, np.array(columns, dtype=np.intp)))
-        at += len(places)
+        at += len(indices)
     return regressors
 
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 
 from pydantic import Field, field_validator, model_validator
 
-from sysid.mission.navigation.delays import Slot
+from sysid.mission.navigation.delays import BufferedSample
 from sysid.mission.navigation.design import LEAST_VARIANCE, Design
 from sysid.mission.navigation.ekf import measured, predicted
 from sysid.mission.navigation.fusion import COLUMNS, Density, Filter, Sight
@@ -124,10 +124,12 @@ class FiniteModel(Filter):
         m = len(self.hypotheses)
         return Bank(xp.full(m, 1.0 / m), xp.array([one.x] * m), xp.array([one.P] * m))
 
-    def predicted(self, of: Bank, plan: Design, geometry: Geometry, slot: Slot, xp: Any) -> Bank:
-        """What is believed ``slot.dt`` later."""
+    def predicted(
+        self, of: Bank, plan: Design, geometry: Geometry, sample: BufferedSample, xp: Any
+    ) -> Bank:
+        """What is believed ``sample.dt`` later."""
         m = len(self.hypotheses)
-        stay = xp.exp(-slot.dt / self.dwell)
+        stay = xp.exp(-sample.dt / self.dwell)
         change = stay * xp.eye(m) + (1.0 - stay) / (m - 1) * (1.0 - xp.eye(m))
         joint = of.weight[:, None] * change  # from hypothesis i to j
         weight = joint.sum(axis=0)
@@ -135,7 +137,7 @@ class FiniteModel(Filter):
         for j, hypothesis in enumerate(self.hypotheses.values()):
             mixed = mixture(Bank(joint[:, j] / weight[j], of.x, of.P), plan.process.names, xp)
             lengths, process = hypothesis.geometry(geometry), hypothesis.process(plan.process)
-            beliefs.append(predicted(mixed, process, lengths, slot, xp))
+            beliefs.append(predicted(mixed, process, lengths, sample, xp))
         return Bank(weight, xp.array([g.x for g in beliefs]), xp.array([g.P for g in beliefs]))
 
     def corrected(self, of: Bank, plan: Design, sight: Sight, xp: Any) -> tuple[Bank, Innovation]:

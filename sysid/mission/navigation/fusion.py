@@ -8,7 +8,7 @@ from pydantic import Field, field_validator
 
 from sysid.mission.contracts import Body, NavigationInputs, Pose, Scene, Sensor
 from sysid.mission.navigation import delays
-from sysid.mission.navigation.delays import History, Slot
+from sysid.mission.navigation.delays import BufferedSample, History
 from sysid.mission.navigation.design import LEAST_VARIANCE, Design, Noises, design
 from sysid.mission.navigation.doubt import Doubt, doubted, doubts
 from sysid.mission.navigation.flow import compiled
@@ -120,8 +120,10 @@ class Filter(Settings):
     # What a filter of one kind says ---------------------------------------------------------------
 
     @abstractmethod
-    def predicted(self, of: Any, plan: Design, geometry: Geometry, slot: Slot, xp: Any) -> Any:
-        """What is believed ``slot.dt`` later."""
+    def predicted(
+        self, of: Any, plan: Design, geometry: Geometry, sample: BufferedSample, xp: Any
+    ) -> Any:
+        """What is believed ``sample.dt`` later."""
 
     @abstractmethod
     def corrected(self, of: Any, plan: Design, sight: Sight, xp: Any) -> tuple[Any, Innovation]:
@@ -192,7 +194,7 @@ class Filter(Settings):
         certain = [len(g.names) for g in plan.groups if doubts(g, self.gate)]
         doubt = tuple(Doubt(xp.array(0.0), xp.zeros(m)) for m in certain)
         belief = Belief(self.first(one, xp), marks, doubt)
-        empty = Slot(0.0, 0.0, nothing, xp.zeros(len(plan.groups)))
+        empty = BufferedSample(0.0, 0.0, nothing, xp.zeros(len(plan.groups)))
         history = delays.begun(belief, empty, plan.latest, xp)
         return FilterState(
             belief, history, self._shown(belief, plan, scene.geometry, NOTHING_READ, xp)
@@ -206,17 +208,17 @@ class Filter(Settings):
         plan = self.plan(scene)
         z = tuple(group.values(inputs.measurements, xp) for group in plan.groups)
         drive = 0.5 * (inputs.drive[0] + inputs.drive[1])
-        slot = Slot(dt, drive, z, xp.ones(len(z)))
+        sample = BufferedSample(dt, drive, z, xp.ones(len(z)))
 
-        def fuse(belief: Any, given: Slot) -> tuple[Any, Innovation]:
+        def fuse(belief: Any, given: BufferedSample) -> tuple[Any, Innovation]:
             return self.fused(belief, plan, scene.geometry, given, xp)
 
         history: History | tuple[()] = ()
         if not isinstance(state.history, History):
-            belief, counted = fuse(state.belief, slot)
+            belief, counted = fuse(state.belief, sample)
         else:
             late = tuple(g.delay for g in plan.groups)
-            history, counted = delays.advanced(fuse, state.history, slot, late, xp)
+            history, counted = delays.advanced(fuse, state.history, sample, late, xp)
             belief = delays.newest(history)
         shown = self._shown(belief, plan, scene.geometry, counted, xp)
         return FilterState(belief, history, shown), Body(Pose(*shown[:3]), *shown[3:5])
@@ -226,14 +228,14 @@ class Filter(Settings):
         return state.shown
 
     def fused(
-        self, belief: Belief, plan: Design, geometry: Geometry, slot: Slot, xp: Any
+        self, belief: Belief, plan: Design, geometry: Geometry, sample: BufferedSample, xp: Any
     ) -> tuple[Belief, Innovation]:
         """One sample: predict, then correct by each group in turn."""
-        of = self.predicted(belief.of, plan, geometry, slot, xp)
+        of = self.predicted(belief.of, plan, geometry, sample, xp)
         counted, marks, doubt = NOTHING_READ, [], list(belief.doubt)
-        places = [k for k, group in enumerate(plan.groups) if doubts(group, self.gate)]
-        for k, (group, z, mark) in enumerate(zip(plan.groups, slot.z, belief.marks, strict=True)):
-            elapsed, came = mark[0] + slot.dt, xp.isfinite(z).any()
+        doubted_groups = [k for k, group in enumerate(plan.groups) if doubts(group, self.gate)]
+        for k, (group, z, mark) in enumerate(zip(plan.groups, sample.z, belief.marks, strict=True)):
+            elapsed, came = mark[0] + sample.dt, xp.isfinite(z).any()
             waiting = xp.concatenate([xp.array([elapsed]), mark[1:]])
             marks.append(waiting)
             if not compiled(xp) and not came:
@@ -245,12 +247,12 @@ class Filter(Settings):
             )
             quantiles = chi2_quantiles(self.gate, len(group.names))
             sight = Sight(group, values, spread, setting, quantiles)
-            if k in places:
-                at, names = places.index(k), plan.process.names
+            if k in doubted_groups:
+                at, names = doubted_groups.index(k), plan.process.names
                 doubt[at], added = doubted(self.moments(of, xp), names, sight, doubt[at], xp)
                 of = self.widened(of, added)
             of, innovated = self.corrected(of, plan, sight, xp)
-            fresh = slot.fresh[k]
+            fresh = sample.fresh[k]
             counted = Innovation(*(c + fresh * f for c, f in zip(counted, innovated, strict=True)))
             T = plan.since[k]
             if T is not None:

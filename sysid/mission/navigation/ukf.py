@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from sysid.mission.navigation.delays import Slot
+from sysid.mission.navigation.delays import BufferedSample
 from sysid.mission.navigation.design import Design
 from sysid.mission.navigation.fusion import Filter, Sight
 from sysid.mission.navigation.gaussian import (
@@ -37,21 +37,21 @@ class UnscentedKalman(Filter):
     kappa: Annotated[float, Field(ge=0, le=100)] = 0.0
 
     def predicted(
-        self, of: Gaussian, plan: Design, geometry: Geometry, slot: Slot, xp: Any
+        self, of: Gaussian, plan: Design, geometry: Geometry, sample: BufferedSample, xp: Any
     ) -> Gaussian:
-        """What is believed ``slot.dt`` later: mean and spread of the points moved, plus Q."""
+        """What is believed ``sample.dt`` later: mean and spread of the points moved, plus Q."""
         process = plan.process
 
         def moved(points: Any) -> Any:
             s = {name: points[:, i] for i, name in enumerate(process.names)}
-            after = process.advanced(s, slot.dt, slot.drive, geometry, xp)
+            after = process.advanced(s, sample.dt, sample.drive, geometry, xp)
             return xp.array([after[name] for name in process.names]).T
 
         angles = xp.array([is_angle(name) for name in process.names])
         around = self._spread(of)
         x, _, off = transformed(of, moved, angles, around, xp)
         before = {name: of.x[i] for i, name in enumerate(process.names)}
-        Q = process.slopes(before, slot.dt, slot.drive, geometry, xp)[1]
+        Q = process.slopes(before, sample.dt, sample.drive, geometry, xp)[1]
         P = (off.T * weights(around, len(x), xp)[1]) @ off + Q
         return Gaussian(wrapped(x, PSI, xp), symmetric(P))
 

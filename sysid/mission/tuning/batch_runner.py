@@ -233,7 +233,7 @@ class BatchRunner:
     def _sampled(self, pattern: Pattern) -> Callable[..., Any]:
         """One sample of one run with so many control instants before it and with it."""
         before, now = pattern
-        places = [COLUMNS.index(name) for name in ("v", "psi")]
+        indices = [COLUMNS.index(name) for name in ("v", "psi")]
 
         def sample(numbers: tuple[Any, Any], state: Any, at: Any, draws: Any) -> Any:
             jnp = jax_module().numpy
@@ -253,7 +253,7 @@ class BatchRunner:
                 after.progress.clearance,
                 (command.v_cmd**2 + command.psi_cmd**2) * loop.plant.dt,
             )
-            return after, tally, tuple(seen[k] for k in places)
+            return after, tally, tuple(seen[k] for k in indices)
 
         return sample
 

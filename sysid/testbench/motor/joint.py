@@ -270,7 +270,7 @@ class _Bench(Problem):
         self.lengths, self.channels = tuple(sizes), tuple(range(len(sizes)))
         # before any residual is known: a twentieth of each quantity
         sizes_of = [float(np.sqrt(np.mean(m**2))) for part in parts for m in part.measured]
-        self.levels: Array = np.array([0.05 * s if s > 0.0 else 1.0 for s in sizes_of])
+        self.noise_levels: Array = np.array([0.05 * s if s > 0.0 else 1.0 for s in sizes_of])
         self.scale = np.array([max(abs(float(getattr(fixed, n))), 1e-12) for n in names])
 
     def first(self) -> Array:
@@ -284,10 +284,10 @@ class _Bench(Problem):
         r = self.residual(self.first())
         return float(r @ r) if np.all(np.isfinite(r)) else np.inf
 
-    def weighted(self, levels: Array) -> "_Bench":
+    def weighted(self, noise_levels: Array) -> "_Bench":
         """The same problem with other noise levels."""
         made = _Bench(self.parts, self.names, self.fixed, self.tied)
-        made.levels = levels
+        made.noise_levels = noise_levels
         return made
 
     def stretches(self) -> list[tuple[int, int]]:
@@ -322,7 +322,7 @@ class _Bench(Problem):
     def residual(self, p: Array) -> Array:
         """All residuals over their noise levels."""
         return np.concatenate(
-            [d / s for d, s in zip(self.differences(p), self.levels, strict=True)]
+            [d / s for d, s in zip(self.differences(p), self.noise_levels, strict=True)]
         )
 
     def jacobian(self, p: Array) -> Array:

@@ -66,11 +66,11 @@ def bench_model(
     theta = structure.pack(values)
     estimated = {NAMES[n]: k for k, n in enumerate(bench.names) if n in NAMES}
     table = structure.parameters(inputs, outputs)
-    places = {p.name: k for k, p in enumerate(table)}
+    index = {p.name: k for k, p in enumerate(table)}
     covariance = np.zeros((len(table), len(table)))
     for a, i in estimated.items():
         for b, j in estimated.items():
-            covariance[places[a], places[b]] = bench.covariance[i, j]
+            covariance[index[a], index[b]] = bench.covariance[i, j]
     top = bench.largest_voltage
     speed = float(steady_state(c, np.array([top]))[0][0])
     noise = [g.noise for g in bench.joint.groups if g.quantity == "speed"]

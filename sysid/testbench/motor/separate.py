@@ -120,7 +120,7 @@ def _torque_constant(tests: Sequence[SteadyTest], values: Values, gear: float) -
 
 
 def _no_load_current(tests: Sequence[SteadyTest], voltage: Array) -> Array:
-    """No-load current at these voltages: measured there, or on the line through the measurements."""
+    """No-load current at these voltages: measured, or on the line through the measurements."""
     some = _of(tests, Kind.NO_LOAD, "current")
     if not some:
         return np.full(len(voltage), np.nan)

@@ -249,12 +249,12 @@ def _passage(t: Array, x: Array, at: float, half: float) -> float:
 
 def _line_zero(t: Array, x: Array) -> float:
     """Zero of the line through points, wild ones left out [s]; 0 where it is flat."""
-    slope, level = np.polyfit(t, x, 1)
-    off = np.abs(x - slope * t - level)
+    slope, offset = np.polyfit(t, x, 1)
+    off = np.abs(x - slope * t - offset)
     good = off <= 5.0 * np.median(off) + 1e-12 * float(np.max(np.abs(x)))
     if 3 <= good.sum() < len(t):
-        slope, level = np.polyfit(t[good], x[good], 1)
-    return float(-level / slope) if slope else 0.0
+        slope, offset = np.polyfit(t[good], x[good], 1)
+    return float(-offset / slope) if slope else 0.0
 
 
 def _turn(t: Array, x: Array, at: float, half: float) -> float:

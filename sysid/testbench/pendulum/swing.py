@@ -105,7 +105,8 @@ def read_swing(
         t, angle = t[fresh], angle[fresh]
     if len(t) < MIN_ROWS:
         raise DataError(
-            f"{table.where} has {len(t)} measurements of {how}; record ten swings at 20 Hz or faster"
+            f"{table.where} has {len(t)} measurements of {how}; "
+            "record ten swings at 20 Hz or faster"
         )
     notes = [_note(table, "swing-columns", f"the angle is {how}.")] if how != names[0] else []
     if missing:

@@ -49,7 +49,7 @@ class Direction:
         starts, stops: where it starts to answer while the command rises, and where it stops while
             it falls; None where that was not visited.
         bends: whether the answers are no straight line.
-        levels: steps that answered.
+        steps: steps with a response.
         drive, answer: of each step, (K,).
     """
 
@@ -65,7 +65,7 @@ class Direction:
     starts: float | None
     stops: float | None
     bends: bool
-    levels: int
+    steps: int
     drive: Array
     answer: Array
 
@@ -138,7 +138,7 @@ class Bridge:
                 "starts_at": d.starts,
                 "stops_at": d.stops,
                 "bends": d.bends,
-                "levels": d.levels,
+                "steps": d.steps,
             }
         return facts
 
@@ -229,11 +229,11 @@ def _direction(steps: _Steps, sign: float) -> Direction | None:
     d, y = sign * steps.drive[in_direction], sign * steps.answer[in_direction]
     if not len(d):
         return None
-    level = float(np.median(sign * steps.answer[rest])) if rest.any() else 0.0
+    offset = float(np.median(sign * steps.answer[rest])) if rest.any() else 0.0
     noise = float(np.median(steps.error)) if len(steps.error) else 0.0
     threshold = max(ANSWERS * float(np.max(y)), NOISY * noise)
-    if abs(level) < threshold:
-        y = y - level  # a meter's own zero
+    if abs(offset) < threshold:
+        y = y - offset  # a meter's own zero
     moves = y > threshold
     if moves.sum() < MIN_STEPS or len(np.unique(d[moves])) < MIN_STEPS:
         return None
@@ -267,7 +267,7 @@ def _direction(steps: _Steps, sign: float) -> Direction | None:
         starts=_edge(d, moves, rising=True),
         stops=_edge(d, moves, rising=False),
         bends=bends,
-        levels=int(moves.sum()),
+        steps=int(moves.sum()),
         drive=sign * d,
         answer=sign * y,
     )

@@ -39,13 +39,13 @@ def topics(monkeypatch: pytest.MonkeyPatch) -> dict[str, queue.Queue[object]]:
 
 def lines_when(source: TopicLines, count: int) -> list[str]:
     """The next so many lines."""
-    found: list[str] = []
+    collected: list[str] = []
     for _ in range(1000):
-        found += source.new()
-        if len(found) >= count:
-            return found
+        collected += source.new()
+        if len(collected) >= count:
+            return collected
         time.sleep(0.005)
-    raise AssertionError(found)
+    raise AssertionError(collected)
 
 
 def test_the_newest_command_stands_beside_each_reading(monkeypatch: pytest.MonkeyPatch) -> None:

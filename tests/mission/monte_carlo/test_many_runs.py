@@ -58,9 +58,9 @@ def test_runs_at_once_are_runs_alone() -> None:
     seeds = run_seeds(1, 12)
     samples = setup.plant_variants[0].sampler.draw(seeds)
     figures = CompiledRuns(setup, 0, 16).figures(samples)
-    found = agreement(setup, seeds, figures)
-    assert found.apart == ()
-    assert found.largest < TOLERANCE
+    agreed = agreement(setup, seeds, figures)
+    assert agreed.apart == ()
+    assert agreed.largest < TOLERANCE
     assert len(set(figures.x.tolist())) == len(seeds)  # the padding is not among them
     moved = figures._replace(x=figures.x + 1e-6)
     assert len(agreement(setup, seeds, moved).apart) == len(seeds)  # it can fail
@@ -147,10 +147,10 @@ def test_a_direction_that_leads_nowhere_is_drawn_less_far() -> None:
 
 def test_a_range_is_drawn_evenly() -> None:
     spread = Spread.model_validate([-1.0, 3.0])
-    found = spread.deviation(np.random.default_rng(0).standard_normal(4000))
-    assert found.min() > -1.0
-    assert found.max() < 3.0
-    np.testing.assert_allclose(np.quantile(found, (0.25, 0.5, 0.75)), (0, 1, 2), atol=0.1)
+    result = spread.deviation(np.random.default_rng(0).standard_normal(4000))
+    assert result.min() > -1.0
+    assert result.max() < 3.0
+    np.testing.assert_allclose(np.quantile(result, (0.25, 0.5, 0.75)), (0, 1, 2), atol=0.1)
 
 
 @pytest.mark.parametrize(
@@ -191,41 +191,41 @@ def test_shares_of_variance_are_found() -> None:
     varying = (("a", (0,)), ("b", (1,)), ("many", tuple(range(2, 12))))
     counts = np.ones(8000, dtype=bool)
     halves = [moments(z[s], varying, y[s], counts[s]) for s in (slice(4000), slice(4000, None))]
-    found = shares(added(halves), varying)
-    assert found is not None
-    assert [d.name for d in found.ranked] == ["a", "b", "many"]
-    told = [d.share_of_variance for d in found.ranked]
+    ranking = shares(added(halves), varying)
+    assert ranking is not None
+    assert [d.name for d in ranking.ranked] == ["a", "b", "many"]
+    shown = [d.share_of_variance for d in ranking.ranked]
     # shares of 8000 runs are known to a hundredth or two
-    assert told == pytest.approx([9 / 16, 2 / 16, 0.0], abs=0.03)
-    assert found.remainder == pytest.approx(5 / 16, abs=0.04)
+    assert shown == pytest.approx([9 / 16, 2 / 16, 0.0], abs=0.03)
+    assert ranking.remainder == pytest.approx(5 / 16, abs=0.04)
     few = moments(z[:40], varying, y[:40], counts[:40])
     assert shares(few, varying) is None
 
 
 def test_a_batch_tells_what_its_runs_came_to() -> None:
-    found = batch()
-    told = found.summary()
-    assert sum(o["count"] for o in told["outcomes"].values()) == told["n"] == 1500
-    assert told["time_s"]["p05"] <= told["time_s"]["p50"] <= told["time_s"]["p95"]
-    assert "of 1 500 runs" in found.sentence
-    assert {d["name"] for d in told["drivers"]} == {
+    runs = batch()
+    summary = runs.summary()
+    assert sum(o["count"] for o in summary["outcomes"].values()) == summary["n"] == 1500
+    assert summary["time_s"]["p05"] <= summary["time_s"]["p50"] <= summary["time_s"]["p95"]
+    assert "of 1 500 runs" in runs.sentence
+    assert {d["name"] for d in summary["drivers"]} == {
         "parameters", "start.x", "start.y", "start.psi", "obstacles[1]", "friction.slip",
     }  # fmt: skip
 
 
 def test_paths_are_those_of_the_runs() -> None:
-    setup, found = Setup.of(SHORT, [robot_model()]), batch()
-    for path, seed in zip(paths_of(setup, found.seeds[:2]), found.seeds, strict=False):
+    setup, runs = Setup.of(SHORT, [robot_model()]), batch()
+    for path, seed in zip(paths_of(setup, runs.seeds[:2]), runs.seeds, strict=False):
         log = setup.simulated(seed).log
         np.testing.assert_allclose(path, np.column_stack([log["x"], log["y"]]), atol=TOLERANCE)
 
 
 def test_a_worst_run_replays_alone() -> None:
-    setup, found = Setup.of(SHORT, [robot_model()]), batch()
-    worst = found.worst[0]
+    setup, runs = Setup.of(SHORT, [robot_model()]), batch()
+    worst = runs.worst[0]
     alone = setup.simulated(worst.seed)
     assert (alone.outcome.value, alone.time_s) == (worst.outcome, worst.time_s)
-    assert worst.time_s == max(found.time_s)
+    assert worst.time_s == max(runs.time_s)
 
 
 @pytest.mark.parametrize(("runs", "vary"), [(0, None), (10, ["wind"])])

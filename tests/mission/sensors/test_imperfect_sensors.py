@@ -23,8 +23,8 @@ def gyro(**keys: Any) -> Gyroscope:
 
 
 def test_a_sensor_without_errors_reads_the_truth() -> None:
-    found = measurements(gyro(), 100)
-    np.testing.assert_array_equal(found["gyro_z"], found["yaw_rate"])
+    result = measurements(gyro(), 100)
+    np.testing.assert_array_equal(result["gyro_z"], result["yaw_rate"])
 
 
 def test_figures_are_those_of_the_plants_samples_where_the_sensor_is_faster() -> None:
@@ -58,8 +58,8 @@ def test_it_measures_at_the_first_sample_at_or_after_each_instant(rate: float, d
 @pytest.mark.parametrize("rate", [2.0, 7.0, 10.0, 1000.0])
 def test_the_variance_of_the_noise_grows_with_the_rate_up_to_that_of_the_plant(rate: float) -> None:
     sensor = gyro(rate=rate, noise=0.02)
-    found = measurements(sensor, 4000)
-    error = (found["gyro_z"] - found["yaw_rate"])[~np.isnan(found["gyro_z"])]
+    result = measurements(sensor, 4000)
+    error = (result["gyro_z"] - result["yaw_rate"])[~np.isnan(result["gyro_z"])]
     wanted = 0.02**2 * min(rate, 10.0)
     assert sensor.variance(0.1) == pytest.approx((wanted,))
     # Var of n squares of normal numbers: 2/n; five standard deviations.
@@ -76,7 +76,7 @@ def allan(y: np.ndarray, m: int) -> float:
 def test_allan_variance_falls_with_noise_and_grows_with_the_walk_of_the_bias(m: int) -> None:
     white, walk = gyro(noise=0.02), gyro(bias_walk=0.03)
     noise, drift = (
-        (found := measurements(sensor, 6000))["gyro_z"] - found["yaw_rate"]
+        (result := measurements(sensor, 6000))["gyro_z"] - result["yaw_rate"]
         for sensor in (white, walk)
     )
     # n/(2m) differences of neighbours hold a third of them in independent numbers at least.
@@ -93,8 +93,8 @@ def test_the_bias_is_fixed_and_drawn_once_a_run() -> None:
     np.testing.assert_allclose(fixed["gyro_z"] - fixed["yaw_rate"], 0.3, rtol=1e-12)
     sensor, starts = gyro(bias=0.3, bias_std=0.1), []
     for seed in range(400):
-        found = measurements(sensor, 3, seed=seed)
-        error = found["gyro_z"] - found["yaw_rate"]
+        result = measurements(sensor, 3, seed=seed)
+        error = result["gyro_z"] - result["yaw_rate"]
         np.testing.assert_allclose(error, error[0], rtol=1e-12)
         starts.append(error[0])
     assert np.mean(starts) == pytest.approx(0.3, abs=5 * 0.1 / 20)
@@ -143,16 +143,16 @@ def test_a_figure_for_each_axis() -> None:
     sensor = Accelerometer(
         noise=(0.0,), bias=(0.1, 0.2), bias_std=(0.0,), bias_walk=(0.0,), resolution=(0.0,)
     )
-    found = measurements(sensor, 50)
-    np.testing.assert_allclose(found["acc_y"] - found["v"] * found["yaw_rate"], 0.2, rtol=1e-12)
-    forward = np.diff(found["v"]) / 0.1
-    np.testing.assert_allclose(found["acc_x"][1:] - forward, 0.1, rtol=1e-9)
+    result = measurements(sensor, 50)
+    np.testing.assert_allclose(result["acc_y"] - result["v"] * result["yaw_rate"], 0.2, rtol=1e-12)
+    forward = np.diff(result["v"]) / 0.1
+    np.testing.assert_allclose(result["acc_x"][1:] - forward, 0.1, rtol=1e-9)
 
 
 def test_two_sensors_of_one_seed_are_independent() -> None:
     one, other = (
-        (found := measurements(gyro(noise=0.1), 4000, seed=3, name=name))["gyro_z"]
-        - found["yaw_rate"]
+        (result := measurements(gyro(noise=0.1), 4000, seed=3, name=name))["gyro_z"]
+        - result["yaw_rate"]
         for name in ("gyroscope", "accelerometer")
     )
     assert abs(np.corrcoef(one, other)[0, 1]) < 5 / math.sqrt(4000)
