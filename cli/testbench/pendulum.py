@@ -171,7 +171,7 @@ def _study(
         )
     for option, value in (("--amplitude", amplitude), ("--std-error period", error)):
         if value is not None:
-            raise UsageError(f"{option} goes with --period: a log tells it itself")
+            raise UsageError(f"{option} belongs to --period; a log already contains it")
     seconds = reading.seconds_to_trim(trim) if trim is not None else (0.0, 0.0)
     return study.inertia_of_logs(logs, what, read, trim=seconds, size=box)
 

@@ -241,9 +241,7 @@ def _refuse_without(logs: list[Path]) -> None:
         raise UsageError(f"fit-vehicle has no LOG to fit; what is missing: {NEEDED}")
     for log in logs:
         if not log.exists():
-            raise UsageError(
-                f"{log} is no file, and numbers alone tell nothing; what is missing: {NEEDED}"
-            )
+            raise UsageError(f"{log}: file not found; this command needs {NEEDED}")
 
 
 def _written(files: Files, fitted: "VehicleFit", name: str) -> dict[str, Any]:

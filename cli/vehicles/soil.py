@@ -43,7 +43,9 @@ def soil(
     ] = None,
     slips: Annotated[
         str | None,
-        typer.Option("--slip", metavar="I,I", help="Slips to tell the drawbar pull at, 0 to 1."),
+        typer.Option(
+            "--slip", metavar="I,I", help="Slips at which to state the drawbar pull, 0 to 1."
+        ),
     ] = None,
     wheels: Annotated[
         int | None,

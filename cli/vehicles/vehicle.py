@@ -35,7 +35,7 @@ def vehicle(
         str | None,
         typer.Option(
             metavar="NAME=RAD/S,…",
-            help="Speeds of wheels [rad/s], by name or in the file's order: the motion they tell.",
+            help="Speeds of wheels [rad/s], by name or in the file's order; gives the motion.",
         ),
     ] = None,
     plot: Annotated[

@@ -126,7 +126,7 @@ def _show_forward(forward: dict[str, Any]) -> None:
     render.table(
         ("wheel", "rim faster than ground [m/s]", "slides to its left [m/s]"),
         rows,
-        title=f"The speeds tell {_motion(forward['twist'])}",
+        title=f"The speeds give {_motion(forward['twist'])}",
     )
     render.say(forward["sentence"])
     render.say(_sentence(f"Centre of turning: {forward['icr']['sentence']}"))

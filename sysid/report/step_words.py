@@ -96,7 +96,7 @@ def _gain(r: StepResponse) -> str:
     if r.integrates:
         text = f"it integrates: {text}"
     if abs(r.gain.value) <= CLEAR * r.gain.std_error and math.isfinite(r.gain.std_error):
-        text += " (not told from zero)"
+        text += " (not significant)"
     if r.file_unit:
         factor = r.file_factor
         shown = with_error(factor * r.gain.value, abs(factor) * r.gain.std_error)

@@ -106,7 +106,7 @@ def test_the_command_writes_the_pose_with_its_covariance(
         (("--sensor", "gyro_z=nothing"), "has no column 'nothing' for gyro_z"),
         (
             ("--sensor", "gyro=gyro_z"),
-            "'gyro' is no measurement of a sensor: the measurements are omega_l",
+            "'gyro' is no reading of a sensor: the readings are omega_l",
         ),
         (("--sensor", "gyro_z"), "--sensor cannot read 'gyro_z'; write NAME=COLUMN"),
         (("--navigation", "x"), "unknown kind 'x' of navigation"),

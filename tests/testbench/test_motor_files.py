@@ -90,7 +90,7 @@ def test_units_of_a_table_do_not_matter(tmp_path: Path) -> None:
     ("head", "rows", "said"),
     [
         ("voltage_V,current_mA\n", "3,170\n5,210\n", "17.6 to 23.8 Ω; the motor turned"),
-        ("voltage_V,current\n", "3,0.17\n", "the unit of current is not told"),
+        ("voltage_V,current\n", "3,0.17\n", "current has no unit"),
         ("voltage_V,current_A\n", "3,0.97\n", "missing for Kem (no load"),
         ("voltage_V,current_A,speed_rpm\n", "3,0.17,85\n5,.21,149\n", "missing for R (a blocked"),
         ("current_A,speed_rpm\n", "1,85\n", "has no column of voltage"),

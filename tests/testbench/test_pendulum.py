@@ -190,7 +190,7 @@ REFUSED = {
     "no oscillation": ({"angle": np.random.default_rng(0).standard_normal(len(T))}, "oscillation"),
     "at rest": ({"pitch_deg": np.random.default_rng(2).standard_normal(len(T))}, "is noise"),
     "a ramp": ({"angle_deg": 2.0 * T}, "drifts evenly"),
-    "no measurement": ({"angle_deg": np.nan * T}, "holds 0 measurements"),
+    "no measurement": ({"angle_deg": np.nan * T}, "has 0 measurements"),
     "a random walk": (
         {"angle": np.cumsum(np.random.default_rng(0).standard_normal(len(T)))},
         "no oscillation",
@@ -224,7 +224,7 @@ def test_a_log_that_does_not_tell_its_time_needs_it(tmp_path: Path) -> None:
     t = np.arange(0.0, 35.0, 0.05)
     columns = {"angle_deg": np.degrees(swing()(t)), "height": 0.0 * t}
     path = write_log(tmp_path / "a.csv", list(columns), list(columns.values()), step=None)
-    with pytest.raises(SysidError, match="does not tell its sample time"):
+    with pytest.raises(SysidError, match="has no sample time"):
         inertia_of_logs([path])
     study = inertia_of_logs([path], options=ReadOptions(ts=0.05))
     assert study.small_period == pytest.approx(SMALL, abs=2e-5)
@@ -243,7 +243,7 @@ def test_a_log_that_does_not_tell_its_time_needs_it(tmp_path: Path) -> None:
         (["--period", "1.735", "--size", "0x1"], 2, "give two lengths above 0"),
         (["--period", "1.735", "--plot", "a.png"], 2, "a period has none"),
         ([], 2, "give a log of the swing, or its period"),
-        (["a.csv", "--amplitude", "5"], 2, "goes with --period"),
+        (["a.csv", "--amplitude", "5"], 2, "belongs to --period"),
     ],
 )
 def test_wrong_use_is_one_sentence(

@@ -228,7 +228,7 @@ def test_logs_that_cannot_serve_are_refused(
 
 
 def test_staircases_that_cannot_serve_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(SysidError, match="nothing tells what full drive is"):
+    with pytest.raises(SysidError, match="full drive is unknown"):
         bench_power([staircase(tmp_path / "a.csv", "motor_voltage_V", scale=255.0)])
     with pytest.raises(SysidError, match="fewer than 3 steps of PWM are answered"):
         bench_power([staircase(tmp_path / "b.csv", "motor_voltage_V", lambda d: 0.0 * d)])

@@ -94,8 +94,8 @@ def motors_of_model(model: Model) -> KnownMotors:
     source = torque_source(m, model.theta) if isinstance(m, DCMotor) else None
     if source is None or not isinstance(m, DCMotor):
         raise ModelError(
-            "the model tells speeds and no torque: give a dc-motor of `sysid bench motor`, or one "
-            "identified with the tracks lifted with its torque_constant"
+            "the model has speeds and no torque; give a dc-motor of `sysid bench motor`, or one "
+            "identified with the tracks lifted and its torque_constant"
         )
     if source.body > SHARED:
         raise ModelError(

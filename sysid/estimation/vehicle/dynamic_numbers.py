@@ -193,8 +193,8 @@ def _number(fit: DynamicFit, name: str, value: float, error: float) -> VehicleNu
         sentence += f" Their length on the ground counts as {length:.3g} m."
     elif name == "centre_of_mass":
         sentence += (
-            " The log does not tell it apart from where on the vehicle that point is: it is the "
-            "place that the vehicle turns about."
+            " The log does not distinguish it from the position of that point on the vehicle; the "
+            "value is the centre of rotation."
         )
     return VehicleNumber(name, value, error, unit, identifiable, sentence)
 
@@ -204,12 +204,12 @@ def _why_not(fit: DynamicFit, name: str, value: float, error: float) -> str:
     if name == "thrust_stiffness":
         least = value / (1.0 + 2.0 * error / value) if math.isfinite(error) else 0.0
         return (
-            f"The log does not tell the {what}: the tracks hardly slip (at least {least:.2g} N for "
-            f"a unit of slip); {SHOWN_BY[name]} would."
+            f"The log does not determine the {what}, because the tracks hardly slip (at least "
+            f"{least:.2g} N per unit of slip); {SHOWN_BY[name]} would."
         )
     known = math.isfinite(error) and value != 0.0
     how = f" to better than {100 * error / abs(value):.0f} %" if known else ""
-    return f"The log does not tell the {what}{how}; {SHOWN_BY[name]} would."
+    return f"The log does not determine the {what}{how}; {SHOWN_BY[name]} would."
 
 
 def _rests_on(fit: DynamicFit, name: str, value: float) -> str:
@@ -227,9 +227,9 @@ def _rests_on(fit: DynamicFit, name: str, value: float) -> str:
 def _untold(name: str) -> VehicleNumber:
     unit, meaning = MEANING[name]
     sentence = (
-        f"The log does not tell {meaning}: no torque is known, so that all forces come in units of "
-        "it; give the motors' numbers (`motors`), or the torque per unit of command "
-        f"(the torque constant), and drive {SHOWN_BY[name]}."
+        f"The log does not determine {meaning}, because no torque is known. Give the motors' "
+        "parameters (`motors`) or the torque per unit of command (the torque constant), and drive "
+        f"{SHOWN_BY[name]}."
     )
     return VehicleNumber(name, math.nan, math.inf, unit, False, sentence, in_model=False)
 
@@ -242,7 +242,7 @@ def _ratio(fit: DynamicFit, name: str, value: float, error: float) -> VehicleNum
     identifiable = error < IDENTIFIABLE_SHARE * abs(value)
     sentence = f"{meaning[:1].upper()}{meaning[1:]}."
     if not identifiable:
-        sentence = f"The log does not tell the {meaning}; {SHOWN_BY[name]} would."
+        sentence = f"The log does not determine the {meaning}; {SHOWN_BY[name]} would."
     return VehicleNumber(name, value, error, unit, identifiable, sentence)
 
 
@@ -252,7 +252,9 @@ def _length(name: str, value: float, error: float) -> VehicleNumber:
     what = name.replace("_", " ")
     sentence = f"The {what} that acts once the slip under these forces is taken off."
     if not identifiable:
-        sentence = f"The log does not tell the {what}; straight runs and turns to both sides would."
+        sentence = (
+            f"The log does not determine the {what}; straight runs and turns both ways would."
+        )
     return VehicleNumber(name, value, error, "m", identifiable, sentence)
 
 

@@ -83,7 +83,7 @@ class GeometryEstimate:
         lengths = " and ".join(
             f"{name} = {value:.4g} ± {error:.1g} m"
             if error is not None
-            else f"{name} = {value:.4g} m (assumed: the log does not tell it)"
+            else f"{name} = {value:.4g} m (assumed; not identifiable from this log)"
             for name, value, error in zip(
                 ("r", "B"), (self.geometry.r, self.geometry.B), self.std_errors, strict=True
             )

@@ -147,8 +147,8 @@ def _sentence(term: Term, fit: SlipFit, k: int, value: float, error: float) -> s
     if not fit.identifiable[k]:
         prior_share = min(float(fit.std_errors[k] / fit.prior[k]), 1.0)
         return (
-            f"The log does not tell {term.meaning}: {value:.2g} ± {error:.2g}{unit} leaves "
-            f"{100 * prior_share:.0f} % of what one would guess without it. What tells it: "
+            f"The log does not determine {term.meaning}: {value:.2g} ± {error:.2g}{unit} keeps "
+            f"{100 * prior_share:.0f} % of the prior uncertainty. What would determine it: "
             f"{term.shown_by}.{also}"
         )
     if k not in fit.free:

@@ -214,8 +214,8 @@ def square_result(runs: Sequence[SquareRun]) -> SquareResult:
         way = "clockwise" if counts[0] else "counter-clockwise"
         other = "counter-clockwise" if counts[0] else "clockwise"
         text = (
-            f"All {len(runs)} squares were driven {way}: unequal wheels and a wrong width miss the "
-            f"start along the same line there and cannot be told apart; drive some {other}."
+            f"All {len(runs)} squares were driven {way}, where unequal wheels and a wrong width "
+            f"cannot be distinguished; drive some {other}."
         )
         return replace(plain, sentence=text)
     return _solved(plain, groups)
@@ -240,7 +240,7 @@ def _solved(plain: SquareResult, groups: list[list[SquareRun]]) -> SquareResult:
     J = _jacobian(predicted, p)
     size = np.linalg.svd(J, compute_uv=False)
     if size[1] < TURNS_ALIKE * size[0]:
-        text = "The returns move along one line whatever is wrong, so that they tell neither error."
+        text = "Both errors move the returns along one line, so neither can be determined."
         return replace(plain, sentence=text)
     errors = _std_errors(np.asarray(np.linalg.pinv(J), dtype=np.float64), groups)
     residual = (measured - predicted(p)).reshape(2, 2)

@@ -185,8 +185,8 @@ def what_is_missing(records: Sequence[Record]) -> str:
         return ""
     has = ", ".join((*first.input_names, *first.output_names))
     return (
-        f"{first.name} lacks {' and '.join(lacking)}; without them no radius, width or slip can be "
-        f"told from it, which has {has}"
+        f"{first.name} lacks {' and '.join(lacking)}, which radius, width and slip need; "
+        f"it has {has}"
     )
 
 

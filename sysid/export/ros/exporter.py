@@ -19,7 +19,7 @@ from sysid.mission.loop import Loop
 from sysid.version import __version__
 
 _USAGE = """As two nodes of ROS 1, in a catkin package: link the folder `ros/` into the sources
-of a catkin workspace and build; `ros/README.md` tells the rest.
+of a catkin workspace and build; `ros/README.md` has the details.
 """
 
 _TARGETS = {

@@ -112,9 +112,7 @@ class MeasuredDrive:
         what = "first command" if self.clock.by == "command" else "first motion"
         sentences = [f"Time counts from the {what}, at {self.clock.at:.4g} s of {self.name}."]
         if self.clock.by == "motion":
-            sentences.append(
-                f"Of commands {self.name} tells nothing, so the clocks agree to about a sample."
-            )
+            sentences.append(f"{self.name} has no commands, so the clocks agree to about a sample.")
         away = float(np.hypot(*(self.start[:2] - start[:2])))
         turned = float(abs(wrap_angle(self.start[2] - start[2])))
         if away > SAME_PLACE[0] or turned > SAME_PLACE[1]:

@@ -163,8 +163,8 @@ class Setup:
             share = redrawn / (redrawn + runs)
             sentences.append(
                 f"{100 * share:.2g} % of the draws could not be driven (an unstable plant, a "
-                "parameter out of its bounds, a start or goal inside an obstacle) and were made "
-                "again: the runs tell what happens where none of that is so."
+                "parameter out of its bounds, a start or goal inside an obstacle) and were "
+                "replaced; the results hold for drivable runs only."
             )
         if pulled:
             sentences.append(

@@ -66,9 +66,7 @@ def assumed(
             "shorten the latency"
         )
     if plan.unknown:
-        said.append(
-            f"navigation does not know what {_listed(plan.unknown)} tells and leaves it out"
-        )
+        said.append(f"navigation has no model of {_listed(plan.unknown)} and leaves it out")
     if plan.unread:
         said.append(
             f"navigation.r gives a variance of {_listed(plan.unread)}, which no sensor reads"

@@ -16,8 +16,8 @@ lifted: estimates from lifted tracks scatter about 0 by some hundredths, and a b
 adds tenths and more (the thesis's robot: 0.2)."""
 
 _SPEEDS_ONLY = (
-    "motion of kind dynamic turns the tracks by the torque of two motors, and the plant tells "
-    "speeds only: identify a dc-motor with the tracks lifted, with parameters=bench or with its "
+    "motion of kind dynamic needs the torque of two motors, and the plant has speeds only; "
+    "identify a dc-motor with the tracks lifted, with parameters=bench or with its "
     "torque_constant (or take the one of `sysid bench motor`), or choose motion of kind slip"
 )
 _DRIVEN = (
@@ -26,8 +26,8 @@ _DRIVEN = (
     "tracks lifted (or say vehicle: {lifted: true} if they were)"
 )
 _LIFTED = (
-    "The plant is taken as identified with its tracks lifted: its numbers do not tell, and a log "
-    "driven on the ground would count mass and friction twice (vehicle.lifted says it)."
+    "The plant is assumed to be identified with its tracks lifted. A log driven on the ground "
+    "would count mass and friction twice; set vehicle.lifted to say which it was."
 )
 
 

@@ -185,9 +185,9 @@ def characterise_motor(files: Sequence[Path], options: MotorOptions | None = Non
     tied = "Kc" not in values_of(from_tables)
     if tied:
         said.append(
-            "No torque was measured: Kc is taken for equal to Kem, as it is in a motor without "
-            "losses. Voltage, current and speed tell f, C0 and J only in parts of Kc; a stall or "
-            "external-load experiment tells Kc itself."
+            "No torque was measured, so Kc is set equal to Kem, as in a motor without losses. "
+            "Voltage, current and speed determine f, C0 and J only relative to Kc; a stall or "
+            "external-load experiment determines Kc."
         )
     joint, remarks = fit_all(tests, read.drives, known, values_of(from_tables), gear, tied)
     require_plausible(vars(joint.constants))
@@ -326,7 +326,7 @@ class _Evaluation:
         if name == "Kc" and self.tied:
             return "taken for equal to Kem: no torque was measured"
         if value is None:
-            return WHY_UNDETERMINED.get(name, "not told by these files")
+            return WHY_UNDETERMINED.get(name, "not identifiable from these files")
         how = {r.name: r.how for r in reversed(self.found)}
         if self.method == "separate" and name in how:
             return how[name]
@@ -334,8 +334,8 @@ class _Evaluation:
 
 
 WHY_UNDETERMINED = {
-    "L": "not told: steady states do not see it; a log of voltage steps with its current, sampled "
-    "faster than L/R, does",
-    "J": "not told: give a value from geometry (`known={'J': 1e-7}`) or a log of a run-up",
+    "L": "not identifiable from steady states; log voltage steps with their current, sampled "
+    "faster than L/R",
+    "J": "not identifiable; give a value from geometry (`known={'J': 1e-7}`) or a log of a run-up",
 }
 """Why a constant has no value."""

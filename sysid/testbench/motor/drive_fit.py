@@ -74,7 +74,7 @@ def fit_all(
         # it stays among the estimates, whose errors take in that it is not known
         best_fit = replace(best_fit, undetermined=(*best_fit.undetermined, "L"))
         why = f"the current follows the voltage within a sample of {dt:g} s; sample faster than L/R"
-        said.append(f"L is not told: {why if logged else 'log the current'} to see it.")
+        said.append(f"L is not identifiable; {why if logged else 'log the current'}.")
     return best_fit, said
 
 

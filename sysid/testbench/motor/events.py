@@ -95,7 +95,7 @@ def from_times(t: Array, pulses_per_turn: float, where: str) -> Events:
     """
     if len(t) < MIN_EVENTS:
         raise DataError(
-            f"{where}: {len(t)} events tell no steady speed; record at least {MIN_EVENTS}"
+            f"{where}: {len(t)} events are too few for a steady speed; record {MIN_EVENTS}"
         )
     if not np.all(np.diff(t) > 0.0):
         row = int(np.flatnonzero(np.diff(t) <= 0.0)[0])

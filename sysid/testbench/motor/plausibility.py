@@ -46,8 +46,8 @@ def missing_experiments(
     if not lacks:
         return ""
     return (
-        f"experiments are missing for {'; '.join(lacks)}; a log of voltage steps with its current "
-        "(time_s, voltage_V, current_A, speed_rpm) tells all of them"
+        f"experiments are missing for {'; '.join(lacks)}; a log of voltage steps with the current "
+        "(time_s, voltage_V, current_A, speed_rpm) determines all of them"
     )
 
 
@@ -184,7 +184,7 @@ def weakly_identified(joint: JointFit) -> list[str]:
         "L": "sample faster than L/R",
     }
     return [
-        f"{n} is hardly told, {v:.2g} ± {e:.2g} {CONSTANTS[n][0]}: {advice[n]}."
+        f"{n} is weakly identifiable, {v:.2g} ± {e:.2g} {CONSTANTS[n][0]}: {advice[n]}."
         for n, v, e in zip(joint.names, joint.theta.tolist(), errors.tolist(), strict=True)
         if not e < HARDLY * abs(v) and n not in joint.undetermined
     ]

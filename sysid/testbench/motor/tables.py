@@ -132,7 +132,7 @@ def _column(name: str, unit: str, where: str) -> Column | None:
     if not known.unit and role != "voltage":
         example = {"current": "mA", "torque": "Nm", "speed": "rpm"}[role]
         raise DataError(
-            f"{where}: the unit of {name} is not told; call it {name}_{example} or give "
+            f"{where}: {name} has no unit; call it {name}_{example} or give "
             f"{argument(units={name: example})}"
         )
     return Column(name, role, known.scale, side)

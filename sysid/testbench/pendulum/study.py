@@ -412,8 +412,7 @@ def _say_unit(o: Oscillation, say: Any) -> None:
     say(
         "angle-unit",
         Severity.WARNING,
-        f"{how}, which nothing in the log tells; only the correction for the amplitude depends "
-        "on it.",
+        f"{how}, which the log does not confirm; it affects the amplitude correction only.",
         "Name the unit with `units`.",
     )
 

@@ -191,8 +191,8 @@ def _times(
     untold = [f for f in clock.findings if f.code == "sample-time" and f.severity > Severity.NOTE]
     if untold and options.ts is None:
         raise DataError(
-            f"{table.where} does not tell its sample time, and the period is counted in it: give "
-            "it in seconds with `ts`, or the time column with `time`"
+            f"{table.where} has no sample time, which the period needs; give it in seconds with "
+            "`ts`, or the time column with `time`"
         )
     return clock.t, clock.findings
 

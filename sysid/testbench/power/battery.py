@@ -147,8 +147,8 @@ def fit_battery(name: str, t: Array | None, voltage: Array, current: Array) -> B
     if largest == 0.0 or float(np.ptp(i)) < MOVES * largest:
         what = "0 A throughout" if largest == 0.0 else f"{float(np.mean(i)):.3g} A throughout"
         raise DataError(
-            f"{name}: the current is {what}, which tells no resistance: record rests and loads in "
-            "turns"
+            f"{name}: the current is {what}, so no resistance can be determined; "
+            "record rest and load alternately"
         )
     turned = float(np.cov(v, i)[0, 1]) > 0.0
     i = -i if turned else i

@@ -105,8 +105,8 @@ def read_power_log(
     drives, answers = _bridge(table, columns, set(battery.values()), units, pwm_max)
     if not answers and (by_quantity["voltage"] is None or by_quantity["current"] is None):
         raise DataError(
-            f"{table.where} tells neither of a battery (columns voltage_V and current_A) nor of a "
-            "bridge (pwm and motor_voltage_V, or the motor's speed or current): its columns are "
+            f"{table.where} has neither the columns of a battery (voltage_V and current_A) nor of "
+            "a bridge (pwm and motor_voltage_V, or the motor's speed or current); its columns are "
             f"{', '.join(table.names[:20])}"
         )
     return PowerLog(
@@ -206,8 +206,8 @@ def _drive(
         full = PWM_FULL_SCALE
     else:
         raise DataError(
-            f"{table.where}: {command.name} goes to {largest:g}, and nothing tells what full drive "
-            f"is; say {argument(pwm_max=255.0)}"
+            f"{table.where}: {command.name} goes to {largest:g}, and full drive is unknown; "
+            f"give {argument(pwm_max=255.0)}"
         )
     if largest > full * (1.0 + 1e-6):
         raise DataError(

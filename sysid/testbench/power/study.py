@@ -261,7 +261,7 @@ def _bridge_findings(bridge: Bridge) -> list[Finding]:
             Severity.NOTE,
             f"the staircase was answered by {bridge.quantity}: its dead band holds the motor's "
             "friction, too.",
-            "Read the voltage at the motor's leads to tell the two apart.",
+            "Measure the voltage at the motor's leads to distinguish the two.",
         )
     if bridge.turned:
         say("answer-sign", Severity.NOTE, "positive commands are answered with a minus sign.")

@@ -90,8 +90,8 @@ def _notes(vehicle: Vehicle, angles: Angles | None) -> Iterator[str]:
                 )
     if not speeds_determine_motion(wheels):
         yield (
-            "The speeds of the wheels do not tell the motion, and cannot command all of it: "
-            "casters follow whatever the body does."
+            "The wheel speeds neither determine the motion nor command all of it, because casters "
+            "follow any motion of the body."
         )
     yield from _on_inertia(vehicle)
 

@@ -150,8 +150,8 @@ def forward(
     loose = [w.name for w in wheels if w.kind == "caster" and w.name in speeds and w.name not in at]
     if loose:
         raise UsageError(
-            f"the speed of the caster {loose[0]} tells nothing without its angle: give its angle, "
-            "or leave its speed out"
+            f"the speed of the caster {loose[0]} is of no use without its angle; "
+            "give its angle, or omit its speed"
         )
     rolling = [w for w in wheels if w.name in speeds]
     rigid = [w for w in wheels if w.constrains]

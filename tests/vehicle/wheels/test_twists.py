@@ -160,7 +160,7 @@ def test_questions_without_an_answer_are_refused() -> None:
         vehicle.forward({"left": math.nan, "right": 1.0})
     with pytest.raises(UsageError, match="three finite numbers"):
         vehicle.inverse((1.0, 2.0))
-    with pytest.raises(UsageError, match="tells nothing without its angle"):
+    with pytest.raises(UsageError, match="is of no use without its angle"):
         VEHICLES["differential"].forward({"left": 1.0, "right": 1.0, "rear": 1.0})
 
 
