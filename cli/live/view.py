@@ -42,8 +42,8 @@ def change_sentence(change: "LiveChange") -> str:
         if n.output == change.output
     ]
     return (
-        f"The plant changed at {change.time:.4g} s (± {change.within:.2g} s): what the inputs do "
-        f"to {change.output} altered by {100.0 * change.share:.2g} %; {'; '.join(moved)}."
+        f"The plant changed at {change.time:.4g} s (± {change.within:.2g} s): the response of "
+        f"{change.output} changed by {100.0 * change.share:.2g} %; {'; '.join(moved)}."
     )
 
 
@@ -56,7 +56,7 @@ def excitation_sentence(state: "LiveState") -> str:
     poor = [e for e in state.excitation if not e.enough]
     if not poor:
         least = min(e.smallest for e in state.excitation)
-        return f"Excitation enough (least information {least:.3g}, needed {poor_need(state)})."
+        return f"Excitation sufficient (least information {least:.3g}, needed {poor_need(state)})."
     return "Excitation not enough yet: " + " ".join(
         f"{e.output} {e.smallest:.3g} of {e.need:.3g}: {e.why}" for e in poor
     )

@@ -32,13 +32,13 @@ def sensor_options(
         Path | None,
         typer.Option(
             metavar="LOG",
-            help="Estimate the noise of the mission's filter from a log of its sensors instead.",
+            help="Estimate the filter's noise from this sensor log instead.",
         ),
     ] = None,
     sensor: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME=COLUMN", help="Of --navigation: column of a measurement of another name."
+            metavar="NAME=COLUMN", help="With --navigation: column that holds a measurement."
         ),
     ] = None,
     time: reading.Time = None,

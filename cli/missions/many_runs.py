@@ -48,7 +48,7 @@ class Repeats:
         """
         for name in ("runs", "seed", "vary", "scheduler", "measured"):
             if getattr(self, name) is not None:
-                raise UsageError(f"{log} is a log to replay: --{name} has no use with it")
+                raise UsageError(f"{log} is a log to replay; omit --{name}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,23 +74,24 @@ class Ride:
 
 def repeats(
     runs: Annotated[
-        int | None, typer.Option(metavar="N", help="Drive it so often, with draws for every run.")
+        int | None,
+        typer.Option(metavar="N", help="Number of simulated runs, each with its own draws."),
     ] = None,
     seed: Annotated[
         int | None,
         typer.Option(
             min=0,
             metavar="N",
-            help="Seed of the runs [0]; without --runs, of the sensors' noise, or of the one of "
-            "many runs to replay.",
+            help="Seed of the runs [0]; without --runs, of the sensor noise or of the run to "
+            "replay.",
         ),
     ] = None,
     vary: Annotated[
         str | None,
         typer.Option(
             metavar="LIST",
-            help="What differs from run to run, of parameters, noise, start, obstacles, "
-            "friction, soil, mass and models [what the mission says].",
+            help="Quantities that vary: parameters, noise, start, obstacles, friction, soil, "
+            "mass, models [as the mission says].",
         ),
     ] = None,
     scheduler: Annotated[
@@ -104,16 +105,16 @@ def repeats(
         Path | None,
         typer.Option(
             metavar="LOG",
-            help="Log of a drive of this mission, with its pose: where does it leave what the runs "
-            "predict, and why?",
+            help="Log of a measured drive of this mission, with its pose, to compare with the "
+            "runs.",
         ),
     ] = None,
 ) -> Repeats:
     """The options of many runs."""
     if vary is not None and runs is None and seed is None and measured is None:
-        raise UsageError("--vary says what differs between runs: give --runs, or --seed of one run")
+        raise UsageError("--vary belongs to --runs, or to the --seed of one run; add one")
     if scheduler is not None and runs is None:
-        raise UsageError("--scheduler shares many runs: give --runs as well")
+        raise UsageError("--scheduler belongs to --runs; add --runs")
     names = None if vary is None else tuple(name.strip() for name in vary.split(","))
     return Repeats(runs, seed, names, scheduler, measured)
 
@@ -161,7 +162,7 @@ def ride(mission: "Mission", package: "Package", models: "Sequence[Model]", how:
 
     setup = Setup.of(mission, models, how.vary)
     varied, robot, noise = setup.alone(seed)
-    note = f"A run of many: drawn were {', '.join(setup.varied) or 'no quantities'}."
+    note = f"One run of a batch; drawn quantities: {', '.join(setup.varied) or 'no quantities'}."
     return Ride(varied, robot, setup.known(seed), (note, *setup.notes(0, 0, 1)), seed, noise)
 
 
@@ -252,7 +253,7 @@ def show_many(path: Path, facts: dict[str, Any], how: Repeats) -> None:
     render.say(f"Worst: {worst}")
     again = f" --vary {','.join(how.vary)}" if how.vary else ""
     first = batch["worst"][0]["seed"]
-    render.say(f"See one again: sysid simulate {path} --seed {first}{again}")
+    render.say(f"Replay one: sysid simulate {path} --seed {first}{again}")
     show_files(facts)
 
 

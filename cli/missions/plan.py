@@ -77,8 +77,9 @@ def _sentence(mission: "Mission", route: "Plan") -> str:
     x, y = route.way[-1]
     if not route.arrives:
         return (
-            f"The references lead from the start to ({x:.2f}, {y:.2f}) and no farther: a local "
-            "minimum, a way blocked, or a circle; choose another law of guidance or an escape."
+            f"The references lead from the start to ({x:.2f}, {y:.2f}) and no farther, because of "
+            "a local minimum, a blocked way or a circle. Choose another law of guidance or an "
+            "escape."
         )
     if route.min_clearance_m is not None and route.min_clearance_m <= 0:
         return "The references lead to the goal, but through an obstacle."
@@ -86,7 +87,7 @@ def _sentence(mission: "Mission", route: "Plan") -> str:
     if share < 1:
         return (
             f"The references lead from the start to the goal; from {share:.0%} of the places "
-            "around they do, from the others not."
+            "around they do."
         )
     return "The references lead to the goal, from the start and from everywhere around."
 

@@ -37,8 +37,8 @@ def effort(
         int,
         typer.Option(
             metavar="N",
-            help="Plants that each set drives, drawn from the covariance of the plant's "
-            "parameters; 1 for the plant as estimated.",
+            help="Number of plants for each set of gains, drawn from the parameter covariance; 1: "
+            "the estimated plant.",
         ),
     ] = 8,
     seed: Annotated[int, typer.Option(metavar="N", help="Of sets, plants and sensor noise.")] = 0,
@@ -121,12 +121,12 @@ def tune(
         unused = (("plant", loop.plant), ("control", loop.control), ("plot", files.plot))
         for option, value in unused:
             if value is not None:
-                raise UsageError(f"--navigation tunes a filter: --{option} has no use with it")
+                raise UsageError(f"--navigation tunes a filter; omit --{option}")
         _check_target(files.to, mission)
         tune_filter(mission, sensors.log, sensors, files.to, json)
         return
     if sensors != SensorOptions():
-        raise UsageError("options of reading a log are of use only with --navigation LOG")
+        raise UsageError("options that read a log belong to --navigation LOG")
     targets.check_picture(files.plot)
     _check_target(files.to, mission)
     options = SearchOptions(how.trials, how.robust, how.seed)
@@ -212,8 +212,8 @@ def _number(value: float | None, digits: int) -> str:
 def _caption(tuning: "Tuning") -> str:
     test = tuning.test
     return (
-        f"V to {test.speed:.3g} m/s, ψ by 60° and back to -60°; effort: ∫(V_cmd² + ψ_cmd²) dt; "
-        f"a dash: never; --json has all {len(tuning.front)} sets to choose from"
+        f"V to {test.speed:.3g} m/s, ψ by 60° and back to -60°; effort: ∫(V_cmd² + ψ_cmd²) dt; –: "
+        f"never; --json has all {len(tuning.front)} sets to choose from"
     )
 
 

@@ -24,26 +24,26 @@ def motor(
     known: Annotated[
         list[str] | None,
         typer.Option(
-            "--known", metavar="NAME=VALUE", help="A constant known otherwise: R=3.1 or R=3.1±0.05."
+            "--known", metavar="NAME=VALUE", help="A known constant: R=3.1 or R=3.1±0.05."
         ),
     ] = None,
     gear: Annotated[
         float | None,
-        typer.Option("--gear", metavar="TURNS", help="Turns of the motor for one of the output."),
+        typer.Option("--gear", metavar="TURNS", help="Gear ratio: motor turns per output turn."),
     ] = None,
     method: Annotated[
         str,
         typer.Option(
             "--method",
             metavar="HOW",
-            help="separate: one experiment at a time; joint: all of them at once; auto: joint "
-            "where there is the log of a drive.",
+            help="separate: one experiment at a time; joint: all at once; auto: joint if a drive "
+            "log is given.",
         ),
     ] = "auto",
     pulses_per_turn: Annotated[
         float,
         typer.Option(
-            "--pulses", metavar="N", help="Pulses of the output shaft's sensor in a turn."
+            "--pulses", metavar="N", help="Pulses of the sensor per turn of the output shaft."
         ),
     ] = 1.0,
     units: reading.Units = None,

@@ -15,17 +15,18 @@ if TYPE_CHECKING:
     from sysid.testbench.pendulum.inertia import Hanging
     from sysid.testbench.pendulum.study import PendulumStudy
 
-_hanging = reading.in_panel("What hangs, the thesis's robot unless given")
+_hanging = reading.in_panel("The suspended body [the thesis's robot]")
 
 
 def hanging(
     m: Annotated[float | None, _hanging("--m", "KG", "Mass of the body.")] = None,
     l: Annotated[  # noqa: E741  the thesis's letter
-        float | None, _hanging("--l", "M", "Its centre of gravity's distance from the hinge.")
+        float | None, _hanging("--l", "M", "Distance of its centre of gravity from the hinge.")
     ] = None,
     m1: Annotated[float | None, _hanging("--m1", "KG", "Mass of the bar.")] = None,
     l1: Annotated[
-        float | None, _hanging("--l1", "M", "The bar's centre of gravity's distance.")
+        float | None,
+        _hanging("--l1", "M", "Distance of the bar's centre of gravity from the hinge."),
     ] = None,
     I1: Annotated[float | None, _hanging("--I1", "KG_M2", "The bar's own inertia.")] = None,
     g: Annotated[float | None, _hanging("--g", "M_S2", "Acceleration of gravity.")] = None,
@@ -34,8 +35,8 @@ def hanging(
         _hanging(
             "--std-error",
             "NAME=VALUE",
-            "Standard error of one of these, or of the period: l=0.002; again (or a,b) for more. "
-            "1 mm, 1 g, 1e-4 kg m², 0.005 m/s² and 5 ms unless given.",
+            "Standard error of one of these or of the period: l=0.002; repeat (or a,b) for more "
+            "[1 mm, 1 g, 1e-4 kg m², 0.005 m/s², 5 ms].",
         ),
     ] = None,
 ) -> "tuple[Hanging, float | None]":
@@ -70,7 +71,7 @@ def swing_options(
     outputs: Annotated[
         str | None,
         reading.in_panel("Reading the log")(
-            "--output", "NAME", "Column of the angle. Found by name unless given."
+            "--output", "NAME", "Column of the angle [found by name]."
         ),
     ] = None,
     time: reading.Time = None,
@@ -110,7 +111,7 @@ def pendulum(
     ] = None,
     amplitude: Annotated[
         float | None,
-        typer.Option(metavar="DEG", help="Amplitude that went with --period [10]."),
+        typer.Option(metavar="DEG", help="Amplitude that belongs to --period [10]."),
     ] = None,
     size: Annotated[
         str | None,
@@ -138,7 +139,7 @@ def pendulum(
     facts = study.summary()
     if plot is not None:
         if not study.logs:
-            raise UsageError("--plot draws the swing of a log: a period has none")
+            raise UsageError("--plot draws the swing of a log; omit it with --period")
         from .pictures import draw_swing
 
         draw_swing(plot, study)
@@ -160,7 +161,7 @@ def _study(
     what, error = body
     box = None if size is None else _lengths(size)
     if (period is None) == (not logs):
-        raise UsageError("give a log of the swing, or its period with --period, one of them")
+        raise UsageError("give either a log of the swing or its period with --period")
     if period is not None:
         return study.inertia_of_period(
             period,

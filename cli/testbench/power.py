@@ -30,7 +30,7 @@ def power(
     ] = None,
     to: Annotated[
         Path | None,
-        typer.Option(metavar="MISSION", help="Mission whose vehicle.supply is filled in: .yaml."),
+        typer.Option(metavar="MISSION", help="Mission in which to fill in vehicle.supply: .yaml."),
     ] = None,
     output: Annotated[
         Path | None,

@@ -57,9 +57,7 @@ def files(
     ] = None,
     to: Annotated[
         Path | None,
-        typer.Option(
-            "--to", metavar="FILE", help="Write the mission with the vehicle that was found."
-        ),
+        typer.Option("--to", metavar="FILE", help="Write the mission with the fitted vehicle."),
     ] = None,
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw paths and slip: .svg or .png.")
@@ -121,7 +119,9 @@ class Torque:
         )
 
         if self.motors is not None and self.torque_constant is not None:
-            raise UsageError("--motors and --torque-constant say the same thing: give one of them")
+            raise UsageError(
+                "--motors and --torque-constant have the same meaning; give one of them"
+            )
         if self.torque_constant is not None:
             return torque_only(self.torque_constant)
         if self.motors is None:
@@ -146,7 +146,7 @@ def torque(
         typer.Option(
             "--torque-constant",
             metavar="NM",
-            help="Torque at the wheel per unit of the command or current, where that is known.",
+            help="Torque at the wheel per unit of the command or current, if known.",
         ),
     ] = None,
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
@@ -167,7 +167,7 @@ def fit_vehicle(
             "--geometry",
             metavar="r=M,B=M",
             help="Wheel or sprocket radius and distance of wheels or tracks [m], r=0.30,B=1.08, "
-            "or a file that -o wrote [the bundled robot's]: what `before` stands for.",
+            "or a file written by -o [the bundled robot's]; the basis of `before`.",
         ),
     ] = None,
     motion: Annotated[
@@ -178,7 +178,7 @@ def fit_vehicle(
         typer.Option(
             "--val",
             metavar="LOG",
-            help="Log to judge it on; the last 30 % of the logs unless given. Again for more.",
+            help="Validation log; repeat for more [the last 30 % of the logs].",
         ),
     ] = None,
     *,
@@ -224,7 +224,7 @@ def _returned(given: Squares, geometry: "Geometry | None", logs: list[Path], jso
     from sysid.vehicle.kinematics import Geometry
 
     if logs:
-        raise UsageError("--returns stands instead of a LOG; squares in a log are found in it")
+        raise UsageError("--returns replaces a LOG; give one of them")
     squares = square_result(read_returns(given.returns, given.side, geometry or Geometry()))
     render.document({"squares": squares.to_json()}) if json else show_squares(squares)
 
@@ -238,7 +238,7 @@ def _refuse_without(logs: list[Path]) -> None:
     from sysid.estimation.vehicle.logs import NEEDED
 
     if not logs:
-        raise UsageError(f"fit-vehicle has no LOG to fit; what is missing: {NEEDED}")
+        raise UsageError(f"fit-vehicle needs a LOG: {NEEDED}")
     for log in logs:
         if not log.exists():
             raise UsageError(f"{log}: file not found; this command needs {NEEDED}")

@@ -24,7 +24,7 @@ def show(fitted: "VehicleFit", document: dict[str, Any]) -> None:
         if not n.identifiable:
             render.say(f"{n.name}: {n.sentence}")
     for a, b, r in fitted.correlations.strong():
-        render.say(f"Errors of {a} and {b} go together ({r:.2f}).")
+        render.say(f"Errors of {a} and {b} are correlated ({r:.2f}).")
     _show_errors(fitted)
     if fitted.squares is not None:
         show_squares(fitted.squares)
@@ -70,7 +70,7 @@ def _show_errors(fitted: "VehicleFit") -> None:
         ("mean error", "before", "plain", "after"),
         rows,
         "Paths that were not used",
-        f"{windows}; {fitted.before_sentence}; plain: one radius and one width from a line.",
+        f"{windows}; {fitted.before_sentence}; plain: radius and width by linear regression.",
     )
 
 

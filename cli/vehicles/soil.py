@@ -35,7 +35,7 @@ def soil(
         typer.Option(
             "--set",
             metavar="NAME=VALUE",
-            help="A number of the soil instead: cohesion=500, friction_angle_deg=31.",
+            help="A parameter of the soil: cohesion=500, friction_angle_deg=31.",
         ),
     ] = None,
     slope: Annotated[
@@ -52,7 +52,7 @@ def soil(
         typer.Option(
             "--road-wheels",
             metavar="N",
-            help="Road wheels of a track, which press in peaks [a rigid track].",
+            help="Number of road wheels of a track, which cause pressure peaks [a rigid track].",
         ),
     ] = None,
     plot: Annotated[

@@ -125,4 +125,4 @@ def _numbers(text: str, option: str) -> list[float]:
     try:
         return [float(word) for word in text.split(",")]
     except ValueError:
-        raise UsageError(f"{option} {text}: write numbers with commas between them") from None
+        raise UsageError(f"{option} {text}: write numbers separated by commas") from None

@@ -33,7 +33,7 @@ def show(facts: dict[str, Any]) -> None:
             rows.append((name, render.number(facts[key], 4)))
     render.table((facts["name"], ""), rows)
     render.say(_sentence(f"{facts['name']}: {facts['sentence']}"))
-    render.say(_sentence(f"Centre of turning: {facts['icr']['sentence']}"))
+    render.say(_sentence(f"Centre of rotation: {facts['icr']['sentence']}"))
     _show_wheels(facts["wheels"])
     _show_matrices(facts)
     for key, shown in (("inverse", _show_inverse), ("forward", _show_forward)):
@@ -58,7 +58,7 @@ def _show_wheels(wheels: list[dict[str, Any]]) -> None:
     render.table(
         headings,
         rows,
-        caption="wheel speeds [rad/s] and steering angles; a dash: impossible without sliding",
+        caption="wheel speeds [rad/s] and steering angles; –: impossible without sliding",
     )
 
 
@@ -114,7 +114,7 @@ def _show_inverse(inverse: dict[str, Any]) -> None:
         title=f"For {_motion(inverse['possible'])}",
     )
     render.say(inverse["sentence"])
-    render.say(_sentence(f"Centre of turning: {inverse['icr']['sentence']}"))
+    render.say(_sentence(f"Centre of rotation: {inverse['icr']['sentence']}"))
 
 
 def _show_forward(forward: dict[str, Any]) -> None:
@@ -129,7 +129,7 @@ def _show_forward(forward: dict[str, Any]) -> None:
         title=f"The speeds give {_motion(forward['twist'])}",
     )
     render.say(forward["sentence"])
-    render.say(_sentence(f"Centre of turning: {forward['icr']['sentence']}"))
+    render.say(_sentence(f"Centre of rotation: {forward['icr']['sentence']}"))
 
 
 def _slip(value: float | None) -> str:

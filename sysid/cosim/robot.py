@@ -89,7 +89,7 @@ class _OtherHalf:
         else:
             self._take_all()
         if self.outcome == BROKEN_OFF:
-            raise ModelError("the other half of the mission was broken off: start both again")
+            raise ModelError("the other half of the mission was interrupted; start both again")
         speed, psi = self._rest if self._level is Level.PWM else self.asked
         references = References(
             speed,
@@ -115,8 +115,8 @@ class _OtherHalf:
             self._take(message)
         if self.outcome is None and time.monotonic() - self._heard > self._pace.patience:
             raise SilenceError(
-                f"nothing was asked of the robot for {self._pace.patience:g} s: look whether the "
-                "node that guides it still runs and sends to the same topic"
+                f"the robot received no reference for {self._pace.patience:g} s: check that the "
+                "guiding node runs and publishes on the same topic"
             )
 
     def _take(self, message: object) -> None:
@@ -124,8 +124,8 @@ class _OtherHalf:
         if isinstance(message, Asked):
             if not (math.isfinite(message.along) and math.isfinite(message.around)):
                 raise ModelError(
-                    f"the robot was asked for {message.along:g}, {message.around:g}, which are no "
-                    "numbers: mend what guides it"
+                    f"the robot was asked for {message.along:g}, {message.around:g}, which are "
+                    "not numbers; correct the guiding node"
                 )
             self.asked = message
         elif isinstance(message, Ended):

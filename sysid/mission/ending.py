@@ -68,8 +68,8 @@ def _arrived(mission: Mission, away: float) -> str:
     if away <= mission.tolerance:
         return "The robot reached the goal within the tolerance."
     return (
-        f"The robot holds that it reached the goal, but stands {away:.2g} m from it: its wheels "
-        "slip or its sensors err; let navigation use a sensor of position, too."
+        f"The estimated pose reached the goal, but the robot is {away:.2g} m from it: its wheels "
+        "slip or its sensors err; add a position sensor to navigation."
     )
 
 
@@ -130,7 +130,7 @@ def _gave_up(mission: Mission, hold: Hold, x: float, y: float) -> tuple[StuckRea
         )
     reason = StuckReason.OSCILLATION if hold is Hold.OSCILLATION else StuckReason.LOCAL_MINIMUM
     return reason, (
-        f"Guidance did not get out of {_HOLD_WORDS[hold]} at ({x:.3g}, {y:.3g}) and gave up: "
+        f"Guidance did not leave {_HOLD_WORDS[hold]} at ({x:.3g}, {y:.3g}) and gave up: "
         f"{_either('choose another kind of guidance', advice.escape)}."
     )
 
@@ -147,7 +147,7 @@ def _misled(mission: Mission, log: Mapping[str, Array], said: str) -> tuple[Stuc
         stronger = _either(control.stronger, "export a plant that moves at such commands")
         return StuckReason.STANDS_STILL, (
             f"{said}: it stands still {to_go[-1]:.2g} m from the goal at commands up to "
-            f"{largest:.4g} µs, which the plant does not answer; {stronger}."
+            f"{largest:.4g} µs, which the plant does not follow; {stronger}."
         )
     course = _either(guidance.slower, control.steer) or "choose another law of guidance"
     return StuckReason.OFF_COURSE, (
@@ -185,4 +185,4 @@ def _hold_words(mission: Mission, hold: Hold, t: float, x: float, y: float) -> s
     change = _either(_either("move the goal", advice.closer), advice.escape)
     if hold is Hold.LOCAL_MINIMUM:
         return f"{what} pushes as hard as the goal pulls, a local minimum of the field; {change}"
-    return f"{what} makes it swing to and fro, an oscillation; {change}"
+    return f"{what} causes an oscillation; {change}"

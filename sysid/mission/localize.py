@@ -144,8 +144,8 @@ def _turned_over(log: SensorLog) -> tuple[str, ...]:
     if alike > -OPPOSITE:
         return ()
     return (
-        f"gyro_z turns against the wheels (correlation {alike:.2f}), as a sensor that is mounted "
-        "upside down does: put a minus before its column.",
+        f"gyro_z turns against the wheels (correlation {alike:.2f}), as an upside-down sensor "
+        "does; put a minus before its column.",
     )
 
 
@@ -173,10 +173,12 @@ def scene_of(log: SensorLog, mission: Mission) -> tuple[Scene, tuple[str, ...]]:
     kept = {k: s for k, s in scene.sensors.items() if read & set(s.names)}
     if {"omega_l", "omega_r"} <= read and "encoders" not in kept:
         kept = {"encoders": law("sensors", {"kind": "encoders"}), **kept}
-        notes.append("The mission names no encoders: wheel speeds count as those of its defaults.")
+        notes.append(
+            "The mission lists no encoders, so default encoders are assumed for the wheel speeds."
+        )
     missing = [k for k in scene.sensors if k not in kept]
     if missing:
-        notes.append(f"The log holds nothing of {', '.join(missing)}: the filter does without.")
+        notes.append(f"The log has no {', '.join(missing)}; the filter runs without.")
     return scene._replace(sensors=kept), tuple(notes)
 
 
@@ -196,9 +198,8 @@ def _check(columns: Mapping[str, Array], log: SensorLog) -> None:
         lost = np.flatnonzero(np.logical_not(np.isfinite(columns[name])))
         if len(lost):
             raise DataError(
-                f"{log.name}: the estimate is lost at t = {log.t[lost[0]]:g} s: the navigation "
-                "needs a measurement that is missing there; fill it, or choose a filter that does "
-                "without"
+                f"{log.name}: the estimate diverges at t = {log.t[lost[0]]:g} s: a measurement is "
+                "missing there; fill it, or choose a filter that does not need it"
             )
 
 

@@ -131,8 +131,8 @@ def result_of(
         outcome = Outcome(ended)
     else:
         raise ModelError(
-            f"the mission was broken off at t = {table[-1, 0]:g} s by its other half: look what "
-            "that one says, and start both again"
+            f"the mission was interrupted at t = {table[-1, 0]:g} s by its other half; read its "
+            "message, and start both again"
         )
     (x, y, psi), last = state.body.pose, state.references
     return MissionResult(
@@ -233,11 +233,11 @@ def run(loop: Loop, seed: int, clock: Iterator[Tick] | None = None) -> tuple[Loo
                 break
     except (ArithmeticError, ValueError) as error:  # of plain floats, where arrays hold infinities
         raise ModelError(
-            f"a law of the mission fails at t = {tick.t:g} s ({error}): change its keys, or keep "
-            "it from dividing by zero"
+            f"a law of the mission fails at t = {tick.t:g} s ({error}): change its keys, or avoid "
+            "a division by zero"
         ) from error
     if not rows:
-        raise ModelError("the mission was over before it began: start both of its halves again")
+        raise ModelError("the mission ended before it began; start both halves again")
     return state, np.array(rows)
 
 
@@ -257,7 +257,7 @@ def _check_numbers(state: LoopState, row: tuple[float, ...]) -> None:
         if in_turn and not all(map(math.isfinite, gave)):
             raise ModelError(
                 f"the law of {part} gives {', '.join(f'{n:g}' for n in gave)} at t = {row[0]:g} s, "
-                "and the mission cannot go on with that: change its keys or mend the law"
+                "and the mission cannot continue; change its keys or correct the law"
             )
     raise ModelError(
         f"the plant's wheel speeds run away at t = {row[0]:g} s: the identified model is "

@@ -115,13 +115,16 @@ def supply_notes(
         said.append(f"Between command and plant act, as vehicle.supply says: {', '.join(acting)}.")
     if acting and not by_voltage:
         said.append(
-            "The plant was identified from PWM, behind a supply and a bridge: what its fit took up "
-            "of their effects counts twice; a motor of the bench, driven by its voltage, has none."
+            "The plant was identified from PWM, so effects of supply and bridge count twice. A "
+            "motor of the test bench, driven by voltage, avoids that."
         )
     if doubled:
         said.append(
-            f"Left out of vehicle.supply, because the plant holds it already: {', '.join(doubled)}."
+            "Omitted from vehicle.supply, because the plant already contains it: "
+            f"{', '.join(doubled)}."
         )
     if supply.voltage is not None and not by_voltage:
-        said.append("vehicle.supply.voltage is not used: the plant's inputs are no voltages.")
+        said.append(
+            "vehicle.supply.voltage is not used, because the plant's inputs are not voltages."
+        )
     return tuple(said)

@@ -169,7 +169,7 @@ class Variation(Settings):
         """
         unknown = [n for n in names if n not in QUANTITIES]
         if unknown:
-            raise UsageError(f"{unknown[0]!r} cannot vary; choose of {', '.join(QUANTITIES)}")
+            raise UsageError(f"{unknown[0]!r} cannot vary; choose from {', '.join(QUANTITIES)}")
         usual = Variation(models=True)
         return Variation.model_construct(
             **{

@@ -118,8 +118,8 @@ def begins_elsewhere(record: Record, simulated: Array) -> tuple[str, ...]:
             unit = f" {channel.unit}" if channel.unit else ""
             sentences.append(
                 f"{channel.name} begins at {measured:.4g}{unit} in the log and the plant rests at "
-                f"{rest:.4g}{unit}: the figures count the way from one to the other; `sysid "
-                "compare` judges the model from a log's own start."
+                f"{rest:.4g}{unit}: the figures include this transition. `sysid compare` starts "
+                "from the log's own state."
             )
     return tuple(sentences)
 

@@ -65,9 +65,9 @@ def mode_sentences(modes: Sequence[OwnMode]) -> tuple[str, ...]:
         if m.frequency is not None and m.damping is not None:
             hertz = with_error(m.frequency.value / math.tau, m.frequency.std_error / math.tau)
             damping = with_error(m.damping.value, m.damping.std_error)
-            sentences.append(f"It swings at {hertz} Hz with damping {damping}.")
+            sentences.append(f"It oscillates at {hertz} Hz with damping {damping}.")
         elif m.time_constant is not None:
-            sentences.append(f"It forgets with a time constant of {_seconds(m.time_constant)}.")
+            sentences.append(f"It decays with a time constant of {_seconds(m.time_constant)}.")
     return tuple(sentences)
 
 
@@ -77,7 +77,7 @@ def sentence(r: StepResponse) -> str:
     if r.share is not None:
         head += f", step {r.start:.6g} → {r.level:.6g}"
     if not r.settles:
-        return f"{head}: does not come to rest; the model is unstable, or slower than can be run."
+        return f"{head}: does not settle; the model is unstable, or too slow to simulate."
     if r.gain.value == 0.0:
         return f"{head}: nothing moves."
     parts = [_gain(r)]
@@ -114,7 +114,7 @@ def _times(r: StepResponse) -> list[str]:
     if r.oscillation is not None:
         frequency, damping = r.oscillation
         parts.append(
-            f"swings at {with_error(frequency.value, frequency.std_error)} rad/s with damping "
+            f"oscillates at {with_error(frequency.value, frequency.std_error)} rad/s with damping "
             f"{with_error(damping.value, damping.std_error)}"
         )
     return parts

@@ -95,7 +95,7 @@ def test_a_half_that_is_silent_or_breaks_off_ends_the_other() -> None:
     assert there.receive(0.1) == Ended("broken off")
     with pytest.raises(SilenceError, match=r"said nothing for 0\.05 s"):
         play_robot(mission, Robot(), there, Pace(lock_step=True, patience=0.05))
-    with pytest.raises(SilenceError, match=r"nothing was asked of the robot for 0\.05 s"):
+    with pytest.raises(SilenceError, match=r"the robot received no reference for 0\.05 s"):
         play_robot(mission, Robot(), joined()[0], Pace(patience=0.05, speed=50.0))
     here, there = joined()
     here.send(Ended("broken off"))

@@ -198,8 +198,8 @@ def test_a_falling_output_is_turned_over() -> None:
     robot, warnings = as_robot(swapped_wires, MISSION)
     np.testing.assert_array_equal(robot.scale, (1.0, -1.0))
     assert warnings == (
-        "omega_r [rad/s] falls where the drive rises and is turned over: "
-        "check the wiring or the sign of the data.",
+        "omega_r [rad/s] falls where the drive rises, so its sign was reversed; check the wiring "
+        "or the sign of the data.",
     )
 
 
@@ -233,8 +233,8 @@ def test_the_top_speed_can_be_chosen() -> None:
     [
         (Lag(((1.0,),), names("u"), names("y"), pole=1.01), "unstable"),
         (Lag(((1.0,),), names("u"), names("y"), pole=-1.5), "unstable"),
-        (Lag(((0.0,),), names("u"), names("y")), "y does not answer a constant input u"),
-        (Lag(((0.0,),), names("u"), names("y"), y_offset=1e5), "does not answer"),
+        (Lag(((0.0,),), names("u"), names("y")), "y does not respond to a constant input u"),
+        (Lag(((0.0,),), names("u"), names("y"), y_offset=1e5), "does not respond"),
     ],
 )
 def test_plants_without_a_usable_static_answer_are_refused(plant: Lag, words: str) -> None:

@@ -218,7 +218,7 @@ def engine(
         model = mujoco.MjModel.from_xml_string(scene(machine, step, start, stand))
     except ValueError as error:
         first = str(error).partition("\n")[0]
-        raise ModelError(f"MuJoCo makes no model of the vehicle ({first})") from None
+        raise ModelError(f"MuJoCo cannot build the vehicle ({first})") from None
     left, right = (int(model.joint(row.joints[0]).dofadr[0]) for row in machine.rows)
     outside = np.asarray(model.geom_contype == OBSTACLE)
     return Engine(model, mujoco.MjData(model), moving, (left, right), outside)

@@ -80,8 +80,8 @@ class Multibody(Physics):
             if getattr(self, key) is not None:
                 raise sentence_at(
                     (key,),
-                    f"motion of kind multibody stands on a level, hard floor and has no {key}: "
-                    "give friction instead, or motion of kind dynamic",
+                    f"motion of kind multibody needs a level, hard floor and ignores {key}; give "
+                    "friction, or choose motion of kind dynamic",
                 )
         return self
 
@@ -116,7 +116,9 @@ class Multibody(Physics):
         """The vehicle ``dt`` seconds later, its wheels brought from their old speeds to the new."""
         scene = inputs.scene
         if not isinstance(inputs.t, int | float):
-            raise ModelError("motion of kind multibody goes by MuJoCo, one run at a time")
+            raise ModelError(
+                "motion of kind multibody uses MuJoCo, which runs one mission at a time"
+            )
         mujoco = self._engine(scene)
         steps = self._steps(scene.dt) if dt else 0
         passed = (np.arange(steps) + 1.0)[:, None] / max(steps, 1)

@@ -106,11 +106,11 @@ class _Talk:
         if self.listens[topic].get_num_connections() == 0:
             self.node.master.check()
             return (
-                f"{self.other} has gone: nobody publishes {topic} any more; {self.starts} and run "
+                f"{self.other} left, and no node publishes {topic} any more; {self.starts} and run "
                 "this again"
             )
         return (
-            f"{self.other} is connected, but nothing came on {topic} for {seconds:.3g} s: look "
+            f"{self.other} is connected, but sent nothing on {topic} for {seconds:.3g} s: check "
             "whether it hangs or waits"
         )
 
@@ -137,7 +137,8 @@ class _Talk:
         while not self.listens[topic].get_num_connections():
             if time.monotonic() > until:
                 raise SilenceError(
-                    f"{self.other} did not come within {patience:g} s, nobody publishes {topic}: "
+                    f"{self.other} did not appear within {patience:g} s, and no node publishes "
+                    f"{topic}; "
                     f"{self.starts}"
                 )
             time.sleep(0.02)
@@ -153,8 +154,7 @@ class _Talk:
         while not self.says[topic].get_num_connections():
             if time.monotonic() > until:
                 raise SilenceError(
-                    f"nobody listens to {topic} within {patience:g} s: {self.other} must; "
-                    f"{self.starts}"
+                    f"no node subscribed to {topic} within {patience:g} s; {self.starts}"
                 )
             time.sleep(0.02)
 
@@ -336,7 +336,7 @@ def guidance_node(topic: str = REFERENCES, patience: float = 60.0) -> Iterator[G
     publishers = node.master.publishers(topic)
     if publishers:
         raise ModelError(
-            f"{', '.join(publishers)} publishes {topic} already: one node guides at a time; end it "
+            f"{', '.join(publishers)} publishes {topic} already: only one node may guide; end it "
             "or choose another topic"
         )
     talk = _Talk(node, {}, {}, "the robot", "start it, e.g. with `sysid plant`")

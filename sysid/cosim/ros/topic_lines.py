@@ -31,7 +31,7 @@ class TopicLines(Lines):
         by_topic: dict[str, list[Source]] = {}
         for s in topics:
             if s.name == POSE and not s.steps:
-                raise UsageError("a whole pose cannot be followed; map x, y and psi on their own")
+                raise UsageError("a whole pose cannot be followed; map x, y and psi separately")
             by_topic.setdefault(s.topic, []).append(s)
         if self._topic not in by_topic:
             raise UsageError(

@@ -107,7 +107,7 @@ class Powered:
         if times[-1] > 1.001 * times[0]:
             raise DataError(
                 f"the logs have sample times from {times[0]:g} to {times[-1]:g} s: give logs of "
-                "one sample time (`ts`), or fit them one by one"
+                "one sample time (`ts`), or fit them separately"
             )
         return Runs(self.machine, pieces_of(self.logs))
 

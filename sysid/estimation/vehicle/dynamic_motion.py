@@ -117,7 +117,7 @@ def fit_weighed(
         both = motors.counting_in(unit, max(float(np.abs(log.command).max()) for log in logs))
         spreads = np.array(motors.spreads)
         if motors.unit and not unit:
-            notes = (f"The commands have no unit; they count in the motors' own, {motors.unit}.",)
+            notes = (f"The commands have no unit; the motors' unit is assumed: {motors.unit}.",)
             unit = motors.unit
     else:
         per_unit = None if motors is None else motors.motors[0].torque
@@ -142,14 +142,14 @@ def _commands(record: Record) -> tuple[Array, str]:
     if min(at) < 0:
         has = ", ".join(record.input_names) or "no input"
         raise DataError(
-            f"{record.name} holds no command of the left and of the right motor (it has {has}): "
-            "motion dynamic needs what drives the motors, such as u_l and u_r [V], pwm_l and "
+            f"{record.name} has no commands of both motors (it has {has}). Motion dynamic needs "
+            "them, such as u_l and u_r [V], pwm_l and "
             "pwm_r, or their currents (name them with `inputs`)"
         )
     if not np.isfinite(record.u[:, at]).all():
         raise DataError(
-            f"{record.name} has missing commands, and motion dynamic needs every one of them: fill "
-            "or split the log where they are missing (`resample`)"
+            f"{record.name} has missing commands, and motion dynamic needs all of them; fill or "
+            "split the log there (`resample`)"
         )
     return record.u[:, at], record.inputs[at[0]].unit
 

@@ -59,7 +59,7 @@ class KnownMotors:
         if factor is None:
             raise UsageError(
                 f"the motors are driven in {self.unit} and the log's commands are in "
-                f"{unit or 'no unit'}: say their unit (`units`), or give the torque constant, the "
+                f"{unit or 'no unit'}: give their unit (`units`), or the torque constant, the "
                 "torque at the wheel per unit of the command"
             )
         left, right = (
@@ -140,7 +140,7 @@ def read_motors(path: Path) -> KnownMotors:
         where = source.where((name,))
         if name not in Bench._fields:
             known = ", ".join(Bench._fields)
-            raise UsageError(f"{where}: {name!r} is no constant of a motor; choose of {known}")
+            raise UsageError(f"{where}: {name!r} is not a motor constant; choose from {known}")
         both = entry if isinstance(entry, list) else [entry, 0.0]
         if len(both) != 2 or not all(_number(v) and v >= 0.0 for v in both) or both[0] == 0.0:
             raise UsageError(

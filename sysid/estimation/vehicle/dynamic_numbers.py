@@ -29,36 +29,36 @@ that hardly resists is known, too."""
 
 SHOWN_BY: Mapping[str, str] = {
     "mass": "hard starts and stops on a straight line, with the torque of the motors known",
-    "yaw_inertia": "quick turns on the spot that start, stop and change their side",
+    "yaw_inertia": "quick turns on the spot that start, stop and reverse",
     "rolling_resistance": "straight runs at several speeds, slow ones too, and coasting down",
     "rolling_friction": "straight runs at several speeds, slow ones too, and coasting down",
-    "turning_resistance": "slow, steady turns on the spot to both sides",
-    "turning_friction": "slow, steady turns on the spot to both sides",
+    "turning_resistance": "slow, steady turns on the spot, both ways",
+    "turning_friction": "slow, steady turns on the spot, both ways",
     "thrust_stiffness": "hard starts and stops from several speeds with an exact pose",
     "centre_of_mass": "turns on the spot with the pose of a known point of the vehicle",
     "command_delay": "hard starts and stops, a few samples apart from any other change",
     "straight_lag": "hard starts and stops on a straight line",
-    "turning_lag": "quick turns on the spot that start, stop and change their side",
+    "turning_lag": "quick turns on the spot that start, stop and reverse",
     "straight_friction": "straight runs at several speeds, slow ones too",
-    "turning_friction_level": "slow, steady turns on the spot to both sides",
+    "turning_friction_level": "slow, steady turns on the spot, both ways",
     "top_speed_per_command": "straight runs at several commands",
 }
 """The manoeuvre that tells each quantity."""
 
 MEANING: Mapping[str, tuple[str, str]] = {
     "mass": ("kg", "what the whole vehicle weighs"),
-    "yaw_inertia": ("kg m²", "its inertia about the vertical through its centre of mass"),
-    "rolling_resistance": ("N", "what resists the whole vehicle as it rolls straight ahead"),
+    "yaw_inertia": ("kg m²", "its yaw inertia about its centre of mass"),
+    "rolling_resistance": ("N", "rolling resistance of the whole vehicle, straight ahead"),
     "rolling_friction": ("1", "rolling resistance over weight"),
     "turning_resistance": ("Nm", "what resists a slow turn on the spot"),
-    "turning_friction": ("1", "friction to the side over weight, for tracks that press evenly"),
-    "thrust_stiffness": ("N", "thrust of a track for each unit of slip, at little slip"),
+    "turning_friction": ("1", "lateral friction coefficient, for even track pressure"),
+    "thrust_stiffness": ("N", "thrust of a track per unit of slip, at small slip"),
     "centre_of_mass": ("m", "how far the centre of mass lies ahead of the point of the pose"),
-    "command_delay": ("s", "how much later the commands act than they are logged"),
-    "straight_lag": ("s", "lag of straight runs: all that moves along over the motors' damping"),
+    "command_delay": ("s", "delay of the commands after their log entry"),
+    "straight_lag": ("s", "lag of straight runs: moving mass over the motors' damping"),
     "turning_lag": ("s", "lag of turns on the spot, likewise"),
-    "straight_friction": ("", "command that resistance takes away in straight runs"),
-    "turning_friction_level": ("", "command that resistance takes away in turns on the spot"),
+    "straight_friction": ("", "command lost to resistance in straight runs"),
+    "turning_friction_level": ("", "command lost to resistance in turns on the spot"),
     "top_speed_per_command": ("", "speed of the wheels per unit of command, without friction"),
 }
 
@@ -69,11 +69,13 @@ CLOSE = 0.1
 """They are told within this share of the length on the ground, and of a sample."""
 
 INCLUDES: Mapping[str, str] = {
-    "mass": "It includes what the rotors add, 2J/r² of them, as only their torque is known.",
-    "yaw_inertia": "It includes what the rotors add, as only their torque is known.",
-    "rolling_resistance": "It includes the motors' dry friction, as only their torque is known.",
-    "rolling_friction": "Resistance and weight include what the motors add.",
-    "turning_friction": "The weight includes what the rotors add, as only their torque is known.",
+    "mass": "It includes the rotors' share 2J/r², because only their torque is known.",
+    "yaw_inertia": "It includes the rotors' share, because only their torque is known.",
+    "rolling_resistance": "It includes the motors' dry friction, because only their torque is "
+    "known.",
+    "rolling_friction": "Resistance and weight include the motors' share.",
+    "turning_friction": "The weight includes the rotors' share, because only their torque is "
+    "known.",
 }
 """What a quantity means where damping and inertia of the motors are not known."""
 
@@ -190,7 +192,7 @@ def _number(fit: DynamicFit, name: str, value: float, error: float) -> VehicleNu
         sentence += _rests_on(fit, name, value)
     elif name == "turning_friction":
         length = fit.powered.machine.vehicle.contact_length
-        sentence += f" Their length on the ground counts as {length:.3g} m."
+        sentence += f" Their contact length is assumed to be {length:.3g} m."
     elif name == "centre_of_mass":
         sentence += (
             " The log does not distinguish it from the position of that point on the vehicle; the "
@@ -221,7 +223,7 @@ def _rests_on(fit: DynamicFit, name: str, value: float) -> str:
     share = rotor_share / value
     if share < 0.2:
         return ""
-    return f" It rests on the motors' inertia: 1 % of that is {share:.1f} % of this."
+    return f" It depends on the motors' inertia: 1 % of that is {share:.1f} % of this."
 
 
 def _untold(name: str) -> VehicleNumber:
@@ -250,7 +252,7 @@ def _length(name: str, value: float, error: float) -> VehicleNumber:
     """Lengths that act where slip is taken off."""
     identifiable = error < 0.1 * value
     what = name.replace("_", " ")
-    sentence = f"The {what} that acts once the slip under these forces is taken off."
+    sentence = f"The {what} after subtracting the slip under these forces."
     if not identifiable:
         sentence = (
             f"The log does not determine the {what}; straight runs and turns both ways would."

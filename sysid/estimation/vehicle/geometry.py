@@ -91,12 +91,12 @@ class GeometryEstimate:
         sentence = (
             f"The pose contradicts the geometry that is assumed unless one is given "
             f"(r = {self.assumed.r:g} m, B = {self.assumed.B:g} m); from the log {lengths}, "
-            "r as it drives and B as it turns, slip and skidding included."
+            "with slip and skidding included."
         )
         if not SMALLEST < self.geometry.r < LARGEST:
             sentence += (
-                " No vehicle has such a radius: the pose is not in metres or the speeds are not "
-                "in rad/s; say which units they are in."
+                " No vehicle has such a radius, so the pose is not in metres or the speeds are "
+                "not in rad/s; give their units."
             )
         return sentence
 
@@ -196,7 +196,7 @@ class _HeadingConvention:
 _DEGREES = math.pi / 180.0
 _CONVENTIONS = (
     _HeadingConvention(1.0, ""),
-    _HeadingConvention(-1.0, "The heading of the pose counts clockwise; it was turned round."),
+    _HeadingConvention(-1.0, "The heading of the pose counts clockwise; it was reversed."),
     _HeadingConvention(_DEGREES, "The heading of the pose is in degrees; it was converted."),
     _HeadingConvention(
         -_DEGREES, "The heading of the pose is in degrees and counts clockwise; it was converted."
@@ -226,15 +226,15 @@ def in_one_frame(tracks: Sequence[Track]) -> tuple[tuple[Track, ...], tuple[str,
     if abs(angle) > ASKEW and ways.rest < FRAME * float(np.mean(np.abs(ways.moved))):
         read = tuple(replace(t, pose=t.pose + np.array([0.0, 0.0, angle])) for t in read)
         said.append(
-            f"The heading of the pose is {math.degrees(-angle):.3g}° off the way the robot drives; "
-            "that was taken off."
+            f"The heading of the pose is {math.degrees(-angle):.3g}° off the driving direction; "
+            "it was corrected."
         )
     slope, error = ways.slope
     if slope < -SURE * error and abs(slope) * float(np.ptp(ways.spun)) > ASKEW:
         read = tuple(replace(t, pose=t.pose * np.array([1.0, -1.0, -1.0])) for t in read)
         said.append(
-            "The pose turns the other way round than the wheel speeds: left and right are swapped, "
-            "or y points to the right. The pose was mirrored; check which it is."
+            "The pose turns against the wheel speeds, because left and right are swapped or y "
+            "points to the right. The pose was mirrored; check which it is."
         )
     return read, tuple(said)
 

@@ -57,7 +57,7 @@ TERMS = (
         1.0,
         False,
         0.01,
-        "how far the left side carries the vehicle for a radian of its wheels",
+        "effective wheel radius of the left side",
         "long straight runs, forward and backward",
     ),
     Term(
@@ -67,7 +67,7 @@ TERMS = (
         1.0,
         False,
         0.01,
-        "how far the right side carries the vehicle for a radian of its wheels",
+        "effective wheel radius of the right side",
         "long straight runs, forward and backward",
     ),
     Term(
@@ -77,8 +77,8 @@ TERMS = (
         1.0,
         False,
         1e-3,
-        "how far apart left and right act as the vehicle turns",
-        "turns on the spot and arcs, to both sides",
+        "effective width in turns",
+        "turns on the spot and arcs, both ways",
     ),
     Term(
         "marker_x",
@@ -87,8 +87,8 @@ TERMS = (
         1.0,
         False,
         -np.inf,
-        "how far the point of the pose lies ahead of the line that the vehicle turns about",
-        "turns on the spot, or tight arcs, to both sides",
+        "how far the pose's point lies ahead of the axis of rotation",
+        "turns on the spot, or tight arcs, both ways",
     ),
     Term(
         "marker_y",
@@ -97,8 +97,8 @@ TERMS = (
         1.0,
         False,
         -np.inf,
-        "how far the point of the pose lies to the left of the middle between the sides",
-        "turns on the spot, or tight arcs, to both sides",
+        "how far the pose's point lies to the left of the centre line",
+        "turns on the spot, or tight arcs, both ways",
     ),
     Term(
         "heading_offset",
@@ -107,7 +107,7 @@ TERMS = (
         0.5,
         False,
         -np.inf,
-        "by how much the heading reads more than the direction that the vehicle drives in",
+        "offset of the heading from the driving direction",
         "straight runs",
     ),
     Term(
@@ -117,7 +117,7 @@ TERMS = (
         1.0,
         False,
         -np.inf,
-        "how much later the position comes than the wheel speeds",
+        "delay of the position after the wheel speeds",
         "starts, stops and changes of the speed",
     ),
     Term(
@@ -127,8 +127,8 @@ TERMS = (
         1.0,
         False,
         -np.inf,
-        "how much later the heading comes than the wheel speeds",
-        "turns that start, stop and change their side",
+        "delay of the heading after the wheel speeds",
+        "turns that start, stop and reverse",
     ),
     Term(
         "slip_turning",
@@ -137,7 +137,7 @@ TERMS = (
         0.5,
         True,
         -0.9,
-        "the share of their way that the wheels lose in a turn on the spot, in wider turns less",
+        "slip of the wheels in a turn on the spot, less in wider turns",
         "turns of several radii with straight runs between them",
     ),
     Term(
@@ -147,7 +147,7 @@ TERMS = (
         0.5,
         True,
         -np.inf,
-        "the share of their way that the wheels lose for each m/s",
+        "slip of the wheels per m/s",
         "straight runs at several speeds, slow and fast",
     ),
     Term(
@@ -157,8 +157,7 @@ TERMS = (
         0.5,
         True,
         0.0,
-        "how fast the wheels slip for each m/s² of the vehicle: its speed follows theirs with "
-        "this lag",
+        "slip speed of the wheels per m/s² of the vehicle, which is the lag of its speed",
         "hard starts and stops on a straight line, with a pose whose own lag is known or steady",
     ),
     Term(
@@ -168,8 +167,8 @@ TERMS = (
         0.5,
         True,
         -np.inf,
-        "how fast the vehicle drifts outwards for each m/s² of its centripetal acceleration",
-        "wide turns at high speed, to both sides",
+        "outward drift speed per m/s² of centripetal acceleration",
+        "wide turns at high speed, both ways",
     ),
     Term(
         "yaw_lag",
@@ -178,8 +177,8 @@ TERMS = (
         0.5,
         True,
         0.0,
-        "the time by which turning follows the wheels, beside driving, as tyres or tracks scrub",
-        "turns that start, stop and change their side while driving",
+        "additional lag of turning, as tyres or tracks scrub",
+        "turns that start, stop and reverse while driving",
     ),
 )
 """Every number of the model, in the order of q."""

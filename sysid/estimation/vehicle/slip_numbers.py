@@ -59,15 +59,18 @@ def ratios(q: Array, start: Geometry, given: Geometry) -> dict[str, float]:
 
 
 _DERIVED = {
-    "icr_x": ("m", "how far the line that the vehicle turns about lies ahead of the pose's point"),
-    "icr_y_left": ("m", "where the left side's centre of rotation lies, to the left of that point"),
-    "icr_y_right": ("m", "where the right side's centre of rotation lies, to the left of it"),
+    "icr_x": ("m", "distance of the axis of rotation ahead of the pose's point"),
+    "icr_y_left": ("m", "distance of the left side's centre of rotation to the left of that point"),
+    "icr_y_right": (
+        "m",
+        "distance of the right side's centre of rotation to the left of that point",
+    ),
     "alpha_left": ("1", "the left side's effective radius over the one given"),
     "alpha_right": ("1", "the right side's effective radius over the one given"),
     "width_ratio": ("1", "the effective width over the one given"),
     "turning_ratio": (
         "1",
-        "how many times as far as the lengths given say the wheels roll for a turn on the spot",
+        "wheel travel in a turn on the spot over that of the given lengths",
     ),
 }
 _FROM = {
@@ -143,7 +146,7 @@ def _number(fit: SlipFit, k: int, term: Term) -> VehicleNumber:
 def _sentence(term: Term, fit: SlipFit, k: int, value: float, error: float) -> str:
     unit = "" if term.unit == "1" else f" {term.unit}"
     like = " and ".join(TERMS[j].name for j in fit.like(k))
-    also = f" On this log {like} would do nearly the same." if like else ""
+    also = f" On this log {like} has nearly the same effect." if like else ""
     if not fit.identifiable[k]:
         prior_share = min(float(fit.std_errors[k] / fit.prior[k]), 1.0)
         return (
@@ -153,8 +156,8 @@ def _sentence(term: Term, fit: SlipFit, k: int, value: float, error: float) -> s
         )
     if k not in fit.free:
         return (
-            f"{_capital(term.meaning)}: the log shows none ({value:.2g} ± {error:.2g}{unit}), so "
-            "the model goes without."
+            f"{_capital(term.meaning)}: not significant on this log ({value:.2g} ± "
+            f"{error:.2g}{unit}), so the model omits it."
         )
     return f"{_capital(term.meaning)}.{also}"
 

@@ -196,7 +196,7 @@ def square_result(runs: Sequence[SquareRun]) -> SquareResult:
         DataError: there is no run.
     """
     if not runs:
-        raise DataError("there is no closed square among the runs; drive squares both ways")
+        raise DataError("the runs contain no closed square; drive squares both ways")
     groups = [[r for r in runs if r.clockwise is cw] for cw in (True, False)]
     counts = (len(groups[0]), len(groups[1]))
     means = [np.mean([r.missed for r in g], axis=0) if g else None for g in groups]
@@ -250,10 +250,10 @@ def _solved(plain: SquareResult, groups: list[list[SquareRun]]) -> SquareResult:
     shown = ["" if e is None else f" ± {e:.1g}" for e in errors]
     text = (
         f"From {said}: the right wheel is {p[0]:.5g}{shown[0]} times the left one (E_d), and the "
-        f"vehicle turns as if it was {p[1]:.5g}{shown[1]} times as wide as given (E_b)."
+        f"vehicle turns as if it were {p[1]:.5g}{shown[1]} times as wide as given (E_b)."
     )
     if errors[0] is None:
-        text += " One run a direction shows no scatter: drive at least two for standard errors."
+        text += " One run per direction gives no standard errors; drive at least two."
     return replace(
         plain,
         wheel_ratio=(float(p[0]), errors[0]),

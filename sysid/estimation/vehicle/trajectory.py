@@ -144,16 +144,15 @@ def trajectories_of(records: Sequence[Record], geometry: Geometry) -> Trajectori
     commanded = meaning(records[0].output_names[0]).quantity == "command"
     if commanded:
         said.append(
-            "No wheel speeds were measured: the commanded ones stand for them, so that the lag of "
-            "the pose holds the answer of the wheels, too."
+            "No wheel speeds were measured, so the commanded ones are used; the lag of the pose "
+            "then includes the response of the wheels."
         )
     elif all(np.isfinite(r.y).all() for r in records):
         clean = mended(records)
         records = clean.records
         if clean.words:
             said.append(
-                f"Put on the line between their neighbours: {clean.words} that stand far out of "
-                "them, as lost telegrams do; for the vehicle each would be a turn."
+                f"Interpolated: {clean.words} far from their neighbours, as after lost telegrams."
             )
     raw = tuple(Track(r.y, r.pose, r.dt) for r in records if r.pose is not None)
     if max(float(np.nanmax(np.abs(t.omega))) for t in raw) < STILL:
@@ -291,8 +290,8 @@ def _without_jumps(
         return tuple(cut), ()
     times = "time" if count == 1 else "times"
     text = (
-        f"The pose jumps {count} {times} farther than the wheels could have carried the vehicle; "
-        "no window reaches over a jump."
+        f"The pose jumps {count} {times} farther than the wheels can move the vehicle; no window "
+        "spans a jump."
     )
     return tuple(cut), (text,)
 

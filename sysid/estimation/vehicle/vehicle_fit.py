@@ -161,9 +161,9 @@ WORSE = 1.1
 """Errors larger than those of wheels that roll by more than chance does to thirty windows."""
 
 _PREDICTED_WORSE = (
-    "The forces foretell held-out paths worse than wheels that roll (plain): something beside the "
-    "motors' torque and this friction moves the vehicle, such as a controller of the wheel speeds, "
-    "so do not build on its stiffness and turning resistance."
+    "The forces predict held-out paths worse than rolling wheels (plain). Something else moves "
+    "the vehicle, such as a wheel-speed controller; do not use its stiffness and turning "
+    "resistance."
 )
 
 
@@ -244,12 +244,12 @@ class VehicleFit:
         """What is meant by before."""
         what = f"r = {self.known.r:g} m and B = {self.known.B:g} m"
         if self.given is not None:
-            return f"before: wheels that roll, with the geometry that was given ({what})"
-        sentence = f"before: wheels that roll, with the default geometry ({what}); none was given"
+            return f"before: rolling wheels with the given geometry ({what})"
+        sentence = f"before: rolling wheels with the default geometry ({what})"
         if self.lengths.contradicts:
             sentence += (
-                ", and the pose contradicts it, so that before says little: compare with plain, or "
-                "give the vehicle's own `geometry`"
+                ", and the pose contradicts it; compare with plain, or give the vehicle's "
+                "`geometry`"
             )
         return sentence
 
@@ -311,7 +311,7 @@ def fit_vehicle(
     if motion not in MOTIONS:
         raise UsageError(f"`motion` is one of {', '.join(MOTIONS)}, got {motion!r}")
     if motors is not None and motion != "dynamic":
-        raise UsageError(f"motion {motion} knows no torques; motors go with `motion='dynamic'`")
+        raise UsageError(f"motion {motion} has no torques; motors need `motion='dynamic'`")
     known = geometry or Geometry()
     trajectories = trajectories_of((*records, *holdout), known)
     estimation, validation = trajectories.each[: len(records)], trajectories.each[len(records) :]
@@ -406,9 +406,9 @@ def _still_off(after: PathErrors, model: Motion, parts: Sequence[Part]) -> tuple
     if after.path <= STILL_OFF * way:
         return ()
     return (
-        f"Even with these numbers the position is off by {100 * after.path / way:.0f} % of the way "
-        "after two seconds: the pose comes unevenly, or the wheels slip in a way that no number "
-        "here says; the standard errors hold for the nearest vehicle that the model can be.",
+        f"With these parameters the position error is {100 * after.path / way:.0f} % of the way "
+        "after two seconds: the pose is timed unevenly, or the slip is not modelled. The standard "
+        "errors hold for the nearest vehicle of this model.",
     )
 
 

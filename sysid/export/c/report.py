@@ -124,7 +124,7 @@ def _interface(b: Block) -> Iterator[str]:
         yield from _table(part, fields)
     if b.fixed:
         names = ", ".join(f"`{n}`" for n in b.fixed)
-        yield f"Numbers by which the law decides while it is written are constants: {names}."
+        yield f"Parameters that decide branches are constants in C: {names}."
         yield ""
 
 

@@ -62,7 +62,7 @@ def headers() -> Path:
     spec = find_spec("fmpy")
     if spec is None or spec.origin is None:
         raise ModelError(
-            "an FMU needs the headers of FMI, which come with the extra fmu: pip install "
+            "an FMU needs the headers of FMI, which the extra fmu installs: pip install "
             "'sysid-workbench[fmu]'"
         )
     return Path(spec.origin).parent / "c-code"

@@ -182,19 +182,18 @@ def loop_units(loop: Loop, name: str) -> LoopUnits:
     """
     if isinstance(loop.motion, TurnsTracks):
         raise ModelError(
-            "the motion of this mission turns the tracks itself, which the plant's unit does not "
-            "know: write it with motion of kind kinematic or slip"
+            "the motion of this mission turns the tracks itself, which the plant's unit cannot "
+            "do; export it with motion of kind kinematic or slip"
         )
     if loop.feed is not None:
         raise ModelError(
-            "the mission has a vehicle.supply, which stands between controller and plant and is "
-            "no part of either unit: leave it out"
+            "the mission has a vehicle.supply, which belongs to neither unit; remove it"
         )
     blocks, files = law_sources(loop)
     if "motion" not in blocks:
         raise ModelError(
-            "the motion of this mission cannot be written as C, nor as a unit: write it with "
-            "motion of kind kinematic or slip"
+            "the motion of this mission cannot be written as C, nor as an FMU; choose motion of "
+            "kind kinematic or slip"
         )
     assert isinstance(loop.plant, RobotPlant)
     wiring = wiring_of(loop.plant)

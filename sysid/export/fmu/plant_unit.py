@@ -116,7 +116,7 @@ def plant_unit(source: Source) -> Unit:
                 "start_settled",
                 Role.FIXED,
                 "",
-                "begin as after a long time under the first inputs",
+                "begin in steady state under the first inputs",
                 boolean=True,
             ),
             *(

@@ -49,9 +49,7 @@ class Ros(Exporter):
         """
         loop = source.loop
         if loop is None:
-            raise ModelError(
-                "the format ros writes what drives the plant, too: name the mission that it drives"
-            )
+            raise ModelError("the format ros needs a mission; name it with --mission")
         blocks, laws = law_sources(loop)
         why = not_again(loop, blocks)
         if why:

@@ -105,6 +105,6 @@ class Harmonic(GuidanceSettings):
             )
         except TypeError:  # traced numbers cannot be looked up
             raise ModelError(
-                "the harmonic potential is solved before the run: goal, walls and obstacles that "
-                "differ between the runs of a compiled batch have none"
+                "the harmonic potential is solved before the run, so goal, walls and obstacles "
+                "cannot vary in a compiled batch"
             ) from None

@@ -92,8 +92,8 @@ class MeasuredDrive:
         moves = sets_off(t, pose[None], distance, angle)[0]
         if not np.isfinite(moves):
             raise DataError(
-                f"{record.name}: the robot does not move ({distance:.2g} m at least), so that "
-                "there is no path to compare: name the log of a drive"
+                f"{record.name}: the robot does not move ({distance:.2g} m at least), so there is "
+                "no path to compare; name the log of a drive"
             )
         at, by = _first_command(record, moves)
         standing = max(1, int(np.sum(t < (at if by == "command" else moves - STANDS))))

@@ -126,7 +126,7 @@ class Comparison:
         return (
             f"{self.name} leaves the fan of {fan.runs} runs at {self.leaves_at_s:.1f} s, at "
             f"({x:.2f}, {y:.2f}): {self.quantity} is {abs(off):.2g} {UNITS[k]} {way} than the "
-            f"middle of the fan, and 90 % of the runs lie within ±{half:.2g} {UNITS[k]}."
+            f"median of the fan, and 90 % of the runs lie within ±{half:.2g} {UNITS[k]}."
         )
 
     def summary(self) -> dict[str, object]:
@@ -158,7 +158,7 @@ def compared(drive: MeasuredDrive, paths: RunPaths, begins: float, seed: int = 0
     """
     if len(paths.pose) < MIN_RUNS:
         raise UsageError(
-            f"{len(paths.pose)} runs are no fan: give at least {MIN_RUNS} of them, better some "
+            f"{len(paths.pose)} runs are too few for a fan; give at least {MIN_RUNS}, better some "
             "hundred"
         )
     ended = paths.ended_s - begins

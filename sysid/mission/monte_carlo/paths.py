@@ -124,5 +124,5 @@ def _single_paths(setup: Setup, seeds: Sequence[int]) -> list[_Part]:
         pose = np.column_stack([log["x"], log["y"], log["psi"]])
         parts.append((log["t"], pose[None], float(log["t"][-1])))
     if not parts:
-        raise ModelError("every run of the mission fails: the plant runs away, or a law does")
+        raise ModelError("every run of the mission fails, because the plant or a law diverges")
     return parts

@@ -60,7 +60,7 @@ def simulate_runs(
         ModelError: the plant is none that could drive, or cannot be drawn.
     """
     if not 1 <= runs <= MOST_RUNS:
-        raise UsageError(f"{runs} runs cannot be made: give a number from 1 to {MOST_RUNS}")
+        raise UsageError(f"{runs} runs are impossible; give a number from 1 to {MOST_RUNS}")
     began = perf_counter()
     setup = Setup.of(mission, plants, vary)
     seeds = run_seeds(seed, runs)

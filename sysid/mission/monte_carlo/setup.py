@@ -150,12 +150,12 @@ class Setup:
         """Sentences about what was assumed, and what was asked for and is not there."""
         sentences = list(dict.fromkeys(w for d in self.plant_variants for w in d.warnings))
         if self.variation.models and len(self.plants) == 1:
-            sentences.append("Models do not vary: there is one plant only.")
+            sentences.append("Models do not vary, because there is one plant.")
         if self.variation.parameters:
             sentences += [_unknown(p) for p in self.plants if p.unknown]
             sentences += [
-                f"The parameters of {p.name} do not vary: no covariance came with them; fit the "
-                "model again, and export it with this version."
+                f"The parameters of {p.name} do not vary, because they have no covariance; fit "
+                "and export the model again."
                 for p in self.plants
                 if not p.size
             ]
@@ -169,8 +169,8 @@ class Setup:
         if pulled:
             sentences.append(
                 f"In {100 * pulled / runs:.2g} % of the runs hardly any draw of the plant was "
-                "stable: its log leaves directions of its parameters open, which were drawn less "
-                "far than their standard errors; take a model of lower orders."
+                "stable, because its log leaves directions of its parameters undetermined. These "
+                "were drawn less far; choose a model of lower orders."
             )
         return tuple(sentences)
 
@@ -233,9 +233,7 @@ def varied_mission(sampler: Sampler, samples: Samples) -> Mission:
 
 def _unknown(plant: VariedPlant) -> str:
     names = ", ".join(plant.unknown[:5]) + (" …" if len(plant.unknown) > 5 else "")
-    return (
-        f"The data say nothing about {names} of {plant.name}: they stay as they are in every run."
-    )
+    return f"The data do not determine {names} of {plant.name}; every run keeps their values."
 
 
 def _below(z: float) -> float:

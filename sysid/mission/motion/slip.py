@@ -48,8 +48,8 @@ class Slip(Physics):
         """Shares and a soil are two ways to say one thing."""
         if self._by_shares and (self.soil is not None or self.patches is not None):
             raise ValueError(
-                "motion of kind slip has shares and a soil that would give them: keep slip and "
-                "turning, or soil and patches"
+                "motion of kind slip has both slip shares and a soil; keep slip and turning, or "
+                "soil and patches"
             )
         return self
 

@@ -65,14 +65,12 @@ class Consistency:
         verdicts = {m.verdict for m in (self.nis, self.nees) if m is not None}
         if "over-confident" in verdicts:
             return (
-                "The filter is over-confident: its errors are larger than it believes. Raise q or "
-                "r, or give it the states that its model lacks."
+                "The filter is over-confident: its errors exceed its covariance. Raise q or r, or "
+                "add the missing states."
             )
         if "too cautious" in verdicts:
-            return (
-                "The filter is too cautious: its errors are smaller than it believes. Lower q or r."
-            )
-        return "The filter is consistent: its errors are as large as it believes."
+            return "The filter is too cautious: its errors are below its covariance. Lower q or r."
+        return "The filter is consistent: its errors match its covariance."
 
 
 def consistency(runs: Sequence[Mapping[str, Array]], probability: float = 0.99) -> Consistency:

@@ -77,9 +77,10 @@ def compensation_of(
         missing = [id for id in compensate if id not in known]
         if missing:
             raise ModelError(
-                f"control.compensate names {missing[0]}, which the plant does not hold: it holds "
-                f"{', '.join(known) or 'nothing that can be undone'}; export a model that a "
-                "diagnosis has augmented, or take it out"
+                f"control.compensate names {missing[0]}, which the plant does not contain; it "
+                "contains "
+                f"{', '.join(known) or 'nothing that can be undone'}; export an augmented model "
+                "of a diagnosis, or remove the name"
             )
         known = [id for id in known if id in compensate]
     if not known or not isinstance(plant, RobotPlant):
@@ -103,6 +104,6 @@ def nothing_to_undo(plant: SteppablePlant, compensate: Compensate) -> tuple[str,
     if compensate != IDENTIFIED or set(known) & set(can_be_compensated()):
         return ()
     return (
-        "Nothing is compensated: the plant holds no effect that can be undone; export a model that "
-        "a diagnosis has augmented.",
+        "Nothing is compensated, because the plant contains no invertible effect; export an "
+        "augmented model of a diagnosis.",
     )

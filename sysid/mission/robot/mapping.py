@@ -116,8 +116,8 @@ def _scaled(mission: Mission) -> VehicleSpec:
         return vehicle
     if vehicle.speed_scale not in (None, 1.0):
         raise ModelError(
-            f"vehicle.speed_scale is {vehicle.speed_scale:g}, but the motion turns the tracks by "
-            "the torque of the motors, whose speeds are what they are: leave it out"
+            f"vehicle.speed_scale is {vehicle.speed_scale:g}, but this motion computes the speeds "
+            "from the motors' torque; omit it"
         )
     return vehicle.model_copy(update={"speed_scale": 1.0})
 
@@ -181,8 +181,8 @@ def _unsettled(
     )
     return robot, (
         *drive.notes,
-        "The plant has a mode too slow to settle: its speed drifts under a constant command, "
-        "which a robot's does not; prefer a model of lower order or fitted to a longer log.",
+        "The plant has a mode too slow to settle: its speed drifts under a constant command; "
+        "prefer a model of lower order, or one fitted to a longer log.",
     )
 
 
@@ -222,13 +222,13 @@ def _wired(
         if direct and abs(rise[k]) * vehicle.r < RULE.hardly * top_speed:
             falls[k] = False
             notes.append(
-                f"{_quantity(y[at[k]])} hardly moves when both tracks are driven forward: straight "
-                "driving is not in the data the plant was identified from, so this run means "
-                "little; identify it from a log in which the robot also drives straight."
+                f"{_quantity(y[at[k]])} hardly moves when both tracks are driven forward. The "
+                "plant's data lack straight driving, so this run means little; identify it from a "
+                "log with straight drives."
             )
         elif falls[k]:
             notes.append(
-                f"{_quantity(y[at[k]])} falls where the drive rises and is turned over: "
+                f"{_quantity(y[at[k]])} falls where the drive rises, so its sign was reversed; "
                 "check the wiring or the sign of the data."
             )
     robot = RobotPlant(
@@ -291,7 +291,7 @@ def _refusal(
     for i, j in zip(wiring.driven, wiring.read, strict=True):
         if abs(answer.y[j] - rest.y[j]) <= RULE.answers * max(abs(answer.y[j]), abs(rest.y[j])):
             return _Refused(
-                f"output {plant.outputs[j].name} does not answer a constant input "
+                f"output {plant.outputs[j].name} does not respond to a constant input "
                 f"{plant.inputs[i].name}; fit it with other inputs or outputs"
             )
     return None

@@ -64,8 +64,8 @@ def _answer(
         why = "rises" if settled.ending is Ending.RESTS else "comes to rest"
         what = ("forward speed", "yaw rate")[axis]
         raise ModelError(
-            f"the plant's {what} never {why} after a step of the command, so a controller that "
-            "needs a model of it has none: choose control of kind p, pi, pd or pid without "
+            f"the plant's {what} never {why} after a step of the command, so model-based "
+            "controllers cannot be used; choose control of kind p, pi, pd or pid without "
             "feed_forward"
         )
     area = 0.0

@@ -211,7 +211,8 @@ class ImperfectSensor(Settings):
         if delay > LONGEST_DELAY:
             raise ModelError(
                 f"the latency of {self.latency:g} s of {', '.join(self.names)} is {delay} samples "
-                f"of the plant and {LONGEST_DELAY} is the most: shorten it, or use a plant of a "
+                f"of the plant, and at most {LONGEST_DELAY} are allowed; shorten it, or use a "
+                "plant of a "
                 "longer sample time"
             )
         nothing = (xp.nan,) * len(self.names)

@@ -158,7 +158,7 @@ def tuned_filter(
         notes = (
             *notes,
             f"Its gate would reject {_rejected(after):.0%} of the measurements, because the robot "
-            "moves less evenly than a random walk; the gate is opened (1).",
+            "moves less evenly than a random walk; the gate was opened (1).",
         )
         best = best.model_copy(update={"gate": 1.0})
         after = localize_log(log, mission.model_copy(update={"navigation": best}))
@@ -225,7 +225,7 @@ def _climbed(
     first = best = likelihood(powers)
     if not np.isfinite(first):
         raise DataError(
-            "the measurements have no likelihood under the filter's figures: check r and q"
+            "the measurements have zero likelihood under the filter's noise; check r and q"
         )
     for step in rule.steps:
         for _ in range(rule.sweeps):

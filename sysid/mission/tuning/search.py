@@ -313,5 +313,5 @@ def _hopeless(mission: Mission, variant: PlantVariant, options: SearchOptions) -
     plants = "every plant" if options.robust > 1 else "the plant"
     head = f"none of {options.trials} sets of gains brings the robot to the goal with {plants}"
     if result.outcome == "arrived":
-        return f"{head}; the present gains do with the estimated one: lower `robust`"
+        return f"{head}; the present gains succeed with the estimated plant; lower `robust`"
     return f"{head}; with the present gains it ends as {result.outcome.value}. {result.sentence}"

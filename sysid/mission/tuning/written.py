@@ -41,7 +41,7 @@ def write_mission(source: Path, target: Path, mission: Mission, role: str = "con
     write_atomic(target, new.encode())
     if getattr(load_mission(target), role) != law:
         raise DataError(
-            f"{target} does not give the law of {role} back: a mission file cannot name it"
+            f"{target} cannot contain the law of {role}, because a mission file cannot name it"
         )
     return target
 

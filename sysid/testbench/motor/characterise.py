@@ -207,8 +207,8 @@ def _gear(known: Mapping[str, KnownValue], options: MotorOptions) -> tuple[float
     if "gear" in known:
         return known["gear"].value, []
     return PUBLISHED.gear, [
-        f"The gear is taken as {PUBLISHED.gear:g} turns of the motor for one of the output shaft, "
-        "the thesis's; `gear=TURNS` says otherwise."
+        f"The gear is taken as {PUBLISHED.gear:g} motor turns per output turn (the thesis's "
+        "value); change it with `gear=TURNS`."
     ]
 
 
@@ -229,8 +229,8 @@ def _sided(
     names = ", ".join(t.name for t in unsaid)
     sided = tuple(replace(t, motor_side=True) if t in unsaid else t for t in tests)
     return sided, [
-        f"{names}: the torque is taken as that of the motor's shaft; as that of the output shaft "
-        f"it would be {gear:g} times too small for Kem. Call the column motor_torque_Nm."
+        f"{names}: the torque is taken at the motor's shaft; at the output shaft it would be "
+        f"{gear:g} times too small for Kem. Call the column motor_torque_Nm."
     ]
 
 
@@ -324,7 +324,7 @@ class _Evaluation:
 
     def _reason(self, name: str, value: float | None) -> str:
         if name == "Kc" and self.tied:
-            return "taken for equal to Kem: no torque was measured"
+            return "set equal to Kem, because no torque was measured"
         if value is None:
             return WHY_UNDETERMINED.get(name, "not identifiable from these files")
         how = {r.name: r.how for r in reversed(self.found)}

@@ -59,9 +59,8 @@ def fit_all(
         parts = [*steady, *(drive_part(d, starts[0], 0.5, smeared=True) for d in drives)]
         best_fit = fit_jointly(parts, names, starts, tied)
         said = [
-            "Steps of the voltage fall between rows: the current right behind a step is left out, "
-            "and errors may be some per cent, more than their standard errors; log faster, or step "
-            "the voltage at the rows."
+            "Voltage steps fall between rows, so the current right after a step is left out. "
+            "Errors of some per cent may remain; log faster, or step the voltage at the rows."
         ]
     else:
         behind = "before it, as measured with the rest" if best else "behind it, as commanded"
@@ -114,8 +113,8 @@ def _starts(
     read = [g for g in read if g.R > 0.0 and g.Kem > 0.0 and np.isfinite(g.J)]
     if not read:
         raise DataError(
-            f"{drives[0].name}: voltage, current and speed do not go together as in a motor; check "
-            "their signs and units"
+            f"{drives[0].name}: voltage, current and speed do not fit a motor; check their signs "
+            "and units"
         )
     if tables is None:
         given = {n: v for n, v in values.items() if n in CONSTANTS}

@@ -109,7 +109,7 @@ def _event_test(table: Table, columns: Sequence[Column], pulses_per_turn: float)
     if "voltage" not in by_role:
         raise DataError(
             f"{table.where} has times of events but no column of voltage; add voltage_V, the "
-            "voltage at which each event was seen"
+            "voltage at each event"
         )
     if "speed" in by_role or "angle" in by_role:
         other = by_role.get("speed") or by_role["angle"]

@@ -67,8 +67,8 @@ def require_currents(tests: Sequence[SteadyTest], R: float) -> None:
             share = float(np.nanmean(np.abs(t.of("current") * R / t.voltage)))
             if share < LEAST_CURRENT:
                 raise DataError(
-                    f"{t.name}: the current without load is {100.0 * share:.2g} % of that of the "
-                    "blocked rotor, V/R, less than friction takes in any motor; check the units of "
+                    f"{t.name}: the no-load current is {100.0 * share:.2g} % of that of the "
+                    "blocked rotor, V/R, less than the friction of any motor; check the units of "
                     "the currents (mA or A)"
                 )
 
@@ -136,10 +136,10 @@ def _power(c: float, ec: float, m: float, em: float) -> list[str]:
     if abs(c - m) <= APART * np.hypot(ec, em):
         return []
     lost = (
-        f"{100.0 * (1.0 - c / m):.0f} % of the power that the back-EMF takes is lost before the "
-        "torque was measured (gear, bearings, a torque that was read too low)"
+        f"{100.0 * (1.0 - c / m):.0f} % of the back-EMF power is lost before the torque sensor "
+        "(gear, bearings, a torque measured too low)"
         if c < m
-        else "the torque was read too high, or the speed"
+        else "torque or speed was measured too high"
     )
     return [
         f"Kc is {c:.4g} Nm/A but Kem {m:.4g} V/(rad/s), which are equal in a motor without losses: "
@@ -176,10 +176,10 @@ def weakly_identified(joint: JointFit) -> list[str]:
     errors = np.sqrt(np.diag(joint.covariance))
     advice = {
         "f": "drive at voltages that lie further apart",
-        "C0": "drive at low voltages, too, just above those at which it starts",
+        "C0": "also drive at voltages just above the starting voltage",
         "J": "drive more or larger steps",
-        "R": "let it start from standstill, or block it",
-        "Kem": "let it reach its speed",
+        "R": "start from standstill, or block the rotor",
+        "Kem": "let it reach its final speed",
         "Kc": "measure a torque",
         "L": "sample faster than L/R",
     }

@@ -60,7 +60,7 @@ PRINTED: dict[str, Printed] = {
     "J": Printed(
         PUBLISHED.J,
         False,
-        "printed as a value from geometry: no dimension is printed, and no transient was measured",
+        "printed as a value from geometry, without dimensions; no transient was measured",
     ),
 }
 

@@ -104,7 +104,7 @@ def _torque_constant(tests: Sequence[SteadyTest], values: Values, gear: float) -
         stalled = [_stall_current(t, values["R"]) for t in some]
         torque = [t.motor_torque(gear) for t in some]
         each = [c / (i - i0) for c, i, i0 in zip(torque, stalled, without, strict=True)]
-        how = "stall: mean of torque over stall current less that without load"
+        how = "stall: mean of torque over stall current minus no-load current"
         ways.append(Route("Kc", _mean(each), how))
         whole = [c / i for c, i in zip(torque, stalled, strict=True)]
         ways.append(Route("Kc", _mean(whole), "stall: mean of torque over stall current"))

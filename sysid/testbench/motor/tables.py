@@ -126,7 +126,7 @@ def _column(name: str, unit: str, where: str) -> Column | None:
     side = "motor" in parts
     if role == "angle" and not known.unit:
         raise DataError(
-            f"{where}: {name} counts, but not how many make a turn; say so with "
+            f"{where}: {name} counts without the counts per turn; give "
             f"{argument(units={name: 'counts=N/rev'})}"
         )
     if not known.unit and role != "voltage":
@@ -170,7 +170,9 @@ def known_values(table: Table, columns: Sequence[Column]) -> tuple[KnownValue, .
         DataError: there are several rows, or a cell is no positive number.
     """
     if len(table) != 1:
-        raise DataError(f"{table.where} holds values, so one row of numbers; it has {len(table)}")
+        raise DataError(
+            f"{table.where} holds values and needs one row of numbers; it has {len(table)}"
+        )
     numbers = table.columns([c.name for c in columns])[0]
     return tuple(
         known_value(c.role, float(v), table.where) for c, v in zip(columns, numbers, strict=True)
@@ -227,7 +229,7 @@ def steady_test(table: Table, columns: Sequence[Column]) -> tuple[SteadyTest | N
     if not full.any():
         empty = [by_role[r].name for r in needed if not np.isfinite(columns_in_file[r]).any()]
         which = ", ".join(empty) or "every row"
-        return None, f"{table.where} is not used: {which} is empty there."
+        return None, f"{table.where} is not used, because {which} is empty."
     measurements = {r: _scaled(columns_in_file[r][full], by_role[r]) for r in columns_in_file}
     steps = {
         r: smallest_step(columns_in_file[r][full]) * abs(by_role[r].scale) for r in columns_in_file
@@ -240,7 +242,7 @@ def steady_test(table: Table, columns: Sequence[Column]) -> tuple[SteadyTest | N
     made = SteadyTest(table.where, kind, voltage, measurements, steps, side)
     _check(made)
     lost = int(np.sum(~full))
-    said = f"{table.where}: {lost} of {len(full)} rows are not full and left out." if lost else ""
+    said = f"{table.where}: {lost} of {len(full)} incomplete rows were left out." if lost else ""
     return made, said
 
 
@@ -267,19 +269,19 @@ def _check(test: SteadyTest) -> None:
         if len(wrong):
             raise DataError(
                 f"{test.name}: at {test.voltage[wrong[0]]:g} V the {quantity} has the other sign; "
-                "give measurements of a motor that drives, with the signs of its voltage"
+                "give measurements of a driving motor, with the signs of its voltage"
             )
     if np.any(test.voltage == 0.0):
-        raise DataError(f"{test.name}: a row has the voltage 0, at which nothing is driven")
+        raise DataError(f"{test.name}: a row has the voltage 0, which does not drive the motor")
     if test.kind is not Kind.BLOCKED:
         return
     current = test.of("current")
     if not np.all(current != 0.0):
-        raise DataError(f"{test.name}: a blocked rotor takes current, a row has none")
+        raise DataError(f"{test.name}: a blocked rotor draws current, but a row has none")
     ratio = test.voltage / current
     if np.ptp(ratio) > PROPORTIONAL * float(np.mean(ratio)):
         raise DataError(
-            f"{test.name}: with neither speed nor torque these are currents of a blocked rotor, "
-            f"but voltage over current goes from {ratio.min():.3g} to {ratio.max():.3g} Ω; the "
-            "motor turned: add its speed_rpm"
+            f"{test.name}: without speed and torque these are blocked-rotor currents, but voltage "
+            f"over current goes from {ratio.min():.3g} to {ratio.max():.3g} Ω; the motor turned; "
+            "add its speed_rpm"
         )

@@ -138,12 +138,12 @@ def _strongest_period(t: Array, angle: Array, where: str) -> float:
         lobe = np.abs(frequency - best) <= 2.0 / span  # of the Hann window
         if float(np.sum(power[lobe])) < TONE * float(np.sum(power)):
             raise DataError(
-                f"{where} holds no oscillation: what the angle does is noise, without a period; "
+                f"{where} holds no oscillation: the angle is noise without a period; "
                 "let it swing freely ten times or more, from some 10°"
             )
         raise DataError(
-            f"{where}: one sample every {step:.3g} s is too slow for a period of {1 / best:.3g} s, "
-            "which could as well be a faster one: record at 20 Hz or faster"
+            f"{where}: one sample every {step:.3g} s is too slow for a period of {1 / best:.3g} "
+            "s; record at 20 Hz or faster"
         )
     return 1.0 / best
 

@@ -69,7 +69,7 @@ def read_swing(
 ) -> Swing:
     """The swing that a log holds.
 
-    An angle goes before a quaternion, whose rotation about the axis it mostly turns about is
+    An angle goes before a quaternion, whose rotation about its main axis is
     taken, and that before a position, whose way along its main direction is arm·sin θ.
 
     Args:
@@ -87,7 +87,7 @@ def read_swing(
     table = read_log_table(path, options).table
     known = [n for n in options.units if n.lower() not in [c.lower() for c in table.names]]
     if known:
-        raise UsageError(f"`units` names {known[0]!r}, which is no column: {_listed(table)}")
+        raise UsageError(f"`units` names {known[0]!r}, which is not a column: {_listed(table)}")
     names, kind = _places(table, options)
     t, said = _times(table, names, options)
     values = table.columns(names)
@@ -118,7 +118,7 @@ def _places(table: Table, options: ReadOptions) -> tuple[tuple[str, ...], str]:
     """The columns that tell the angle, and what they are."""
     if options.outputs:
         if len(options.outputs) > 1:
-            raise UsageError("`outputs` names several columns: one angle swings")
+            raise UsageError("`outputs` names several columns; name one angle")
         asked = options.outputs[0]
         names = [n for n in table.names if n.lower() == asked.lower()]
         if not names:
@@ -204,7 +204,8 @@ def _from_angle(
     factor = conversion(unit, names[0]) if unit else None
     if factor is not None and factor.unit not in ("rad", ""):
         raise UsageError(
-            f"{table.where}: {names[0]} is in {unit}, which is no angle: name another column, or "
+            f"{table.where}: {names[0]} is in {unit}, which is not an angle; name another column, "
+            "or "
             f"its unit with {argument(units={names[0]: 'deg'})}"
         )
     known = factor is not None and bool(factor.unit)
@@ -229,7 +230,7 @@ def _from_quaternion(
     size = np.linalg.norm(values, axis=1)
     good = np.isfinite(size) & (size > 0.5)  # a tracker that sees nothing writes zeros
     if good.sum() < MIN_ROWS:
-        raise DataError(f"{table.where}: {', '.join(names)} hold no quaternion of length 1")
+        raise DataError(f"{table.where}: {', '.join(names)} hold no unit quaternion")
     q = values[good] / size[good, None]
     mean = np.linalg.eigh(q.T @ q)[1][:, -1]  # Markley (2007): signs of q do not matter
     w0, v0 = mean[0], -mean[1:]
@@ -240,7 +241,7 @@ def _from_quaternion(
     turned = v * (2.0 * np.arctan2(sine, np.abs(w)) / np.maximum(sine, 1e-12))[:, None]
     angle = np.full(len(values), np.nan)
     angle[good] = _along_main(turned)
-    return angle, True, f"the rotation of {', '.join(names)} about the axis it mostly turns about"
+    return angle, True, f"the rotation of {', '.join(names)} about its main axis"
 
 
 def _from_position(
@@ -252,7 +253,7 @@ def _from_position(
         unit = _unit(table, name, options.units) or "m"
         factor = conversion(unit, name)
         if factor.unit != "m":
-            raise UsageError(f"{table.where}: {name} is in {unit}, which is no length of a path")
+            raise UsageError(f"{table.where}: {name} is in {unit}, which is not a length")
         scales.append(factor.scale)
     place = values * np.array(scales)
     good = np.all(np.isfinite(place), axis=1)

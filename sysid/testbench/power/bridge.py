@@ -48,7 +48,7 @@ class Direction:
         at_full, at_full_std_error: answer at full drive, by the line [V, rad/s or A].
         starts, stops: where it starts to answer while the command rises, and where it stops while
             it falls; None where that was not visited.
-        bends: whether the answers are no straight line.
+        bends: whether the response is nonlinear.
         steps: steps with a response.
         drive, answer: of each step, (K,).
     """
@@ -178,8 +178,8 @@ def fit_bridge(
     steps = _steps(drive[good], answer[good], log)
     if len(steps.drive) < MIN_STEPS:
         raise DataError(
-            f"{name}: {len(steps.drive)} steps of PWM are no staircase: go up and down in small "
-            "steps, in both directions, and hold each for a second"
+            f"{name}: {len(steps.drive)} PWM steps are too few for a staircase; go up and down in "
+            "small steps both ways, one second each"
         )
     away = steps.drive - np.median(steps.drive)
     turned = float(away @ (steps.answer - np.median(steps.answer))) < 0.0
@@ -191,8 +191,8 @@ def fit_bridge(
     both = [_direction(steps, s) for s in (1.0, -1.0)]
     if both == [None, None]:
         raise DataError(
-            f"{name}: fewer than {MIN_STEPS} steps of PWM are answered by the {quantity} in "
-            "either direction: drive on to larger commands"
+            f"{name}: fewer than {MIN_STEPS} PWM steps change the {quantity} in either direction; "
+            "continue to larger commands"
         )
     return Bridge(name, side, quantity, both[0], both[1], _at_large(supply, drive), turned)
 

@@ -96,7 +96,7 @@ def read_power_log(
     unknown = [n for n in units if n.lower() not in [c.lower() for c in table.names]]
     if unknown:
         listed = ", ".join(table.names[:20])
-        raise UsageError(f"`units` names {unknown[0]!r}, which is no column: they are {listed}")
+        raise UsageError(f"`units` names {unknown[0]!r}, which is not a column: they are {listed}")
     columns = [c for c in (_column(table, n, units) for n in table.names) if c is not None]
     driven = any(c.quantity == "command" for c in columns)
     battery = {q: _battery_column(columns, q, driven, table.where) for q in ("voltage", "current")}

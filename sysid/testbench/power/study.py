@@ -86,7 +86,7 @@ class PowerBench:
     def _battery_words(self, b: Battery) -> str:
         text = (
             f"{b.name}: {b.open_voltage:.4g} ± {b.open_std_error:.2g} V without load, "
-            f"{1e3 * b.resistance:.4g} ± {1e3 * b.std_error:.2g} mΩ at once"
+            f"{1e3 * b.resistance:.4g} ± {1e3 * b.std_error:.2g} mΩ immediately"
         )
         for branch in b.branches:
             text += (
@@ -94,7 +94,7 @@ class PowerBench:
                 f"{branch.tau:.3g} ± {branch.tau_std_error:.2g} s"
             )
         if b.branches:
-            text += f"; {1e3 * b.settled:.4g} mΩ under a load that lasts"
+            text += f"; {1e3 * b.settled:.4g} mΩ under a lasting load"
         if b.slope is not None:
             text += f"; {b.slope:.3g} ± {b.slope_std_error:.2g} V less for each Ah"
         return text + "."
@@ -180,7 +180,7 @@ def write_supply(mission: Path, bench: PowerBench) -> Path:
     values = read_yaml(mission).values
     keys = {k: float(f"{m.value:.4g}") for k, m in bench.supply().items()}
     if not keys:
-        raise UsageError("nothing was measured that a mission's vehicle.supply takes")
+        raise UsageError("no measured value belongs to a mission's vehicle.supply")
     vehicle = {**(values.get("vehicle") or {})}
     vehicle["supply"] = {**(vehicle.get("supply") or {}), **keys}
     text = mission.read_bytes().decode("utf-8-sig")
@@ -216,33 +216,32 @@ def _battery_findings(b: Battery, log: PowerLog) -> list[Finding]:
         findings.append(Finding(code, severity, f"{b.name}: {sentence}", advice, record=b.name))
 
     if b.turned:
-        say("current-sign", Severity.NOTE, "current that is drawn stands with a minus sign there.")
+        say("current-sign", Severity.NOTE, "drawn current is negative in this log.")
     if not b.rests:
         say(
             "no-rest",
             Severity.WARNING,
-            "the battery never rests, so that the open-circuit voltage is extrapolated.",
+            "the battery never rests, so the open-circuit voltage is extrapolated.",
             "Record it without load before and after.",
         )
     if log.t is None:
         say(
             "steady-table",
             Severity.NOTE,
-            "a table without time: its resistance is that of loads that last as long as those, "
-            "slow recovery included.",
+            "a table without time: its resistance includes slow recovery at these load durations.",
         )
     elif b.slope is None:
         say(
             "no-slope",
             Severity.NOTE,
-            f"{1e3 * (b.charge or 0.0):.3g} mAh are too little to see the open-circuit voltage "
-            "fall.",
+            f"{1e3 * (b.charge or 0.0):.3g} mAh are too little to measure the fall of the "
+            "open-circuit voltage.",
         )
     if b.resistance <= 0.0:
         say(
             "no-resistance",
             Severity.WARNING,
-            "no voltage is lost at once when current is drawn.",
+            "the voltage does not drop immediately when current is drawn.",
             "Record voltage and current at the same instants, and faster than the load changes.",
         )
     return findings
@@ -259,15 +258,15 @@ def _bridge_findings(bridge: Bridge) -> list[Finding]:
         say(
             "not-the-bridge-alone",
             Severity.NOTE,
-            f"the staircase was answered by {bridge.quantity}: its dead band holds the motor's "
-            "friction, too.",
+            f"the response was measured by {bridge.quantity}, so the dead band includes the "
+            "motor's friction.",
             "Measure the voltage at the motor's leads to distinguish the two.",
         )
     if bridge.turned:
-        say("answer-sign", Severity.NOTE, "positive commands are answered with a minus sign.")
+        say("answer-sign", Severity.NOTE, "positive commands give negative responses.")
     missing = [n for n in ("forward", "backward") if n not in bridge.directions()]
     if missing:
-        say("one-direction", Severity.NOTE, f"nothing was driven {missing[0]} far enough.")
+        say("one-direction", Severity.NOTE, f"no step reaches far enough {missing[0]}.")
     for name, d in bridge.directions().items():
         if d.starts is not None and d.stops is not None and d.starts > STICKS * d.stops:
             say(
@@ -280,7 +279,7 @@ def _bridge_findings(bridge: Bridge) -> list[Finding]:
             say(
                 "bends",
                 Severity.WARNING,
-                f"{name} the answers are no straight line.",
+                f"{name} the response is nonlinear.",
                 "The gain is a mean: fit a Hammerstein–Wiener model, or diagnose for a soft gain.",
             )
     return findings

@@ -153,8 +153,7 @@ _UNITS = {
 """Quantities and their units, in the order in which they are told."""
 _OF_SLOPE = ("slope_pull", "slope_slip")
 _WHY_NONE = {
-    "steepest_slope": "the resistances are larger than the thrust: it does not even drive on the "
-    "level",
+    "steepest_slope": "the resistances exceed the thrust, so it cannot drive even on level ground",
     "slope_slip": "the soil cannot give that pull",
 }
 _BEKKER = ("n", "k_c", "k_phi")
@@ -238,7 +237,9 @@ def _quantity(key: str, value: float, parts: Mapping[str, float], firm: bool) ->
     name = key.partition(" ")[0]
     unit = _UNITS.get(name, {"moment": "N m", "power": "W"}.get(name, "N"))
     if math.isnan(value):
-        why = _WHY_NONE.get(name, "no steady turn was found: turning takes more than the soil has")
+        why = _WHY_NONE.get(
+            name, "no steady turn exists, because turning needs more than the soil's strength"
+        )
         return Quantity(name, unit, None, None, why)
     broken = [p for p, d in parts.items() if math.isnan(d)]
     if broken:
@@ -273,10 +274,10 @@ def _notes(traction: Traction) -> list[str]:
     if depth > v.geometry.r:
         said.append(
             f"It sinks {1e3 * depth:.3g} mm, more than the sprocket's radius of "
-            f"{1e3 * v.geometry.r:.3g} mm: the body would drag, which is not reckoned."
+            f"{1e3 * v.geometry.r:.3g} mm: the body would drag, which the model ignores."
         )
     unknown = [n for n in NUMBERS if n not in dict(soil.std) and n != "residual"]
     if soil.std and math.isfinite(soil.k_phi) and any(n in unknown for n in _BEKKER):
         missing = ", ".join(n for n in _BEKKER if n in unknown)
-        said.append(f"No standard deviation is known of {missing}: no uncertainty counts them.")
+        said.append(f"No standard deviation is known for {missing}; the uncertainties omit it.")
     return said

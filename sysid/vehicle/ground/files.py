@@ -70,7 +70,7 @@ def _numbers(
     for key, value in section.items():
         where = source.where((*place, key))
         if key == "wheels":
-            raise DataError(f"{where}: it stands on wheels: a soil is reckoned under tracks only")
+            raise DataError(f"{where}: it has wheels, and soils apply to tracks only")
         if key in _OTHERS or (place and key not in KEYS):
             continue
         if key not in KEYS:

@@ -76,9 +76,9 @@ def test_an_error_of_a_topic_is_raised_where_rows_are_asked_for(
 ) -> None:
     feeds = topics(monkeypatch)
     source = TopicLines("wheel", MAP)
-    feeds["/wheel"].put(ModelError("nobody publishes it"))
+    feeds["/wheel"].put(ModelError("no node publishes it"))
     feeds["/volts"].put(None)
-    with pytest.raises(ModelError, match="nobody publishes"):
+    with pytest.raises(ModelError, match="no node publishes"):
         lines_when(source, 1)
 
 

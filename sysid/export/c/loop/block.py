@@ -208,7 +208,7 @@ def _unchanged(state: Any, after: Any, first: Any) -> set[Path]:
     """Places where a step leaves what the start put there as plain numbers."""
     before, ended, begun = (dict(leaves(t)) for t in (state, after, first))
     if before.keys() != ended.keys():
-        raise ModelError("its memory has other parts after a step than before")
+        raise ModelError("its memory changes its parts during a step")
     return {
         p
         for p, value in begun.items()

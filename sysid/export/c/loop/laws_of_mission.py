@@ -238,7 +238,7 @@ def _navigation(loop: Loop) -> Law:
         return state, flat(body)
 
     inputs = dict.fromkeys(dict.fromkeys(("t", "dt", *names, "drive_l", "drive_r")), 0.0)
-    title = "From what the sensors read to where the robot is, at every sample"
+    title = "From the sensor measurements to the robot's pose, at every sample"
     return _law("navigation", title, loop, inputs, step)
 
 
@@ -260,7 +260,7 @@ def _motion(loop: Loop) -> Law:
         return OnGround(under, last) if ground.remembers else last, flat(body)
 
     inputs = dict.fromkeys(("t", "dt", "omega_l", "omega_r"), 0.0)
-    title = "From the track speeds on the ground to where the vehicle is, at every sample"
+    title = "From the track speeds on the ground to the vehicle's pose, at every sample"
     law = _law("motion", title, loop, inputs, step)
     if not ground.remembers:
         return law
