@@ -20,7 +20,7 @@ command in units of full drive, so that torques count in units of the speed they
 changes one place of that chain and does nothing at its null value. Units: `drive` is a share of
 full drive, `speed` the unit of the output, `1` a pure number. *Ties*: effects that many logs
 cannot tell from it. *Undone*: a mission can make up for it (`control.compensate`, see
-[control.md](control.md#making-up-for-identified-effects)).
+[control.md](control.md#compensating-identified-effects)).
 """
 
 HEADER = ["effect", "equation", "parameters", "what it is, what it looks like", "ties", "undone"]

@@ -83,7 +83,7 @@ def test_the_thesis_period_gives_the_thesis_inertia(capsys: pytest.CaptureFixtur
     assert result["driver"] == "period"
     assert result["std_error"] > 0.5 * (high - low)  # lengths and masses have errors, too
     assert result["box_inertia_kg_m2"] == pytest.approx(1.592 / 12 * (0.19**2 + 0.134**2))
-    assert "8.6 times what mass and size suggest" in " ".join(result["sentences"])
+    assert "8.6 times the value from mass and size" in " ".join(result["sentences"])
 
 
 def test_sensitivities_are_derivatives() -> None:

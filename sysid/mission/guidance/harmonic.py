@@ -30,7 +30,7 @@ class Harmonic(GuidanceSettings):
         margin: distance that the robot's centre keeps from every surface [m].
         cell: side of a cell of the grid [m].
         v_max: largest speed reference [m/s].
-        slow_within: way before the goal on which it slows down [m].
+        slow_within: distance before the goal within which it slows down [m].
         rho0, eta: range [m] and strength of the repulsion of obstacles that move.
 
     Source: Connolly, Burns and Weiss (1990), Path planning using Laplace's equation.

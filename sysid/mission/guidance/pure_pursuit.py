@@ -33,7 +33,7 @@ class PurePursuit(GuidanceSettings):
     Attributes:
         lookahead: distance along the course to the point driven at [m].
         v_max: largest speed reference [m/s].
-        slow_within: way before the goal on which it slows down [m].
+        slow_within: distance before the goal within which it slows down [m].
     """
 
     lookahead: Positive = 0.3

@@ -51,7 +51,7 @@ class Samples(NamedTuple):
         theta: the plant's parameters, (K, n).
         start: X, Y [m], ψ [rad], (K, 3).
         obstacles: X, Y of every obstacle [m], (K, obstacles, 2).
-        slip: share of the way lost in a turn on the spot, (K,).
+        slip: slip in a turn on the spot, (K,).
         inputs: the numbers behind them, standard normal before infeasible ones were drawn again,
             (K, m); see :attr:`Sampler.names`.
         redrawn: draws that were not feasible, (K,).

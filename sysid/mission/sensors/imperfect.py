@@ -65,10 +65,10 @@ class ImperfectSensor(Settings):
         rate: measurements a second [Hz].
         noise: density of the white noise [unit/√Hz].
         bias: what it reads too much [unit].
-        bias_std: standard deviation of what is added to the bias from run to run [unit].
-        bias_walk: how fast the bias walks at random [unit/√s].
+        bias_std: standard deviation of the bias between runs [unit].
+        bias_walk: random walk of the bias [unit/√s].
         dropout: probability that a measurement is lost, each for itself.
-        latency: from the instant a measurement is of to navigation [s], rounded up to whole samples
+        latency: from measuring to arrival at navigation [s], rounded up to whole samples
             of the plant.
         saturation: largest size of what it can measure [unit]; None for no limit.
         resolution: step of the numbers that come out [unit]; 0 for none.

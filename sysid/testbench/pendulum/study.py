@@ -174,11 +174,11 @@ class PendulumStudy:
             f"{self.box:.4f} kg m²"
         )
         if 1.0 / FAR < ratio < FAR:
-            return f"That is {ratio:.2g} times what mass and size suggest: {beside}."
+            return f"That is {ratio:.2g} times the value from mass and size: {beside}."
         short = 1e3 * (self.small_period - would)
         arm = (self.corrected - self.box) / -self.hanging.sensitivities(self.small_period)["l"]
         return (
-            f"That is {ratio:.2g} times what mass and size suggest: {beside}. To agree, the "
+            f"That is {ratio:.2g} times the value from mass and size: {beside}. To agree, the "
             f"period would have to be {abs(short):.0f} ms {'shorter' if short > 0 else 'longer'} "
             f"or the arm l {1e3 * abs(arm):.0f} mm {'longer' if arm > 0 else 'shorter'}: measure "
             "both again before using the inertia."
