@@ -30,7 +30,7 @@ from sysid.data.record import Array, Channel, Record  # noqa: E402
 from sysid.diagnosis.diagnose import diagnose  # noqa: E402
 from sysid.diagnosis.pose.diagnosis import diagnose_pose  # noqa: E402
 from sysid.effects.ground import Ground  # noqa: E402
-from sysid.estimation.vehicle.logs import read_drives  # noqa: E402
+from sysid.estimation.vehicle.logs import read_vehicle_logs  # noqa: E402
 from sysid.estimation.vehicle.windows import path_of  # noqa: E402
 from sysid.mission.robot.mapping import as_robot  # noqa: E402
 from sysid.mission.simulator import simulate  # noqa: E402
@@ -207,7 +207,7 @@ def _robots() -> str:
         return text + "Their logs were not there when this page was made.\n"
     rows = []
     for name, file, geometry in ROBOTS:
-        log = read_drives([folder / file], ReadOptions(), Preparation())[0][0]
+        log = read_vehicle_logs([folder / file], ReadOptions(), Preparation())[0][0]
         cut = round(0.7 * len(log))
         found = diagnose_pose([_rows(log, 0, cut)], [_rows(log, cut, len(log))], geometry)
         assert found is not None

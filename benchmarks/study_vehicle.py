@@ -22,7 +22,7 @@ from skid_steer_physics import Vehicle, log_of  # noqa: E402
 from sysid.data.preparation import Preparation  # noqa: E402
 from sysid.data.reading.read_options import ReadOptions  # noqa: E402
 from sysid.data.record import Channel, Record  # noqa: E402
-from sysid.estimation.vehicle.logs import read_drives  # noqa: E402
+from sysid.estimation.vehicle.logs import read_vehicle_logs  # noqa: E402
 from sysid.estimation.vehicle.vehicle_fit import VehicleFit, fit_vehicle  # noqa: E402
 from sysid.report.markdown import table  # noqa: E402
 from sysid.vehicle.kinematics import Geometry  # noqa: E402
@@ -111,7 +111,7 @@ def _real() -> str:
         return "## Real logs\n\nNot there when this page was made.\n\n"
     fits = {}
     for name, file, geometry in ROBOTS:
-        records, _ = read_drives([folder / file], ReadOptions(), Preparation())
+        records, _ = read_vehicle_logs([folder / file], ReadOptions(), Preparation())
         fits[name] = fit_vehicle(records, geometry=geometry)
     folds = [
         [name, *(f"{f.before.path:.3f} → {f.after.path:.3f} m, "

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from sysid.report.correlation_panels import LagTest
     from sysid.report.fit_picture import FitSegment
     from sysid.report.mission_drawing import MissionPicture
-    from sysid.report.missions.estimate_drawing import Estimate
+    from sysid.report.missions.localization_drawing import PoseEstimate
 
 
 def draw_fit(path: Path, title: str, found: "Identification") -> None:
@@ -147,17 +147,17 @@ def mission_scene(
     )
 
 
-def _estimate(log: "Mapping[str, Array]") -> "Estimate | None":
+def _estimate(log: "Mapping[str, Array]") -> "PoseEstimate | None":
     """What navigation believed, where it is in the log."""
     import numpy as np
 
-    from sysid.report.missions.estimate_drawing import Estimate
+    from sysid.report.missions.localization_drawing import PoseEstimate
 
     shown = ("x_est", "y_est", "P_xx", "P_xy", "P_yy")
     if not all(name in log for name in shown):
         return None
     columns = np.column_stack([log[name] for name in shown])
-    return Estimate(columns[:, :2], columns[:, 2:])
+    return PoseEstimate(columns[:, :2], columns[:, 2:])
 
 
 def draw_replay(path: Path, result: "Replay") -> None:

@@ -19,8 +19,8 @@ What `sysid diagnose` can select and add. Each track obeys τ ω̇ = T − ω wi
 command in units of full drive, so that torques count in units of the speed they hold. An effect
 changes one place of that chain and does nothing at its null value. Units: `drive` is a share of
 full drive, `speed` the unit of the output, `1` a pure number. *Ties*: effects that many logs
-cannot distinguish from it. *Undone*: a mission can make up for it (`control.compensate`, see
-[control.md](control.md#making-up-for-identified-effects)).
+cannot distinguish from it. *Undone*: a mission can compensate it (`control.compensate`, see
+[control.md](control.md#compensating-identified-effects)).
 """
 
 HEADER = ["effect", "equation", "parameters", "what it is, what it looks like", "ties", "undone"]

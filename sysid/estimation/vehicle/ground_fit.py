@@ -54,8 +54,8 @@ COMPETITORS = (
     Slot(POSE_FILTER, "lag", -1, 0.0, 0.0, 2.0, (0.1,)),
 )
 """Numbers that compete with the effects, so that a radius that the geometry has wrong, a sensor
-that does not read zero at rest, or a pose whose readings, or whose headings, come later than the
-speeds, or are smoothed, lends its name to none."""
+that does not read zero at rest, or a pose whose measurements, or whose headings, come later than
+the speeds, or are smoothed, lends its name to none."""
 
 LAGS = (POSE_LAG, HEADING_LAG, POSE_FILTER)
 
@@ -144,8 +144,7 @@ def _of_effect(e: Effect) -> list[Candidate]:
 
 @cache
 def lags() -> tuple[Candidate, ...]:
-    """Readings of the pose that come late or are smoothed, which is nearly what an effect with a
-    memory does."""
+    """Delays and smoothing of the measured pose, which resemble an effect with memory."""
     return tuple(c for c in every_candidate() if c.key in LAGS)
 
 
@@ -159,19 +158,23 @@ def lengths() -> tuple[Candidate, ...]:
 def ground_of(q: Array, always: Sequence[Candidate] = ()) -> Ground:
     """The effects whose numbers are off their null values, but for what ``always`` is free."""
     lengths = {k for c in always for k in c.slots}
-    mine = [
+    parameters = [
         (s, v)
         for k, (s, v) in enumerate(zip(_of_effects(), q.tolist(), strict=False))
         if k not in lengths
     ]
-    acting = {s.owner for s, v in mine if v != s.null}
-    found: dict[str, dict[str, list[float]]] = {}
-    for slot, value in mine:
+    acting = {s.owner for s, v in parameters if v != s.null}
+    by_effect: dict[str, dict[str, list[float]]] = {}
+    for slot, value in parameters:
         if slot.owner in acting:
-            both = found.setdefault(slot.owner, {}).setdefault(slot.name, [slot.null, slot.null])
+            both = by_effect.setdefault(slot.owner, {}).setdefault(
+                slot.name, [slot.null, slot.null]
+            )
             for side in (LEFT, RIGHT) if slot.side < 0 else (slot.side,):
                 both[side] = value
-    numbers = {id: {k: np.array(v) for k, v in mine.items()} for id, mine in found.items()}
+    numbers = {
+        id: {k: np.array(v) for k, v in parameters.items()} for id, parameters in by_effect.items()
+    }
     return Ground(tuple(numbers), numbers)
 
 
