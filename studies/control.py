@@ -1,8 +1,6 @@
 """How well each kind of control tracks, and what making up for identified effects is worth.
 
-    python benchmarks/study_control.py
-
-Some minutes; writes ``reports/control.md``. The robots of the second table hold an effect whose
+The robots of the second table hold an effect whose
 numbers nobody is told: each drives a log with noise, ``diagnose`` names what is missing from a
 plain model of it, and the robot itself, not its model, is then driven with and without the effect
 made up for as it was identified.
@@ -13,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from compensated_robots import FAMILY, PERIOD, driven, family_runs
-from stamps import stamped
 
+from studies.compensated_robots import FAMILY, PERIOD, driven, family_runs
+from studies.runner import Study
 from sysid.data.preprocess import Detrend
 from sysid.data.record import PWM_FULL_SCALE, Record
 from sysid.diagnosis.diagnose import diagnose
@@ -32,8 +30,8 @@ from sysid.structures.augmented.structure import Augmented
 from sysid.structures.plant import Plant
 from sysid.vehicle.kinematics import Geometry
 
-REPORT = Path(__file__).resolve().parent.parent / "reports" / "control.md"
-SEED = 101
+STUDY = Study("control", "control.md", first=101)
+SEED = STUDY.first
 DT, NOISE = 0.05, 0.1
 
 TOP = 0.43 / Geometry().r
@@ -150,7 +148,7 @@ def known_plain() -> RobotPlant:
 
 TEXT = """# Control
 
-Written by `python benchmarks/study_control.py`. Laws and keys: [control.md](../docs/control.md).
+Laws and keys: [control.md](../docs/control.md).
 
 ## Kinds
 
@@ -168,7 +166,7 @@ command a period.
 
 {yaw}
 `neural` was taught by `{teacher_speed}` (speed) and `{teacher_yaw}` (yaw):
-`benchmarks/train_neural_control.py`, on other references.
+`studies/train_neural_control.py`, on other references.
 
 ## Making up for identified effects
 
@@ -190,6 +188,8 @@ def main() -> None:
 
     from sysid.mission.control import neural
 
+    asked = STUDY.asked(__doc__)
+
     raw = json.loads((Path(neural.__file__).parent / "neural.json").read_text(encoding="utf-8"))
     rows = [
         row
@@ -197,7 +197,8 @@ def main() -> None:
         for row in compensation_rows(words, truth, k)
     ]
     header = ["the robot", "identified and undone", "control", "speed error [m/s]", "yaw [rad]"]
-    REPORT.write_text(
+    STUDY.write(
+        asked,
         TEXT.format(
             robots=len(FAMILY),
             speed=kinds_table("speed"),
@@ -206,9 +207,7 @@ def main() -> None:
             teacher_yaw=raw["yaw"]["taught_by"],
             compensation=table(header, rows),
         ),
-        encoding="utf-8",
     )
-    stamped(REPORT)
 
 
 if __name__ == "__main__":

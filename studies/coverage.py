@@ -1,23 +1,18 @@
 """Are the standard errors honest: do 95 % intervals cover the truth, is it ever 4 of them away?
 
 Simulates records of known systems, fits the right structure to each with the default options and
-counts, parameter by parameter, how often estimate ± 1.96 standard errors holds the truth. Run by
-hand, some minutes of one core; every draw is seeded and the table carries no times, so that the
-file it writes is the same each time:
-
-    python benchmarks/study_coverage.py [records] [file]
+counts, parameter by parameter, how often estimate ± 1.96 standard errors holds the truth. Some
+minutes of one core.
 """
 
-import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
-from joblib import Parallel, delayed
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from studies.runner import Study, by_case
 from sysid.data.record import Record
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
@@ -26,6 +21,8 @@ from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.registry import structure_class
 
 Array = NDArray[np.float64]
+STUDY = Study("coverage", "coverage.md", runs=400)
+
 RUN_IN = 300
 """Samples simulated before a record begins, so that none of them starts at rest."""
 
@@ -244,10 +241,15 @@ class Outcome:
     spread: float
 
 
-def outcome(case: Case, records: int, workers: int = 1) -> Outcome:
-    """Fit ``records`` records of a case and count; an estimate on a bound holds no interval."""
-    draws = Parallel(n_jobs=workers)(delayed(standardised)(case, seed) for seed in range(records))
-    z = np.array(list(draws))
+def one(name: str, seed: int) -> list[float]:
+    """One record of a case."""
+    return standardised(next(c for c in CASES if c.name == name), seed).tolist()
+
+
+def outcome(draws: Sequence[Sequence[float]]) -> Outcome:
+    """Count over the standardised errors of the records of a case; an estimate on a bound holds no
+    interval."""
+    z = np.array(draws)
     held = 100.0 * np.mean(np.abs(z) <= NORMAL_95, axis=0)
     return Outcome(
         float(held.mean()),
@@ -258,8 +260,24 @@ def outcome(case: Case, records: int, workers: int = 1) -> Outcome:
     )
 
 
-def main(records: int, target: Path) -> None:
+def row(case: Case, draws: Sequence[Sequence[float]]) -> list[str]:
+    """A line of the report."""
+    found = outcome(draws)
+    return [
+        case.name,
+        str(case.samples),
+        str(len(case.theta) - len(case.options.fixed)),
+        f"{found.pooled:.1f}",
+        f"{found.lowest:.1f} … {found.highest:.1f}",
+        f"{found.beyond:.2f}",
+        f"{found.spread:.2f}",
+    ]
+
+
+def main() -> None:
     """Run the study and write its report."""
+    asked = STUDY.asked(__doc__)
+    found = by_case(one, [c.name for c in CASES], asked)
     headers = [
         "system",
         "samples",
@@ -269,26 +287,9 @@ def main(records: int, target: Path) -> None:
         "beyond 4 σ̂",
         "spread",
     ]
-    text = HEAD.format(records=records, error=100.0 * np.sqrt(0.95 * 0.05 / records))
-    rows: list[list[str]] = []
-    for case in CASES:
-        found = outcome(case, records)
-        rows.append(
-            [
-                case.name,
-                str(case.samples),
-                str(len(case.theta) - len(case.options.fixed)),
-                f"{found.pooled:.1f}",
-                f"{found.lowest:.1f} … {found.highest:.1f}",
-                f"{found.beyond:.2f}",
-                f"{found.spread:.2f}",
-            ]
-        )
-        # line by line, so that a study that is stopped leaves what it has counted
-        target.write_text(text + "\n" + table(headers, rows, "lrrrrrr"), encoding="utf-8")
-    from stamps import stamped
-
-    stamped(target)
+    rows = [row(c, found[c.name]) for c in CASES if c.name in found]
+    text = HEAD.format(records=asked.runs, error=100.0 * np.sqrt(0.95 * 0.05 / asked.runs))
+    STUDY.write(asked, text + "\n" + table(headers, rows, "lrrrrrr"))
 
 
 HEAD = """# Coverage of the confidence intervals
@@ -303,7 +304,4 @@ with a fixed parameter count the others; *outliers* are readings wrong by ten ti
 """
 
 if __name__ == "__main__":
-    main(
-        int(sys.argv[1]) if len(sys.argv) > 1 else 400,
-        Path(sys.argv[2] if len(sys.argv) > 2 else "reports/coverage.md"),
-    )
+    main()

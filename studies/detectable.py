@@ -4,15 +4,8 @@ A log of a plain machine of ``sysid_datasets.physics`` is diagnosed; each size i
 a promise. Then a cause of the effect is put into the same machine, in both drives, so many times as
 large (twice by default), and the log is made and diagnosed again. Sizes of causes are in units of
 physics; ``WAYS`` says what they are in those of the catalogue.
-
-    python benchmarks/study_detectable.py --seeds 0:3 --results FILE
-
-``--results FILE`` keeps finished runs, a line of JSON each, and does not run them again.
 """
 
-import argparse
-import json
-import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from study_physics_diagnose import diagnose
 from sysid_datasets.physics import actuator_causes as actuator
 from sysid_datasets.physics import motor_causes as motor
 from sysid_datasets.physics import sensor_causes as sensor
@@ -28,7 +20,11 @@ from sysid_datasets.physics.hidden import Cause, Hidden
 from sysid_datasets.physics.logs import Case, make, write
 from sysid_datasets.physics.robots import Rig, figures, plain_machine
 
+from studies.physics_diagnose import diagnose
+from studies.runner import Study, finished, seeds
 from sysid.report.markdown import table
+
+STUDY = Study("detectable", "detectable.md", runs=3)
 
 STYLES, NOISES = ("steps", "joystick", "multisine"), (0.005, 0.01, 0.02)
 DRAWS = 200
@@ -101,30 +97,24 @@ def answered(case: Case) -> dict[str, Any]:
         return diagnose(Path(folder) / "est.csv", Path(folder) / "val.csv", None)
 
 
-def of_machine(seed: int, times: float, done: Mapping[str, Any]) -> Sequence[dict[str, Any]]:
-    """All promises of one machine and whether they are kept; those that are not done yet."""
+def of_machine(seed: int, times: float) -> list[dict[str, Any]]:
+    """All promises of one machine and whether they are kept."""
     base = plain(seed)
-    if all(f"{seed}/{times:g}/{id}" in done for id in WAYS):
-        return []
     promised, found = answered(base)["detectable"], []
     for id, way in WAYS.items():
-        key, size = f"{seed}/{times:g}/{id}", promised.get(id)
-        if key in done:
-            continue
-        run = {"key": key, "id": id, "style": base.style, "stated": size, "kept": None, "said": []}
+        size = promised.get(id)
+        run = {"seed": seed, "id": id, "stated": size, "kept": None, "said": []}
         if size is not None:
             case, hidden = planted(base, way, times * way.promised(size))
             entries = [(e["id"], *e["indistinguishable"]) for e in answered(case)["effects"]]
             run["kept"] = any({id, *hidden.also} & set(e) for e in entries)
             run["said"] = ["=".join(e) for e in entries]
         found.append(run)
-        print(f"{key}: {run['kept']} {run['said']}", file=sys.stderr)
     return found
 
 
 def report(runs: Sequence[Mapping[str, Any]], times: float) -> str:
     """The page."""
-    seeds = sorted({int(r["key"].split("/")[0]) for r in runs})
     kept = [r for r in runs if r["kept"]]
     asked = [r for r in runs if r["kept"] is not None]
     rows = []
@@ -137,7 +127,6 @@ def report(runs: Sequence[Mapping[str, Any]], times: float) -> str:
     share = 100.0 * len(kept) / max(len(asked), 1)
     page = HEAD.format(
         times=times,
-        seeds=f"{seeds[0]}:{seeds[-1] + 1}",
         kept=len(kept),
         asked=len(asked),
         share=share,
@@ -145,42 +134,25 @@ def report(runs: Sequence[Mapping[str, Any]], times: float) -> str:
     return page + table(["effect", "stated", "named", "else"], rows, "llrl") + "\n"
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main() -> None:
     """Run the study and write its report."""
-    parser = argparse.ArgumentParser(description="Are the sizes that a log could show kept?")
-    parser.add_argument("--seeds", default="0:3", metavar="FROM:TO")
+    parser = STUDY.parser(__doc__)
     parser.add_argument("--times", type=float, default=2.0, help="of the stated size")
-    parser.add_argument("--results", type=Path, metavar="FILE", help="keep finished runs here")
-    parser.add_argument("-o", "--out", type=Path, default=Path("reports/detectable.md"))
-    options = parser.parse_args(arguments)
-    lines: list[str] = []
-    if options.results is not None and options.results.exists():
-        lines = options.results.read_text(encoding="utf-8").splitlines()
-    done = {run["key"]: run for run in map(json.loads, lines)}
-    first, last = (int(s) for s in options.seeds.split(":"))
-    for seed in range(first, last):
-        for run in of_machine(seed, options.times, done):
-            done[run["key"]] = run
-            if options.results is not None:
-                with options.results.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(run) + "\n")
-    some = [r for r in done.values() if r["key"].split("/")[1] == f"{options.times:g}"]
-    options.out.write_text(report(some, options.times), encoding="utf-8")
-    from stamps import stamped
-
-    stamped(options.out)
-    return 0
+    asked = parser.parse_args()
+    wanted = {f"{seed}/{asked.times:g}": (seed, asked.times) for seed in seeds(asked)}
+    runs = [run for machine in finished(of_machine, wanted, asked).values() for run in machine]
+    STUDY.write(asked, report(runs, asked.times))
 
 
 HEAD = """# Does a log show what `sysid.diagnose` says that it would show?
 
-`benchmarks/study_detectable.py --seeds {seeds}`: on logs of plain machines simulated from
-physics (`datasets/physics`; steps, joystick, multisine), `detectable` states the smallest size of
-each effect that would have been found. A cause of {times:g} times that size is then put into the
-same machine. Its right name came in {kept} of {asked} ({share:.1f} %). *Stated*: a machine each,
-– where no size shows there; *else*: what was said where the right name did not come.
+On logs of plain machines simulated from physics (`datasets/physics`; steps, joystick, multisine),
+`detectable` states the smallest size of each effect that would have been found. A cause of
+{times:g} times that size is then put into the same machine. Its right name came in {kept} of
+{asked} ({share:.1f} %). *Stated*: a machine each, – where no size shows there; *else*: what was
+said where the right name did not come.
 
 """
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -1,16 +1,10 @@
 """Does ``sysid diagnose`` name what is hidden, and nothing where nothing is? A blind study.
 
 Each case makes logs with ``sysid_datasets.hidden_logs`` in a folder of their own, where the truth
-never is, has them diagnosed, and marks the answer (``diagnose_scores.py``). Run by hand; every draw
-is seeded and the report carries no times:
-
-    python benchmarks/study_diagnose.py [--quick] [--only dead-zone,pair] [--jobs 2]
-
-``--results FILE`` keeps finished runs, a line of JSON each, and does not run them again.
-``--adapter MODULE:FUNCTION`` has something else than the command answer.
+never is, has them diagnosed, and marks the answer (``diagnose_scores.py``). ``--quick`` takes one
+case in ten, ``--adapter MODULE:FUNCTION`` has something else than the command answer.
 """
 
-import argparse
 import importlib
 import json
 import subprocess
@@ -22,16 +16,19 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from diagnose_cases import Case, all_cases, chosen
-from diagnose_scores import Outcome, by_effect, confusion, failures, outcome, summary
-from joblib import Parallel, delayed
 from sysid_datasets.effect_robot import DISTANCE, RADIUS
 from sysid_datasets.hidden_logs import hide
+
+from studies.diagnose_cases import FRESH, Case, all_cases
+from studies.diagnose_scores import Outcome, by_effect, confusion, failures, outcome, summary
+from studies.runner import Study, finished, restored
+
+STUDY = Study("diagnose", "diagnose_study.md", runs=5, first=FRESH + 1)
 
 TIMEOUT = 300.0
 """A command that has not answered by then has failed [s]."""
 
-COMMAND = "study_diagnose:diagnose_files"
+COMMAND = "studies.diagnose:diagnose_files"
 
 BASES = {
     "oe": ("--structure", "oe", "--orders", "nb=1 nf=1 nk=1"),
@@ -111,21 +108,15 @@ def run(case: Case, adapter: str = COMMAND) -> Outcome:
     return replace(found, seconds=round(time.perf_counter() - start, 3))
 
 
-def study(cases: list[Case], adapter: str, jobs: int, results: Path | None) -> list[Outcome]:
-    """Run the cases that are not in ``results`` yet; their outcomes in the order of the cases."""
-    done = _kept(results)
-    rest = [case for case in cases if case.key not in done]
-    runs = Parallel(n_jobs=jobs, return_as="generator_unordered")(
-        delayed(run)(case, adapter) for case in rest
-    )
-    for count, found in enumerate(runs, start=1):
-        done[found.key] = found
-        if results is not None:
-            with results.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(asdict(found), ensure_ascii=False) + "\n")
-        said = found.error or ", ".join("=".join(e) for e in found.entries) or found.verdict
-        print(f"{count}/{len(rest)} {found.key}: {said} ({found.seconds:.1f} s)", file=sys.stderr)
-    return [done[case.key] for case in cases]
+def one(case: Case, adapter: str) -> dict[str, Any]:
+    """One blind run as JSON."""
+    return asdict(run(case, adapter))
+
+
+def said(found: Mapping[str, Any]) -> str:
+    """What a run gave in a few words."""
+    names = ", ".join("=".join(e) for e in found["entries"])
+    return f"{found['error'] or names or found['verdict']} ({found['seconds']:.1f} s)"
 
 
 def report(outcomes: list[Outcome]) -> str:
@@ -144,44 +135,16 @@ def report(outcomes: list[Outcome]) -> str:
     )
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(words: list[str] | None = None) -> int:
     """Run the study and write its report; 1 if a run had no answer."""
-    parser = argparse.ArgumentParser(description="Hide effects in logs and have them diagnosed.")
+    parser = STUDY.parser(__doc__)
     parser.add_argument("--quick", action="store_true", help="one case in ten")
-    parser.add_argument("--only", default="", metavar="LIST", help="effects or groups, by commas")
-    parser.add_argument("--seeds", type=int, default=5, help="per effect and noise level")
-    parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--adapter", default=COMMAND, metavar="MODULE:FUNCTION")
-    parser.add_argument("--results", type=Path, metavar="FILE", help="keep finished runs here")
-    parser.add_argument(
-        "--finished", action="store_true", help="report on the runs in --results, run no more"
-    )
-    parser.add_argument("--list", action="store_true", help="print the cases and stop")
-    parser.add_argument(
-        "-o", "--out", type=Path, default=Path("reports/diagnose_study.md"), metavar="FILE"
-    )
-    options = parser.parse_args(arguments)
-    try:
-        cases = chosen(all_cases(options.seeds, options.quick), options.only)
-    except ValueError as error:
-        parser.error(str(error))
-    if options.list:
-        print("\n".join(case.key for case in cases))
-        return 0
-    if options.finished:
-        done = _kept(options.results)
-        planned, cases = len(cases), [case for case in cases if case.key in done]
-        print(f"{len(cases)} of {planned} runs are finished")
-    outcomes = study(cases, options.adapter, options.jobs, options.results)
-    options.out.write_text(report(outcomes), encoding="utf-8")
-    from stamps import stamped
-
-    stamped(options.out)
-    seconds = sorted(o.seconds for o in outcomes)
-    print(
-        f"{len(outcomes)} runs, median {seconds[len(seconds) // 2]:.1f} s, "
-        f"longest {seconds[-1]:.1f} s; report in {options.out}"
-    )
+    asked = parser.parse_args(words)
+    cases = all_cases(asked.runs, asked.quick, asked.first - 1)
+    wanted = {case.key: (case, asked.adapter) for case in cases}
+    outcomes = [Outcome(**restored(f)) for f in finished(one, wanted, asked, said).values()]
+    STUDY.write(asked, report(outcomes), f"from {asked.first}, those of the cases")
     return int(any(o.error for o in outcomes))
 
 
@@ -189,18 +152,6 @@ def _adapter(name: str) -> Adapter:
     module, _, function = name.partition(":")
     found: Adapter = getattr(importlib.import_module(module), function)
     return found
-
-
-def _kept(results: Path | None) -> dict[str, Outcome]:
-    if results is None or not results.exists():
-        return {}
-    kept = {}
-    for line in results.read_text(encoding="utf-8").splitlines():
-        fields = json.loads(line)
-        fields["truth"] = tuple(fields["truth"])
-        fields["entries"] = tuple(tuple(e) for e in fields["entries"])
-        kept[fields["key"]] = Outcome(**fields)
-    return kept
 
 
 def _sysid(*arguments: str) -> str:
@@ -224,7 +175,7 @@ def _sysid(*arguments: str) -> str:
 
 HEAD = """# What `sysid diagnose` finds in logs that hide something
 
-{runs} blind runs (the whole study has {planned}) of `benchmarks/study_diagnose.py` on logs of
+{runs} blind runs (the whole study has {planned}) of `studies/diagnose.py` on logs of
 `datasets/generate.py --effect`, whose twin shares no code with the workbench. Strengths, robots,
 commands and noise (low 1 %, high 3 % of 10 rad/s) are random. A name is right when the hidden
 effect stands first, alone or in a tie that is reported; a failed run is wrong in every row. Logs of

@@ -1,4 +1,4 @@
-"""The cases of ``study_diagnose.py``: what is hidden, in what log, and what the command gets."""
+"""The cases of ``diagnose.py``: what is hidden, in what log, and what the command gets."""
 
 from dataclasses import dataclass, replace
 
@@ -122,24 +122,6 @@ def all_cases(seeds: int = 5, quick: bool = False, shift: int = FRESH) -> list[C
         cases += [_mission(effect, i) for i in range(1 if quick else 4)]
     cases += [_mission("", i) for i in range(1 if quick else 6)]
     return [replace(c, request=replace(c.request, seed=c.request.seed + shift)) for c in cases]
-
-
-def chosen(cases: list[Case], only: str) -> list[Case]:
-    """The cases whose group or one of whose effects is among the comma-separated words.
-
-    Raises:
-        ValueError: a word fits no case.
-    """
-    words = [w for w in only.split(",") if w]
-    for word in words:
-        if not any(_fits(case, word) for case in cases):
-            groups = sorted({case.group for case in cases})
-            raise ValueError(f"no case {word!r}; there are the effects and {', '.join(groups)}")
-    return [case for case in cases if not words or any(_fits(case, w) for w in words)]
-
-
-def _fits(case: Case, word: str) -> bool:
-    return f"{case.group} ".startswith(word + " ") or word in case.request.effects
 
 
 def _request(effects: str, seed: int, noise: str, style: str, clean: bool = False) -> Request:

@@ -1,4 +1,4 @@
-"""Marks for the answers of ``study_diagnose.py``: right names, false names, how much gap is closed.
+"""Marks for the answers of ``diagnose.py``: right names, false names, how much gap is closed.
 
 A name is right when the true effect is the entry's own id or one it lists as indistinguishable: a
 tie that is reported counts, a tie that is kept quiet does not.
@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
-from diagnose_cases import Case
-
+from studies.diagnose_cases import Case
 from sysid.report.markdown import table
 
 SAMPLES_ONLY = frozenset({"quantisation", "held-telemetry", "dropouts"})

@@ -2,20 +2,15 @@
 
 Vehicles and floors are drawn by chance, driven by ``tracks_on_ground`` (an integration of its own,
 finer than the product's), read at 20 Hz by noisy, rounded sensors, and fitted with the motors'
-numbers known. Writes ``reports/dynamic_fit.md``:
-
-    python benchmarks/study_dynamic_fit.py [runs]
+numbers known.
 """
-
-import sys
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from stamps import stamped
 from sysid_datasets.multibody import random_schedule
-from tracks_on_ground import G, Truth, drawn, simulate
 
+from studies.runner import Study, seeds
+from studies.tracks_on_ground import G, Truth, drawn, simulate
 from sysid.data.record import Channel, Record
 from sysid.estimation.vehicle.drive import drives_of
 from sysid.estimation.vehicle.dynamic_motion import fit_weighed
@@ -25,7 +20,7 @@ from sysid.report.markdown import table
 from sysid.vehicle.kinematics import Geometry
 from sysid.vehicle.motors import Bench
 
-REPORT = Path(__file__).resolve().parent.parent / "reports" / "dynamic_fit.md"
+STUDY = Study("dynamic_fit", "dynamic_fit.md", runs=30, first=100)
 
 SECONDS, DT, VOLTS = 45.0, 0.05, 7.0
 SPEED, PLACE, HEADING = 0.05, 0.001, 0.002
@@ -49,9 +44,10 @@ def truths(vehicle: Truth) -> dict[str, float]:
     }
 
 
-def main(runs: int) -> None:
-    """Draw, drive, fit, and write the table."""
-    chances = [np.random.default_rng(100 + k) for k in range(runs)]
+def main() -> None:
+    """Draw, drive, fit, and write the table; all vehicles drive side by side."""
+    asked = STUDY.asked(__doc__)
+    chances = [np.random.default_rng(k) for k in seeds(asked)]
     vehicles = [drawn(c) for c in chances]
     volts = np.array([random_schedule(SECONDS, DT, c, VOLTS) for c in chances])
     speeds, poses = simulate(vehicles, volts, DT)
@@ -81,8 +77,7 @@ def main(runs: int) -> None:
             n = numbers[name]
             rows[name].append((true, n.value, n.std_error, n.identifiable))
         print(k, {n: f"{v[-1][1]:.4g} of {v[-1][0]:.4g}" for n, v in rows.items()}, flush=True)
-    REPORT.write_text(report(runs, {n: np.array(v, float) for n, v in rows.items()}), "utf-8")
-    stamped(REPORT)
+    STUDY.write(asked, report(asked.runs, {n: np.array(v, float) for n, v in rows.items()}))
 
 
 def report(runs: int, rows: dict[str, NDArray[np.float64]]) -> str:
@@ -107,7 +102,7 @@ def report(runs: int, rows: dict[str, NDArray[np.float64]]) -> str:
         "# Vehicles weighed by their drives\n\n"
         f"`sysid fit-vehicle --motion dynamic` on {runs} vehicles and floors drawn by chance\n"
         "(1 to 4 kg, thrust stiffness over a decade), simulated by\n"
-        "`benchmarks/tracks_on_ground.py` in steps of 25 µs and read at 20 Hz for\n"
+        "`studies/tracks_on_ground.py` in steps of 25 µs and read at 20 Hz for\n"
         f"{SECONDS:g} s each: speeds ± {SPEED} rad/s in steps of {TICK}, pose ± 1 mm and 2 mrad.\n"
         "The motors are known. Medians of errors over the truth (of the centre of mass in\n"
         "metres); a right standard error has an rms z of 1 and holds 95 % of the truths.\n"
@@ -116,4 +111,4 @@ def report(runs: int, rows: dict[str, NDArray[np.float64]]) -> str:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 30)
+    main()

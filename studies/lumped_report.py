@@ -1,7 +1,6 @@
 """``lumped_or_black_box.md``: one motor by its bench and by black boxes, on the same logs (§5.6).
 
-    python benchmarks/lumped_report.py            # the report
-    python benchmarks/lumped_report.py --times    # what a step takes, measured anew, too
+    python -m studies.lumped_report    # what a step takes, measured anew, before make reports
 
 The motor is simulated with the thesis's printed constants and what no bench table holds: a warm
 winding, brushes that take a voltage, friction that is larger at standstill.
@@ -9,7 +8,6 @@ winding, brushes that take a voltage, friction that is larger at standstill.
 
 import json
 import math
-import sys
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,9 +15,9 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from stamps import REPORTS, stamped
 
 import sysid
+from studies.runner import REPORTS
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import SysidError
 from sysid.estimation.selection.comparison import Ranking
@@ -202,7 +200,7 @@ HEAD = """# Lumped or black box
 
 The thesis (§5.6) weighs a motor model of physical constants against one learnt from data: how well
 the system is understood, what a step costs, how good the model is. Here both are made of one motor
-and judged on the same logs. Written by `make reports`.
+and judged on the same logs.
 
 The motor is simulated: the thesis's printed constants, a winding 6 % above its cold resistance,
 brushes that take 0.15 V, friction 1.6 times as large at standstill, a speed reading with 0.02 rad/s
@@ -217,7 +215,7 @@ Free-run fit [%] on logs that no model saw, as `sysid compare --val LOG` judges.
 errors on the log of the fits, for those fitted to it; smaller is better, and an output-error model
 pays for having no model of the noise. n: estimated parameters. Operations of one step in the
 exported C: arithmetic and comparisons + calls of functions. µs a step: of the plant in Python, as
-`sysid compare` shows it, measured once by `python benchmarks/lumped_report.py --times`, since no
+`sysid compare` shows it, measured once by `python -m studies.lumped_report`, since no
 time is the same twice.
 
 """
@@ -307,14 +305,5 @@ def measure() -> None:
     TIMES.write_text(json.dumps(found, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 
 
-def main(arguments: list[str]) -> None:
-    """Write the report; with ``--times`` measure what a step takes before."""
-    if arguments == ["--times"]:
-        measure()
-    for name, text in write(REPORTS).items():
-        (REPORTS / name).write_text(text, encoding="utf-8", newline="\n")
-        stamped(REPORTS / name)
-
-
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    measure()

@@ -1,82 +1,53 @@
-"""Write everything in ``reports/`` that the workbench itself makes: the tour, pictures, tables.
+"""Write the pages that chance has no part in: the tour, missions, the thesis, pictures, tables.
 
-    python benchmarks/make_reports.py [NAME ...]
+    python -m studies.make_reports [NAME ...]
 
-All of them unless some are named: tour, missions, motions, tuning, thesis, traps, measured,
-published, methods, lumped. Nothing in these files depends on the time, the place or the
-load of the machine, so a second run writes the same bytes. Tables of measured records are left as
-they are where the records are not there (see ``measured_records.py``). The studies of the
-statistics, ``coverage.md`` and ``residual_tests.md``, take minutes: ``make study`` writes them.
+All of them unless some are named. Nothing in these files depends on the place or the load of the
+machine, so that a second run changes the date in their last line only. Tables of measured records
+are left as they are where the records are not there (see ``measured_records.py``).
 """
 
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from importlib import import_module
 from pathlib import Path
 
-from stamps import REPORTS, stamped
+REPORTS = Path(__file__).resolve().parent.parent / "reports"
 
-Writer = Callable[[Path], Mapping[str, str]]
-"""Draws pictures into a folder and returns the texts that belong there by file name."""
-
-NAMES = (
-    "tour",
-    "missions",
-    "motions",
-    "tuning",
-    "thesis",
-    "traps",
-    "measured",
-    "published",
-    "methods",
-    "lumped",
-)
-
-
-def writers() -> dict[str, Writer]:
-    """The writer of each report; imports NumPy, which must find the number of threads set."""
-    import lumped_report
-    import measured_report
-    import methods_report
-    import mission_report
-    import motion_report
-    import published_report
-    import thesis_report
-    import tour_report
-    import trap_report
-    import tuning_report
-
-    modules = (
-        tour_report,
-        mission_report,
-        motion_report,
-        tuning_report,
-        thesis_report,
-        trap_report,
-        measured_report,
-        published_report,
-        methods_report,
-        lumped_report,
-    )
-    return dict(zip(NAMES, (m.write for m in modules), strict=True))
+WRITERS = {
+    "tour": "studies.tour_report",
+    "missions": "studies.mission_report",
+    "motions": "studies.motion_report",
+    "tuning": "studies.tuning_report",
+    "thesis": "thesis.report",
+    "traps": "studies.trap_report",
+    "measured": "studies.measured_report",
+    "published": "studies.published_report",
+    "methods": "studies.methods_report",
+    "lumped": "studies.lumped_report",
+}
+"""Name → module whose ``write(folder)`` draws pictures there and returns texts by file name."""
 
 
 def main(names: list[str], folder: Path = REPORTS) -> int:
     """Write the reports asked for, all of them when none is named."""
-    unknown = [n for n in names if n not in NAMES]
+    unknown = [n for n in names if n not in WRITERS]
     if unknown:
-        print(f"no report {unknown[0]!r}; there are {', '.join(NAMES)}", file=sys.stderr)
+        print(f"no report {unknown[0]!r}; there are {', '.join(WRITERS)}", file=sys.stderr)
         return 2
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ[variable] = "1"  # sums in another order would be other bytes
+        os.environ[variable] = "1"  # before NumPy: sums in another order would be other bytes
+    from sysid.report.markdown import foot
+
     folder.mkdir(exist_ok=True)
-    every = writers()
-    for name in names or NAMES:
+    for name in names or WRITERS:
         print(f"{name} …", flush=True)
-        texts = every[name](folder)
+        texts: Mapping[str, str] = import_module(WRITERS[name]).write(folder)
         for file, text in texts.items():
-            (folder / file).write_text(text, encoding="utf-8", newline="\n")
-        stamped(*(folder / file for file in texts))
+            last = "" if file.startswith("..") else foot("make reports")
+            page = text.rstrip("\n") + "\n" + last
+            (folder / file).write_text(page, encoding="utf-8", newline="\n")
         if not texts:
             print("  left as it is: the measured records are not there (see measured_records.py)")
     print(f"Written to {folder}")

@@ -6,8 +6,7 @@ to the linear structures, with the divisions that their authors name.
 
 from dataclasses import dataclass
 
-from records import data_folder
-
+from studies.records import data_folder
 from sysid.data.io import ReadOptions, read_log
 from sysid.data.record import Record
 

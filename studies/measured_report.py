@@ -3,8 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from measured_records import PROTOCOLS, Protocol, available
-
+from studies.measured_records import PROTOCOLS, Protocol, available
 from sysid.estimation.assessment.findings import Assessment, Policy
 from sysid.estimation.identify import Identification, Request, identify
 from sysid.report.markdown import table

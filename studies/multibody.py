@@ -1,13 +1,10 @@
 """Missions 1 and 2 of the thesis by MuJoCo, beside its Gazebo, its robot and the other motions.
 
-    python benchmarks/study_multibody.py [file]
-
 Two plants, each as sysid identifies it: both tracks from ``prbs.csv``, and the motors from the
 experiments of the thesis's bench. Both drive by every motion that takes them, and by MuJoCo once
-more with plant, guidance, control and command module in the C of ``sysid export --controller``.
-Writes ``reports/multibody.md`` with its pictures (the rendered one only where MuJoCo finds
-OpenGL by EGL, or by what MUJOCO_GL names); ends with 1 where a mission does not arrive, or where
-the C drives another path than Python by more than 1e-9 m.
+more with plant, guidance, control and command module in the C of ``sysid export --controller``. One
+picture is rendered, where MuJoCo finds OpenGL by EGL, or by what MUJOCO_GL names. Ends with 1 where
+a mission does not arrive, or where the C drives another path than Python by more than 1e-9 m.
 """
 
 import os
@@ -19,21 +16,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parent.parent
-
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("MUJOCO_GL", "egl")  # draws without a screen; read at MuJoCo's first import
 
-import numpy as np  # noqa: E402
-import sysid_datasets  # noqa: E402
+import numpy as np
+import sysid_datasets
 
-from sysid.mission.result import MissionResult  # noqa: E402
-from sysid.mission.robot.mapping import as_robot  # noqa: E402
-from sysid.mission.simulator import simulate  # noqa: E402
-from sysid.mission.spec import Mission, load_mission  # noqa: E402
-from sysid.report.markdown import table  # noqa: E402
-from sysid.report.plots import Line, Panel, ResponsePicture, plot_responses  # noqa: E402
-from sysid.structures.model import Model  # noqa: E402
+from studies import compiled_loop
+from studies.mission_report import BANDS, best_by_aic, called, identified
+from studies.runner import Study
+from sysid.mission.result import MissionResult
+from sysid.mission.robot.mapping import as_robot
+from sysid.mission.simulator import simulate
+from sysid.mission.spec import Mission, load_mission
+from sysid.report.markdown import table
+from sysid.report.plots import Line, Panel, ResponsePicture, plot_responses
+from sysid.structures.model import Model
+
+STUDY = Study("multibody", "multibody.md")
 
 MISSIONS = {"goal_1m": "Mission 1: one metre ahead", "obstacles_6_3": "Mission 2: to (6, 3)"}
 
@@ -79,7 +79,7 @@ CASES = tuple(Case(*way[:2], pose, way[2]) for pose in POSES for way in WAYS)
 
 HEAD = """# The missions in another physics
 
-`python benchmarks/study_multibody.py`: missions 1 and 2 of the thesis in
+Missions 1 and 2 of the thesis in
 [MuJoCo](../docs/mujoco.md), which stands in for its Gazebo: a box of {length:g} × {width:g} ×
 {height:g} m and {mass:g} kg on two rows of {wheels} sprung wheels, friction {friction:g}, cylinders
 as obstacles. Guidance and control have the thesis's gains; nothing was tuned to these outcomes.
@@ -125,12 +125,9 @@ TELLS = """
 def model_of(plant: str) -> Model:
     """An identified plant."""
     if plant == "tracks":
-        from mission_report import best_by_aic, identified
-
         return best_by_aic(identified("prbs"))
-    from thesis.bench_motor import bench
-
     from sysid.testbench.motor.model import bench_model
+    from thesis.bench_motor import bench
 
     found = bench_model(bench())
     assert found is not None
@@ -140,6 +137,7 @@ def model_of(plant: str) -> Model:
 def mission_of(name: str, case: Case) -> Mission:
     """A bundled mission, driven in one way."""
     from sysid_datasets.twin import DEVASTATOR
+
     from thesis.plants import EXACT, FRICTION, MASS
 
     own = load_mission(sysid_datasets.path(name))
@@ -164,8 +162,6 @@ def mission_of(name: str, case: Case) -> Mission:
 
 def driven(name: str, case: Case, model: Model, compiler: str) -> MissionResult:
     """A mission in one way."""
-    import compiled_loop
-
     mission = mission_of(name, case)
     if not case.compiled:
         return simulate(mission, as_robot(model.plant(), mission)[0])
@@ -187,8 +183,6 @@ Found = Mapping[tuple[str, Case], MissionResult]
 
 def rows_of(name: str, found: Found) -> list[list[str]]:
     """The table of a mission: published outcomes first."""
-    from mission_report import BANDS
-
     (band,) = (b for b in BANDS if b.mission == name)
     rows = []
     for who, said in zip(("Simulink", "Gazebo", "robot"), band.published, strict=True):
@@ -294,10 +288,10 @@ def render(path: Path, mission: Mission, result: MissionResult) -> str:
     return ""
 
 
-def main(target: Path) -> int:
+def main() -> int:
     """Drive everything, write tables and pictures."""
-    from stamps import stamped
-
+    asked = STUDY.asked(__doc__)
+    target = asked.out
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     if compiler is None:
         print("this study needs a C compiler: install gcc or clang", file=sys.stderr)
@@ -318,7 +312,7 @@ def main(target: Path) -> int:
         heads = ["plant", "motion", "pose", "outcome", "time", "ends at", "off", "line", "clear"]
         text += f"## {title}\n\n" + table(heads, rows_of(name, found), "llllrrrrr") + "\n"
     text = text.rstrip("\n") + "\n" + tells(found, max(errors))
-    target.write_text(text, encoding="utf-8")
+    STUDY.write(asked, text, "none")
     draw(target.with_suffix(".svg"), found)
     last = Case("tracks", "multibody", "told")
     why = render(
@@ -328,14 +322,12 @@ def main(target: Path) -> int:
     )
     if why:
         print(f"not rendered: {why}", file=sys.stderr)
-    stamped(target)
     arrived = all(r.outcome == "arrived" for r in found.values())
     return int(not arrived or max(errors) > SAME)
 
 
 def head(tracks: Model) -> str:
     """What is driven."""
-    from mission_report import called
     from sysid_datasets.twin import DEVASTATOR
 
     from sysid.cosim.multibody.motion import STAND_IN
@@ -373,5 +365,4 @@ def missed(result: MissionResult) -> float:
 
 
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).resolve().parent))
-    sys.exit(main(Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "reports" / "multibody.md"))
+    sys.exit(main())

@@ -1,18 +1,12 @@
 """What ``diagnose`` makes of a vehicle in MuJoCo, whose scrubbing no formula of ours put in.
 
-    python benchmarks/study_multibody_diagnosis.py [folder]
-
 On every floor the vehicle drives five missions to goals by chance, whose logs are diagnosed, and
 four that are held out; paths by the wheel speeds of the held-out ones are compared with those
-driven, before and after. Runs are kept in ``folder``, if one is given, and not made again. Writes
-``reports/multibody_diagnosis.md``. Needs the extra ``physics``; real logs are read from the folder
-that SYSID_DATA names, or from ``../shared/data``, and left out without them.
+driven, before and after. Needs the extra ``physics``; real logs are those of
+``records.data_folder``, and left out without them.
 """
 
-import json
 import math
-import os
-import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -20,26 +14,25 @@ from typing import Any
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parent.parent
+from studies.motion_report import VOLTS, motor
+from studies.records import data_folder
+from studies.runner import Study, finished, seeds
+from sysid.data.preparation import Preparation
+from sysid.data.reading.read_options import ReadOptions
+from sysid.data.record import Array, Channel, Record
+from sysid.diagnosis.diagnose import diagnose
+from sysid.diagnosis.pose.diagnosis import diagnose_pose
+from sysid.effects.ground import Ground
+from sysid.estimation.vehicle.logs import read_drives
+from sysid.estimation.vehicle.windows import path_of
+from sysid.mission.robot.mapping import as_robot
+from sysid.mission.simulator import simulate
+from sysid.mission.spec import Mission
+from sysid.report.markdown import table
+from sysid.report.plots import Line, Panel, ResponsePicture, plot_responses
+from sysid.vehicle.kinematics import Geometry
 
-from motion_report import VOLTS, motor  # noqa: E402
-
-from sysid.data.preparation import Preparation  # noqa: E402
-from sysid.data.reading.read_options import ReadOptions  # noqa: E402
-from sysid.data.record import Array, Channel, Record  # noqa: E402
-from sysid.diagnosis.diagnose import diagnose  # noqa: E402
-from sysid.diagnosis.pose.diagnosis import diagnose_pose  # noqa: E402
-from sysid.effects.ground import Ground  # noqa: E402
-from sysid.estimation.vehicle.logs import read_drives  # noqa: E402
-from sysid.estimation.vehicle.windows import path_of  # noqa: E402
-from sysid.mission.robot.mapping import as_robot  # noqa: E402
-from sysid.mission.simulator import simulate  # noqa: E402
-from sysid.mission.spec import Mission  # noqa: E402
-from sysid.report.markdown import table  # noqa: E402
-from sysid.report.plots import Line, Panel, ResponsePicture, plot_responses  # noqa: E402
-from sysid.vehicle.kinematics import Geometry  # noqa: E402
-
-SEEDS = (21,)
+STUDY = Study("multibody_diagnosis", "multibody_diagnosis.md", first=21)
 FLOORS: Mapping[str, Mapping[str, Any]] = {
     "the thesis's, μ = 0.1": {},
     "ice, μ = 0.05": {"friction": 0.05},
@@ -73,7 +66,7 @@ THESIS: Mapping[str, Mapping[str, Any]] = {"mission 1": {"goal": (1, 0)}, "missi
 
 HEAD = f"""# Diagnosis of another physics
 
-`python benchmarks/study_multibody_diagnosis.py`: a vehicle in [MuJoCo](../docs/mujoco.md) on rows
+A vehicle in [MuJoCo](../docs/mujoco.md) on rows
 of wheels that slide with Coulomb friction, so that what scrubbing does comes out of contacts and no
 effect is put in. Two of the thesis's motors drive it; their dry friction is true, and a plain base
 lacks it. `sysid diagnose` gets the logs of {TRAINED} missions to goals by chance (noise {NOISE[0]}
@@ -132,19 +125,20 @@ def _off(log: Record, path: Array) -> float:
     return float(np.sqrt(np.mean(np.sum((path - log.pose)[:, :2] ** 2, axis=1))))
 
 
-def run(floor: Mapping[str, Any], seed: int) -> dict[str, Any]:
+def run(name: str, seed: int) -> dict[str, Any]:
     """One floor and one draw of goals: what is named, and paths before and after."""
+    floor = FLOORS[name]
     rng = np.random.default_rng(seed)
     logs = [driven(s, floor, 100 * seed + k) for k, s in enumerate(goals(rng, TRAINED))]
     found = diagnose(logs, geometry=Geometry())
     ground = found.after.structure.ground(found.after.theta)
     others = {f"goal {k + 1}": s for k, s in enumerate(goals(rng, HELD))}
     paths = {}
-    for k, (name, spec) in enumerate({**THESIS, **others}.items()):
+    for k, (goal, spec) in enumerate({**THESIS, **others}.items()):
         log = driven(spec, floor, 100 * seed + 50 + k)
         before, after = _path(log, Ground()), _path(log, ground)
         rows = [p[:, :2].round(4).tolist() for p in (log.pose, before, after)]
-        paths[name] = {"off": (_off(log, before), _off(log, after)), "rows": rows}
+        paths[goal] = {"off": (_off(log, before), _off(log, after)), "rows": rows}
     return {
         "effects": [
             {"id": e.id, "numbers": {p.name: p.value for p in e.parameters}} for e in found.effects
@@ -154,16 +148,6 @@ def run(floor: Mapping[str, Any], seed: int) -> dict[str, Any]:
         "said": list(found.warnings),
         "paths": paths,
     }
-
-
-def _kept(folder: Path | None, name: str, floor: Mapping[str, Any], seed: int) -> dict[str, Any]:
-    place = folder / f"{list(FLOORS).index(name)}-{seed}.json" if folder is not None else None
-    if place is not None and place.is_file():
-        return dict(json.loads(place.read_text()))
-    made = run(floor, seed)
-    if place is not None:
-        place.write_text(json.dumps(made))
-    return made
 
 
 def _named(effect: Mapping[str, Any]) -> str:
@@ -201,13 +185,13 @@ def _tables(runs: Mapping[tuple[str, int], Mapping[str, Any]]) -> str:
 
 
 def _robots() -> str:
-    folder = Path(os.environ.get("SYSID_DATA", ROOT.parent / "shared" / "data")) / "drive"
+    folder = data_folder()
     text = "\n## Real robots\n\n"
-    if not folder.is_dir():
+    if folder is None:
         return text + "Their logs were not there when this page was made.\n"
     rows = []
     for name, file, geometry in ROBOTS:
-        log = read_drives([folder / file], ReadOptions(), Preparation())[0][0]
+        log = read_drives([folder / "drive" / file], ReadOptions(), Preparation())[0][0]
         cut = round(0.7 * len(log))
         found = diagnose_pose([_rows(log, 0, cut)], [_rows(log, cut, len(log))], geometry)
         assert found is not None
@@ -241,7 +225,7 @@ def _rows(log: Record, first: int, last: int) -> Record:
 def _draw(path: Path, runs: Mapping[tuple[str, int], Mapping[str, Any]]) -> None:
     panels = []
     for (floor, seed), r in runs.items():
-        if seed != SEEDS[0] or len(panels) == 4:
+        if seed != STUDY.first or len(panels) == 4:
             continue
         lines = [
             Line(name, *np.array(rows).T)
@@ -257,26 +241,15 @@ def _draw(path: Path, runs: Mapping[tuple[str, int], Mapping[str, Any]]) -> None
     plot_responses(path, ResponsePicture("Paths before and after", note, tuple(panels), 2))
 
 
-def main(folder: Path | None, target: Path) -> None:
+def main() -> None:
     """Run what is not there, and write the page."""
-    from stamps import stamped
-
-    if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
-    runs = {
-        (name, seed): _kept(folder, name, floor, seed)
-        for name, floor in FLOORS.items()
-        for seed in SEEDS
-    }
-    _draw(target.with_suffix(".svg"), runs)
-    text = HEAD + _tables(runs) + f"\n![paths of mission 2]({target.stem}.svg)\n"
-    text += _robots()
-    target.write_text(text, encoding="utf-8")
-    stamped(target)
+    asked = STUDY.asked(__doc__)
+    wanted = {f"{name}/{seed}": (name, seed) for name in FLOORS for seed in seeds(asked)}
+    runs = {wanted[key]: found for key, found in finished(run, wanted, asked).items()}
+    _draw(asked.out.with_suffix(".svg"), runs)
+    text = HEAD + _tables(runs) + f"\n![paths of mission 2]({asked.out.stem}.svg)\n"
+    STUDY.write(asked, text + _robots())
 
 
 if __name__ == "__main__":
-    main(
-        Path(sys.argv[1]).resolve() if len(sys.argv) > 1 else None,
-        ROOT / "reports" / "multibody_diagnosis.md",
-    )
+    main()

@@ -1,16 +1,13 @@
-"""``navigation.md``: what filters make of slip, iron and hypotheses, and whether they know it.
-
-Run it with ``make study``, or alone: ``python benchmarks/study_navigation.py`` (two minutes).
-"""
+"""What navigation filters make of slip, iron and hypotheses, and whether they know it."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import sysid_datasets
 
+from studies.runner import Study, seeds
 from sysid.data.io import read_logs
 from sysid.data.record import Array
 from sysid.estimation.identify import Request, identify
@@ -22,14 +19,15 @@ from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission, load_mission
 from sysid.report.markdown import table
 
-REPORT = Path(__file__).parents[1] / "reports" / "navigation.md"
-SEEDS = range(4)
+STUDY = Study("navigation", "navigation.md", runs=4)
 WHEELS: dict[str, Any] = {"encoders": {}, "gyroscope": {}}
 CAMERA = WHEELS | {"visual_odometry": {}}
 
 
 class Slippery:
     """A floor that takes the same part of both tracks' speeds."""
+
+    slides = False
 
     def __init__(self, slip: float) -> None:
         self.slip = slip
@@ -61,7 +59,8 @@ class OnFloor:
 class Runs:
     """The identified robot around four obstacles, driven with one navigation after the other."""
 
-    def __init__(self) -> None:
+    def __init__(self, seeds: range) -> None:
+        self.seeds = seeds
         record = read_logs([sysid_datasets.path("prbs")])
         found = identify(record, [], Request(structures=("arx",)))
         self.mission = load_mission(sysid_datasets.path("obstacles_6_3"))
@@ -79,7 +78,7 @@ class Runs:
             }
         )
         plant: Any = OnFloor(self.robot, Slippery(slip))
-        for seed in SEEDS:
+        for seed in self.seeds:
             yield simulate(mission, plant, seed)
 
 
@@ -163,7 +162,7 @@ def consistency_table(runs: Runs) -> str:
             rows.append((kind, words, *shown(found)))
     for kind in ("kf", "ekf"):
         logs = [r.log for r in runs.driven({"kind": kind}, CAMERA)]
-        rows.append((kind, f"the robot, {len(SEEDS)} missions", *shown(consistency(logs))))
+        rows.append((kind, f"the robot, {len(runs.seeds)} missions", *shown(consistency(logs))))
     return table(("filter", "noise", "NIS", "bounds", "", "NEES", "bounds", ""), rows)
 
 
@@ -179,14 +178,12 @@ def hypotheses_table(runs: Runs) -> str:
     return table(("slip", "p(grip), mean", "p(slip 0.3), mean", "p(slip) > 0.9 after [s]"), rows)
 
 
-def page() -> str:
+def page(runs: Runs) -> str:
     """The whole report."""
-    runs = Runs()
     return f"""# What navigation filters make of it
 
-Made by `benchmarks/study_navigation.py`: the robot identified from `prbs.csv` in the mission
-`obstacles_6_3`, {len(SEEDS)} seeds each, sensors with their default figures where nothing else is
-said. What the filters are is in
+The robot identified from `prbs.csv` in the mission `obstacles_6_3`, {len(runs.seeds)} seeds each,
+sensors with their default figures where nothing else is said. What the filters are is in
 [navigation.md](../docs/navigation.md).
 
 ## Slip that encoders cannot see
@@ -226,8 +223,5 @@ believed.
 
 
 if __name__ == "__main__":
-    from stamps import stamped
-
-    REPORT.write_text(page(), encoding="utf-8")
-    stamped(REPORT)
-    print(REPORT.read_text(encoding="utf-8"))
+    asked = STUDY.asked(__doc__)
+    STUDY.write(asked, page(Runs(seeds(asked))))

@@ -2,14 +2,13 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from nonlinear_fits import BEST_LINEAR, Fitted
-from records import Trial
-
+from studies.attempts import BEST_LINEAR, Fitted, number
+from studies.records import Trial
 from sysid.report.markdown import table
 
 HEAD = """# Nonlinear structures on measured records
 
-Made by `make study`. Every structure that applies to a record is fitted with its default options
+Every structure that applies to a record is fitted with its default options
 to the training part; orders, sizes, statics and starts are chosen there, and a hold-out inside the
 training part says which structure to take: it stands in **bold**. The test part chooses nothing.
 All figures are free runs: only the input is given, from an initial state estimated at the head.
@@ -43,11 +42,11 @@ def _summary(trials: Mapping[str, Trial], results: Mapping[str, Sequence[Fitted]
                     test,
                     f"{trial.least[test]:g} {trial.unit}",
                     f"{trial.aim[test]:g}",
-                    _number(linear.tests.get(test) if linear else None),
+                    number(linear.tests.get(test) if linear else None),
                     taken.structure if taken else "–",
-                    _number(value),
+                    number(value),
                     verdict(trial, test, value),
-                    f"{best.structure} {_number(best.tests[test])}" if best else "–",
+                    f"{best.structure} {number(best.tests[test])}" if best else "–",
                 ]
             )
     heads = [
@@ -72,7 +71,7 @@ def _details(trial: Trial, found: Sequence[Fitted]) -> str:
     rows = []
     for f in sorted(found, key=lambda f: _rank(trial, f, tests[0])):
         name = f"**{f.structure}**" if f is taken else f.structure
-        asked = "".join(f"; asked {k}={v}" for k, v in f.asked.items())
+        asked = f"; asked {f.asked}" if f.asked else ""
         unstable = "" if f.stable else "; unstable"
         rows.append(
             [
@@ -80,8 +79,8 @@ def _details(trial: Trial, found: Sequence[Fitted]) -> str:
                 f.error or f"{f.chosen}{asked}{unstable}",
                 str(f.n) if f.n else "–",
                 "–" if f.held is None else f"{f.held:.2f}",
-                _number(f.train),
-                *(_number(f.tests.get(t)) for t in tests),
+                number(f.train),
+                *(number(f.tests.get(t)) for t in tests),
                 "–" if f.seconds is None else f"{f.seconds:.0f}",
             ]
         )
@@ -120,7 +119,3 @@ def _rank(trial: Trial, f: Fitted, test: str) -> float:
     if value is None:
         return float("inf")
     return -value if trial.metric in HIGHER else value
-
-
-def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.4g}"

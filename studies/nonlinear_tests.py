@@ -1,23 +1,23 @@
 """Alarm rates of Billings & Voon's tests on right and wrong nonlinear models.
 
-    python benchmarks/study_nonlinear_tests.py [replicates] [target]
-
 Right models alarm as often as the level says; wrong ones are what the tests are for. Every model is
 fitted by (iterated) least squares to each simulated log, so that what the fit absorbs is in.
 """
 
-import sys
-from collections.abc import Callable
+from argparse import Namespace
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.random import Generator
 from scipy.signal import lfilter
 
+from studies.runner import Study, by_case, fewer
 from sysid.criteria.fit import Array
 from sysid.criteria.nonlinear import nonlinear_tests
+from sysid.report.markdown import table
 
+STUDY = Study("nonlinear_tests", "nonlinear_tests.md", runs=400)
 TESTS = ("whiteness", "independence", "error products", "input squares", "error size")
 
 
@@ -146,29 +146,30 @@ WRONG = (
 )  # fmt: skip
 
 
-def rates(case: Case, replicates: int, samples: int) -> dict[str, float]:
-    """Alarm rates [%] at a nominal 1 %."""
-    alarms = dict.fromkeys(TESTS, 0)
-    for seed in range(replicates):
-        found = case.draw(np.random.default_rng([seed, samples]), samples)
-        for t in nonlinear_tests(
-            found.errors, found.inputs, found.jacobian, noise_model=case.noise_model
-        ):
-            alarms[t.name] += not t.passed
-    return {k: 100.0 * v / replicates for k, v in alarms.items()}
+def alarms(name: str, seed: int, samples: int) -> list[str]:
+    """The tests that alarm in one replicate at a nominal 1 %."""
+    case = next(c for c in (*RIGHT, *WRONG) if c.name == name)
+    found = case.draw(np.random.default_rng([seed, samples]), samples)
+    tests = nonlinear_tests(
+        found.errors, found.inputs, found.jacobian, noise_model=case.noise_model
+    )
+    return [t.name for t in tests if not t.passed]
 
 
-def table(cases: tuple[Case, ...], replicates: int, lengths: tuple[int, ...]) -> list[str]:
-    """Markdown rows of alarm rates; – where the test is not judged for the structure."""
-    lines = ["| model | N | " + " | ".join(TESTS) + " |", "|---|---:|" + "---:|" * len(TESTS)]
+def alarm_table(cases: Sequence[Case], asked: Namespace) -> str:
+    """Alarm rates [%]; – where the test is not judged for the structure."""
+    rows = []
+    found = {n: by_case(alarms, [c.name for c in cases], asked, n) for n in (300, 1000)}
     for case in cases:
-        for samples in lengths:
-            found = rates(case, replicates, samples)
-            hidden = () if case.noise_model else ("whiteness", "error products")
-            cells = ["–" if k in hidden else f"{found[k]:.1f}" for k in TESTS]
-            lines.append(f"| {case.name} | {samples} | " + " | ".join(cells) + " |")
-            print(lines[-1], file=sys.stderr, flush=True)
-    return lines
+        for samples in found:
+            if seen := found[samples].get(case.name):
+                hidden = () if case.noise_model else ("whiteness", "error products")
+                cells = [
+                    "–" if k in hidden else f"{100.0 * np.mean([k in s for s in seen]):.1f}"
+                    for k in TESTS
+                ]
+                rows.append([case.name, str(samples), *cells])
+    return table(["model", "N", *TESTS], rows, "l" + "r" * (1 + len(TESTS)))
 
 
 HEAD = """# Alarm rates of the nonlinear residual tests
@@ -188,20 +189,19 @@ square: nothing can be tested, and nothing is claimed.
 """
 
 
-def main(replicates: int, target: Path) -> None:
+def main() -> None:
     """Run the study and write its report."""
-    lines = [HEAD.format(replicates=replicates, error=100.0 * np.sqrt(0.0099 / replicates))]
-    lines += table(RIGHT, replicates, (300, 1000))
-    few = max(replicates // 4, 1)
-    lines += [MIDDLE.format(replicates=few), *table(WRONG, few, (300, 1000))]
-    target.write_text("\n".join([*lines, ""]), encoding="utf-8")
-    from stamps import stamped
-
-    stamped(target)
+    asked = STUDY.asked(__doc__)
+    few = fewer(asked, 4)
+    error = 100.0 * np.sqrt(0.0099 / asked.runs)
+    parts = [
+        HEAD.format(replicates=asked.runs, error=error),
+        alarm_table(RIGHT, asked),
+        MIDDLE.format(replicates=few.runs),
+        alarm_table(WRONG, few),
+    ]
+    STUDY.write(asked, "\n".join(parts))
 
 
 if __name__ == "__main__":
-    main(
-        int(sys.argv[1]) if len(sys.argv) > 1 else 400,
-        Path(sys.argv[2] if len(sys.argv) > 2 else "reports/nonlinear_tests.md"),
-    )
+    main()

@@ -1,28 +1,26 @@
-"""How often the test for nonlinearity of a log alarms on linear plants, and what it finds.
+"""How often the test for nonlinearity of a log alarms on linear plants, and what it finds."""
 
-python benchmarks/study_nonlinearity.py [replicates] [target]
-"""
-
-import os
-import sys
+from argparse import Namespace
 from collections.abc import Callable, Sequence
 from functools import cache, partial
-from pathlib import Path
 
 import numpy as np
 from numpy.random import Generator
-from records import TRIALS, data_folder
 from scipy.signal import lfilter
 from sysid_datasets import path as bundled
 from sysid_datasets.generate import OMEGA_SIGMA, truth_of
 from sysid_datasets.twin import Twin
 
+from studies.records import TRIALS, data_folder
+from studies.runner import Study, by_case
 from sysid.criteria.fit import Array
 from sysid.data.checks.nonlinearity import NonlinearityTest, nonlinearity_tests
 from sysid.data.io import read_log
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Record
+from sysid.report.markdown import table
 
+STUDY = Study("nonlinearity", "nonlinearity.md", runs=60)
 RUN_IN = 300
 Polynomials = tuple[tuple[float, ...], tuple[float, ...]]
 PLANTS: dict[str, Polynomials] = {
@@ -62,7 +60,7 @@ def signal(rng: Generator, n: int, kind: str) -> Array:
     )
 
 
-def linear(rng: Generator, n: int, plant: str, kind: str, noise: str) -> Record:
+def linear(rng: Generator, n: int, plant: str, kind: str, noise: str) -> list[Record]:
     """A log of a linear plant."""
     b, a = PLANTS[plant]
     top, bottom, ratio = NOISES[noise]
@@ -70,12 +68,7 @@ def linear(rng: Generator, n: int, plant: str, kind: str, noise: str) -> Record:
     x = lfilter(b, a, u)
     v = lfilter(top, a if bottom is None else bottom, rng.standard_normal(n + RUN_IN))
     y = x + ratio * x.std() * v / v.std()
-    return Record(u[RUN_IN:], y[RUN_IN:], 0.1, sha256="simulated")
-
-
-def one(rng: Generator, n: int, plant: str, kind: str, noise: str) -> list[Record]:
-    """That log alone."""
-    return [linear(rng, n, plant, kind, noise)]
+    return [Record(u[RUN_IN:], y[RUN_IN:], 0.1, sha256="simulated")]
 
 
 def two_by_two(rng: Generator, n: int) -> list[Record]:
@@ -116,50 +109,51 @@ def linear_robot(rng: Generator, n: int, name: str) -> list[Record]:
     ]
 
 
-def alarms(draw: Callable[[Generator], Sequence[Record]], seeds: Sequence[int]) -> list[bool]:
-    """For each seed whether any output is called nonlinear at 1 % over all outputs."""
-    found = []
-    for seed in seeds:
-        tests = nonlinearity_tests(draw(np.random.default_rng(seed)))
-        found.append(min(t.p_value for t in tests) * len(tests) < 0.01)
-    return found
+PLAIN: dict[str, Callable[[Generator, int], list[Record]]] = {
+    f"{kind}, {noise}, {plant}": partial(linear, plant=plant, kind=kind, noise=noise)
+    for kind in INPUTS
+    for noise in NOISES
+    for plant in PLANTS
+}
+FURTHER: dict[str, Callable[[Generator, int], list[Record]]] = {
+    "two coupled outputs, two logs, heavy-tailed noise": two_by_two,
+    "closed loop": closed_loop,
+    **{f"robot without friction, {k}": partial(linear_robot, name=k) for k in ROBOT_LOGS},
+}
 
 
-def level_table(replicates: int) -> list[str]:
+def alarm(name: str, seed: int, n: int) -> bool:
+    """Whether any output is called nonlinear at 1 % over all outputs."""
+    draw = {**PLAIN, **FURTHER}[name]
+    tests = nonlinearity_tests(draw(np.random.default_rng([seed, *name.encode()]), n))
+    return bool(min(t.p_value for t in tests) * len(tests) < 0.01)
+
+
+def level_tables(asked: Namespace) -> list[str]:
     """Alarm rates [%] by input and noise, pooled over the plants; further cases below."""
-    everything: list[bool] = []
-    heads = [f"{noise}, N = {n}" for noise in NOISES for n in LENGTHS]
-    lines = ["| input | " + " | ".join(heads) + " |", "|---|" + "---:|" * len(heads)]
-    for kind in INPUTS:
-        cells = []
-        for noise in NOISES:
-            for n in LENGTHS:
-                hits: list[bool] = []
-                for k, plant in enumerate(PLANTS):
-                    draw = partial(one, n=n, plant=plant, kind=kind, noise=noise)
-                    hits += alarms(draw, [1000 * k + s for s in range(replicates)])
-                everything += hits
-                cells.append(f"{100.0 * float(np.mean(hits)):.1f}")
-        lines.append(f"| {kind} | " + " | ".join(cells) + " |")
-        print(lines[-1], file=sys.stderr, flush=True)
-    further: dict[str, Callable[[Generator, int], list[Record]]] = {
-        "two coupled outputs, two logs, heavy-tailed noise": two_by_two,
-        "closed loop": closed_loop,
-        **{f"robot without friction, {k}": partial(linear_robot, name=k) for k in ROBOT_LOGS},
-    }
-    lines += ["", "| further plants | " + " | ".join(f"N = {n}" for n in LENGTHS) + " |"]
-    lines.append("|---|" + "---:|" * len(LENGTHS))
-    for what, case in further.items():
-        rates = []
-        for n in LENGTHS:
-            hits = alarms(partial(case, n=n), range(3 * replicates))
-            everything += hits
-            rates.append(f"{100.0 * float(np.mean(hits)):.1f}")
-        lines.append(f"| {what} | " + " | ".join(rates) + " |")
-        print(lines[-1], file=sys.stderr, flush=True)
-    share = 100.0 * float(np.mean(everything))
-    lines += ["", f"All {len(everything)} logs together: {share:.2f} %."]
-    return lines
+    more = Namespace(**{**vars(asked), "runs": len(PLANTS) * asked.runs})
+    hits = {n: by_case(alarm, list(PLAIN), asked, n) for n in LENGTHS}
+    others = {n: by_case(alarm, list(FURTHER), more, n) for n in LENGTHS}
+
+    def pooled(n: int, start: str) -> str:
+        some = [hit for name, seen in hits[n].items() if name.startswith(start) for hit in seen]
+        return f"{100.0 * np.mean(some):.1f}" if some else "–"
+
+    rows = [
+        [kind, *(pooled(n, f"{kind}, {noise}, ") for noise in NOISES for n in LENGTHS)]
+        for kind in INPUTS
+    ]
+    heads = ["input", *(f"{noise}, N = {n}" for noise in NOISES for n in LENGTHS)]
+    further = [
+        [name, *(f"{100.0 * np.mean(others[n].get(name, [])):.1f}" for n in LENGTHS)]
+        for name in others[LENGTHS[0]]
+    ]
+    every = [h for part in (hits, others) for by in part.values() for s in by.values() for h in s]
+    return [
+        table(heads, rows, "l" + "r" * (len(heads) - 1)),
+        table(["further plants", *(f"N = {n}" for n in LENGTHS)], further, "lrr"),
+        f"All {len(every)} logs together: {100.0 * np.mean(every):.2f} %.\n",
+    ]
 
 
 def measured() -> list[tuple[str, Sequence[Record]]]:
@@ -176,10 +170,11 @@ def measured() -> list[tuple[str, Sequence[Record]]]:
     return found + [(n, [read_log(bundled(n))]) for n in names]
 
 
-def line(name: str, t: NonlinearityTest) -> str:
+def line(name: str, t: NonlinearityTest) -> list[str]:
+    """A row of the table of measured logs."""
     p = f"{t.p_value:.1g}" if t.p_value >= 1e-12 else "< 1e-12"
     says = "nonlinear" if t.p_value < 0.01 else "–"
-    return f"| {name} | {t.output} | {p} | {says} | {100.0 * t.share:.1f} | {t.shape} |"
+    return [name, t.output, p, says, f"{100.0 * t.share:.1f}", t.shape]
 
 
 HEAD = """# The test for nonlinearity of a log
@@ -196,27 +191,23 @@ MIDDLE = """
 Estimation parts only. `dryer`, `ballbeam` and `cdplayer_arm` are practically linear. The share is
 what products of lags predict of the best linear one-step predictor's error variance; even a trace
 may matter in a free run.
-
-| log | output | p | verdict | share [%] | mostly |
-|---|---|---:|---|---:|---|"""
+"""
 
 
-def main(replicates: int, target: Path) -> None:
+def main() -> None:
     """Run the study and write its report."""
-    count = replicates * len(PLANTS)
-    lines = [HEAD.format(count=count, error=100.0 * np.sqrt(0.0099 / count))]
-    lines += [*level_table(replicates), MIDDLE]
-    for name, records in measured():
-        lines += [line(name, t) for t in nonlinearity_tests(records)]
-    target.write_text("\n".join([*lines, ""]), encoding="utf-8")
-    from stamps import stamped
-
-    stamped(target)
+    asked = STUDY.asked(__doc__)
+    count = asked.runs * len(PLANTS)
+    rows = [line(name, t) for name, logs in measured() for t in nonlinearity_tests(logs)]
+    heads = ["log", "output", "p", "verdict", "share [%]", "mostly"]
+    parts = [
+        HEAD.format(count=count, error=100.0 * np.sqrt(0.0099 / count)),
+        *level_tables(asked),
+        MIDDLE,
+        table(heads, rows, "llrlrl"),
+    ]
+    STUDY.write(asked, "\n".join(parts))
 
 
 if __name__ == "__main__":
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    main(
-        int(sys.argv[1]) if len(sys.argv) > 1 else 60,
-        Path(sys.argv[2] if len(sys.argv) > 2 else "reports/nonlinearity.md"),
-    )
+    main()

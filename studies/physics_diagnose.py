@@ -1,29 +1,25 @@
 """Does ``sysid.diagnose`` name what is wrong with a machine whose physics is not its formulas?
 
 Each run makes the logs of a case of ``sysid_datasets.physics``, reads them from files as a person
-would, and calls the function without any further knowledge. Marks are those of
-``study_diagnose.py``; a name that the case lists as also right counts as the right one.
-
-    python benchmarks/study_physics_diagnose.py --suite singles,nothing --seeds 0:20 --results FILE
-
-``--results FILE`` keeps finished runs, a line of JSON each, and does not run them again. Without
-``--suite`` all suites run, some 600 runs; the page tells of those that are done. Seeds from 10000
-on judge, once: no rule may be set on them.
+would, and calls the function without any further knowledge. Marks are those of ``diagnose.py``; a
+name that the case lists as also right counts as the right one. All suites are some 600 runs, three
+hours on two quiet cores; the page tells of those that are done (``--limit``, ``--results``). Seeds
+from 10000 on judge, once: no rule may be set on them.
 """
 
-import argparse
 import json
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from diagnose_scores import (
+from sysid_datasets.physics.logs import make, write
+from sysid_datasets.physics.suites import FRESH, case
+
+from studies.diagnose_scores import (
     SAMPLES_ONLY,
     Outcome,
     confusion,
@@ -31,9 +27,7 @@ from diagnose_scores import (
     matched,
     share_closed,
 )
-from sysid_datasets.physics.logs import make, write
-from sysid_datasets.physics.suites import FRESH, SUITES, case
-
+from studies.runner import Study, finished, restored
 from sysid.report.markdown import table
 
 BELIEVED = 3.0
@@ -42,15 +36,26 @@ BELIEVED = 3.0
 SHOWN = 1.0
 """Error of the best plain line over the noise from which an effect is called visible."""
 
-WHOLE = "singles:160,small:60,nothing:170,pairs:80,triples:48,realistic:3,machines:60,outside:40"
-"""Runs of a whole study: some three hours on two quiet cores."""
+WHOLE = {
+    "singles": 160,
+    "small": 60,
+    "nothing": 170,
+    "pairs": 80,
+    "triples": 48,
+    "realistic": 3,
+    "machines": 60,
+    "outside": 40,
+}
+"""Runs of each suite in a whole study."""
+
+STUDY = Study("physics_diagnose", "physics_diagnose.md", runs=max(WHOLE.values()), first=FRESH)
 
 HIDES_NOTHING = frozenset({"nothing", "outside"})
 
 
 @dataclass(frozen=True)
 class Run(Outcome):
-    """An outcome of ``study_diagnose.py``, and what only this study asks.
+    """An outcome of ``diagnose.py``, and what only this study asks.
 
     Attributes:
         said: the names as they were given, ties joined by ``=``.
@@ -168,12 +173,12 @@ def translated(
     return tuple(kept)
 
 
-def report(runs: Sequence[Run], asked: str) -> str:
+def report(runs: Sequence[Run]) -> str:
     """The page."""
     shown = [r for r in runs if r.visible >= SHOWN or r.group in HIDES_NOTHING]
     return "\n".join(
         [
-            HEAD.format(runs=len(runs), asked=asked),
+            HEAD.format(runs=len(runs)),
             summary(runs),
             "## By hidden effect\n\nLogs with one cause; *noise*: error of the best plain line "
             "over it.\n",
@@ -236,43 +241,28 @@ def _marks(some: Sequence[Run]) -> list[str]:
     ]
 
 
-def main(arguments: list[str] | None = None) -> int:
+def one(suite: str, seed: int) -> dict[str, Any]:
+    """One blind run as JSON."""
+    return asdict(run(suite, seed))
+
+
+def said(found: Mapping[str, Any]) -> str:
+    """What a run gave in a few words."""
+    names = found["error"] or ", ".join(found["said"]) or found["verdict"]
+    hidden = "+".join(found["truth"])
+    return f"{hidden} ({found['visible']} of the noise): {names} ({found['seconds']:.0f} s)"
+
+
+def main(words: list[str] | None = None) -> int:
     """Run the study and write its report; 1 if a run had no answer."""
-    parser = argparse.ArgumentParser(description="Diagnose machines simulated from physics.")
-    parser.add_argument(
-        "--suite", default=WHOLE, metavar="NAME[:RUNS],…", help="suites, or suites and their runs"
-    )
-    parser.add_argument(
-        "--seeds", default=f"{FRESH}:{FRESH + 60}", metavar="FROM:TO", help="of each suite"
-    )
-    parser.add_argument("--limit", type=int, metavar="N", help="new runs at most")
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--results", type=Path, metavar="FILE", help="keep finished runs here")
-    parser.add_argument(
-        "-o", "--out", type=Path, default=Path("reports/physics_diagnose.md"), metavar="FILE"
-    )
-    options = parser.parse_args(arguments)
-    try:
-        first, last = (int(s) for s in options.seeds.split(":"))
-        runs_of = {
-            name: int(count) if count else last - first
-            for name, _, count in (s.partition(":") for s in options.suite.split(","))
-        }
-    except ValueError:
-        parser.error("--seeds is FROM:TO and runs are counted, all whole numbers")
-    if unknown := [s for s in runs_of if s not in SUITES]:
-        parser.error(f"no suite {', '.join(unknown)}; there are {', '.join(SUITES)}")
-    wanted = interleaved(runs_of, first)
-    runs = study(wanted, options.jobs, options.results, options.limit)
+    asked = STUDY.asked(__doc__, words)
+    runs_of = {suite: min(n, asked.runs) for suite, n in WHOLE.items()}
+    wanted = {f"{s}-{k}": (s, k) for s, k in interleaved(runs_of, asked.first)}
+    runs = [Run(**restored(f)) for f in finished(one, wanted, asked, said).values()]
     runs = sorted(runs, key=lambda r: (list(runs_of).index(r.group), r.key))
     done = {s: [k for suite, k in map(_place, runs) if suite == s] for s in runs_of}
-    asked = "; ".join(f"{s} {min(k)} to {max(k)}" for s, k in done.items() if k)
-    asked = f"seeds of {asked}"
-    options.out.write_text(report(runs, asked), encoding="utf-8")
-    from stamps import stamped
-
-    stamped(options.out)
-    print(f"{len(runs)} of {len(wanted)} runs; report in {options.out}")
+    seeds = "; ".join(f"{s} {min(k)} to {max(k)}" for s, k in done.items() if k)
+    STUDY.write(asked, report(runs), seeds)
     return int(any(r.error for r in runs))
 
 
@@ -290,36 +280,6 @@ def interleaved(runs_of: Mapping[str, int], first: int) -> list[tuple[str, int]]
 def _place(run: Run) -> tuple[str, int]:
     suite, _, seed = run.key.rpartition("-")
     return suite, int(seed)
-
-
-def study(
-    wanted: Sequence[tuple[str, int]], jobs: int, results: Path | None, limit: int | None
-) -> list[Run]:
-    """Run what is not in ``results`` yet, at most ``limit``; all outcomes that there are."""
-    done = _kept(results)
-    rest = [w for w in wanted if f"{w[0]}-{w[1]}" not in done][:limit]
-    for count, found in enumerate(_finished(rest, jobs), start=1):
-        done[found.key] = found
-        if results is not None:
-            with results.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(asdict(found), ensure_ascii=False) + "\n")
-        said = found.error or ", ".join(found.said) or found.verdict
-        print(
-            f"{count}/{len(rest)} {found.key} {'+'.join(found.truth)} ({found.visible} of the "
-            f"noise): {said} ({found.seconds:.0f} s)",
-            file=sys.stderr,
-        )
-    return [done[f"{s}-{k}"] for s, k in wanted if f"{s}-{k}" in done]
-
-
-def _finished(wanted: Sequence[tuple[str, int]], jobs: int) -> Iterator[Run]:
-    """Runs as they end. Each process keeps what it has compiled for the machines that follow.
-
-    joblib would end a process whenever this grows by 300 MB.
-    """
-    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-        for done in as_completed([pool.submit(run, *w) for w in wanted]):
-            yield done.result()
 
 
 def _numbers(
@@ -374,29 +334,16 @@ def _visible(some: Sequence[Run]) -> list[Run]:
     return [r for r in some if r.visible >= SHOWN]
 
 
-def _kept(results: Path | None) -> dict[str, Run]:
-    if results is None or not results.exists():
-        return {}
-    kept = {}
-    for line in results.read_text(encoding="utf-8").splitlines():
-        fields = json.loads(line)
-        for name in ("truth", "said", "wrong_numbers", "shown"):
-            fields[name] = tuple(fields.get(name, ()))
-        fields["entries"] = tuple(tuple(e) for e in fields["entries"])
-        kept[fields["key"]] = Run(**fields)
-    return kept
-
-
 HEAD = """# What `sysid.diagnose` says of machines simulated from physics
 
-{runs} blind runs of `benchmarks/study_physics_diagnose.py` ({asked})
-on logs of the physics twin (`datasets/physics`), whose circuits, contacts and encoders were written
-without looking at any formula of the catalogue. *Visible*: the best plain line misses by the noise
-or more. *Right first*: a hidden cause stands first, alone or in a reported tie;
-*all right*: each cause that changes a reading by the noise or more beside the others has an entry
-of its own; *gap closed*: median / worst of what the true model closes, of runs that were right;
-*numbers*: stated numbers with a known true value that are within three standard errors. What coarse
-readings are rounded by counts as gap, which no model closes. Seeds below 10000 are for development.
+{runs} blind runs on logs of the physics twin (`datasets/physics`), whose circuits, contacts and
+encoders were written without looking at any formula of the catalogue. *Visible*: the best plain
+line misses by the noise or more. *Right first*: a hidden cause stands first, alone or in a reported
+tie; *all right*: each cause that changes a reading by the noise or more beside the others has an
+entry of its own; *gap closed*: median / worst of what the true model closes, of runs that were
+right; *numbers*: stated numbers with a known true value that are within three standard errors. What
+coarse readings are rounded by counts as gap, which no model closes. Seeds below 10000 are for
+development.
 """
 
 if __name__ == "__main__":

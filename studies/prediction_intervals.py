@@ -3,20 +3,19 @@
 Each twin is a robot of its own numbers. It drives a noisy log, from which its tracks are identified
 with the default options; the mission is driven 500 times by the model, as ``--runs 500`` does, and
 once by the twin itself. Counted is how often the twin's time and final position lie between the 5 %
-and the 95 % quantile of the runs. Run by hand, some minutes of one core; every draw is seeded:
-
-    python benchmarks/study_missions.py [twins] [file]
+and the 95 % quantile of the runs.
+Some minutes of one core.
 """
 
 import math
-import sys
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from studies.runner import Study, by_case
 from sysid.data.record import PWM_FULL_SCALE, Channel, Record
 from sysid.effects.ground import Ground
 from sysid.estimation.pem import fit
@@ -32,6 +31,7 @@ from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
 
 Array = NDArray[np.float64]
+STUDY = Study("prediction_intervals", "prediction_intervals.md", runs=200)
 RUNS = 500
 DT = 0.1
 SAMPLES = 300
@@ -134,54 +134,57 @@ def identified(case: Case, twin: Twin, seed: int) -> Model:
     return fit(structure_class("oe").from_orders(own, 2, 2), [record])
 
 
-def simulated(setup: Setup, seed: int, shared: list[CompiledRuns]) -> Figures:
-    """500 runs, by the loop that the first twin compiled: its numbers are arguments.
+def setup_of(case: Case, seed: int) -> Setup:
+    """The mission as the model of a twin drives it."""
+    return Setup.of(MISSION, [identified(case, twin_of(case, seed), seed)], case.vary)
+
+
+@cache
+def compiled(name: str) -> CompiledRuns:
+    """The loop of a case, compiled for its first twin: what another twin has other is arguments."""
+    return CompiledRuns(setup_of(case_of(name), 0), 0, RUNS)
+
+
+def case_of(name: str) -> Case:
+    """The case of a row."""
+    return next(c for c in CASES if c.name == name)
+
+
+def simulated(name: str, setup: Setup, seed: int) -> Figures:
+    """500 runs.
 
     Raises:
         AssertionError: a run alone ends otherwise, so that the loop is none for this twin.
     """
-    if not shared:
-        shared.append(CompiledRuns(setup, 0, RUNS))
     seeds = run_seeds(seed, RUNS)
-    found = shared[0].figures(setup.drivers[0].drawing.draw(seeds))
+    found = compiled(name).figures(setup.drivers[0].drawing.draw(seeds))
     if seed < 3:
         alone = np.array(figures_alone(setup, seeds[7]))
         assert np.allclose(alone, [column[7] for column in found], atol=1e-9, equal_nan=True)
     return found
 
 
-@dataclass(frozen=True)
-class Held:
-    """One twin: whether the interval holds its outcome, by quantity, and how wide it is."""
-
-    inside: tuple[bool, ...]
-    width: tuple[float, ...]
-
-
-def judged(case: Case, seed: int, shared: list[CompiledRuns]) -> Held:
-    """One twin of a case."""
-    twin = twin_of(case, seed)
-    model = identified(case, twin, seed)
-    found = simulated(Setup.of(MISSION, [model], case.vary), seed, shared)
-    own = figures_alone(Setup.of(MISSION, [twin], case.vary), run_seeds(seed + 10**6, 1)[0])
+def judged(name: str, seed: int) -> list[tuple[bool, float]]:
+    """One twin: whether the interval holds its outcome, and how wide it is, by quantity."""
+    case = case_of(name)
+    found = simulated(name, setup_of(case, seed), seed)
+    twin = Setup.of(MISSION, [twin_of(case, seed)], case.vary)
+    own = figures_alone(twin, run_seeds(seed + 10**6, 1)[0])
     truth = dict(zip(Figures._fields, own, strict=True))
     arrived = found.verdict == Verdict.ARRIVED
-    inside, width = [], []
-    for name in QUANTITIES:
-        low, high = np.quantile(getattr(found, name)[arrived], (0.05, 0.95))
+    held = []
+    for quantity in QUANTITIES:
+        low, high = np.quantile(getattr(found, quantity)[arrived], (0.05, 0.95))
         # a quantile lies between runs: equal times differ by rounding
-        inside.append(bool(low - 1e-9 <= truth[name] <= high + 1e-9))
-        width.append(float(high - low))
-    return Held(tuple(inside), tuple(width))
+        held.append((bool(low - 1e-9 <= truth[quantity] <= high + 1e-9), float(high - low)))
+    return held
 
 
-def row(case: Case, twins: int, say: Callable[[str], None]) -> list[str]:
+def row(case: Case, twins: Sequence[Sequence[tuple[bool, float]]]) -> list[str]:
     """Coverage of every quantity, and the median width of its interval."""
-    shared: list[CompiledRuns] = []
-    held = [judged(case, seed, shared) for seed in range(twins)]
-    share = 100.0 * np.mean([h.inside for h in held], axis=0)
-    width = np.median([h.width for h in held], axis=0)
-    say(f"{case.name}: {share}")
+    held = np.array(twins, dtype=float)  # (twins, quantities, 2)
+    share = 100.0 * held[:, :, 0].mean(axis=0)
+    width = np.median(held[:, :, 1], axis=0)
     return [
         case.name,
         "inside" if case.inside else "outside",
@@ -191,20 +194,15 @@ def row(case: Case, twins: int, say: Callable[[str], None]) -> list[str]:
     ]
 
 
-def main(twins: int, target: Path) -> None:
+def main() -> None:
     """Run the study and write its report."""
+    asked = STUDY.asked(__doc__)
+    found = by_case(judged, [c.name for c in CASES], asked)
+    rows = [row(c, found[c.name]) for c in CASES if c.name in found]
     headers = ["twins", "model class", "time", "x", "y", "width of time [s]", "of x, y [mm]"]
-    text = HEAD.format(
-        twins=twins, runs=RUNS, samples=SAMPLES, error=100.0 * math.sqrt(0.9 * 0.1 / twins)
-    )
-    rows: list[list[str]] = []
-    for case in CASES:
-        rows.append(row(case, twins, lambda words: print(words, flush=True)))
-        # line by line, so that a study that is stopped leaves what it has counted
-        target.write_text(text + "\n" + table(headers, rows, "llrrrrr"), encoding="utf-8")
-    from stamps import stamped
-
-    stamped(target)
+    error = 100.0 * math.sqrt(0.9 * 0.1 / asked.runs)
+    text = HEAD.format(twins=asked.runs, runs=RUNS, samples=SAMPLES, error=error)
+    STUDY.write(asked, text + "\n" + table(headers, rows, "llrrrrr"))
 
 
 HEAD = """# Prediction intervals of missions
@@ -219,7 +217,4 @@ parameters knows nothing of the error.
 """
 
 if __name__ == "__main__":
-    main(
-        int(sys.argv[1]) if len(sys.argv) > 1 else 200,
-        Path(sys.argv[2] if len(sys.argv) > 2 else "reports/prediction_intervals.md"),
-    )
+    main()

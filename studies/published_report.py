@@ -3,8 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from measured_records import available, read
-
+from studies.measured_records import available, read
 from sysid.criteria.information import loss_from
 from sysid.criteria.table import weighed
 from sysid.data.preprocess import Detrend

@@ -1,27 +1,28 @@
 """What ``diagnose`` names on measured records whose physics is known from their notes.
 
-    python benchmarks/study_real_diagnose.py [--only NAME] [--results FILE] [-o FILE]
-
 Every record is read as a person would, a part of it is searched and another part judges. What has
 to be named, and what may be named besides, is what the records' own notes and publications say;
-what is "in the record" was found there by other means after a first run had named it. Writes
-``reports/real_diagnose.md``; needs the measured records (``records.data_folder``).
+what is "in the record" was found there by other means after a first run had named it. Needs the
+measured records (``records.data_folder``).
 """
 
-import argparse
-import json
 import sys
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from math import hypot
 from pathlib import Path
+from typing import Any
 
 import sysid
+from studies.records import data_folder
+from studies.runner import Study, finished, restored
 from sysid.data.record import Record
 from sysid.errors import SysidError
 from sysid.report.markdown import table
 from sysid.vehicle.kinematics import Geometry
+
+STUDY = Study("real_diagnose", "real_diagnose.md", jobs=1)
 
 FRICTION = frozenset({"coulomb-friction", "stiction"})
 """Dry friction."""
@@ -342,7 +343,7 @@ def report(found: Sequence[tuple[Case, Found]]) -> str:
 
 HEAD = """# What `diagnose` names on measured records
 
-`python benchmarks/study_real_diagnose.py`: {n} records whose physics is known from their notes or
+{n} records whose physics is known from their notes or
 publications. A part of each is searched, another judges. **{counts}.**
 
 *Right*: of every set in the second column one is named, and nothing that the notes do not tell of;
@@ -356,41 +357,22 @@ after a first run had named it; the rest was written before.
 """
 
 
-def _kept(results: Path | None) -> dict[str, Found]:
-    if results is None or not results.exists():
-        return {}
-    kept = (json.loads(line) for line in results.read_text(encoding="utf-8").splitlines())
-    return {k["name"]: Found(**{**k, "named": tuple(k["named"])}) for k in kept}
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Diagnose the records and write the page; 1 if there are none."""
-    parser = argparse.ArgumentParser(description="Diagnose measured records.")
-    parser.add_argument("--only", metavar="NAME", help="the records whose names hold this")
-    parser.add_argument("--results", type=Path, metavar="FILE", help="keep finished runs here")
-    parser.add_argument("-o", "--out", type=Path, default=Path("reports/real_diagnose.md"))
-    options = parser.parse_args(arguments)
-    from records import data_folder
-
+def one(name: str) -> dict[str, Any]:
+    """The diagnosis of a record as JSON."""
     folder = data_folder()
-    if folder is None:
+    assert folder is not None
+    return asdict(diagnosed(next(c for c in CASES if c.name == name), folder))
+
+
+def main() -> int:
+    """Diagnose the records and write the page; 1 if there are none."""
+    asked = STUDY.asked(__doc__)
+    if data_folder() is None:
         print("no folder of measured records; set SYSID_DATA", file=sys.stderr)
         return 1
-    done = _kept(options.results)
-    cases = [c for c in CASES if options.only is None or options.only in c.name]
-    for case in cases:
-        if case.name in done:
-            continue
-        done[case.name] = found = diagnosed(case, folder)
-        if options.results is not None:
-            with options.results.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(asdict(found), ensure_ascii=False) + "\n")
-        said = found.error or f"{found.verdict}: {', '.join(found.named) or '–'}"
-        print(f"{case.name}: {found.judged(case)}; {said} ({found.seconds:.0f} s)", file=sys.stderr)
-    options.out.write_text(report([(c, done[c.name]) for c in cases]), encoding="utf-8")
-    from stamps import stamped
-
-    stamped(options.out)
+    found = finished(one, {c.name: (c.name,) for c in CASES}, asked)
+    judged = [(c, Found(**restored(found[c.name]))) for c in CASES if c.name in found]
+    STUDY.write(asked, report(judged), "none")
     return 0
 
 

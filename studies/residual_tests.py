@@ -2,24 +2,20 @@
 
 Simulates right and wrong models, fits them with the plainest means (least squares for ARX,
 scipy's Levenberg–Marquardt for OE; none of this package's estimators) and counts alarms at a
-nominal 1 %. Run by hand, twelve minutes of one core; every draw is seeded and the tables carry
-no times, so that the file it writes is the same each time:
-
-    python benchmarks/study_residual_tests.py [replicates] [file]
+nominal 1 %. Twelve minutes of one core.
 """
 
-import sys
-from collections.abc import Callable
+from argparse import Namespace
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-from joblib import Parallel, delayed
 from numpy.typing import NDArray
 from scipy import special
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
+from studies.runner import Study, by_case, fewer
 from sysid.criteria.residuals import (
     autocorrelation,
     cross_correlation,
@@ -29,9 +25,11 @@ from sysid.criteria.residuals import (
 )
 from sysid.data.checks.feedback import feedback_tests
 from sysid.data.record import Record
+from sysid.report.markdown import table
 
 Array = NDArray[np.float64]
 Generator = np.random.Generator
+STUDY = Study("residual_tests", "residual_tests.md", runs=500)
 LAGS = 25
 RUN_IN = 500
 """Samples simulated before a record begins, so that noise and slow inputs are stationary."""
@@ -306,10 +304,13 @@ def alarms(case: Case, seed: int, samples: int) -> Alarms:
     return {k: float(v) for k, v in out.items()}
 
 
-def rates(case: Case, replicates: int, samples: int, jobs: int = 1) -> Alarms:
-    """Alarm rates [%] of a case over seeded replicates."""
-    run = Parallel(n_jobs=jobs)
-    draws = list(run(delayed(alarms)(case, seed, samples) for seed in range(replicates)))
+def alarms_of(name: str, seed: int, samples: int) -> Alarms:
+    """One replicate of a case of the report."""
+    return alarms(next(c for c in (*RIGHT, *WRONG) if c.name == name), seed, samples)
+
+
+def rates(draws: Sequence[Alarms]) -> Alarms:
+    """Alarm rates [%] over replicates of a case."""
     return {k: 100.0 * float(np.mean([d[k] for d in draws])) for k in draws[0]}
 
 
@@ -386,54 +387,50 @@ LOOP_LOGS = (
 )
 
 
-def feedback_seen(log: Log, seed: int, samples: int) -> bool:
+def feedback_seen(name: str, seed: int, samples: int) -> bool:
     """Whether one simulated log is called recorded in closed loop."""
+    log = next(x for x in (*OPEN_LOGS, *LOOP_LOGS) if x.name == name)
     record = log.simulate(np.random.default_rng([seed, samples]), samples)
     return any(t.seen for t in feedback_tests([record]))
 
 
-def feedback_table(logs: tuple[Log, ...], replicates: int, lengths: tuple[int, ...]) -> list[str]:
-    """Markdown rows: how often feedback is seen [%]."""
-    lines = ["| log | " + " | ".join(f"N = {n}" for n in lengths) + " |"]
-    lines.append("|---|" + "---:|" * len(lengths))
-    for log in logs:
-        cells = []
-        for samples in lengths:
-            run = Parallel(n_jobs=-1)
-            seen = list(run(delayed(feedback_seen)(log, s, samples) for s in range(replicates)))
-            cells.append(f"{100.0 * np.mean(seen):.1f}")
-        lines.append(f"| {log.name} | " + " | ".join(cells) + " |")
-        print(lines[-1], file=sys.stderr, flush=True)
-    return lines
+def feedback_table(logs: Sequence[Log], asked: Namespace, lengths: tuple[int, ...]) -> str:
+    """How often feedback is seen [%], a row a log."""
+    found = [by_case(feedback_seen, [x.name for x in logs], asked, n) for n in lengths]
+    rows = [[x.name, *(f"{100.0 * np.mean(f[x.name]):.1f}" for f in found)]
+            for x in logs if all(x.name in f for f in found)]  # fmt: skip
+    return table(["log", *(f"N = {n}" for n in lengths)], rows, "l" + "r" * len(lengths))
 
 
-def table(cases: tuple[Case, ...], replicates: int, lengths: tuple[int, ...]) -> list[str]:
-    """Markdown rows of alarm rates."""
-    lines = ["| model | N | " + " | ".join(COLUMNS.values()) + " |"]
-    lines.append("|---|---:|" + "---:|" * len(COLUMNS))
+def alarm_table(cases: Sequence[Case], asked: Namespace, lengths: tuple[int, ...]) -> str:
+    """Alarm rates, a row a case and length."""
+    found = {n: by_case(alarms_of, [c.name for c in cases], asked, n) for n in lengths}
+    rows = []
     for case in cases:
-        for samples in lengths:
-            found = rates(case, replicates, samples, jobs=-1)
-            cells = [f"{found[k]:.1f}" if k in found else "–" for k in COLUMNS]
-            lines.append(f"| {case.name} | {samples} | " + " | ".join(cells) + " |")
-            print(lines[-1], file=sys.stderr, flush=True)
-    return lines
+        for n in lengths:
+            if draws := found[n].get(case.name):
+                seen = rates(draws)
+                cells = [f"{seen[k]:.1f}" if k in seen else "–" for k in COLUMNS]
+                rows.append([case.name, str(n), *cells])
+    return table(["model", "N", *COLUMNS.values()], rows, "l" + "r" * (1 + len(COLUMNS)))
 
 
-def main(replicates: int, target: Path) -> None:
+def main() -> None:
     """Run the study and write its report."""
-    text = HEAD.format(replicates=replicates, error=100.0 * np.sqrt(0.0099 / replicates))
-    lines = table(RIGHT, replicates, (300, 1000, 2000))
-    wrong = table(WRONG, max(replicates // 4, 1), (300, 1000))
-    middle = MIDDLE.format(replicates=max(replicates // 4, 1))
-    few = max(replicates // 2, 1)
-    before = feedback_table(OPEN_LOGS, few, (300, 1000))
-    loops = feedback_table(LOOP_LOGS, max(replicates // 10, 1), (300, 1000))
-    parts = [text, *lines, middle, *wrong, FEEDBACK.format(replicates=few), *before, LOOPS, *loops]
-    target.write_text("\n".join([*parts, ""]), encoding="utf-8")
-    from stamps import stamped
-
-    stamped(target)
+    asked = STUDY.asked(__doc__)
+    half, quarter, tenth = (fewer(asked, k) for k in (2, 4, 10))
+    error = 100.0 * np.sqrt(0.0099 / asked.runs)
+    parts = [
+        HEAD.format(replicates=asked.runs, error=error),
+        alarm_table(RIGHT, asked, (300, 1000, 2000)),
+        MIDDLE.format(replicates=quarter.runs),
+        alarm_table(WRONG, quarter, (300, 1000)),
+        FEEDBACK.format(replicates=half.runs),
+        feedback_table(OPEN_LOGS, half, (300, 1000)),
+        LOOPS,
+        feedback_table(LOOP_LOGS, tenth, (300, 1000)),
+    ]
+    STUDY.write(asked, "\n".join(parts))
 
 
 HEAD = """# Alarm rates of the residual tests
@@ -470,7 +467,4 @@ With a controller 100 is full power:
 """
 
 if __name__ == "__main__":
-    main(
-        int(sys.argv[1]) if len(sys.argv) > 1 else 500,
-        Path(sys.argv[2] if len(sys.argv) > 2 else "reports/residual_tests.md"),
-    )
+    main()

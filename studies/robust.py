@@ -2,24 +2,19 @@
 
 Two readings in a hundred are 10 σ off, or the disturbance of two samples in a hundred is 10 σ
 larger; counted is how often estimate ± 3 standard errors holds the truth, for wavelet networks the
-free-run fit on fresh clean data. The same fits without outliers show what caution costs. Every draw
-is seeded and the table carries no times; run by hand, an hour of one core:
-
-    python benchmarks/study_robust.py [file] [most records of a structure]
+free-run fit on fresh clean data. The same fits without outliers show what caution costs. An hour of
+one core.
 """
 
-import sys
+from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent))
-
-from outlier_cases import CASES, KINDS, Case, Drawn
-from stamps import stamped
-
+from studies.outlier_cases import CASES, KINDS, Case, Drawn
+from studies.runner import Study, by_case
 from sysid.data.record import Record
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
@@ -27,13 +22,11 @@ from sysid.fitting.outliers import find_outliers
 from sysid.report.markdown import table
 from sysid.structures.model import Model
 
+STUDY = Study("robust", "robust.md", runs=50, first=1000)
+"""Seeds below the first were looked at while the search for outliers was made."""
+
 RECORDS = {"dc-motor": 16, "tanks": 16, "narx-wavelet": 24}
-"""Records of the structures whose fits take seconds; MANY of the others."""
-
-MANY = 50
-
-FIRST = 1000
-"""First seed of the study. Those below were looked at while the search for outliers was made."""
+"""Most records of the structures whose fits take seconds."""
 
 BEYOND = 3.0
 """Standard errors between estimate and truth that count as a miss."""
@@ -88,21 +81,21 @@ def fresh_fit(case: Case, model: Model, seed: int) -> float:
     return float(100.0 * (1.0 - np.linalg.norm(y - run) / np.linalg.norm(y - y.mean())))
 
 
-def one(name: str, kind: str, robust: bool, seed: int) -> tuple[np.ndarray, ...]:
-    """One record, one fit."""
+def one(name: str, seed: int, kind: str, robust: bool) -> list[Any]:
+    """One record, one fit: what ``Fits`` holds of it."""
     case = CASES[name]
     options = FitOptions(robust=robust)
     model = fit(case.made(), [case.record(seed, kind)], options, detrend="none")
     errors, sizes = compared(case, model)
     struck = 0 if kind == "clean" else int(np.sum(Drawn.of(seed, case.samples).outliers != 0.0))
     left_out = int(model.provenance.options.get("left_out", 0))
-    return errors / sizes, errors, np.array(fresh_fit(case, model, seed)), left_out, struck
+    off = (errors / sizes).tolist()
+    return [off, errors.tolist(), fresh_fit(case, model, seed), left_out, struck]
 
 
-def fits(name: str, kind: str, robust: bool, records: int, first: int = 0) -> Fits:
-    """Fits of a case to as many records, from one seed on."""
-    each = [one(name, kind, robust, seed) for seed in range(first, first + records)]
-    return Fits(*(np.array(part, dtype=float) for part in zip(*each, strict=True)))
+def fits(records: Sequence[Sequence[Any]]) -> Fits:
+    """The fits of a case to some records."""
+    return Fits(*(np.array(part, dtype=float) for part in zip(*records, strict=True)))
 
 
 def alarms(kind: str, records: int, samples: int = 1000) -> tuple[float, int]:
@@ -122,12 +115,15 @@ def alarms(kind: str, records: int, samples: int = 1000) -> tuple[float, int]:
     return 100.0 * float(np.mean(counts)) / samples, max(counts)
 
 
-def row(name: str, records: int) -> list[str]:
-    """One line of the report."""
-    plain = fits(name, "clean", False, records, FIRST)
-    careful = fits(name, "clean", True, records, FIRST)
-    struck = [fits(name, kind, True, records, FIRST) for kind in KINDS]
-    least = [fits(name, kind, False, records, FIRST) for kind in KINDS]
+def row(name: str, asked: Namespace) -> list[str] | None:
+    """One line of the report; None where no run of it is asked for."""
+    few = Namespace(**{**vars(asked), "runs": min(RECORDS.get(name, asked.runs), asked.runs)})
+    ways = [("clean", False), ("clean", True), *((k, r) for r in (True, False) for k in KINDS)]
+    found = [by_case(one, [name], few, *way).get(name) for way in ways]
+    if not all(found):
+        return None
+    plain, careful, *rest = (fits(records) for records in found if records)
+    struck, least = rest[: len(KINDS)], rest[len(KINDS) :]
     lost = [plain.clean_fit - f.clean_fit for f in struck]
     if plain.off.shape[1]:
         size = [np.sqrt(np.mean(f.errors**2, axis=0)) for f in (plain, careful)]
@@ -139,7 +135,7 @@ def row(name: str, records: int) -> list[str]:
         shown, spread = ["–"] * 4, ["–"] * 2
     return [
         name,
-        str(records),
+        str(len(plain.off)),
         *shown,
         *spread,
         " / ".join(f"{np.sum(f.found):.0f}" for f in struck)
@@ -151,22 +147,18 @@ def row(name: str, records: int) -> list[str]:
     ]
 
 
-def main(target: Path, most: int, names: Sequence[str] = tuple(CASES)) -> None:
+def main() -> None:
     """Run the study and write its report."""
+    asked = STUDY.asked(__doc__)
     headers = [
         "structure", "records", "disturbance: least squares", "robust",
         "reading: least squares", "robust", "spread, disturbance", "spread, reading",
         "left out", "left out of clean records", "fit lost", "in the worst record", "cost",
     ]  # fmt: skip
+    rows = [cells for name in CASES if (cells := row(name, asked)) is not None]
     lines = [[k, *(f"{v:.2f}" for v in alarms(k, 200))] for k in ("Gaussian", *OTHER_NOISE)]
-    tail = TAIL + table(["noise", "left out [%]", "most in a record"], lines, "lrr")
-    rows = []
-    for name in names:
-        rows.append(row(name, min(RECORDS.get(name, MANY), most)))
-        # the slowest come last: what is there already is kept when somebody stops it
-        text = HEAD + table(headers, rows, "l" + "r" * 12) + tail
-        target.write_text(text, encoding="utf-8")
-    stamped(target)
+    noise = table(["noise", "left out [%]", "most in a record"], lines, "lrr")
+    STUDY.write(asked, HEAD + table(headers, rows, "l" + "r" * 12) + TAIL + noise)
 
 
 HEAD = """# Robust fits of every structure
@@ -191,7 +183,4 @@ White noise without a single outlier, 200 records of 1000 samples each:
 """
 
 if __name__ == "__main__":
-    main(
-        Path(sys.argv[1] if len(sys.argv) > 1 else "reports/robust.md"),
-        int(sys.argv[2]) if len(sys.argv) > 2 else MANY,
-    )
+    main()

@@ -1,11 +1,9 @@
 """Mission 1 through two nodes of ROS 1, in Python and in C++, beside the run of one process.
 
-    python benchmarks/study_ros.py [file]
-
 Starts a roscore of its own on 127.0.0.1, builds the catkin package of ``sysid export --format ros``
-by cmake, and drives every pair of nodes in lock-step and in real time. Writes ``reports/ros.md``;
-ends with 1 where a run in lock-step differs by more than 1e-6, or one in real time by more than
-0.3 s or 0.05 m. Needs ROS 1 with its headers (``libroscpp-dev``).
+by cmake, and drives every pair of nodes in lock-step and in real time; ends with 1 where a run in
+lock-step differs by more than 1e-6, or one in real time by more than 0.3 s or 0.05 m. Needs ROS 1
+with its headers (``libroscpp-dev``).
 """
 
 import csv
@@ -21,7 +19,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+from studies.runner import ROOT, Study
+
+STUDY = Study("ros", "ros.md")
 SYSID = Path(sys.executable).with_name("sysid")
 MISSION = ROOT / "datasets" / "missions" / "goal_1m.yaml"
 FIT = ROOT / "datasets" / "devastator" / "prbs.csv"
@@ -29,7 +29,7 @@ LIMIT = 240.0
 
 HEAD = """# Two nodes of ROS 1
 
-`python benchmarks/study_ros.py`: mission 1 (one metre straight ahead) with a plant of structure oe
+Mission 1 (one metre straight ahead) with a plant of structure oe
 fitted to `prbs.csv`. The end of the robot's own log, beside the run within one process. In
 lock-step the robot waits for every answer: at most 1e-6 apart. In real time an answer comes a
 sample late: at most 0.3 s and 0.05 m.
@@ -144,10 +144,9 @@ def pair(case: tuple[str, str, bool, str], work: Path, environment: dict[str, st
     return logs["robot"]
 
 
-def main(target: Path) -> int:
+def main() -> int:
     """Drive all pairs and write the table."""
-    from stamps import stamped
-
+    asked = STUDY.asked(__doc__)
     rows, failed = [], False
     with tempfile.TemporaryDirectory() as place:
         work = Path(place)
@@ -170,11 +169,9 @@ def main(target: Path) -> int:
                 ends = f"{t:g} | {x:.4f}, {y:.4f}"
                 rows.append(f"| {case[0]} | {case[1]} | {pace} | {case[3]} | {ends} | {apart} |\n")
                 print(rows[-1], end="", flush=True)
-    target.write_text(HEAD + "".join(rows), encoding="utf-8")
-    stamped(target)
+    STUDY.write(asked, HEAD + "".join(rows), "none")
     return int(failed)
 
 
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).resolve().parent))
-    sys.exit(main(Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "reports" / "ros.md"))
+    sys.exit(main())

@@ -5,34 +5,31 @@ cause of: a machine with that cause is driven and diagnosed; the schedule that t
 proposes for the tie is driven on the same machine; both logs are diagnosed together. The pair is
 *resolved* when the true effect is named, first and without its rival in a tie.
 
-    python benchmarks/study_ties.py --seeds 10000:10007 --results FILE
-
-``--results FILE`` keeps finished runs, a line of JSON each, and does not run them again; ``--tie
-A=B`` runs one tie. Seeds from 10000 on judge, once: no rule may be set on them.
+Seeds from 10000 on judge, once: no rule may be set on them. ``--only A=B`` runs one tie.
 """
 
-import argparse
-import json
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
 from numpy.typing import NDArray
 from sysid_datasets.physics import logs
 from sysid_datasets.physics.causes import CAUSES
 from sysid_datasets.physics.suites import FRESH, tied
 
 import sysid
+from studies.runner import Study, finished, restored, seeds
 from sysid.effects.catalogue import about, catalogue
 from sysid.report.markdown import table
 from sysid.vehicle.kinematics import Geometry
+
+STUDY = Study("ties", "ties.md", runs=7, first=FRESH)
 
 SHOWN = 2.0
 """Error of the best plain line over the noise that the first log of a machine must show: twice
@@ -203,12 +200,12 @@ def _sampled(rows: Sequence[Sequence[float]], dt: float) -> NDArray[np.float64]:
     return np.array([r[1:] for r in rows], dtype=np.float64)[at]
 
 
-def report(runs: Sequence[Run], asked: str) -> str:
+def report(runs: Sequence[Run]) -> str:
     """The page."""
     open_ties = "\n".join(_open_tie(sorted(t), why) for t, why in INSEPARABLE.items())
     return "\n".join(
         [
-            HEAD.format(runs=len(runs), asked=asked, shown=SHOWN),
+            HEAD.format(runs=len(runs), shown=SHOWN),
             summary(runs),
             "## Ties that no command resolves\n",
             open_ties + "\n",
@@ -274,82 +271,35 @@ def summary(runs: Sequence[Run]) -> str:
 MARKS = ("alone_before", "tied_before", "alone")
 
 
-def main(arguments: list[str] | None = None) -> int:
+def one(tie: Sequence[str], truth: str, seed: int) -> dict[str, Any]:
+    """One machine as JSON."""
+    return asdict(run((tie[0], tie[1]), truth, seed))
+
+
+def said(found: Mapping[str, Any]) -> str:
+    """What a run gave in a few words."""
+    names = found["error"] or f"{', '.join(found['first'])} → {', '.join(found['both'])}"
+    proposed = ", proposed" if found["proposed"] else ""
+    return f"({found['cause']}, {found['visible']} of the noise{proposed}): {names}"
+
+
+def main() -> int:
     """Run the study and write its report; 1 if a run had no answer."""
-    parser = argparse.ArgumentParser(description="Resolve ties by the proposed experiments.")
-    parser.add_argument("--tie", metavar="A=B", help="this one only")
-    parser.add_argument(
-        "--seeds", default=f"{FRESH}:{FRESH + 7}", metavar="FROM:TO", help="of each tie and truth"
-    )
-    parser.add_argument("--limit", type=int, metavar="N", help="new runs at most")
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--results", type=Path, metavar="FILE", help="keep finished runs here")
-    parser.add_argument("-o", "--out", type=Path, default=Path("reports/ties.md"), metavar="FILE")
-    options = parser.parse_args(arguments)
-    try:
-        low, high = (int(s) for s in options.seeds.split(":"))
-    except ValueError:
-        parser.error("--seeds is FROM:TO, two whole numbers")
-    some = [t for t in ties() if options.tie is None or set(t) == set(options.tie.split("="))]
-    if not some:
-        parser.error(f"no tie {options.tie}; there are {', '.join('='.join(t) for t in ties())}")
-    wanted = [
-        (tie, truth, seed)
-        for seed, tie in product(range(low, high), some)
+    asked = STUDY.asked(__doc__)
+    wanted = {
+        Run(tie, truth, seed).key: (tie, truth, seed)
+        for seed, tie in product(seeds(asked), ties())
         for truth in tie
         if truth in CAUSES
-    ]
-    runs = study(wanted, options.jobs, options.results, options.limit)
-    options.out.write_text(report(runs, f"seeds {low} to {high - 1}"), encoding="utf-8")
-    from stamps import stamped
-
-    stamped(options.out)
-    print(f"{len(runs)} of {len(wanted)} runs; report in {options.out}")
+    }
+    runs = [Run(**restored(f)) for f in finished(one, wanted, asked, said).values()]
+    STUDY.write(asked, report(runs))
     return int(any(r.error for r in runs))
-
-
-def study(
-    wanted: Sequence[tuple[tuple[str, str], str, int]],
-    jobs: int,
-    results: Path | None,
-    limit: int | None,
-) -> list[Run]:
-    """Run what is not in ``results`` yet, at most ``limit``; all outcomes that there are."""
-    done = _kept(results)
-    rest = [w for w in wanted if Run(*w).key not in done][:limit]
-    finished = Parallel(n_jobs=jobs, return_as="generator_unordered")(
-        delayed(run)(*w) for w in rest
-    )
-    for count, found in enumerate(finished, start=1):
-        done[found.key] = found
-        if results is not None:
-            with results.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(asdict(found), ensure_ascii=False) + "\n")
-        said = found.error or f"{', '.join(found.first)} → {', '.join(found.both)}"
-        print(
-            f"{count}/{len(rest)} {found.key} ({found.cause}, {found.visible} of the noise"
-            f"{', proposed' if found.proposed else ''}): {said} ({found.seconds:.0f} s)",
-            file=sys.stderr,
-        )
-    return [done[Run(*w).key] for w in wanted if Run(*w).key in done]
-
-
-def _kept(results: Path | None) -> dict[str, Run]:
-    if results is None or not results.exists():
-        return {}
-    kept = {}
-    for line in results.read_text(encoding="utf-8").splitlines():
-        fields = json.loads(line)
-        for name in ("tie", "right", "first", "both"):
-            fields[name] = tuple(fields[name])
-        found = Run(**fields)
-        kept[found.key] = found
-    return kept
 
 
 HEAD = """# What the log of the proposed next experiment resolves
 
-{runs} machines of `benchmarks/study_ties.py` ({asked}), simulated from physics
+{runs} machines simulated from physics
 (`datasets/physics`), each with one cause whose effect the catalogue lists in a tie. The first log
 shows it: the best plain line misses by {shown:g} times the noise or more. It is diagnosed alone;
 then together with a second log, of the schedule that this diagnosis proposed for the tie, or of

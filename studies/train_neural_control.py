@@ -1,6 +1,6 @@
 """Train the networks of control kind ``neural`` on the best of the other laws; by hand.
 
-    python benchmarks/train_neural_control.py
+    python -m studies.train_neural_control
 
 writes ``sysid/mission/control/neural.json``. The law with the smallest tracking error over a family
 of robots that differ from the identified one drives them again; the network learns which command
@@ -12,8 +12,8 @@ import re
 from pathlib import Path
 
 import numpy as np
-from compensated_robots import FAMILY, PERIOD, family_rms, family_runs
 
+from studies.compensated_robots import FAMILY, PERIOD, family_rms, family_runs
 from sysid.data.record import Array
 from sysid.mission.control.neural import features
 from sysid.mission.registry import kinds, law_class

@@ -6,8 +6,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from mission_report import best_by_aic, called, identified, run
-
+from studies.mission_report import best_by_aic, called, identified, run
 from sysid.mission.result import MissionResult, Outcome
 from sysid.mission.spec import Mission
 from sysid.report.markdown import table

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from mission_report import SECTORS, best_by_aic, called, identified
 
+from studies.mission_report import SECTORS, best_by_aic, called, identified
 from sysid.mission.control.pi_p import SpeedPIYawP
 from sysid.mission.guidance.field import PotentialField
 from sysid.mission.guidance.steps import Steps

@@ -1,33 +1,31 @@
 """What ``fit-vehicle`` makes of real robots, of a rigid body on dry friction, and of its own model.
 
-    python benchmarks/study_vehicle.py [seeds] [file]
-
-Real logs are read from the folder that SYSID_DATA names, or from ``../shared/data``; without them
-their tables are left out. Writes ``reports/vehicle_on_data.md``.
+Real logs are those of ``records.data_folder``; without them their tables are left out.
 """
 
-import os
 import sys
-from collections import defaultdict
-from pathlib import Path
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parent.parent
+from studies.records import data_folder
+from studies.runner import ROOT, Study, by_case
+
 sys.path.insert(0, str(ROOT / "tests"))
 
-from skid_steer_logs import Skid, columns, wheels  # noqa: E402
-from skid_steer_physics import Vehicle, log_of  # noqa: E402
+from skid_steer_logs import Skid, columns, wheels
 
-from sysid.data.preparation import Preparation  # noqa: E402
-from sysid.data.reading.read_options import ReadOptions  # noqa: E402
-from sysid.data.record import Channel, Record  # noqa: E402
-from sysid.estimation.vehicle.logs import read_drives  # noqa: E402
-from sysid.estimation.vehicle.vehicle_fit import VehicleFit, fit_vehicle  # noqa: E402
-from sysid.report.markdown import table  # noqa: E402
-from sysid.vehicle.kinematics import Geometry  # noqa: E402
+from studies.skid_steer_physics import Vehicle, log_of
+from sysid.data.preparation import Preparation
+from sysid.data.reading.read_options import ReadOptions
+from sysid.data.record import Channel, Record
+from sysid.estimation.vehicle.logs import read_drives
+from sysid.estimation.vehicle.vehicle_fit import VehicleFit, fit_vehicle
+from sysid.report.markdown import table
+from sysid.vehicle.kinematics import Geometry
 
-SEEDS = 20
+STUDY = Study("vehicle", "vehicle_on_data.md", runs=20)
 
 ROBOTS = (
     ("Husky, mixed ground", "husky_2023_longest.csv", Geometry(0.165, 0.55)),
@@ -52,21 +50,19 @@ SHOWN = (
 
 HEAD = """# The vehicle on real robots
 
-`python benchmarks/study_vehicle.py` fits the vehicle to the first 70 % of each log and judges it on
-the last 30 %: mean error of position and heading after two seconds. *Before* is wheels that roll
-with the lengths of the data sheet; *plain* one radius and one width from a line through the
-windows; *after* what `sysid fit-vehicle` found. A dash: not in the model.
+The vehicle is fitted to the first 70 % of each log and judged on the last 30 %: mean error of
+position and heading after two seconds. *Before* is wheels that roll with the lengths of the data
+sheet; *plain* one radius and one width from a line through the windows; *after* what `sysid
+fit-vehicle` found. A dash: not in the model.
 
 """
 
 
-def main(seeds: int, target: Path) -> None:
+def main() -> None:
     """Run every part and write the page."""
-    from stamps import stamped
-
-    text = HEAD + _real() + _physics() + _coverage(seeds)
-    target.write_text(text.rstrip() + "\n", encoding="utf-8")
-    stamped(target)
+    asked = STUDY.asked(__doc__)
+    text = HEAD + _real() + _physics() + _coverage(by_case(one, list(MADE), asked))
+    STUDY.write(asked, text)
 
 
 def _errors(name: str, f: VehicleFit) -> list[str]:
@@ -106,12 +102,12 @@ def _numbers(fits: dict[str, VehicleFit]) -> str:
 
 
 def _real() -> str:
-    folder = Path(os.environ.get("SYSID_DATA", ROOT.parent / "shared" / "data")) / "drive"
-    if not folder.is_dir():
+    folder = data_folder()
+    if folder is None:
         return "## Real logs\n\nNot there when this page was made.\n\n"
     fits = {}
     for name, file, geometry in ROBOTS:
-        records, _ = read_drives([folder / file], ReadOptions(), Preparation())
+        records, _ = read_drives([folder / "drive" / file], ReadOptions(), Preparation())
         fits[name] = fit_vehicle(records, geometry=geometry)
     folds = [
         [name, *(f"{f.before.path:.3f} → {f.after.path:.3f} m, "
@@ -135,7 +131,7 @@ def _physics() -> str:
         for name, v in GROUNDS
     }
     return (
-        "## A rigid body on dry friction\n\nFour wheels that slide (`benchmarks/"
+        "## A rigid body on dry friction\n\nFour wheels that slide (`studies/"
         "skid_steer_physics.py`), a pose that is 0.3 s late and comes every 0.25 s, its point "
         "0.2 m ahead of the centre. It holds no number of the model but these and the radius.\n\n"
         + table(list(HEADINGS), [_errors(n, f) for n, f in fits.items()])
@@ -146,33 +142,38 @@ def _physics() -> str:
     )
 
 
-def _coverage(seeds: int) -> str:
-    rows = []
-    for name, skid in MADE.items():
-        away: dict[str, list[float]] = defaultdict(list)
-        kept = 0
-        for seed in range(seeds):
-            found = fit_vehicle([_made(skid, seed)], geometry=Geometry(0.15, 0.6))
-            truth = _truth(skid)
-            for n in found.numbers:
-                if n.name in truth:
-                    away[n.name].append((n.value - truth[n.name]) / n.std_error)
-            wanted = {k for k in ("slip_turning", "slip_load") if truth[k]}
-            free = {n.name for n in found.numbers if n.in_model and n.name in SHOWN[8:13]}
-            kept += free == wanted
-        every = np.abs(np.concatenate(list(away.values())))
-        worst = max(away, key=lambda k: float(np.mean(np.abs(away[k]) > 1.96)))
-        share = float(np.mean(np.abs(away[worst]) > 1.96))
-        rows.append(
-            [name, f"{100 * np.mean(every > 1.96):.1f} %", f"{worst} ({100 * share:.0f} %)",
-             f"{kept} of {seeds}"]
-        )  # fmt: skip
+def one(name: str, seed: int) -> dict[str, Any]:
+    """(found − true)/standard error by name, and whether just the terms that act were taken."""
+    skid = MADE[name]
+    truth = _truth(skid)
+    found = fit_vehicle([_made(skid, seed)], geometry=Geometry(0.15, 0.6))
+    away = {
+        n.name: (n.value - truth[n.name]) / n.std_error for n in found.numbers if n.name in truth
+    }
+    wanted = {k for k in ("slip_turning", "slip_load") if truth[k]}
+    taken = {n.name for n in found.numbers if n.in_model and n.name in SHOWN[8:13]}
+    return {"away": away, "kept": taken == wanted}
+
+
+def _coverage(found: dict[str, list[dict[str, Any]]]) -> str:
+    rows = [_row(name, runs) for name, runs in found.items()]
     return (
-        f"## Standard errors\n\nMade logs of 90 s whose truth is known, {seeds} seeds each: how "
-        "often the truth lies outside 1.96 standard errors (5 % if they are right), over all 13 "
-        "numbers and for the worst of them, and how often just the optional terms that act were "
-        "taken.\n\n" + table(["made with", "outside", "worst", "right terms"], rows) + "\n"
+        "## Standard errors\n\nMade logs of 90 s whose truth is known: how often the truth lies "
+        "outside 1.96 standard errors (5 % if they are right), over all 13 numbers and for the "
+        "worst of them, and how often just the optional terms that act were taken.\n\n"
+        + table(["made with", "outside", "worst", "right terms"], rows)
     )
+
+
+def _row(name: str, runs: Sequence[dict[str, Any]]) -> list[str]:
+    outside = {k: np.mean([abs(r["away"][k]) > 1.96 for r in runs]) for k in runs[0]["away"]}
+    worst = max(outside, key=lambda k: float(outside[k]))
+    return [
+        name,
+        f"{100 * np.mean(list(outside.values())):.1f} %",
+        f"{worst} ({100 * outside[worst]:.0f} %)",
+        f"{sum(r['kept'] for r in runs)} of {len(runs)}",
+    ]
 
 
 def _made(skid: Skid, seed: int) -> Record:
@@ -208,9 +209,4 @@ def _truth(skid: Skid) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    main(
-        int(sys.argv[1]) if len(sys.argv) > 1 else SEEDS,
-        Path(sys.argv[2]).resolve()
-        if len(sys.argv) > 2
-        else ROOT / "reports" / "vehicle_on_data.md",
-    )
+    main()

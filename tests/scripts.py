@@ -1,4 +1,4 @@
-"""Scripts beside the package, loaded as modules so that tests can look at what they hold."""
+"""Scripts that stand in no package, loaded as modules so that tests can look at what they hold."""
 
 import importlib.util
 import sys
@@ -9,7 +9,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 def load(path: str) -> ModuleType:
-    """A script of the project as a module, ``benchmarks/study_coverage.py`` for example."""
+    """A script of the project as a module, ``docs/generate_commands.py`` for example."""
     file = ROOT / path
     spec = importlib.util.spec_from_file_location(file.stem, file)
     assert spec is not None

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
-import tuning_report
-from mission_report import SECTORS
 
+from studies import tuning_report
+from studies.mission_report import SECTORS
 from sysid.data.record import Array
 from sysid.mission.contracts import Disc
 from sysid.mission.control.pi_p import SpeedPIYawP

@@ -8,13 +8,12 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
+from sysid.report.markdown import table
+from sysid.report.plots import PlanPicture, plot_plan, plot_responses
 from thesis import bench_motor, chapter2, chapter4, chapter5, chapter6, chapter7, chapter8, pendulum
 from thesis.entries import DISAGREES, DRAWN, MISPRINT, Item, Kind, Row, Sheet
 from thesis.inventory import CHAPTERS, ITEMS
 from thesis.small import made_small
-
-from sysid.report.markdown import table
-from sysid.report.plots import PlanPicture, plot_plan, plot_responses
 
 SHEETS: Mapping[int, Sequence[Callable[[], Sheet]]] = {
     2: (*chapter2.SHEETS, bench_motor.characteristic),

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-USERS = ("sysid", "cli", "datasets", "benchmarks", "examples", "docs")
+USERS = ("sysid", "cli", "datasets", "benchmarks", "studies", "thesis", "examples", "docs")
 
 KEPT = {
     "plot_dynamics": "poles, zeros and steps as a picture: for a script, no command draws it",
