@@ -20,7 +20,7 @@ SHOWN = (0, 1, 2, 3, 4, 5, 6, 8, 12, 20, 40)
 HEAD = """# Iterations of a search
 
 y(t) = b/(1 + f q⁻¹) u(t−1) + e(t) with b = 0.5, f = −0.8, 400 samples of white u, σ = 0.05; all
-three from b = 0.1, f = 0.2. Written by `make reports`; the methods are those of
+three from b = 0.1, f = 0.2. The methods are those of
 `sysid fit --method`.
 
 Levenberg–Marquardt keeps each step where the linearised errors can be trusted, Gauss–Newton takes
