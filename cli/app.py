@@ -13,12 +13,12 @@ import typer
 from sysid.errors import SysidError
 
 from . import compare, diagnose, excite, fit, inspect, models, structures
-from .testbench import motor, pendulum, power
-from .testbench.group import bench
 from .cosim import plant
 from .exporting import export, verify
 from .field_options import Command, every_command
 from .missions import estimate, plan, simulate, tune
+from .testbench import motor, pendulum, power
+from .testbench.group import bench
 from .vehicles import fit_vehicle, soil, vehicle
 
 _HELP = {"help_option_names": ["-h", "--help"]}

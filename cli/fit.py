@@ -153,7 +153,8 @@ def _identify(
 
     A note of reading is for the eyes: what needs an action is a warning, which the models keep.
     """
-    from sysid.data.checks.quality import inspect_records, require_usable
+    from sysid.data.checks.quality import require_usable
+    from sysid.data.facts import LogFacts
     from sysid.data.finding import notes
     from sysid.data.preparation import read_prepared
     from sysid.estimation.identify import identify
@@ -161,12 +162,6 @@ def _identify(
     records, read_as = read_prepared(logs, read, steps)
     held, held_as = read_prepared(val, read, steps) if val else ((), ())
     require_usable(records)
-    # with orders given the one slow check is spared: the residual tests of the fit judge it
-    findings = inspect_records(
-        records,
-        nonlinearity=request.orders is None,
-        reading=read_as,
-    )
     with render.progress("Fitting", total=1000) as tick:
         done = 0
 
@@ -175,7 +170,7 @@ def _identify(
             tick(round(1000 * share) - done)
             done = round(1000 * share)
 
-        found = identify(records, held, request, progress, findings)
+        found = identify(LogFacts(records, read_as), held, request, progress, inspect=True)
     return found, notes((*read_as, *held_as))
 
 

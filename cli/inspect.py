@@ -31,13 +31,14 @@ def inspect(
     """
     from sysid.data.bags.opening import is_bag
     from sysid.data.checks.quality import Severity, inspect_records, worst
+    from sysid.data.facts import LogFacts
     from sysid.data.preparation import read_prepared
 
     if not read.map and len(logs) == 1 and is_bag(logs[0]):
         show_bag(logs[0], json)
         return
     records, read_as = read_prepared(logs, read, steps)
-    findings = inspect_records(records, order, reading=read_as)
+    findings = inspect_records(LogFacts(records, read_as), order)
     verdict = worst(findings)
     (_document if json else _show)(records, findings, verdict.word)
     if verdict is Severity.FATAL:

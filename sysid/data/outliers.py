@@ -14,29 +14,30 @@ that says what is a surprise. Each pass finds those that stand out of what is le
 
 
 @dataclass(frozen=True, eq=False)
-class Mended:
-    """Records whose outliers are replaced, and how many there were.
+class Bridged:
+    """Records whose outliers are replaced, and which ones these were.
 
     Attributes:
         records: with the line between their neighbours in place of outliers.
-        replaced: by output, how many samples that were, all records together.
+        flags: of each record, the samples that were replaced, (N, ny).
     """
 
     records: tuple[Record, ...]
-    replaced: tuple[int, ...]
+    flags: tuple[NDArray[np.bool_], ...]
 
     @property
     def words(self) -> str:
         """``12 readings of rpm``, or nothing where none was replaced."""
+        counts = np.sum([f.sum(axis=0) for f in self.flags], axis=0)
         parts = [
             f"{n} {'reading' if n == 1 else 'readings'} of {name}"
-            for n, name in zip(self.replaced, self.records[0].output_names, strict=True)
+            for n, name in zip(counts.tolist(), self.records[0].output_names, strict=True)
             if n
         ]
         return " and ".join(parts)
 
 
-def mended(records: Sequence[Record]) -> Mended:
+def bridged(records: Sequence[Record]) -> Bridged:
     """The records with the line between their neighbours in place of every outlier.
 
     One reading a hundred times too large outweighs all others in any correlation or least squares:
@@ -45,12 +46,11 @@ def mended(records: Sequence[Record]) -> Mended:
     Args:
         records: experiments with the same channels.
     """
-    found, counts = [], np.zeros(records[0].ny, dtype=int)
-    for record in records:
-        flags = outlier_flags(record)
-        counts += flags.sum(axis=0)
-        found.append(replace(record, y=_bridged(record.y, flags)) if flags.any() else record)
-    return Mended(tuple(found), tuple(int(n) for n in counts))
+    flags = tuple(outlier_flags(r) for r in records)
+    lines = (
+        replace(r, y=_lines(r.y, f)) if f.any() else r for r, f in zip(records, flags, strict=True)
+    )
+    return Bridged(tuple(lines), flags)
 
 
 def outlier_flags(record: Record, threshold: float = 8.0, half_width: int = 4) -> NDArray[np.bool_]:
@@ -68,11 +68,11 @@ def outlier_flags(record: Record, threshold: float = 8.0, half_width: int = 4) -
         if not more.any():
             break
         flags |= more
-        left = replace(record, y=_bridged(record.y, flags))
+        left = replace(record, y=_lines(record.y, flags))
     return flags
 
 
-def _bridged(y: Array, flags: NDArray[np.bool_]) -> Array:
+def _lines(y: Array, flags: NDArray[np.bool_]) -> Array:
     """The line between the neighbours in place of flagged samples, (N, ny)."""
     y = y.copy()
     at = np.arange(len(y))
@@ -117,11 +117,10 @@ def _one_search(record: Record, threshold: float, half_width: int) -> NDArray[np
             continue
         surprise = np.abs(_surprise(record, j))
         usual = 1.4826 * float(np.median(surprise))
-        for k in candidates:
+        unexplained = surprise[candidates] > np.maximum(0.5 * r[candidates], threshold * usual)
+        for k in candidates[unexplained]:
             near = r[max(k - 5 * width, 0) : k + 5 * width + 1]
-            local = 1.4826 * float(np.median(near))
-            unexplained = surprise[k] > max(0.5 * r[k], threshold * usual)
-            flags[k, j] = unexplained and r[k] > threshold * local
+            flags[k, j] = r[k] > threshold * 1.4826 * float(np.median(near))
     return flags
 
 

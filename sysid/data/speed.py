@@ -7,6 +7,7 @@ import numpy as np
 
 from sysid.data.impulse import long_regression
 from sysid.data.record import Array, Record
+from sysid.data.shortened import shortened
 from sysid.errors import DataError
 
 
@@ -25,6 +26,9 @@ class Speed:
     settles: bool
 
 
+SAMPLES = 20_000
+"""Blocks that are looked at: a slow plant is met once the blocks are long."""
+
 RISEN = 1.0 - np.exp(-1.0)
 """Part of the final value that a first-order plant reaches after one time constant."""
 TRUSTED = 0.4
@@ -41,10 +45,11 @@ def estimate_speed(records: Sequence[Record]) -> tuple[Speed, ...]:
     dt, names = records[0].dt, records[0].output_names
     factor, current = 1, list(records)
     while len(answers) < len(names):
-        candidates = _step_responses(current)
+        part = shortened(current, SAMPLES)
+        candidates = _step_responses(part)
         if not candidates:
             break
-        spread = np.concatenate([r.u - r.u.mean(axis=0) for r in current]).std(axis=0)
+        spread = np.concatenate([r.u - r.u.mean(axis=0) for r in part]).std(axis=0)
         for j, name in enumerate(names):
             if j not in answers:
                 step = _simplest_good(candidates, j)

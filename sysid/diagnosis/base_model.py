@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid.data.checks.feedback import in_closed_loop
 from sysid.data.column_words import may_move
+from sysid.data.facts import LogFacts
 from sysid.data.integrating import POSITIONS, integrates
 from sysid.data.preprocess import Detrend
-from sysid.data.reading.held import own_rate, without_repeats
 from sysid.data.record import Array, Record
 from sysid.diagnosis.integrating import rates, step_of
 from sysid.diagnosis.policies import RULE
@@ -28,8 +27,9 @@ from sysid.effects.by_log import for_logs
 from sysid.effects.sensor import SAMPLING
 from sysid.errors import DataError, ModelError
 from sysid.estimation.assessment.figures import Start, outputs
+from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.selection.contest import run_contest
-from sysid.estimation.selection.delays import choose_delay
+from sysid.estimation.selection.delays import chosen_delay
 from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions
 from sysid.structures.augmented.given_base import GivenBase, begins_at_rest
@@ -193,7 +193,7 @@ def plain_base(
         # a body that a force moves: friction would otherwise hide in a higher order
         order, delay = 1, 1
         if not on_rate:
-            linear, delay = _linear(without_repeats(estimation))
+            linear, delay = _linear(LogFacts(tuple(estimation)).without_repeats)
             order = int(np.max(linear.structure.order_values()["nf"]))
             order = max(order, LEAST_OF_SERVO if _is_servo(first) else 1)
         level = not may_lack_sign(estimation)
@@ -206,7 +206,7 @@ def plain_base(
     if order == 1:  # a numerator of a higher order holds it
         effects = (*effects, SAMPLING)
     model = SuperModel(effects, order, first.ny, typical_speed(estimation), first.dt)
-    in_loop = in_closed_loop(own_rate(estimation))
+    in_loop = LogFacts(tuple(estimation)).at_own_rate.surely_closed_loop
     search = NamingSearch(
         model,
         parts.estimation,
@@ -265,7 +265,7 @@ def given_base(
     def driven(r: Record) -> Record:
         return replace(r, u=given.drive(runs[id(r)]))
 
-    in_loop = in_closed_loop(own_rate(estimation))
+    in_loop = LogFacts(tuple(estimation)).at_own_rate.surely_closed_loop
     found = NamingSearch(
         plain,
         [driven(r) for r in parts.estimation],
@@ -367,14 +367,14 @@ def _require_tracks(records: Sequence[Record]) -> Record:
     return first
 
 
-def _linear(records: Sequence[Record]) -> tuple[Model, int]:
+def _linear(facts: LogFacts) -> tuple[Model, int]:
     """The output-error model whose order the log asks for, and its delay in samples."""
-    detrend = Detrend.means(records)
-    nk = choose_delay(hold_out([detrend.remove(r) for r in records]))
+    detrend = Detrend.means(facts.records)
+    nk = chosen_delay(facts, Offsets.of_detrend(detrend)).nk
     delay = int(np.max(nk)) if isinstance(nk, list) else int(nk)
     delay = max(delay, 1)
     grid = [{"nb": n, "nf": n, "nk": delay} for n in range(1, LARGEST_ORDER + 1)]
-    found = run_contest(("oe",), records, FitOptions(stable=True), detrend, grid=grid)
+    found = run_contest(("oe",), facts, FitOptions(stable=True), detrend, grid=grid)
     return found.entries[0].model, delay
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.data.reading.held import without_repeats
+from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Record
 from sysid.diagnosis.augment import covariance_of, values_of
 from sysid.diagnosis.base_model import Base, full_drive
@@ -197,9 +197,10 @@ def traces(base: Base, naming: Naming) -> tuple[Trace, ...]:
         ]
         before, after = (data.split(run) for run in model.run(np.array(turned), data))
         weights = data.split(data.weight)
+        fresh = LogFacts(tuple(records)).without_repeats.records
         found += [
             Trace(r, x, y, role, np.asarray(w.max(axis=1) > 0.0, dtype=np.float64))
-            for r, x, y, w in zip(without_repeats(records), before, after, weights, strict=True)
+            for r, x, y, w in zip(fresh, before, after, weights, strict=True)
         ]
     return tuple(found)
 

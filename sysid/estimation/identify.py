@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from sysid.criteria.table import known_name
-from sysid.data.checks.quality import FEWEST
-from sysid.data.finding import Finding
+from sysid.data.checks.quality import FEWEST, inspect_records
+from sysid.data.facts import LogFacts
 from sysid.data.record import Record
 from sysid.errors import DataError, UsageError
 from sysid.estimation.assessment.data_notes import notes_for
@@ -34,7 +34,7 @@ class Request:
         structures: names; empty for the four linear ones.
         orders: text such as ``na=2 nb=2 nk=1`` or ``na=1:4 nb=1:4 nk=1``; None to search.
         options: how to fit.
-        detrend: what is done about levels, one of ``offset_choice.POLICIES``.
+        detrend: what is done about levels, one of ``offsets.choice.POLICIES``.
         criterion: what ranks orders and structures.
         split: share of each record used for estimation, None for all of it.
         policy: how figures are made.
@@ -63,27 +63,30 @@ class Identification:
 
 
 def identify(
-    records: Sequence[Record],
+    data: Sequence[Record] | LogFacts,
     validation: Sequence[Record],
     request: Request,
     progress: Callable[[float, str], None] | None = None,
-    findings: Sequence[Finding] = (),
+    inspect: bool = False,
 ) -> Identification:
     """Choose orders and structures on the estimation data, fit them, and judge them.
 
     Validation data are only looked at by the figures; they never choose anything.
 
     Args:
-        records: all records of the estimation logs.
+        data: all records of the estimation logs, or what is known of them.
         validation: records of separate validation logs, may be empty.
         request: what to do.
         progress: called with (share done, what).
-        findings: what is known about the data; each model is told what matters to it.
+        inspect: whether the data are inspected, and what matters to a model said with it. With
+            orders given, the one slow check is left to the residual tests of the fit.
 
     Raises:
         DataError: the data cannot serve.
         UsageError: the request contradicts itself or the data.
     """
+    facts = LogFacts.of(data)
+    records = facts.records
     require_same_channels(records, validation)
     require_unseen(records, validation)
     inside, outside, labels = _parts(records, validation, request.split)
@@ -91,7 +94,10 @@ def identify(
         if part:
             require_samples(part, request.policy.skip)
     require_enough(inside, outside, request.split)
-    start_of(inside, request.detrend)  # refuses a policy that does not exist
+    if request.split is not None:
+        facts = LogFacts(inside, facts.reading)
+    start_of(facts, request.detrend)  # refuses a policy that does not exist
+    findings = inspect_records(facts, nonlinearity=request.orders is None) if inspect else ()
     names = structures_for(request.structures, records[0].input_names)
     grids = None if request.orders is None else parse_grids(request.orders, names)
     request = replace(request, criterion=known_name(request.criterion))
@@ -109,7 +115,7 @@ def identify(
     )
     contest = run_contest(
         names,
-        inside,
+        facts,
         options,
         request.detrend,
         grid=grids,

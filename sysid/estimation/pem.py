@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.criteria.information import information_criteria
+from sysid.data.facts import LogFacts
 from sysid.data.level import Level
-from sysid.data.outliers import mended
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.errors import DataError, UsageError
@@ -26,7 +26,7 @@ from sysid.version import __version__
 
 def fit(
     structure: Structure,
-    records: Sequence[Record],
+    data: Sequence[Record] | LogFacts,
     options: FitOptions | None = None,
     *,
     detrend: Detrend | Offsets | str = "auto",
@@ -38,9 +38,9 @@ def fit(
 
     Args:
         structure: what to fit.
-        records: experiments with equal channels and sample time.
+        data: experiments with equal channels and sample time, or what is known of them.
         options: focus, initial states, loss, constraints.
-        detrend: a policy as ``sysid fit`` knows them (see ``offset_choice.POLICIES``), offsets
+        detrend: a policy as ``sysid fit`` knows them (see ``offsets.choice.POLICIES``), offsets
             chosen before, or what to remove and to store with the model; a physical structure
             takes the records as they are.
         warm: further named starts, e.g. from a neighbouring order.
@@ -51,14 +51,15 @@ def fit(
         ModelError: no start gives a finite cost.
     """
     options = options or FitOptions()
-    records = tuple(records)
+    facts = LogFacts.of(data)
+    records = facts.records
     check_records(structure, records)
-    offsets = _offsets(structure, records, detrend)
+    offsets = _offsets(structure, facts, detrend)
     parameters = _constrained(structure, records[0], options)
     _check_length(structure, records, parameters)
     # a level is the coefficient of a constant input, which only polynomials have
     if any(offsets.estimated) and isinstance(structure, PolynomialStructure):
-        found = fit_with_level(structure, records, offsets, options, parameters, warm)
+        found = fit_with_level(structure, facts, offsets, options, parameters, warm)
         if found is not None:
             plain = tuple(found.at_fit.remove(r) for r in records)
             return model_of(found.outcome, records, plain, options, found.detrend, found.level)
@@ -85,9 +86,7 @@ def fit_prepared(
     return model_of(outcome, records, records, options, none, Level())
 
 
-def _offsets(
-    structure: Structure, records: Sequence[Record], detrend: Detrend | Offsets | str
-) -> Offsets:
+def _offsets(structure: Structure, facts: LogFacts, detrend: Detrend | Offsets | str) -> Offsets:
     if isinstance(detrend, Detrend):
         offsets = Offsets.of_detrend(detrend)
     elif isinstance(detrend, Offsets):
@@ -98,8 +97,8 @@ def _offsets(
         # it tries models on held-out data, which are fitted here
         from sysid.estimation.offsets.choice import choose_offsets
 
-        offsets = choose_offsets(mended(records).records, detrend)
-    return offsets.for_structure(structure, records)
+        offsets = choose_offsets(facts, detrend)
+    return offsets.for_structure(structure, facts.records)
 
 
 def check_records(structure: Structure, records: Sequence[Record]) -> None:

@@ -140,24 +140,6 @@ def _words(cuts: Sequence[object]) -> str:
     return "the 30 % of the estimation data that were held out"
 
 
-def shortened(records: Sequence[Record], samples: int) -> tuple[Record, ...]:
-    """At most ``samples`` samples in all, as evenly spread contiguous pieces of each record.
-
-    Order searches on very long logs cost more than they tell; the chosen orders are then
-    fitted to everything.
-    """
-    total = sum(len(r) for r in records)
-    if total <= samples:
-        return tuple(records)
-    found: list[Record] = []
-    pieces = 4
-    for r in records:
-        each = max(int(len(r) * samples / total) // pieces, 1)
-        stride = len(r) / pieces
-        found += [r.rows(int(k * stride), int(k * stride) + each) for k in range(pieces)]
-    return tuple(found)
-
-
 def tie_margin(held: Sequence[Record]) -> float:
     """Fraction by which an RMS error on these records is uncertain: one standard error.
 

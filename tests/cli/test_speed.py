@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 import tracemalloc
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,6 @@ import pytest
 from scipy.signal import lfilter
 from sysid_cli.app import main
 
-from sysid.data.checks import feedback
 from sysid.data.record import Record
 from sysid.estimation.pem import fit
 from sysid.structures.registry import structure_class
@@ -145,22 +144,6 @@ def test_linear_fit_costs_little_more_than_its_libraries(tmp_path: Path) -> None
         if ratio < 2.1:
             return
     pytest.fail(f"a fit takes {ratio:.2f} times what its libraries take")
-
-
-def test_a_fit_with_given_orders_judges_feedback_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Delay, feedback and the order of models all need that verdict; it is most of the checks."""
-    judged = []
-
-    def counted(records: Sequence[Record]) -> tuple[feedback.FeedbackTest, ...]:
-        judged.append(len(records))
-        return ()
-
-    monkeypatch.setattr(feedback, "feedback_tests", counted)
-    line = ["fit", str(LOG), "--structure", "arx", "--orders", "na=2 nb=2"]
-    assert main([*line, "--workspace", str(tmp_path)]) == 0
-    assert judged == [1]
 
 
 def processor_time(code: str, folder: Path) -> float:

@@ -12,10 +12,11 @@ from scipy.signal import lfilter
 from sysid.data.checks.delay import estimate_delays
 from sysid.data.checks.feedback import feedback_tests
 from sysid.data.checks.quality import inspect_records
+from sysid.data.facts import LogFacts
 from sysid.data.record import Channel, Record
 from sysid.estimation.identify import Request, identify
-from sysid.estimation.selection.delays import choose_delay
-from sysid.fitting.holdout import hold_out
+from sysid.estimation.offsets.choice import start_of
+from sysid.estimation.selection.delays import chosen_delay
 
 DT = 0.1
 RUN_IN = 200
@@ -204,7 +205,7 @@ def test_noise_alone_has_no_far_delay() -> None:
 @pytest.mark.slow
 def test_the_order_search_uses_a_long_delay() -> None:
     log = open_loop("prbs", 4, 700, delay=61)
-    assert choose_delay(hold_out([log])) == 61
+    assert chosen_delay(LogFacts((log,)), start_of(LogFacts((log,)), "mean")).nk == 61
     found = identify([log], [], Request(structures=("arx", "oe")))
     best = found.assessments[0].model.structure
     assert not found.failed

@@ -8,7 +8,7 @@ import pytest
 from command_line import run, write_log
 
 from sysid.data.io import read_file
-from sysid.data.reading.held import refreshed, without_repeats
+from sysid.data.reading.held import refreshed, refreshes, without_repeats
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.samples import inspect_samples
@@ -175,7 +175,7 @@ def test_repeats_count_neither_as_readings_nor_as_dropouts() -> None:
     # third differences of a wheel seen every 0.25 s hold some of its motion beside the noise
     np.testing.assert_array_less(0.8 * NOISE, noise_floor([record]))
     np.testing.assert_array_less(noise_floor([record]), 3.0 * NOISE)
-    (joined,) = without_repeats([record])
+    (joined,) = without_repeats([record], refreshes([record]))
     clean = driven(1, 0.0)[1]
     np.testing.assert_allclose(joined.y[at[5:-5], 0], yl[at[5:-5]])
     assert np.sqrt(np.mean((joined.y[:, 0] - clean) ** 2)) < np.sqrt(np.mean((yl - clean) ** 2))

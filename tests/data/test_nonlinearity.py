@@ -12,6 +12,7 @@ from sysid_datasets import path
 
 from sysid.data.checks.dynamics_checks import check_nonlinearity
 from sysid.data.checks.nonlinearity import nonlinearity_tests
+from sysid.data.facts import LogFacts
 from sysid.data.finding import Severity
 from sysid.data.io import read_log
 from sysid.data.record import Array, Record
@@ -107,16 +108,16 @@ def test_several_records_are_pooled() -> None:
 def test_too_short_logs_are_told_so() -> None:
     with pytest.raises(DataError, match="too few"):
         nonlinearity_tests([_linear(0, 80, "white", False)])
-    (finding,) = check_nonlinearity([_linear(0, 80, "white", False)])
+    (finding,) = check_nonlinearity(LogFacts((_linear(0, 80, "white", False),)).nonlinearity)
     assert "too few" in finding.text
 
 
 def test_the_finding_says_what_and_where() -> None:
-    (found,) = check_nonlinearity([_bent(1, 600, "drag")])
+    (found,) = check_nonlinearity(LogFacts((_bent(1, 600, "drag"),)).nonlinearity)
     assert found.severity is Severity.NOTE
     assert "p" in found.text
     assert "nonlinearly" in found.text
     assert "Compare" in found.advice
-    (fine,) = check_nonlinearity([_linear(1, 600, "white", False)])
+    (fine,) = check_nonlinearity(LogFacts((_linear(1, 600, "white", False),)).nonlinearity)
     assert fine.severity is Severity.OK
     assert "p = " in fine.text

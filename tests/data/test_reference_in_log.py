@@ -7,7 +7,8 @@ import pytest
 from command_line import run, write_log
 from scipy.signal import lfilter
 
-from sysid.data.checks.feedback import feedback_tests, in_closed_loop
+from sysid.data.checks.feedback import feedback_tests
+from sysid.data.facts import LogFacts
 from sysid.data.io import read_log
 from sysid.data.preprocess import decimate, low_pass
 from sysid.data.reading.read_options import ReadOptions
@@ -77,7 +78,7 @@ def test_a_loop_is_seen_by_its_reference(kind: str, gain: float, late: int) -> N
     assert sum(t.seen for t in tests) >= 9
     assert {t.reference for t in tests if t.seen} == {"ref"}
     if kind == "white":
-        assert in_closed_loop(logs[:3])
+        assert LogFacts(tuple(logs[:3])).surely_closed_loop
 
 
 def test_a_reference_alone_is_no_loop() -> None:

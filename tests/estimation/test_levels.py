@@ -7,6 +7,7 @@ import pytest
 from command_line import run, write_log
 from scipy.signal import lfilter
 
+from sysid.data.facts import LogFacts
 from sysid.data.level import Level, Origin, value_with_error
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel, Record
@@ -133,8 +134,8 @@ def test_what_decides(case: dict[str, object], origin: Origin) -> None:
 def test_policies() -> None:
     r = log(0, level=LEVEL)
     assert choose_offsets([r], "none").detrend.is_none
-    assert choose_offsets([r], "mean").detrend == Detrend.means([r])
-    assert choose_offsets([r], "linear").detrend == Detrend.linear([r])
+    assert choose_offsets([r], "mean").detrend == Detrend.means(LogFacts((r,)).outliers.records)
+    assert choose_offsets([r], "linear").detrend == Detrend.linear(LogFacts((r,)).outliers.records)
     assert choose_offsets([log(0)], "level").estimated == (True,)
     robot = Record(r.u, r.y, DT, (Channel("pwm_l"),), (Channel("omega_l"),))
     assert choose_offsets([robot]).detrend.is_none

@@ -1,22 +1,28 @@
 """How orders, delays and structures are chosen: what is held out, what ties, what leads."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from sysid.data.checks.delay import estimate_delays
+from sysid.data.facts import LogFacts
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
+from sysid.data.shortened import shortened
+from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.pem import fit
 from sysid.estimation.selection.contest import run_contest
-from sysid.estimation.selection.delays import choose_delay
+from sysid.estimation.selection.delays import chosen_delay
 from sysid.estimation.selection.orders import (
     Candidate,
     ranked,
     searching,
 )
 from sysid.estimation.soundness import bounded_run
-from sysid.fitting.holdout import hold_out, shortened, tie_margin
+from sysid.fitting.holdout import hold_out, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.structures.held_out_error import free_run_error
 from sysid.structures.linear.arx import ARX
@@ -141,16 +147,24 @@ def test_outliers_do_not_rule_a_robust_score() -> None:
     assert ratio(True) > 3.0
 
 
+def delay_of(records: Sequence[Record], estimated: bool = False) -> int | list[list[int]]:
+    """The delay to search with, about zero or about a level that each model estimates."""
+    offsets = Offsets.none(records[0].nu, records[0].ny)
+    if estimated:
+        offsets = replace(offsets, estimated=(True,) * records[0].ny)
+    return chosen_delay(LogFacts.of(records), offsets).nk
+
+
 @pytest.mark.parametrize("delay", [0, 1, 2, 7])
 def test_the_delay_is_confirmed(delay: int) -> None:
-    assert choose_delay(hold_out([motor(600, 0.05, seed=delay + 1, delay=delay)])) == delay
+    assert delay_of([motor(600, 0.05, seed=delay + 1, delay=delay)]) == delay
 
 
 def test_a_fast_sampled_plant_has_no_dead_time() -> None:
     """Noise hides the first samples of an answer that takes 200, but a free run needs no delay."""
     r = motor(6000, 0.03, seed=4, pole=0.995, hold=400)
     assert estimate_delays([r])[0].delay != 1, "else there is nothing to confirm"
-    assert choose_delay(hold_out([r])) == 1
+    assert delay_of([r]) == 1
 
 
 def test_a_controller_that_answers_within_the_sample_is_no_feedthrough() -> None:
@@ -164,13 +178,13 @@ def test_a_controller_that_answers_within_the_sample_is_no_feedthrough() -> None
         integral += 0.1 * (reference[k] - out[k])
         u[k] = np.clip(0.04 * (reference[k] - out[k]) + 0.2 * integral, -1.0, 1.0)
         y = 0.6 * y + 0.4 * 20.0 * u[k]
-    assert choose_delay(hold_out([Record(u, out, 0.1)])) == 1
+    assert delay_of([Record(u, out, 0.1)]) == 1
 
 
 def test_an_input_without_effect_takes_the_delay_of_the_main_one() -> None:
     r = motor(600, 0.2, seed=6, delay=3)
     idle = steps(600, 5, 77)
-    assert choose_delay(hold_out([Record(np.column_stack([r.u[:, 0], idle]), r.y, 0.1)])) == 3
+    assert delay_of([Record(np.column_stack([r.u[:, 0], idle]), r.y, 0.1)]) == 3
 
 
 def test_an_integrator_is_not_called_unstable() -> None:
@@ -215,7 +229,7 @@ def test_two_lags_sampled_fast_get_no_dead_time_they_have_not(delay: int) -> Non
         first[k] = slow * first[k - 1] + (1.0 - slow) * u[max(k - delay, 0)]
         y[k] = fast * y[k - 1] + (1.0 - fast) * first[k]
     log = Record((u - u.mean())[:, None], (y + 0.003 * rng.standard_normal(3000))[:, None], 2.0)
-    found = choose_delay(hold_out([log]), True)
+    found = delay_of([log], estimated=True)
     # in the first sample the answer is a thousandth of the step: a third of the noise
     assert isinstance(found, int)
     assert abs(found - delay) <= 1

@@ -7,11 +7,12 @@ import pytest
 from command_line import run, write_log
 
 from sysid.data.checks.delay import estimate_delays
-from sysid.data.outliers import mended, outlier_flags
+from sysid.data.facts import LogFacts
+from sysid.data.outliers import bridged, outlier_flags
 from sysid.data.record import Record
+from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.selection.contest import run_contest
 from sysid.estimation.selection.delays import chosen_delay
-from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions
 from sysid.structures.orders import MAX_ORDER
 
@@ -60,7 +61,7 @@ def test_the_largest_outliers_do_not_hide_the_others(seed: int) -> None:
 def test_the_delay_is_found_behind_outliers(delay: int) -> None:
     duty, rpm = fan(4, delay=delay)
     log = record(duty, misread(rpm, 4)[0])
-    assert estimate_delays(mended([log]).records)[0].delay == delay
+    assert estimate_delays(bridged([log]).records)[0].delay == delay
     found = run_contest(("oe",), [log], FitOptions())
     model = found.entries[0].model
     assert model.structure.order_values()["nk"] == delay
@@ -80,7 +81,8 @@ def test_no_delay_is_searched_with_that_orders_do_not_allow() -> None:
     rng = np.random.default_rng(1)
     u = rng.standard_normal(2000)
     y = np.roll(u, MAX_ORDER + 60) + 0.1 * rng.standard_normal(2000)
-    found = chosen_delay(hold_out([Record(u[:, None], y[:, None], 0.1)]), level=False, closed=False)
+    log = Record(u[:, None], y[:, None], 0.1)
+    found = chosen_delay(LogFacts((log,)), Offsets.none(1, 1))
     assert found.nk == 1
     assert f"more than the {MAX_ORDER} that orders allow" in found.notes[0]
 

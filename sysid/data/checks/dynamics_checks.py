@@ -4,13 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.data.checks.delay import estimate_delays
+from sysid.data.checks.delay import Delay
 from sysid.data.checks.feedback import FeedbackTest
-from sysid.data.checks.nonlinearity import nonlinearity_tests
+from sysid.data.checks.nonlinearity import NonlinearityTest
 from sysid.data.finding import Finding, Severity
 from sysid.data.record import Array, Record
-from sysid.data.speed import estimate_speed
-from sysid.errors import DataError
+from sysid.data.speed import Speed
 
 NONLINEAR = 0.01
 """Level of the test for nonlinearity, over all outputs."""
@@ -127,7 +126,7 @@ def _what_is_answered(test: FeedbackTest) -> str:
     return f"surprises in {test.output} ({share}, {_chance(test.p_value)})"
 
 
-def check_delay(records: Sequence[Record], closed: bool = False) -> list[Finding]:
+def check_delay(delays: Sequence[Delay] | None) -> list[Finding]:
     """The delay of every pair with its interval, output by output.
 
     An answer within the sample is either feedthrough or a controller that reads y(t) before it
@@ -135,17 +134,15 @@ def check_delay(records: Sequence[Record], closed: bool = False) -> list[Finding
     tell these apart for certain, so it is noted.
 
     Args:
-        records: experiments with the same channels.
-        closed: whether an input answers to an output.
+        delays: of every pair; None where the records are too short for them.
     """
-    try:
-        delays = estimate_delays(records, shortest=int(closed))
-    except DataError:
+    if delays is None:
         return [_too_short("delay")]
     found = []
-    for output in records[0].output_names:
+    for output in dict.fromkeys(d.output for d in delays):
         parts = []
-        for d in (d for d in delays if d.output == output):
+        pairs = [d for d in delays if d.output == output]
+        for d in pairs:
             if d.delay is None:
                 parts.append(f"no effect of {d.input} is visible")
             elif d.certain:
@@ -153,15 +150,14 @@ def check_delay(records: Sequence[Record], closed: bool = False) -> list[Finding
             else:
                 parts.append(f"{d.delay} ({d.low} to {d.high}) from {d.input}")
         text = f"Delay to {output} in samples: {', '.join(parts)}."
-        mine = [d for d in delays if d.output == output]
-        if all(d.delay is None for d in mine):
-            found.append(_no_effect(output, [d.input for d in mine]))
+        if all(d.delay is None for d in pairs):
+            found.append(_no_effect(output, [d.input for d in pairs]))
             continue
         severity, advice = (
             Severity.OK,
-            "" if all(d.certain for d in mine) else "Let the fit search the delay (give no nk).",
+            "" if all(d.certain for d in pairs) else "Let the fit search the delay (give no nk).",
         )
-        if any(d.delay == 0 and d.certain for d in mine):
+        if any(d.delay == 0 and d.certain for d in pairs):
             severity = Severity.NOTE
             advice = (
                 "Use nk = 0, unless a controller answers within the sample: then the delay is the "
@@ -184,11 +180,19 @@ def _no_effect(output: str, inputs: Sequence[str]) -> Finding:
     )
 
 
-def check_sampling(records: Sequence[Record]) -> list[Finding]:
-    """Sample time against the time the outputs take to answer."""
-    dt = records[0].dt
+def check_sampling(
+    dt: float, speeds: Sequence[Speed], delays: Sequence[Delay] | None
+) -> list[Finding]:
+    """Sample time against the time the outputs take to answer.
+
+    Args:
+        dt: sample time [s].
+        speeds: of the outputs.
+        delays: of every pair: what an input reaches within the sample only seems slow.
+    """
     found = []
-    for speed in estimate_speed(records):
+    immediate = {d.output for d in delays or () if d.delay == 0}
+    for speed in speeds:
         if speed.time_constant is None:
             text = f"The time constant of {speed.output} cannot be told from these data."
             found.append(Finding("sampling", Severity.NOTE, text, "", speed.output))
@@ -203,7 +207,7 @@ def check_sampling(records: Sequence[Record]) -> list[Finding]:
             )
         severity, tail, advice = Severity.OK, ".", ""
         if samples < 0.75:
-            severity = Severity.NOTE if speed.output in _immediate(records) else Severity.WARNING
+            severity = Severity.NOTE if speed.output in immediate else Severity.WARNING
             tail = ": the sampling is too slow to see how it gets there."
             advice = "Sample several times faster."
         elif samples > 60:
@@ -217,16 +221,13 @@ def check_sampling(records: Sequence[Record]) -> list[Finding]:
     return found
 
 
-def check_nonlinearity(records: Sequence[Record], closed: bool = False) -> list[Finding]:
+def check_nonlinearity(tests: Sequence[NonlinearityTest] | None) -> list[Finding]:
     """Whether the log asks for a nonlinear model, output by output.
 
     Args:
-        records: experiments with the same channels.
-        closed: whether an input answers to an output.
+        tests: one an output; None where the records are too short for them.
     """
-    try:
-        tests = nonlinearity_tests(records, feedback=closed)
-    except DataError:
+    if tests is None:
         return [_too_short("nonlinearity")]
     found = []
     for t in tests:
@@ -269,14 +270,6 @@ _APART = {
     False: "Add a run in which they differ: move one of them while the others stand still.",
 }
 """How to tell inputs apart, by whether they are a robot's."""
-
-
-def _immediate(records: Sequence[Record]) -> set[str]:
-    """Outputs that some input reaches within the sample: seeming slowness means feedthrough."""
-    try:
-        return {d.output for d in estimate_delays(records) if d.delay == 0}
-    except DataError:
-        return set()
 
 
 def _too_short(code: str) -> Finding:

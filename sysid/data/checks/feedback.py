@@ -65,18 +65,17 @@ ALARM = 0.01
 TRACE = 0.015
 """Share below which an answer does no harm: round-off and small nonlinearities of long records."""
 
-PAST = 8
-"""Past samples that predict a command or a reading."""
-
 ANSWER = 4
 """Number of samples within which a command answers."""
 
-LEVEL = 1e-4
+SURE = 1e-4
+"""Level at which feedback is certain enough to change how a model is searched for."""
+
+STRONG = 0.05
+"""Share that an answer then explains at least."""
+
 RANK = 1e-10
 """Squared length below which a combination of columns of length 1 is round-off."""
-
-SHARE = 0.05
-"""A reaction that explains less than this of the command's changes is none that matters."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +87,8 @@ class FeedbackTest:
         p_value: of "no input answers to this output", over both tests.
         reference: the column whose difference to the output the input answers to; empty where
             there is none in the log.
+        moving: whether the input changes in at least half of the samples, as an answer to noisy
+            outputs does.
         share: part of the output's surprises that future inputs tell, or part of the input's
             unforeseen changes that the output's surprises tell, 0 … 1, of the clearer test.
     """
@@ -97,11 +98,17 @@ class FeedbackTest:
     p_value: float
     share: float
     reference: str = ""
+    moving: bool = True
 
     @property
     def seen(self) -> bool:
         """Whether this is feedback that matters: beyond chance, and not a trace."""
         return self.p_value < ALARM and self.share > TRACE
+
+    @property
+    def sure(self) -> bool:
+        """Whether this is strong feedback beyond doubt."""
+        return self.p_value < SURE and self.share > STRONG and self.moving
 
 
 def feedback_tests(records: Sequence[Record]) -> tuple[FeedbackTest, ...]:
@@ -122,10 +129,12 @@ def feedback_tests(records: Sequence[Record]) -> tuple[FeedbackTest, ...]:
     looked = [future_tests(records, order, far), _reactions(records, order, far)]
     if with_reference(records):
         looked.append(_beside_reference(records, order, far))
+    moving = {n: _moves(records, j) for j, n in enumerate(records[0].input_names)}
     tests = []
-    for found in zip(*looked, strict=True):
-        clear = min(found, key=lambda f: f.p_value)
-        tests.append(replace(clear, p_value=min(1.0, len(looked) * clear.p_value)))
+    for of_output in zip(*looked, strict=True):
+        clear = min(of_output, key=lambda t: t.p_value)
+        p_value = min(1.0, len(looked) * clear.p_value)
+        tests.append(replace(clear, p_value=p_value, moving=moving[clear.input]))
     led = _at_most(with_reference(records))
     if not led:
         return tuple(tests)
@@ -135,24 +144,6 @@ def feedback_tests(records: Sequence[Record]) -> tuple[FeedbackTest, ...]:
         else t
         for i, t in enumerate(tests)
     )
-
-
-def tests_if_long_enough(records: Sequence[Record]) -> tuple[FeedbackTest, ...] | None:
-    """What ``feedback_tests`` finds, None where the records are too short to tell."""
-    try:
-        return feedback_tests(records)
-    except DataError:
-        return None
-
-
-def seen_in(tests: Sequence[FeedbackTest] | None) -> bool:
-    """Whether an input answers to an output; False where the records are too short to tell."""
-    return any(t.seen for t in tests or ())
-
-
-def in_feedback(records: Sequence[Record]) -> bool:
-    """As ``seen_in``, of records."""
-    return seen_in(tests_if_long_enough(records))
 
 
 def future_tests(
@@ -306,72 +297,9 @@ def _explained(X: Array, y: Array) -> tuple[float, float]:
     return float(fdtrc(ANSWER, free, max(a - b, 0.0) / ANSWER / (b / free))), 1.0 - b / a
 
 
-def in_closed_loop(records: Sequence[Record]) -> bool:
-    """Whether a command answers to surprises of an output.
-
-    False where the records are too short to tell, and where commands hold still in more than half
-    of the samples: an answer to noisy readings never does.
-    """
-    tests: tuple[FeedbackTest, ...] = ()
-    order = chosen_order(records)
-    if order:
-        try:
-            tests = future_tests(records, order, np.zeros(0, dtype=np.int64))
-        except DataError:
-            tests = ()
-    moving = {n for j, n in enumerate(records[0].input_names) if _moves(records, j)}
-    if not moving:
-        return False
-    if order and with_reference(records):
-        tests = (*tests, *_beside_reference(records, order, np.zeros(0, dtype=np.int64)))
-    if any(t.p_value < LEVEL and t.share > SHARE and t.input in moving for t in tests):
-        return True
-    heard = [surprises(records, i) for i in range(records[0].ny)]
-    pairs = [
-        reaction(records, j, w)
-        for j, n in enumerate(records[0].input_names)
-        for w in heard
-        if n in moving
-    ]
-    return any(p < LEVEL / len(pairs) and share > SHARE for p, share in pairs)
-
-
-def reaction(records: Sequence[Record], j: int, surprise: Sequence[Array]) -> tuple[float, float]:
-    """(p-value, share) of the changes of input ``j`` that follow from an output's surprises."""
-    rows, targets = [], []
-    for r, w in zip(records, surprise, strict=True):
-        first = PAST + ANSWER + 1
-        if len(r) <= first + 10:
-            continue
-        past = [r.u[first - k : len(r) - k, j] for k in range(1, PAST + 1)]
-        begin = 0 if r.reads_before_commands else 1
-        heard = [w[first - k : len(r) - k] for k in range(begin, begin + ANSWER)]
-        rows.append(np.column_stack([np.ones(len(r) - first), *past, *heard]))
-        targets.append(r.u[first:, j] - r.u[first - 1 : -1, j])
-    if not rows or sum(map(len, rows)) < 10 * (PAST + ANSWER):
-        return 1.0, 0.0
-    return _explained(np.concatenate(rows), np.concatenate(targets))
-
-
 def _moves(records: Sequence[Record], j: int) -> bool:
     change = np.concatenate([np.diff(r.u[:, j]) for r in records])
     return bool(len(change)) and float(np.median(np.abs(change))) > 0.0
-
-
-def surprises(records: Sequence[Record], i: int) -> list[Array]:
-    """What the past of all channels does not predict of output ``i``, clipped; (N,) a record."""
-    blocks = []
-    for r in records:
-        lagged = [_late(x, k) for x in (*r.y.T, *r.u.T) for k in range(1, PAST + 1)]
-        lagged += [] if r.reads_before_commands else list(r.u.T)
-        blocks.append(np.column_stack([np.ones(len(r)), *lagged]))
-    X, y = np.concatenate(blocks), np.concatenate([r.y[:, i] for r in records])
-    w = clipped(y - _robust(_basis(X), y))
-    return np.split(w, np.cumsum([len(r) for r in records])[:-1])
-
-
-def _late(x: Array, k: int) -> Array:
-    return np.concatenate([np.repeat(x[:1], k), x[:-k]])
 
 
 def _basis(X: Array) -> Array:

@@ -32,12 +32,12 @@ from scipy import special
 from sysid.data.checks.far_delay import NEAR, far_lags, first_seen
 from sysid.data.impulse import chosen_order, regressors
 from sysid.data.record import Array, Record
+from sysid.data.shortened import shortened
 from sysid.errors import DataError
 
 ROWS = 6_000
 """Samples looked at, as evenly spread pieces of the log: more would only find trifles."""
 
-PIECES = 4
 BLOCKS = 10
 LEARNED = 3
 """Blocks that only teach; each later one is tested with what all before it have taught."""
@@ -99,7 +99,7 @@ def nonlinearity_tests(
     Raises:
         DataError: too few samples for the linear predictor and its blocks.
     """
-    records = _pieces(records)
+    records = shortened(records, ROWS)
     samples = sum(len(r) for r in records)
     first = records[0]
     order = _order(records) if samples >= FEWEST else 0
@@ -256,19 +256,6 @@ def _blocks(rows: int) -> tuple[NDArray[np.int64], list[slice]]:
     blocks = [np.concatenate([pieces[k] for k in np.sort(order[b::BLOCKS])]) for b in range(BLOCKS)]
     ends = np.cumsum([0, *map(len, blocks)])
     return np.concatenate(blocks), [slice(int(a), int(b)) for a, b in pairwise(ends)]
-
-
-def _pieces(records: Sequence[Record]) -> list[Record]:
-    """At most ROWS samples, as evenly spread stretches of each record."""
-    total = sum(len(r) for r in records)
-    if total <= ROWS:
-        return list(records)
-    found = []
-    for r in records:
-        each = len(r) * ROWS // total // PIECES
-        starts = [k * len(r) // PIECES for k in range(PIECES)]
-        found += [r.rows(a, a + each) for a in starts]
-    return found
 
 
 def _order(records: Sequence[Record]) -> int:

@@ -12,7 +12,6 @@ from sysid.data.checks.dynamics_checks import (
     check_sampling,
     excitation_order,
 )
-from sysid.data.checks.feedback import seen_in, tests_if_long_enough
 from sysid.data.checks.level_checks import check_levels
 from sysid.data.checks.robot_checks import check_robot
 from sysid.data.checks.signal_checks import (
@@ -23,8 +22,8 @@ from sysid.data.checks.signal_checks import (
     check_saturation,
     check_stuck,
 )
+from sysid.data.facts import LogFacts
 from sysid.data.finding import Finding, Severity, worst
-from sysid.data.outliers import mended
 from sysid.data.record import Record
 from sysid.errors import DataError
 
@@ -47,7 +46,6 @@ SIGNAL_CHECKS: tuple[Callable[[Sequence[Record]], list[Finding]], ...] = (
     check_stuck,
     check_saturation,
     check_resolution,
-    check_outliers,
 )
 INPUT_CHECKS: tuple[Callable[[Sequence[Record]], list[Finding]], ...] = (
     check_robot,
@@ -56,10 +54,7 @@ INPUT_CHECKS: tuple[Callable[[Sequence[Record]], list[Finding]], ...] = (
 
 
 def inspect_records(
-    records: Sequence[Record],
-    order: int = 8,
-    nonlinearity: bool = True,
-    reading: Sequence[Finding] = (),
+    data: Sequence[Record] | LogFacts, order: int = 8, nonlinearity: bool = True
 ) -> tuple[Finding, ...]:
     """What reading found, then every check in a fixed order, each with a verdict in words.
 
@@ -73,14 +68,15 @@ def inspect_records(
     outliers.
 
     Args:
-        records: experiments with the same channels.
+        data: experiments with the same channels, or what is known of them.
         order: order the inputs should excite; the number of lags of the largest model wanted.
         nonlinearity: whether to run the one check that takes longer than a quick fit.
-        reading: findings of the files that the records come from.
 
     Raises:
         DataError: there is no record.
     """
+    facts = LogFacts.of(data)
+    records, reading = facts.records, facts.reading
     if not records:
         raise DataError("there is no record to inspect; name at least one log")
     found = [*_check_length(records), *check_finite(records)]
@@ -91,18 +87,16 @@ def inspect_records(
     if worst(tuple(found)) < Severity.FATAL:
         for check in SIGNAL_CHECKS:
             found += check(records)
+        found += check_outliers(records, facts.outliers)
     if worst(tuple(found)) < Severity.FATAL and records[0].nu:
-        # one reading a hundred times too large outweighs the answer to every input
-        records = mended(records).records
+        records = facts.outliers.records
         for check in INPUT_CHECKS:
             found += check(records)
         found += check_excitation(records, order)
-        found += check_sampling(records)
-        tests = tests_if_long_enough(records)
-        closed = seen_in(tests)
-        found += [*check_delay(records, closed), *check_feedback(tests)]
+        found += check_sampling(records[0].dt, facts.speeds, facts.delays)
+        found += [*check_delay(facts.delays), *check_feedback(facts.feedback)]
         if nonlinearity:
-            found += check_nonlinearity(records, closed)
+            found += check_nonlinearity(facts.nonlinearity)
     return (*reading, *found)
 
 

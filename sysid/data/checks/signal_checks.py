@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.finding import Finding, Severity
-from sysid.data.outliers import outlier_flags
+from sysid.data.outliers import Bridged
 from sysid.data.record import PWM_FULL_SCALE, Array, Record
 
 STUCK_SAMPLES = 20
@@ -76,19 +76,18 @@ def _stuck(record: Record, name: str, y: Array, moved: NDArray[np.bool_]) -> lis
     starts, lengths = _runs(y)
     usual = float(np.percentile(lengths, 95)) if len(lengths) > 20 else float(np.median(lengths))
     changes = np.concatenate([[0], np.cumsum(moved)])
-    worst = None
-    for start, length in zip(starts, lengths, strict=True):
-        stop = start + length - 1
-        # The rest before the first command and after the last one is no fault, nor is standing
-        # still at zero: friction holds a robot there.
-        inside = start + length // 4
-        if length >= max(STUCK_SAMPLES, 5 * usual) and y[start] != 0:
-            steps = changes[max(stop - length // 4, inside)] - changes[inside]
-            if steps >= 2 and (worst is None or length > worst[1]):
-                worst = (start, length)
-    if worst is None or _at_an_end(y, y[worst[0]]):
+    # The rest before the first command and after the last one is no fault, nor is standing
+    # still at zero: friction holds a robot there.
+    first, quarter = starts + lengths // 4, lengths // 4
+    last = np.maximum(starts + lengths - 1 - quarter, first)
+    driven = changes[last] - changes[first] >= 2
+    long = (lengths >= max(STUCK_SAMPLES, 5 * usual)) & (y[starts] != 0) & driven
+    if not long.any():
         return []
-    start, length = worst
+    longest = int(np.argmax(np.where(long, lengths, 0)))
+    start, length = int(starts[longest]), int(lengths[longest])
+    if _at_an_end(y, float(y[start])):
+        return []
     return [
         Finding(
             "stuck",
@@ -197,11 +196,10 @@ def check_resolution(records: Sequence[Record]) -> list[Finding]:
     return found or [Finding("resolution", Severity.OK, "The outputs are read finely enough.")]
 
 
-def check_outliers(records: Sequence[Record]) -> list[Finding]:
+def check_outliers(records: Sequence[Record], outliers: Bridged) -> list[Finding]:
     """Single samples far from both neighbours."""
     found = []
-    for record in records:
-        flags = outlier_flags(record)
+    for record, flags in zip(records, outliers.flags, strict=True):
         for j, name in enumerate(record.output_names):
             hits = np.flatnonzero(flags[:, j])
             if len(hits):

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sysid.data.io import signal_conversions
 from sysid.data.reading.columns import Choice, choose_columns
+from sysid.data.reading.data_lines import DataLines
 from sysid.data.reading.pose_reading import usable_pose
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import column_reader, numbered_clock, row_times
@@ -275,7 +276,7 @@ class _Format:
         return self.table.source
 
     @property
-    def rows(self) -> list[str]:
+    def rows(self) -> Sequence[str]:
         """The data lines among the first ones."""
         return self.layout.rows
 
@@ -307,7 +308,8 @@ class _Format:
         signals = (*self.choice.inputs, *self.choice.outputs)
         if not lines:
             return np.zeros(0), np.zeros((0, len(signals)))
-        source = replace(self.layout, rows=list(lines), lines=list(range(1, len(lines) + 1)))
+        rows = DataLines(list(lines))
+        source = replace(self.layout, rows=rows, lines=range(1, len(lines) + 1))
         table = replace(self.table, source=source)
         block = table.columns((*signals, *self.stamps))
         values = block[:, : len(signals)]

@@ -183,14 +183,13 @@ def refreshes(records: Sequence[Record]) -> tuple[Refresh | None, ...]:
     return tuple(refreshed([r.y[:, i] for r in records], inputs) for i in range(records[0].ny))
 
 
-def without_repeats(records: Sequence[Record]) -> tuple[Record, ...]:
+def without_repeats(
+    records: Sequence[Record], slow: Sequence[Refresh | None]
+) -> tuple[Record, ...]:
     """The records with repeats of slow sensors replaced by what lies between fresh readings.
 
     So that a dead time can be read off them: repeats would lengthen it by (m − 1)/2 rows.
     """
-    slow = refreshes(records)
-    if not any(slow):
-        return tuple(records)
     found = []
     for k, r in enumerate(records):
         columns = [
@@ -201,16 +200,16 @@ def without_repeats(records: Sequence[Record]) -> tuple[Record, ...]:
     return tuple(found)
 
 
-def own_rate(records: Sequence[Record]) -> tuple[Record, ...]:
+def at_own_rate(
+    records: Sequence[Record], of_outputs: Sequence[Refresh | None]
+) -> tuple[Record, ...]:
     """The records at the rate of the slowest sensor, in the phase of its fresh readings."""
-    slow = [r for r in refreshes(records) if r is not None]
-    if not slow:
-        return tuple(records)
+    slow = [r for r in of_outputs if r is not None]
     rows = max(max(int(np.ceil(s.period - SHORTER)) for s in slow), 1)
     slowest = max(slow, key=lambda s: s.period)
     return tuple(
         every_rows(r, rows, slowest.phase(k, rows))
-        for k, r in enumerate(without_repeats(records))
+        for k, r in enumerate(without_repeats(records, of_outputs))
         if len(r) >= SHORTEST_LOG * rows
     ) or tuple(records)
 

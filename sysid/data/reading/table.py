@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.reading.data_lines import DataLines
 from sysid.data.reading.dates import date_format, seconds_of
 from sysid.data.reading.header import MISSING, STATES
 from sysid.data.reading.text_layout import Layout, lay_out, split_line
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
 _BRACKETS = re.compile(r"(?P<base>.*?\S)\s*[\[(](?P<unit>[^\[\]()]*)[\])]")
 LARGEST = 1e100
 """No measured number is larger, and the squares of larger ones overflow."""
-QUICK_ROWS = 100_000
-"""Rows up to which NumPy reads a log sooner (0.2 s) than pandas is imported (0.3 s)."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +71,7 @@ class Table:
         if isinstance(self.source, Layout):
             source: Any = replace(
                 self.source,
-                rows=[self.source.rows[k] for k in kept],
+                rows=DataLines([self.source.rows[k] for k in kept]),
                 lines=[self.source.lines[k] for k in kept],
             )
         elif isinstance(self.source, Rows):
@@ -169,8 +168,9 @@ class Table:
     def _text(self, index: list[int]) -> Array:
         layout = self.source
         assert isinstance(layout, Layout)
-        quick = _plain_numbers(layout, index)
-        return self._odd_text(layout, index) if quick is None else quick
+        plain = layout.decimal == "." and not layout.rows.has('"')
+        numbers = layout.rows.numbers(layout.delimiter, index) if plain else None
+        return self._odd_text(layout, index) if numbers is None else numbers
 
     def _odd_text(self, layout: Layout, index: list[int]) -> Array:
         """Cells that are missing, quoted or written with a comma, and very long logs."""
@@ -187,10 +187,9 @@ class Table:
             "skipinitialspace": True,
             "engine": "c",
         }
-        text = "\n".join(layout.rows)
         try:
             frame = pd.read_csv(
-                io.StringIO(text),
+                io.BytesIO(layout.rows.text),
                 dtype=np.float64,
                 na_values=list(MISSING),
                 **options,
@@ -296,18 +295,6 @@ class Table:
                 )
             parts.append(numbers.to_numpy(dtype=np.float64, na_value=np.nan))
         return np.column_stack(parts)
-
-
-def _plain_numbers(layout: Layout, index: list[int]) -> Array | None:
-    """The columns of a short log whose cells are nothing but numbers; None for any other log."""
-    long = len(layout.rows) > QUICK_ROWS
-    if long or layout.decimal != "." or any('"' in row for row in layout.rows):
-        return None
-    sep = None if layout.delimiter == " " else layout.delimiter
-    try:
-        return np.loadtxt(layout.rows, delimiter=sep, usecols=index, ndmin=2, comments=None)
-    except ValueError:
-        return None
 
 
 def read_table(

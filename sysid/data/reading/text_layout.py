@@ -1,8 +1,10 @@
 """How a text log is laid out: encoding, header, delimiter, decimal sign, lines with data."""
 
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
+from sysid.data.reading.data_lines import DataLines, cut_tail
 from sysid.data.reading.dates import date_format
 from sysid.data.reading.header import (
     MISSING,
@@ -50,8 +52,8 @@ class Layout:
     names: tuple[str, ...]
     delimiter: str
     decimal: str
-    rows: list[str]
-    lines: list[int]
+    rows: DataLines
+    lines: Sequence[int]
     notes: tuple[str, ...]
     units: tuple[str, ...] = ()
     interval: float | None = None
@@ -61,10 +63,25 @@ class Layout:
 def lay_out(data: bytes, where: str, delimiter: str | None, decimal: str | None) -> Layout:
     """Find header, delimiter, decimal sign and data lines in the bytes of a text log.
 
+    Of a log whose first lines say how all others are to be read only these are looked at.
+
     Raises:
         DataError: empty, binary, without a header, without rows, or with ragged rows.
         UsageError: the delimiter or decimal sign asked for does not exist.
     """
+    cut = cut_tail(data)
+    if cut is not None:
+        head, tail = cut
+        layout = _lay_out(head, where, delimiter, decimal)
+        alike = (layout.delimiter, len(layout.names)) == (tail.separator, tail.cells)
+        if alike and not any(layout.in_cells):
+            rows = DataLines(layout.rows.head, tail)
+            return replace(layout, rows=rows, lines=[*layout.lines, *tail.numbers])
+    return _lay_out(data, where, delimiter, decimal)
+
+
+def _lay_out(data: bytes, where: str, delimiter: str | None, decimal: str | None) -> Layout:
+    """``lay_out`` where every line is looked at."""
     text, notes = _decode(data, where)
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     complete = not lines[-1]
@@ -100,7 +117,9 @@ def lay_out(data: bytes, where: str, delimiter: str | None, decimal: str | None)
     units = (*units, *[""] * len(names))[: len(names)]
     in_cells = tuple(behind.get(i, "") for i in range(len(names)))
     notes = (*notes, *more)
-    return Layout(names, sep, point, rows, numbers, notes, units, found.interval, in_cells)
+    return Layout(
+        names, sep, point, DataLines(rows), numbers, notes, units, found.interval, in_cells
+    )
 
 
 def split_line(line: str, delimiter: str) -> list[str]:

@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.facts import LogFacts
 from sysid.data.level import Origin
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
-from sysid.data.rest import Rest, rest_head
+from sysid.data.rest import Rest
 from sysid.errors import UsageError
 from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.soundness import bounded_run
-from sysid.fitting.holdout import hold_out, longest_of, shortened
+from sysid.fitting.holdout import hold_out, longest_of
 from sysid.structures.held_out_error import free_run_error
 from sysid.structures.linear import closed_form
 from sysid.structures.linear.arx import ARX
@@ -22,9 +23,6 @@ from sysid.structures.linear.arx_at_once import promising, solved_at_once
 from sysid.structures.linear.constant_input import constant_places, with_constant, with_ones
 
 POLICIES = ("auto", "none", "mean", "linear", "level")
-
-SAMPLES = 12_000
-"""Samples that choose: as many as an order search looks at."""
 
 STRADDLES = 0.1
 """A signal is on both sides of zero when at least this share of its samples is on either."""
@@ -51,7 +49,7 @@ PER_COEFFICIENT = 20
 """Samples behind each of its coefficients."""
 
 
-def choose_offsets(records: Sequence[Record], policy: str = "auto", nk: Any = 1) -> Offsets:
+def choose_offsets(data: Sequence[Record] | LogFacts, policy: str = "auto", nk: Any = 1) -> Offsets:
     """How the levels of these records are dealt with.
 
     ``auto``: the zeros of a robot log that comes near them are physical. A robot log that does not,
@@ -60,7 +58,7 @@ def choose_offsets(records: Sequence[Record], policy: str = "auto", nk: Any = 1)
     estimated with each model, counted from the rest at the head where there is one.
 
     Args:
-        records: estimation data.
+        data: estimation data, or what is known of them.
         policy: ``auto``; ``none``; ``mean`` or ``linear``, which are removed; ``level``, which is
             estimated whatever the log looks like.
         nk: input delay, a number or a matrix (outputs x inputs).
@@ -68,11 +66,12 @@ def choose_offsets(records: Sequence[Record], policy: str = "auto", nk: Any = 1)
     Raises:
         UsageError: the policy is unknown.
     """
-    start = start_of(records, policy)
-    if not any(start.estimated) or records[0].nu == 0:
+    facts = LogFacts.of(data)
+    start = start_of(facts, policy)
+    if not any(start.estimated) or facts.records[0].nu == 0:
         return start
-    rest = rest_head(records[0])
-    evidence = _Evidence(shortened(records, SAMPLES), nk)
+    rest = facts.rest
+    evidence = _Evidence(facts.sample, nk)
     if policy == "auto":
         kept = _zero(evidence, rest, start)
         if kept is not None:
@@ -80,7 +79,7 @@ def choose_offsets(records: Sequence[Record], policy: str = "auto", nk: Any = 1)
     return _about(evidence, rest, start)
 
 
-def start_of(records: Sequence[Record], policy: str) -> Offsets:
+def start_of(facts: LogFacts, policy: str) -> Offsets:
     """Offsets before anything is known of the plant: a level about the rest or the means.
 
     Raises:
@@ -88,6 +87,7 @@ def start_of(records: Sequence[Record], policy: str) -> Offsets:
     """
     if policy not in POLICIES:
         raise UsageError(f"no detrending {policy!r}; choose one of {', '.join(POLICIES)}")
+    records = facts.outliers.records
     first = records[0]
     ny = first.ny
     if policy == "none" or (policy == "auto" and first.is_robot_log and _shows_zero(records)):
@@ -96,7 +96,7 @@ def start_of(records: Sequence[Record], policy: str) -> Offsets:
         return Offsets(Detrend.means(records), Origin.MEANS)
     if policy == "linear":
         return Offsets(Detrend.linear(records), Origin.LINES)
-    rest = rest_head(first)
+    rest = facts.rest
     if rest is None:
         return Offsets(Detrend.means(records), Origin.ESTIMATED, (True,) * ny)
     return Offsets(

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sysid.data.facts import LogFacts
 from sysid.data.level import Level, Origin
-from sysid.data.outliers import mended
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Index, Record
 from sysid.estimation.offsets.offsets import Offsets
@@ -51,7 +51,7 @@ class Levelled:
 
 def fit_with_level(
     structure: PolynomialStructure,
-    records: Sequence[Record],
+    facts: LogFacts,
     offsets: Offsets,
     options: FitOptions,
     parameters: tuple[Parameter, ...],
@@ -61,7 +61,7 @@ def fit_with_level(
 
     Args:
         structure: what to fit.
-        records: as read.
+        facts: of the data.
         offsets: what is removed first, and whose level is estimated.
         options: how to fit.
         parameters: of ``structure``, with bounds and fixed values.
@@ -70,6 +70,7 @@ def fit_with_level(
     Returns:
         The fit, or None where the data cannot tell the constant from what the inputs do.
     """
+    records = facts.records
     wide = with_constant(structure, offsets.estimated)
     known = offsets.at_rest and len(records) == 1 and not structure.has_noise_model
     if known and options.initial is Initial.AUTO:
@@ -87,24 +88,24 @@ def fit_with_level(
     places, _ = constant_places(wide)
     if not np.all(np.isfinite(np.diag(outcome.covariance)[places])):
         return None
-    return narrowed(wide, outcome, records, offsets)
+    return narrowed(wide, outcome, facts, offsets)
 
 
 def narrowed(
-    wide: PolynomialStructure, outcome: FitOutcome, records: Sequence[Record], offsets: Offsets
+    wide: PolynomialStructure, outcome: FitOutcome, facts: LogFacts, offsets: Offsets
 ) -> Levelled:
     """A fit with the constant as a level of the structure without it.
 
     Args:
         wide: the structure with the constant as its last input.
         outcome: its fit.
-        records: the data as read.
+        facts: of the data.
         offsets: what was removed before.
     """
     places, _ = constant_places(wide)
     kept = np.setdiff1d(np.arange(len(outcome.theta)), places)
     before = offsets.detrend
-    seen = mended(records).records
+    records, seen = facts.records, facts.outliers.records
     u, y = (np.concatenate([getattr(r, side) for r in seen]) for side in ("u", "y"))
     ranges = np.ptp(y, axis=0)
     move = _balance(wide, outcome, ranges)

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from sysid.data.facts import LogFacts
 from sysid.data.following.lines import Lines
 from sysid.data.following.rows import Lost, RowReader, Rows
 from sysid.data.level import Level, Origin
@@ -295,7 +296,7 @@ def _model(live: LiveFit, records: Sequence[Record], options: FitOptions) -> Mod
     places, _ = constant_places(wide)
     if np.all(np.isfinite(np.diag(found.covariance)[places])):
         offsets = Offsets(none, Origin.ESTIMATED, (True,) * ny)
-        levelled = narrowed(wide, outcome, records, offsets)
+        levelled = narrowed(wide, outcome, LogFacts.of(records), offsets)
         without = [levelled.at_fit.remove(r) for r in records]
         return pem.model_of(
             levelled.outcome, records, without, options, levelled.detrend, levelled.level

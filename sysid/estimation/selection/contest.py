@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
-from sysid.data.checks.feedback import in_feedback
-from sysid.data.outliers import mended
+from sysid.data.facts import LogFacts
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
 from sysid.errors import DataError, ModelError, SysidError, UsageError
@@ -21,21 +20,12 @@ from sysid.estimation.selection.orders import (
 )
 from sysid.estimation.selection.standings import Entry, in_order, reason
 from sysid.estimation.soundness import bounded_run
-from sysid.fitting.holdout import (
-    HoldOut,
-    hold_out,
-    longest_of,
-    shortened,
-    tie_margin,
-)
+from sysid.fitting.holdout import HoldOut, hold_out, longest_of, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
 from sysid.structures.base import Structure
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class, structure_classes
-
-SEARCH_SAMPLES = 12_000
-"""Samples an order search looks at; the chosen orders are fitted to all of them."""
 
 PARALLEL_WORK = 400_000
 """Candidates × samples from which a second process pays for its start (about a second)."""
@@ -99,7 +89,7 @@ Grid = Sequence[Mapping[str, Any]]
 
 def run_contest(
     names: Sequence[str],
-    records: Sequence[Record],
+    data: Sequence[Record] | LogFacts,
     options: FitOptions,
     detrend: Detrend | Offsets | str = "auto",
     *,
@@ -112,7 +102,7 @@ def run_contest(
 
     Args:
         names: structures to fit.
-        records: estimation data.
+        data: estimation data, or what is known of them.
         options: how to fit.
         detrend: what is done about the records' levels: a policy, or what was chosen before.
         grid: orders to try, for all or by structure; None, and where a structure is left out, for
@@ -125,25 +115,26 @@ def run_contest(
         DataError: no structure could be fitted.
         UsageError: the orders do not fit a structure.
     """
+    facts = LogFacts.of(data)
+    records, small = facts.records, facts.sample
     check_data(records)
-    clean = mended(records)
-    small = shortened(clean.records, SEARCH_SAMPLES)
     nu, ny = records[0].nu, records[0].ny
     given = _by_structure(names, grid)
     whole = len(given) == len(names)
     searched = not whole or any(len(g) > 1 for g in given.values())
-    closed = (searched or len(names) > 1) and in_feedback(small)
-    offsets, found = _offsets_and_delay(clean.records, small, detrend, closed, search=not whole)
+    closed = (searched or len(names) > 1) and facts.closed_loop
+    offsets, found = _offsets_and_delay(facts, detrend, search=not whole)
     nk, said = found.nk, found.notes
-    if clean.words and searched:
+    replaced = facts.outliers.words
+    if replaced and searched:
         said = (
             *said,
-            f"{clean.words} stood out; delay, orders and levels were chosen with the line between "
+            f"{replaced} stood out; delay, orders and levels were chosen with the line between "
             "their neighbours in their place.",
         )
     ahead = closed and _may_be_judged_one_step(names, options)
     cut = replace(hold_out(small, longest_of(nk)), one_step=ahead)
-    tasks, data = [], {}
+    tasks, seen = [], {}
     for name in names:
         chosen = list(given[name]) if name in given else _grid(name, nu, ny, cut.samples, nk)
         try:
@@ -153,10 +144,10 @@ def run_contest(
                 raise UsageError(f"{error}; or name fewer structures with `structures`") from None
             raise
         own = offsets.for_structure(made[0], small)
-        data[name] = (cut.of(own.detrend.remove), own.estimated)
+        seen[name] = (cut.of(own.detrend.remove), own.estimated)
         tasks.append((name, chosen))
-    searches, failed = _searches(tasks, data, options, criterion, jobs, progress)
-    entries = _entries(tasks, searches, failed, records, options, offsets, progress)
+    searches, failed = _searches(tasks, seen, options, criterion, jobs, progress)
+    entries = _entries(tasks, searches, failed, facts, options, offsets, progress)
     if not entries:
         raise DataError("; ".join(failed.values()) or "no structure could be fitted")
     if progress:
@@ -170,7 +161,7 @@ def _entries(
     tasks: Sequence[tuple[str, Grid]],
     searches: Mapping[str, tuple[OrderSearch, float]],
     failed: dict[str, str],
-    records: Sequence[Record],
+    facts: LogFacts,
     options: FitOptions,
     offsets: Offsets,
     progress: Progress | None,
@@ -190,9 +181,9 @@ def _entries(
         # one candidate is fitted as asked for, alone and in company: what a structure that
         # searches within itself found on the part that was fitted only says how good it is
         orders = chosen[0] if len(chosen) == 1 or search is None else search[0].best.orders
-        structure = _structure(name, orders, records, options)
+        structure = _structure(name, orders, facts.records, options)
         try:
-            entries.append(_entry(structure, search, records, options, offsets))
+            entries.append(_entry(structure, search, facts, options, offsets))
         except (DataError, ModelError) as error:
             if len(tasks) == 1:
                 raise
@@ -211,13 +202,13 @@ def _structure(
 def _entry(
     structure: Structure,
     search: tuple[OrderSearch, float] | None,
-    records: Sequence[Record],
+    facts: LogFacts,
     options: FitOptions,
     offsets: Offsets,
 ) -> Entry:
     """The structure fitted to all data, with the search that chose its orders and its seconds."""
     started = perf_counter()
-    model, notes = _fitted(structure, records, options, offsets)
+    model, notes = _fitted(structure, facts, options, offsets)
     spent = perf_counter() - started + (search[1] if search else 0.0)
     return Entry(model, search[0] if search else None, spent, notes)
 
@@ -240,37 +231,31 @@ def _may_be_judged_one_step(names: Sequence[str], options: FitOptions) -> bool:
 
 
 def _offsets_and_delay(
-    records: Sequence[Record],
-    small: Sequence[Record],
-    detrend: Detrend | Offsets | str,
-    closed: bool,
-    *,
-    search: bool,
+    facts: LogFacts, detrend: Detrend | Offsets | str, *, search: bool
 ) -> tuple[Offsets, ChosenDelay]:
     """What is done about levels, and the delay to search with, which that choice needs."""
     known = Offsets.of_detrend(detrend) if isinstance(detrend, Detrend) else detrend
-    first = start_of(records, known) if isinstance(known, str) else known
+    first = start_of(facts, known) if isinstance(known, str) else known
     found = ChosenDelay(1)
-    if search and small[0].nu:
-        data = hold_out([first.detrend.remove(r) for r in small])
-        found = chosen_delay(data, any(first.estimated), closed)
-    return choose_offsets(records, known, found.nk) if isinstance(known, str) else known, found
+    if search and facts.records[0].nu:
+        found = chosen_delay(facts, first)
+    return choose_offsets(facts, known, found.nk) if isinstance(known, str) else known, found
 
 
 def _fitted(
-    structure: Structure, records: Sequence[Record], options: FitOptions, detrend: Offsets
+    structure: Structure, facts: LogFacts, options: FitOptions, detrend: Offsets
 ) -> tuple[Model, tuple[str, ...]]:
     """The fit; for output-error structures a second one with stable poles where it needs it.
 
     An unstable predictor of OE or BJ cannot even be evaluated on a longer record, so stability
     is part of what the structure means; for ARX and ARMAX it is reported and left to the user.
     """
-    model = fit(structure, records, options, detrend=detrend)
+    model = fit(structure, facts, options, detrend=detrend)
     # a structure that chooses within itself knows its θ only when it is fitted
     settled = bounded_run(model.structure, model.theta)
     if settled or options.stable or not structure.stable_by_meaning:
         return model, ()
-    bounded = fit(structure, records, replace(options, stable=True), detrend=detrend)
+    bounded = fit(structure, facts, replace(options, stable=True), detrend=detrend)
     return bounded, (
         "The unconstrained fit had an unstable pole; the poles were kept inside the unit circle.",
     )

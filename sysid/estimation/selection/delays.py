@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.checks.delay import Delay, estimate_delays
-from sysid.data.checks.feedback import in_feedback
+from sysid.data.checks.delay import Delay
+from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Record
 from sysid.errors import DataError, ModelError
+from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.pem import fit_prepared
 from sysid.estimation.selection.orders import searching
-from sysid.fitting.holdout import HoldOut, allowing, tie_margin
+from sysid.fitting.holdout import HoldOut, allowing, hold_out, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.structures.head import head_window
 from sysid.structures.held_out_error import free_run_error
@@ -20,9 +21,6 @@ from sysid.structures.linear.constant_input import with_constant, with_ones
 from sysid.structures.linear.oe import OE
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.orders import MAX_ORDER
-
-LONGEST_DELAY = 30
-"""Delays up to this one are looked for everywhere, longer ones where a correlation shows them."""
 
 WEAK = 0.05
 """An input that explains less than this part of what the output's main input explains takes that
@@ -59,12 +57,7 @@ class ChosenDelay:
     notes: tuple[str, ...] = ()
 
 
-def choose_delay(data: HoldOut, level: bool = False) -> int | list[list[int]]:
-    """What :func:`chosen_delay` finds, without its sentences."""
-    return chosen_delay(data, level, in_feedback(data.whole)).nk
-
-
-def chosen_delay(data: HoldOut, level: bool, closed: bool) -> ChosenDelay:
+def chosen_delay(facts: LogFacts, offsets: Offsets) -> ChosenDelay:
     """The delay of every pair: a number where all agree, else a matrix (outputs × inputs).
 
     The long regression that estimates delays misleads where the sampling is much faster than the
@@ -76,16 +69,14 @@ def chosen_delay(data: HoldOut, level: bool, closed: bool) -> ChosenDelay:
     lags that begins there meets the data clearly better, stretch by stretch.
 
     Args:
-        data: what to fit and what to choose on, offsets removed.
-        level: whether each of these models estimates a level of its own.
-        closed: whether an input answers to an output.
+        facts: of the estimation data.
+        offsets: what is removed before, and whether each model estimates a level of its own.
     """
-    first = data.whole[0]
-    try:
-        longest = min(LONGEST_DELAY, max(min(len(r) for r in data.whole) // 20, 2))
-        found = estimate_delays(data.whole, longest, shortest=int(closed))
-    except DataError:
+    found = facts.delays
+    if found is None:
         return ChosenDelay(PLAIN)
+    data = hold_out([offsets.detrend.remove(r) for r in facts.sample])
+    first, level = data.whole[0], any(offsets.estimated)
     notes = tuple(
         f"{d.output} seems to answer to {d.input} after {d.delay} samples, more than the "
         f"{MAX_ORDER} that orders allow; the search left this delay out. If it is real, decimate."
@@ -97,7 +88,9 @@ def chosen_delay(data: HoldOut, level: bool, closed: bool) -> ChosenDelay:
         _confirmed(_only(data, output), [d for d in found if d.output == output], level)
         for output in first.output_names
     ]
-    if not closed:  # there a free run errs least where it takes noise for the plant's answer
+    if (
+        not facts.closed_loop
+    ):  # there a free run errs least where it takes noise for the plant's answer
         rows = [
             _as_early_as_seen(_only(data, output), row, level)
             for output, row in zip(first.output_names, rows, strict=True)

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.column_words import meaning, words
-from sysid.data.outliers import mended
-from sysid.data.reading.held import without_repeats
+from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Index, Record
 from sysid.errors import DataError
 from sysid.estimation.vehicle.geometry import in_one_frame
@@ -139,7 +138,8 @@ def drives_of(records: Sequence[Record], geometry: Geometry) -> Drives:
     missing = what_is_missing(records)
     if missing:
         raise DataError(missing)
-    records = without_repeats([_sided(r, geometry) for r in records])
+    facts = LogFacts(tuple(_sided(r, geometry) for r in records)).without_repeats
+    records = facts.records
     said = []
     commanded = meaning(records[0].output_names[0]).quantity == "command"
     if commanded:
@@ -148,7 +148,7 @@ def drives_of(records: Sequence[Record], geometry: Geometry) -> Drives:
             "the pose holds the answer of the wheels, too."
         )
     elif all(np.isfinite(r.y).all() for r in records):
-        clean = mended(records)
+        clean = facts.outliers
         records = clean.records
         if clean.words:
             said.append(

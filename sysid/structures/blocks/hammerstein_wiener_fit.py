@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.data.record import Record
-from sysid.fitting.holdout import hold_out, shortened, tie_margin
+from sysid.data.shortened import shortened
+from sysid.fitting.holdout import hold_out, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter
 from sysid.structures.base import Structure

@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from sysid.data.record import Record
+from sysid.data.shortened import shortened
 from sysid.errors import ModelError
-from sysid.fitting.holdout import hold_out, shortened, tie_margin
+from sysid.fitting.holdout import hold_out, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter
 from sysid.structures.base import Structure

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
+from sysid.data.shortened import shortened
 from sysid.errors import ModelError, Termination
-from sysid.fitting.holdout import shortened
 from sysid.fitting.marquardt import loss
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Initial, Parameter

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.data.record import Array, Record
+from sysid.data.shortened import shortened
 from sysid.errors import DataError, Termination, UsageError, argument
-from sysid.fitting.holdout import shortened
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter, Problem
 from sysid.fitting.robust import huber_widths, weighted

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sysid.data.checks.quality import inspect_records
+from sysid.data.facts import LogFacts
 from sysid.data.finding import Severity
 from sysid.data.io import ReadOptions, read_file
 from sysid.errors import DataError, SysidError
@@ -154,7 +155,7 @@ def test_a_counter_that_waits_at_its_start_does_not_clip(tmp_path: Path, wraps: 
     shown = (count + 32768) % 65536 - 32768
     rows = "\n".join(f"{k},{a:.1f},{b}" for k, (a, b) in enumerate(zip(u, shown, strict=True)))
     log = read_file(put(tmp_path, f"t,u,enc\n{rows}\n"))
-    said = inspect_records(log.records, reading=log.findings)
+    said = inspect_records(LogFacts(log.records, log.findings))
     assert not [f for f in said if f.code == "saturation" and f.severity is not Severity.OK]
 
 
@@ -164,7 +165,7 @@ def test_a_sensor_at_its_limit_still_clips(tmp_path: Path) -> None:
     y[:40] = 5.0
     rows = "\n".join(f"{k},{k % 7},{b:.4f}" for k, b in enumerate(y))
     log = read_file(put(tmp_path, f"t,u,y\n{rows}\n"))
-    said = inspect_records(log.records, reading=log.findings)
+    said = inspect_records(LogFacts(log.records, log.findings))
     assert [f for f in said if f.code == "saturation" and f.severity is not Severity.OK]
 
 

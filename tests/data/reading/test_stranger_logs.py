@@ -9,6 +9,7 @@ from command_line import run
 from written_logs import LOGGERS, STEP, lines, motor, point, put, whole
 
 from sysid.data.checks.quality import inspect_records
+from sysid.data.facts import LogFacts
 from sysid.data.io import ReadOptions, read_file
 
 # ------------------------------------------------------------------------------------ whole files
@@ -40,7 +41,7 @@ def test_missing_lines_are_counted_behind_every_clock(tmp_path: Path, logger: st
         ReadOptions(**written.options),
     )
     assert len(log.records[0]) == len(written.u)
-    findings = inspect_records(log.records, reading=log.findings)
+    findings = inspect_records(LogFacts(log.records, log.findings))
     said = " ".join(f.text for f in findings)
     assert "2 missing samples were interpolated" in said
     assert "No sample is missing" not in said

@@ -5,7 +5,7 @@ import pytest
 from plain_tracks import CHANNELS, DT, FULL, GAIN, POLE, SCALES, SIGMA, logged, noise, simulate
 from sysid_datasets.driving import STYLES, speed_loop
 
-from sysid.data.checks.feedback import in_closed_loop
+from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Record
 from sysid.diagnosis.validation.model_error import error_structure
 from sysid.errors import DataError
@@ -104,4 +104,4 @@ def test_feedback_is_told_from_open_loop(style: str, loop: bool) -> None:
         command = driver(k, (float(y[k, 0]), float(y[k, 1]))) if loop else reference[k]
         u[k] = np.asarray(command, dtype=np.float64)
         state = POLE * state + GAIN * (1 - POLE) * u[k] / FULL
-    assert in_closed_loop([Record(u=u, y=y, dt=DT, **CHANNELS)]) is loop
+    assert LogFacts((Record(u=u, y=y, dt=DT, **CHANNELS),)).surely_closed_loop is loop

@@ -1,0 +1,119 @@
+"""LogFacts: what a log says without a model, each fact computed when first asked for, and once."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from sysid.data.checks.delay import Delay, estimate_delays
+from sysid.data.checks.feedback import FeedbackTest, feedback_tests
+from sysid.data.checks.nonlinearity import NonlinearityTest, nonlinearity_tests
+from sysid.data.finding import Finding
+from sysid.data.outliers import Bridged, bridged
+from sysid.data.reading.held import Refresh, at_own_rate, refreshes, without_repeats
+from sysid.data.record import Record
+from sysid.data.rest import Rest, rest_head
+from sysid.data.shortened import shortened
+from sysid.data.speed import Speed, estimate_speed
+from sysid.errors import DataError
+
+SAMPLES = 12_000
+"""Samples that delays, feedback and orders are judged on: more would only find trifles."""
+
+LONGEST_DELAY = 30
+"""Delays up to this one are looked for everywhere, longer ones where a correlation shows them."""
+
+
+@dataclass(frozen=True, eq=False)
+class LogFacts:
+    """What some records say without a model.
+
+    A command makes one and passes it down; nobody below estimates a fact again. A fact is None
+    where the records are too short for it.
+
+    Attributes:
+        records: experiments with the same channels, on a uniform grid each.
+        reading: what the reader found and did: sample times, gaps, repeated rows.
+    """
+
+    records: tuple[Record, ...]
+    reading: tuple[Finding, ...] = ()
+
+    @staticmethod
+    def of(data: "Sequence[Record] | LogFacts") -> "LogFacts":
+        """Facts as they are, or of records of which nothing is known yet."""
+        return data if isinstance(data, LogFacts) else LogFacts(tuple(data))
+
+    @cached_property
+    def outliers(self) -> Bridged:
+        """Single outputs that stand out, and the records with lines in their place."""
+        return bridged(self.records)
+
+    @cached_property
+    def sample(self) -> tuple[Record, ...]:
+        """At most ``SAMPLES`` samples without outliers: one of these outweighs all else."""
+        return shortened(self.outliers.records, SAMPLES)
+
+    @cached_property
+    def refreshes(self) -> tuple[Refresh | None, ...]:
+        """The rate of each output that is measured less often than logged; None for the others."""
+        return refreshes(self.records)
+
+    @cached_property
+    def at_own_rate(self) -> "LogFacts":
+        """Of the records at the rate of the slowest sensor; these where none is slower."""
+        if not any(self.refreshes):
+            return self
+        return LogFacts(at_own_rate(self.records, self.refreshes))
+
+    @cached_property
+    def without_repeats(self) -> "LogFacts":
+        """Of the records with repeats of slow sensors replaced by what lies between."""
+        if not any(self.refreshes):
+            return self
+        return LogFacts(without_repeats(self.records, self.refreshes))
+
+    @cached_property
+    def rest(self) -> Rest | None:
+        """Where the first record rests before its first command; None where it begins in motion."""
+        return rest_head(self.outliers.records[0])
+
+    @cached_property
+    def feedback(self) -> tuple[FeedbackTest, ...] | None:
+        """Whether inputs follow from outputs, one verdict an output."""
+        try:
+            return feedback_tests(self.sample)
+        except DataError:
+            return None
+
+    @property
+    def closed_loop(self) -> bool:
+        """Whether an input follows from an output: beyond chance, and not a trace."""
+        return any(t.seen for t in self.feedback or ())
+
+    @property
+    def surely_closed_loop(self) -> bool:
+        """Whether it does so for sure and strongly, and with commands that seldom rest."""
+        return any(t.sure for t in self.feedback or ())
+
+    @cached_property
+    def delays(self) -> tuple[Delay, ...] | None:
+        """The delay of every pair; within the sample only where no controller answers."""
+        shortest_record = min(len(r) for r in self.sample)
+        longest = min(LONGEST_DELAY, max(shortest_record // 20, 2))
+        try:
+            return estimate_delays(self.sample, longest, shortest=int(self.closed_loop))
+        except DataError:
+            return None
+
+    @cached_property
+    def nonlinearity(self) -> tuple[NonlinearityTest, ...] | None:
+        """Whether products of past inputs and outputs predict what a linear predictor leaves."""
+        try:
+            return nonlinearity_tests(self.outliers.records, feedback=self.closed_loop)
+        except DataError:
+            return None
+
+    @cached_property
+    def speeds(self) -> tuple[Speed, ...]:
+        """The time of each output to 63 % of its step response."""
+        return estimate_speed(self.outliers.records)
