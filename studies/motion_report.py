@@ -17,7 +17,7 @@ from sysid.mission.robot.torque import motors_of
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission, load_mission
 from sysid.report.markdown import table
-from sysid.report.plots import Line, Panel, ResponsePicture, plot_responses
+from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
 from sysid.structures.grey_box.dc_motor.structure import DCMotor
 from sysid.structures.plant import Plant
 from sysid.vehicle.dynamics import VehicleState, step
@@ -246,4 +246,4 @@ def _draw(path: Path, found: Mapping[tuple[str, str], tuple[Mission, MissionResu
         panels.append(Panel(title, "x [m]", "y [m]", tuple(lines), plane=True, discs=tuple(discs)))
     note = "true paths from (0, 0) to (6, 3), green; obstacles grey"
     title = "Rolling, slipping, with mass: the second mission"
-    plot_responses(path, ResponsePicture(title, note, tuple(panels), 2))
+    write_picture(path, ResponsePicture(title, note, tuple(panels), 2))

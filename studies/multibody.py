@@ -30,7 +30,7 @@ from sysid.mission.robot.mapping import as_robot
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission, load_mission
 from sysid.report.markdown import table
-from sysid.report.plots import Line, Panel, ResponsePicture, plot_responses
+from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
 from sysid.structures.model import Model
 
 STUDY = Study("multibody", "multibody.md")
@@ -232,7 +232,7 @@ def draw(path: Path, found: Found) -> None:
         "true paths from (0, 0); mission 1 with y enlarged; mission 2: goal green, obstacles grey"
     )
     picture = ResponsePicture("The missions in MuJoCo and by formulas", note, tuple(panels), 2)
-    plot_responses(path, picture)
+    write_picture(path, picture)
 
 
 def strips(log: Mapping[str, Any]) -> Iterable[tuple[Sequence[float], Sequence[float]]]:

@@ -29,7 +29,7 @@ from sysid.mission.robot.mapping import as_robot
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission
 from sysid.report.markdown import table
-from sysid.report.plots import Line, Panel, ResponsePicture, plot_responses
+from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
 from sysid.vehicle.kinematics import Geometry
 
 STUDY = Study("multibody_diagnosis", "multibody_diagnosis.md", first=21)
@@ -238,7 +238,7 @@ def _draw(path: Path, runs: Mapping[tuple[str, int], Mapping[str, Any]]) -> None
         discs = [(float(x), float(y), 0.1, "#8d99a6") for x, y in SECOND["obstacles"]]
         panels.append(Panel(floor, "x [m]", "y [m]", tuple(lines), plane=True, discs=tuple(discs)))
     note = "mission 2, held out: driven in MuJoCo, and as the wheel speeds say"
-    plot_responses(path, ResponsePicture("Paths before and after", note, tuple(panels), 2))
+    write_picture(path, ResponsePicture("Paths before and after", note, tuple(panels), 2))
 
 
 def main() -> None:

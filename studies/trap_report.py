@@ -10,7 +10,7 @@ from studies.mission_report import best_by_aic, called, identified, run
 from sysid.mission.result import MissionResult, Outcome
 from sysid.mission.spec import Mission
 from sysid.report.markdown import table
-from sysid.report.plots import Line, Panel, ResponsePicture, plot_responses
+from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
 from sysid.structures.model import Model
 
 GOAL = (4.0, 0.0)
@@ -106,7 +106,7 @@ def write(folder: Path) -> Mapping[str, str]:
         found = {law: driven(model, trap, keys) for law, keys in LAWS.items()}
         rows.append([trap.name, *(_cell(results) for results in found.values())])
         panels.append(_panel(trap, {law: results[0] for law, results in found.items()}))
-    plot_responses(
+    write_picture(
         folder / "traps.svg",
         ResponsePicture(
             "Laws of guidance in the traps of the field",

@@ -18,7 +18,7 @@ from sysid.mission.tuning.axes import Axis, answer
 from sysid.mission.tuning.margins import SampledLoop
 from sysid.mission.tuning.rules import Gains, from_edge, from_lag, lag_model
 from sysid.report.markdown import table
-from sysid.report.plots import Line, Panel, ResponsePicture, plot_responses
+from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
 from sysid.structures.model import Model
 
 HEAD = """# The thesis's studies of gains, with the identified robot
@@ -92,7 +92,7 @@ class Study:
 
     def written(self, file: Path) -> str:
         """The table; the picture goes into the file."""
-        plot_responses(file, self.picture)
+        write_picture(file, self.picture)
         return table(self.headers, self.rows, self.align) if self.headers else ""
 
 

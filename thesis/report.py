@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from sysid.report.markdown import table
-from sysid.report.plots import PlanPicture, plot_plan, plot_responses
+from sysid.report.plots import PlanPicture, write_picture
 from thesis import bench_motor, chapter2, chapter4, chapter5, chapter6, chapter7, chapter8, pendulum
 from thesis.entries import DISAGREES, DRAWN, MISPRINT, Item, Kind, Row, Sheet
 from thesis.inventory import CHAPTERS, ITEMS
@@ -70,9 +70,9 @@ def draw(folder: Path, sheet: Sheet) -> None:
     file = folder / sheet.file
     file.parent.mkdir(parents=True, exist_ok=True)
     if isinstance(sheet.picture, PlanPicture):
-        plot_plan(file, sheet.picture)
+        write_picture(file, sheet.picture)
     else:
-        plot_responses(file, sheet.picture)
+        write_picture(file, sheet.picture)
     made_small(file)
 
 

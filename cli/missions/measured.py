@@ -72,7 +72,7 @@ def draw_measured(path: Path, name: str, mission: "Mission", found: "Comparison"
     import numpy as np
 
     from sysid.mission.measured.fan import QUANTITIES, UNITS
-    from sysid.report.plots import FanPanel, FanPicture, plot_fan
+    from sysid.report.plots import FanPanel, FanPicture, write_picture
 
     from ..pictures import mission_scene
 
@@ -96,4 +96,4 @@ def draw_measured(path: Path, name: str, mission: "Mission", found: "Comparison"
     )
     facts = f"{fan.runs} runs of {name}; measured: {found.name}"
     title = f"{found.name} {head} {'the fan of its runs' if found.leaves is None else ''}".strip()
-    plot_fan(path, FanPicture(scene, fan.ways, fan.t, panels, found.leaves, title, facts))
+    write_picture(path, FanPicture(scene, fan.ways, fan.t, panels, found.leaves, title, facts))

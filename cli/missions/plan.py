@@ -111,7 +111,7 @@ def _show(name: str, facts: dict[str, Any]) -> None:
 
 
 def _draw(path: Path, name: str, mission: "Mission", found: "Plan") -> None:
-    from sysid.report.plots import CurvePanel, PlanPicture, plot_plan
+    from sysid.report.plots import CurvePanel, PlanPicture, write_picture
 
     def panel(title: str, across: str, up: str, curves: "Curves") -> CurvePanel:
         return CurvePanel(
@@ -151,4 +151,4 @@ def _draw(path: Path, name: str, mission: "Mission", found: "Plan") -> None:
         ends=found.ends,
         panels=tuple(panels),
     )
-    plot_plan(path, picture)
+    write_picture(path, picture)

@@ -38,7 +38,7 @@ def draw_tuning(path: Path, name: str, given: "Mission", found: "Tuning", model:
     """
     import numpy as np
 
-    from sysid.report.plots import FrontPicture, plot_front
+    from sysid.report.plots import FrontPicture, write_picture
 
     trades = [
         _trade(found, "the steps", ("rise of V and ψ [s]", "rise"), ("overshoot [%]", "overshoot")),
@@ -49,7 +49,7 @@ def draw_tuning(path: Path, name: str, given: "Mission", found: "Tuning", model:
         trades.append(_trade(found, "its obstacles", across, up))
     gains = ", ".join(f"{name} {value:g}" for name, value in found.best.gains.items())
     plants = f", worst of {found.plants} plants" if found.plants > 1 else ""
-    plot_front(
+    write_picture(
         path,
         FrontPicture(
             title=f"{name}: {len(found.front)} sets of gains to choose from",

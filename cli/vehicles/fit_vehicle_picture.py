@@ -21,7 +21,7 @@ PIECES = 6
 def drawn(path: Path, name: str, found: "VehicleFit") -> None:
     """Draw held-out paths as measured, before and after, errors after two seconds, and slip."""
     from sysid.estimation.vehicle.vehicle_fit import Kinematic
-    from sysid.report.plots import Line, Panel, ResponsePicture, plot_responses
+    from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
 
     part = max(found.held, key=lambda p: len(p.windows))
     models: dict[str, Motion] = {"before": Kinematic(found.known), "after": found.model}
@@ -45,7 +45,7 @@ def drawn(path: Path, name: str, found: "VehicleFit") -> None:
         f"{found.before.path:.3g} → {found.after.path:.3g} m, "
         f"{found.before.heading:.3g} → {found.after.heading:.3g} rad"
     )
-    plot_responses(path, ResponsePicture(title, subtitle, panels))
+    write_picture(path, ResponsePicture(title, subtitle, panels))
 
 
 def _pieces(part: "Part") -> "list[tuple[int, int]]":

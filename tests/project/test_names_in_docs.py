@@ -8,8 +8,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(
-    [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "docs/structures").glob("*.md")]
-    + [*ROOT.glob("[bdst]*/README.md")]
+    page
+    for place in ("*.md", "docs/*.md", "docs/structures/*.md", "[bdst]*/README.md")
+    for page in ROOT.glob(place)
 )
 FILES = {"/" + p.relative_to(ROOT).as_posix() for p in ROOT.glob("*/**/*.py")}
 GROUPS = {"sysid.structures", "sysid.criteria", "sysid.effects", "sysid.exporters", "sysid.mission"}

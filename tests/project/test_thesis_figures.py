@@ -117,8 +117,8 @@ def test_thinned_lines_keep_their_steps_and_ends() -> None:
 def test_small_pictures_show_what_the_large_ones_show(tmp_path: Path) -> None:
     sheet = report.chapter6.forces()
     large, small = tmp_path / "large.svg", tmp_path / "small.svg"
-    report.plot_responses(large, sheet.picture)
-    report.plot_responses(small, sheet.picture)
+    report.write_picture(large, sheet.picture)
+    report.write_picture(small, sheet.picture)
     report.made_small(small)
     assert small.stat().st_size < 0.75 * large.stat().st_size
     for tag in ("path", "use", "clipPath"):
