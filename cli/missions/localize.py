@@ -136,7 +136,7 @@ def _draw(path: Path, name: str, localization: "Localization") -> None:
     """The estimated path with ellipses of 95 %, and the errors beside what the filter believes."""
     import numpy as np
 
-    from sysid.report.plots import Line, Panel, ResponsePicture, plot_responses
+    from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
 
     c, pose = localization.columns, localization.log.pose
     lines = [Line("estimate", c["x_est"], c["y_est"])]
@@ -157,7 +157,7 @@ def _draw(path: Path, name: str, localization: "Localization") -> None:
         panels.append(Panel("error of the position", "time [s]", "[m]", tuple(position)))
         panels.append(Panel("error of the heading", "time [s]", "[rad]", tuple(heading)))
     title = f"{name}: estimated path"
-    plot_responses(path, ResponsePicture(title, ", ".join(localization.used), tuple(panels)))
+    write_picture(path, ResponsePicture(title, ", ".join(localization.used), tuple(panels)))
 
 
 def _ellipses(columns: "Mapping[str, Array]") -> "tuple[tuple[Array, Array], ...]":

@@ -205,12 +205,12 @@ def _draw(plot: Path, name: str, setup: "Setup", batch: "MissionRuns") -> None:
     import numpy as np
 
     from sysid.mission.monte_carlo.paths import paths_of
-    from sysid.report.plots import RunsPicture, plot_runs
+    from sysid.report.plots import RunsPicture, write_picture
 
     usual = batch.seeds[:SHOWN]
     paths = paths_of(setup, [*usual, *(w.seed for w in batch.worst)])
     mission, shares = setup.mission, batch.time_drivers
-    plot_runs(
+    write_picture(
         plot,
         RunsPicture(
             title=f"{name}: {batch.n} runs",

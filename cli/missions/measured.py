@@ -72,7 +72,7 @@ def draw_measured(path: Path, name: str, mission: "Mission", comparison: "Compar
     import numpy as np
 
     from sysid.mission.measured.fan import QUANTITIES, UNITS
-    from sysid.report.plots import FanPanel, FanPicture, plot_fan
+    from sysid.report.plots import FanPanel, FanPicture, write_picture
 
     from ..pictures import mission_scene
 
@@ -103,4 +103,4 @@ def draw_measured(path: Path, name: str, mission: "Mission", comparison: "Compar
     facts = f"{fan.runs} runs of {name}; measured: {comparison.name}"
     tail = "the fan of its runs" if comparison.leaves is None else ""
     title = f"{comparison.name} {head} {tail}".strip()
-    plot_fan(path, FanPicture(scene, fan.ways, fan.t, panels, comparison.leaves, title, facts))
+    write_picture(path, FanPicture(scene, fan.ways, fan.t, panels, comparison.leaves, title, facts))

@@ -112,7 +112,7 @@ def _show(name: str, facts: dict[str, Any]) -> None:
 
 
 def _draw(path: Path, name: str, mission: "Mission", route: "Plan") -> None:
-    from sysid.report.plots import CurvePanel, PlanPicture, plot_plan
+    from sysid.report.plots import CurvePanel, PlanPicture, write_picture
 
     def panel(title: str, across: str, up: str, curves: "Curves") -> CurvePanel:
         return CurvePanel(
@@ -152,4 +152,4 @@ def _draw(path: Path, name: str, mission: "Mission", route: "Plan") -> None:
         ends=route.ends,
         panels=tuple(panels),
     )
-    plot_plan(path, picture)
+    write_picture(path, picture)

@@ -38,7 +38,7 @@ def draw_tuning(path: Path, name: str, given: "Mission", tuning: "Tuning", model
     """
     import numpy as np
 
-    from sysid.report.plots import FrontPicture, plot_front
+    from sysid.report.plots import FrontPicture, write_picture
 
     trades = [
         _trade(
@@ -51,7 +51,7 @@ def draw_tuning(path: Path, name: str, given: "Mission", tuning: "Tuning", model
         trades.append(_trade(tuning, "its obstacles", across, up))
     gains = ", ".join(f"{name} {value:g}" for name, value in tuning.best.gains.items())
     plants = f", worst of {tuning.plants} plants" if tuning.plants > 1 else ""
-    plot_front(
+    write_picture(
         path,
         FrontPicture(
             title=f"{name}: {len(tuning.front)} sets of gains to choose from",

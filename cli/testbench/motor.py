@@ -87,9 +87,9 @@ def motor(
     facts |= {"model": None if stored is None else stored.id}
     if plot is not None:
         from sysid.report.bench import motor_picture
-        from sysid.report.plots import plot_responses
+        from sysid.report.plots import write_picture
 
-        plot_responses(plot, motor_picture(bench))
+        write_picture(plot, motor_picture(bench))
         facts["plot"] = plot
     render.document(facts) if json else _show(bench, facts)
 

@@ -12,7 +12,7 @@ def draw_swing(path: Path, study: "PendulumStudy") -> None:
     """Draw the swings with their fit, what the fit leaves, and each period at its amplitude."""
     import numpy as np
 
-    from sysid.report.plots import Line, Panel, ResponsePicture, plot_responses
+    from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
     from sysid.testbench.pendulum.inertia import small_swing_period
 
     first = study.logs[0]
@@ -47,7 +47,7 @@ def draw_swing(path: Path, study: "PendulumStudy") -> None:
     law = np.array([study.small_period / small_swing_period(1.0, a / degrees) for a in shown])
     lines.append(Line("pendulum with T₀", shown, law, reference=True))
     panels.append(Panel("each period", "amplitude [°]", "period [s]", tuple(lines)))
-    plot_responses(
+    write_picture(
         path,
         ResponsePicture(
             f"Inertia {study.corrected:.4f} ± {study.corrected_std_error:.2g} kg m²",
@@ -62,7 +62,7 @@ def draw_power(path: Path, bench: "PowerBench") -> None:
     """Draw each battery's voltage with its fit, and each staircase with its lines."""
     import numpy as np
 
-    from sysid.report.plots import Line, Panel, ResponsePicture, plot_responses
+    from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
 
     panels = [
         Panel(
@@ -84,4 +84,4 @@ def draw_power(path: Path, bench: "PowerBench") -> None:
         panels.append(Panel(title, "drive", f"{bridge.quantity} [{bridge.unit}]", tuple(lines)))
     columns = min(len(panels), 2)
     measured = ", ".join(f"{k} {m.value:.3g}" for k, m in bench.supply().items())
-    plot_responses(path, ResponsePicture("Power supply", measured, tuple(panels), columns))
+    write_picture(path, ResponsePicture("Power supply", measured, tuple(panels), columns))

@@ -21,7 +21,7 @@ PIECES = 6
 def drawn(path: Path, name: str, fitted: "VehicleFit") -> None:
     """Draw held-out paths as measured, before and after, errors after two seconds, and slip."""
     from sysid.estimation.vehicle.vehicle_fit import Kinematic
-    from sysid.report.plots import Line, Panel, ResponsePicture, plot_responses
+    from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
 
     part = max(fitted.holdout, key=lambda p: len(p.windows))
     models: dict[str, Motion] = {"before": Kinematic(fitted.known), "after": fitted.model}
@@ -50,7 +50,7 @@ def drawn(path: Path, name: str, fitted: "VehicleFit") -> None:
         f"{fitted.before.path:.3g} → {fitted.after.path:.3g} m, "
         f"{fitted.before.heading:.3g} → {fitted.after.heading:.3g} rad"
     )
-    plot_responses(path, ResponsePicture(title, subtitle, panels))
+    write_picture(path, ResponsePicture(title, subtitle, panels))
 
 
 def _pieces(part: "Part") -> "list[tuple[int, int]]":

@@ -23,10 +23,10 @@ def draw_soil(path: Path, name: str, assessment: "SoilAssessment") -> None:
         name: of the soil.
         assessment: what it does.
     """
-    from sysid.report.plots import ResponsePicture, plot_responses
+    from sysid.report.plots import ResponsePicture, write_picture
 
     traction = assessment.traction
-    plot_responses(
+    write_picture(
         path,
         ResponsePicture(
             f"{name} under a tracked vehicle of {traction.vehicle.mass:.3g} kg",
