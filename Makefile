@@ -63,34 +63,26 @@ bench: $(BENCH)/.installed  ## Time and memory against the plainest reference an
 	$(BENCH)/bin/python benchmarks/bench_diagnose.py
 	$(BENCH)/bin/python benchmarks/bench_missions.py
 
+STUDY := OPENBLAS_NUM_THREADS=1 NPROC=1 $(BIN)/python -m studies
+KEPT := .study-cache
+
+STUDIES := coverage residual_tests nonlinear_tests nonlinearity robust block_oriented grey_box narx_wavelet \
+  odd_logs tours vehicle dynamic_fit multibody_diagnosis navigation control prediction_intervals multibody
 study: $(VENV)/.installed-test  ## Slow studies: coverage, alarm rates, every structure on every record
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_coverage.py
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_residual_tests.py
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_robust.py
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_block_oriented.py
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_odd_logs.py
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_tour.py
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_vehicle.py
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_multibody_diagnosis.py
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_navigation.py
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_control.py
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_missions.py
-	$(BIN)/python benchmarks/study_multibody.py
-	$(BIN)/python benchmarks/study_nonlinear.py
+	set -e; for name in $(STUDIES); do $(STUDY).$$name; done
+	$(STUDY).nonlinear --results $(KEPT)/nonlinear.jsonl
 
 study-diagnose: $(VENV)/.installed-test  ## Slow study: what sysid diagnose names on hidden effects, blind
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_diagnose.py
+	$(STUDY).diagnose
 
-PHYSICS_RUNS ?= .study-cache/physics_runs.jsonl
 study-physics: $(VENV)/.installed-test  ## Hours: what it names on machines simulated from physics; goes on where it was stopped
-	@mkdir -p $(dir $(PHYSICS_RUNS))
-	OPENBLAS_NUM_THREADS=1 NPROC=1 $(BIN)/python benchmarks/study_physics_diagnose.py --results $(PHYSICS_RUNS)
+	$(STUDY).physics_diagnose --results $(KEPT)/physics.jsonl
 
 study-real: $(VENV)/.installed-test  ## Study: what sysid diagnose names on measured records
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/study_real_diagnose.py
+	$(STUDY).real_diagnose
 
-reports: $(VENV)/.installed  ## The tour's pictures and tables again, byte-identical
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/make_reports.py
+reports: $(VENV)/.installed  ## The tour's pictures and tables again; only the date in their foot changes
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.make_reports
 
 datasets: $(VENV)/.installed  ## The bundled logs and missions again, byte-identical
 	$(BIN)/python datasets/generate.py

@@ -21,7 +21,7 @@ from time import perf_counter
 
 from sysid_datasets.hidden_logs import Request, hide
 
-from sysid.report.markdown import table
+from sysid.report.markdown import foot, table
 
 REPORT = Path(__file__).resolve().parent.parent / "reports" / "benchmark_diagnose.md"
 CASES = (
@@ -148,10 +148,7 @@ def main() -> int:
     head = ["hidden", "effects", "cold [s]", "again [s]", "fit [s]", "cold / fit", "target [s]", ""]
     page = f"# Time of a diagnosis\n\n{INTRODUCTION}\n{table(head, rows, 'llrrrrrc')}\n"
     page += f"{WHERE}\n{table(['cold [s]', *STAGES, 'compiling'], parts, 'lrrrrrrr')}\n"
-    options.out.write_text(page, encoding="utf-8")
-    from stamps import stamped
-
-    stamped(options.out)
+    options.out.write_text(page + foot("make bench", "3"), encoding="utf-8")
     return int(missed > 0)
 
 

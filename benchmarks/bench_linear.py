@@ -9,7 +9,6 @@ missed. About ten minutes, most of them spent by the others.
 """
 
 import os
-import platform
 import sys
 from importlib.metadata import version
 from pathlib import Path
@@ -18,7 +17,7 @@ REPORT = Path(__file__).resolve().parent.parent / "reports" / "benchmark_linear.
 
 HEAD = """# Speed and memory of linear estimation
 
-Made by `make bench`; times belong to the machine and its load, ratios much less so.
+Times belong to the machine and its load, ratios much less so.
 {machine}.
 
 Each line's contestants took turns on the same data, one BLAS thread each, and the median counts.
@@ -39,7 +38,7 @@ def main(target: Path) -> int:
     from linear_studies import STUDIES, Ledger
 
     from sysid.data.files import write_atomic
-    from sysid.report.markdown import table
+    from sysid.report.markdown import foot, table
 
     ledger = Ledger()
     parts = []
@@ -47,25 +46,28 @@ def main(target: Path) -> int:
         print(f"{title} …", flush=True)
         parts.append(f"## {title}\n\n{table(headers, measure(ledger), align)}")
     targets = table(["what", "measured", "target", "met"], ledger.rows, "lrrl")
-    write_atomic(target, "\n".join([HEAD.format(machine=machine()), targets, *parts]))
-    from stamps import stamped
-
-    stamped(target)
+    write_atomic(
+        target,
+        "\n".join(
+            [
+                HEAD.format(machine=machine()),
+                targets,
+                *parts,
+                foot("make bench", "those of linear_studies.py"),
+            ]
+        ),
+    )
     print(f"Written to {target}; missed: {', '.join(ledger.missed) or 'none'}")
     return 1 if ledger.missed else 0
 
 
 def machine() -> str:
     """Processor and versions."""
-    from peers import PEERS
+    from peers import PEERS, processor
 
-    cpu, info = platform.processor() or platform.machine(), Path("/proc/cpuinfo")
-    if info.exists():
-        lines = info.read_text().splitlines()
-        cpu = next((x.split(":")[1].strip() for x in lines if x.startswith("model name")), cpu)
     base = f"NumPy {version('numpy')}, SciPy {version('scipy')}"
     packages = ", ".join(peer.label for peer in PEERS)
-    return f"{cpu}, {os.cpu_count()} cores, Python {platform.python_version()}; {base}; {packages}"
+    return f"{processor()}; {base}; {packages}"
 
 
 if __name__ == "__main__":

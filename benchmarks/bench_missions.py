@@ -49,7 +49,7 @@ REPEATS = 15
 
 HEAD = """# Time of one run of a mission
 
-Made by `make bench`; processor time on one core, the quickest of {repeats} runs. Mission 2 of the
+Processor time on one core, the quickest of {repeats} runs. Mission 2 of the
 thesis (`{mission}`), some 330 samples; plants fitted to the bundled `multilevel` log. A float
 loop of 10⁶ turns (`x = 0.5 x (1 − x) + 0.1`) takes {loop:.0f} ms on this machine: divide by it to
 compare machines.
@@ -78,7 +78,7 @@ def main(target: Path, plants: str | None = None) -> int:
     """Fit, or take plants fitted before; drive, and write the report."""
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     from sysid.data.files import write_atomic
-    from sysid.report.markdown import table
+    from sysid.report.markdown import foot, table
 
     rows, many, missed, extra = [], [], [], ""
     with tempfile.TemporaryDirectory() as folder:
@@ -115,10 +115,7 @@ def main(target: Path, plants: str | None = None) -> int:
         slowly=" or ".join(SLOWLY_DRAWN),
     )
     both = table(headers, rows, "lrrr") + second + table(of_many, many, "lrrrrr") + extra
-    write_atomic(target, head + both)
-    from stamps import stamped
-
-    stamped(target)
+    write_atomic(target, head + both + foot("make bench", f"0, {RUNS} runs"))
     print(f"Written to {target}; missed: {', '.join(missed) or 'none'}")
     return 1 if missed else 0
 

@@ -9,8 +9,6 @@ on the same data. Writes ``reports/benchmark_nonlinear.md``; ends with 1 when a 
 
 import argparse
 import json
-import os
-import platform
 import statistics
 import subprocess
 import sys
@@ -43,7 +41,7 @@ TARGETS = (
 
 HEAD = """# Speed and accuracy of nonlinear estimation
 
-Made by `make bench`; times belong to the machine and its load, ratios much less so.
+Times belong to the machine and its load, ratios much less so.
 {machine}.
 
 {samples} samples of the bundled robot's twin under random levels (two tracks that act on each
@@ -191,15 +189,12 @@ def _ratio(value: float | None, reference: float | None) -> str:
 def machine() -> str:
     """Processor and versions."""
     from nonlinear_peers import CONTESTANTS
+    from peers import processor
 
-    cpu, info = platform.processor() or platform.machine(), Path("/proc/cpuinfo")
-    if info.exists():
-        lines = info.read_text().splitlines()
-        cpu = next((x.split(":")[1].strip() for x in lines if x.startswith("model name")), cpu)
     names = ["numpy", "scipy", "jax", *dict.fromkeys(
         c.distribution for c in CONTESTANTS.values() if c.distribution)]  # fmt: skip
     packages = ", ".join(_version(n) for n in names)
-    return f"{cpu}, {os.cpu_count()} cores, Python {platform.python_version()}; {packages}"
+    return f"{processor()}; {packages}"
 
 
 def _version(name: str) -> str:
@@ -224,6 +219,7 @@ def main(arguments: Sequence[str]) -> int:
         print(json.dumps(measure(asked.one, asked.folder)))
         return 0
     from sysid.data.files import write_atomic
+    from sysid.report.markdown import foot
 
     results = {}
     with tempfile.TemporaryDirectory() as place:
@@ -232,10 +228,7 @@ def main(arguments: Sequence[str]) -> int:
             results[name] = contest(name, Path(place), asked.limit)
             print(f"{name:15s} {results[name]}", flush=True)
     text, missed = page(results)
-    write_atomic(asked.out, text)
-    from stamps import stamped
-
-    stamped(asked.out)
+    write_atomic(asked.out, text + foot("make bench", "91, 92"))
     print(f"Written to {asked.out}; missed: {', '.join(missed) or 'none'}")
     return 1 if missed else 0
 

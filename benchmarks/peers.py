@@ -7,12 +7,14 @@ into rows. A package that is not installed is left out of the study, and the stu
 import contextlib
 import io
 import os
+import platform
 import sys
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +22,15 @@ from references import ONE, Array, Row, delayed, monic
 
 Estimator = Callable[[Array, Array], tuple[Row, ...]]
 """(u (N, nu), y (N, ny)) → one row an output."""
+
+
+def processor() -> str:
+    """Processor, its cores and the Python that runs."""
+    cpu, info = platform.processor() or platform.machine(), Path("/proc/cpuinfo")
+    if info.exists():
+        lines = info.read_text().splitlines()
+        cpu = next((x.split(":")[1].strip() for x in lines if x.startswith("model name")), cpu)
+    return f"{cpu}, {os.cpu_count()} cores, Python {platform.python_version()}"
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from . import compare, diagnose, excite, fit, inspect, models, structures
 from .cosim import plant
 from .exporting import export, verify
 from .field_options import Command, every_command
-from .missions import estimate, plan, simulate, tune
+from .missions import localize, plan, simulate, tune
 from .testbench import motor, pendulum, power
 from .testbench.group import bench
 from .vehicles import fit_vehicle, soil, vehicle
@@ -42,7 +42,7 @@ for _command in (
     simulate.simulate,
     plant.plant,
     tune.tune,
-    estimate.estimate,
+    localize.localize,
     diagnose.diagnose,
     vehicle.vehicle,
     fit_vehicle.fit_vehicle,

@@ -16,19 +16,19 @@ if TYPE_CHECKING:
     from sysid.report.correlation_panels import LagTest
     from sysid.report.fit_picture import FitSegment
     from sysid.report.mission_drawing import MissionPicture
-    from sysid.report.missions.estimate_drawing import Estimate
+    from sysid.report.missions.localization_drawing import PoseEstimate
 
 
 def draw_fit(path: Path, title: str, identification: "Identification") -> None:
     """Draw measured, simulated and residual of the winner with what decides its residual tests."""
     from sysid.report.fit_picture import FitPicture
-    from sysid.report.plots import plot_fit
+    from sysid.report.plots import write_picture
     from sysid.structures.orders import orders_text
 
     best = identification.assessments[0]
     model = best.model
     named = f"{title}: {orders_text(model.structure.order_values())}"
-    plot_fit(
+    write_picture(
         path,
         FitPicture(
             title=named if len(named) < TITLE else title,
@@ -56,7 +56,7 @@ TITLE = 70
 def draw_ranking(path: Path, ranking: "Ranking") -> None:
     """Draw the models of a comparison as bars with their fits beside them."""
     from sysid.criteria.table import criterion
-    from sysid.report.plots import plot_ranking
+    from sysid.report.plots import write_picture
     from sysid.report.ranking_drawing import RankingPicture, RankingRow
     from sysid.structures.orders import orders_text
 
@@ -78,7 +78,7 @@ def draw_ranking(path: Path, ranking: "Ranking") -> None:
                 residuals.get("passed"),
             )
         )
-    plot_ranking(
+    write_picture(
         path,
         RankingPicture(
             f"Models ranked by {ranking.criterion}, fits on {ranking.data}"[:TITLE],
@@ -97,7 +97,7 @@ def draw_mission(path: Path, name: str, mission: "Mission", result: "MissionResu
 
     import numpy as np
 
-    from sysid.report.plots import plot_mission
+    from sysid.report.plots import write_picture
 
     log = result.log
     pose = np.column_stack([log["x"], log["y"], log["psi"]])
@@ -110,7 +110,7 @@ def draw_mission(path: Path, name: str, mission: "Mission", result: "MissionResu
         min_clearance=result.min_clearance_m,
         estimate=_estimate(log),
     )
-    plot_mission(path, picture)
+    write_picture(path, picture)
 
 
 def mission_scene(
@@ -147,22 +147,22 @@ def mission_scene(
     )
 
 
-def _estimate(log: "Mapping[str, Array]") -> "Estimate | None":
+def _estimate(log: "Mapping[str, Array]") -> "PoseEstimate | None":
     """What navigation believed, where it is in the log."""
     import numpy as np
 
-    from sysid.report.missions.estimate_drawing import Estimate
+    from sysid.report.missions.localization_drawing import PoseEstimate
 
     shown = ("x_est", "y_est", "P_xx", "P_xy", "P_yy")
     if not all(name in log for name in shown):
         return None
     columns = np.column_stack([log[name] for name in shown])
-    return Estimate(columns[:, :2], columns[:, 2:])
+    return PoseEstimate(columns[:, :2], columns[:, 2:])
 
 
 def draw_replay(path: Path, result: "Replay") -> None:
     """Draw the measured outputs of a log beside the plant's."""
-    from sysid.report.plots import FitPicture, FitSegment, plot_fit
+    from sysid.report.plots import FitPicture, FitSegment, write_picture
 
     record = result.record
     segment = FitSegment(record.t, record.y, result.simulated, record.u, "validation", record.name)
@@ -174,7 +174,7 @@ def draw_replay(path: Path, result: "Replay") -> None:
         initial_state="rest",
         validation_fit=tuple(result.summary()["fit_percent"].values()),
     )
-    plot_fit(path, picture)
+    write_picture(path, picture)
 
 
 def _drawn(tests: "Sequence[ResidualTest]", right: str, wrong: str) -> "tuple[LagTest, ...]":

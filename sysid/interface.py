@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from sysid.estimation.selection.comparison import Ranking
     from sysid.estimation.vehicle.dynamic_motors import KnownMotors
     from sysid.estimation.vehicle.vehicle_fit import VehicleFit
-    from sysid.mission.estimate import Estimation
+    from sysid.mission.localize import Localization
     from sysid.mission.monte_carlo.mission_runs import MissionRuns
     from sysid.mission.plan import Plan
     from sysid.mission.result import MissionResult
@@ -251,13 +251,13 @@ def plan(mission: "Mission | str | Path") -> "Plan":
     return follow(_mission(mission))
 
 
-def estimate_pose(
+def localize(
     log: str | Path,
     mission: "Mission | str | Path",
     *,
     columns: Mapping[str, str] | None = None,
     options: "ReadOptions | None" = None,
-) -> "Estimation":
+) -> "Localization":
     """Where a robot was, with its covariance, from a log of its sensors.
 
     Args:
@@ -270,9 +270,9 @@ def estimate_pose(
         DataError: a file cannot be read, or holds no reading.
         UsageError: a column or unit named is not there.
     """
-    from sysid.mission.estimate import estimate
+    from sysid.mission.localize import localize as follow
 
-    return estimate(log, _mission(mission), columns, options)
+    return follow(log, _mission(mission), columns, options)
 
 
 def _mission(mission: "Mission | str | Path") -> "Mission":

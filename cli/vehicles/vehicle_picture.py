@@ -11,7 +11,7 @@ def draw(path: Path, vehicle: "Vehicle", facts: dict[str, Any]) -> None:
     """Draw wheels, axles and centre; those of the motion where one is asked for."""
     import numpy as np
 
-    from sysid.report.plots import VehiclePicture, WheelMark, plot_vehicle
+    from sysid.report.plots import VehiclePicture, WheelMark, write_picture
     from sysid.vehicle.wheels.vehicle import AXES, wheel_width
     from sysid.vehicle.wheels.wheel import velocity_at
 
@@ -57,7 +57,7 @@ def draw(path: Path, vehicle: "Vehicle", facts: dict[str, Any]) -> None:
         tracks=_tracks(vehicle),
         mass_centre=None if mass_centre is None else (mass_centre[0], mass_centre[1]),
     )
-    plot_vehicle(path, picture)
+    write_picture(path, picture)
 
 
 def _tracks(vehicle: "Vehicle") -> list[tuple[float, float, float, float]]:

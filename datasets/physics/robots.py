@@ -1,7 +1,7 @@
 """Plain machines by seed: linear drives of first order, as a log of 20 Hz sees them.
 
 They are drawn by what a data sheet or a bench tells (free speed, time constant, resistance, ratio),
-from which the constants follow. Nothing of the catalogue is in them; ``single_effects.py`` puts it
+from which the constants follow. Nothing of the catalogue is in them; ``causes.py`` puts it
 there.
 """
 

@@ -26,6 +26,11 @@ so early, of less than one only a straight line is seen (0)."""
 QUIET = 0.25
 """Largest spread of a resting output as a share of its whole range."""
 
+KNOWN = 0.05
+"""Largest standard error of a resting output as a share of its whole range. A mean of measurements
+that ring for about a period of their own is no place where anything rests, and its error says
+so."""
+
 STICKIEST = 0.95
 """Largest correlation of neighbouring measurements that a short rest can be trusted to show."""
 
@@ -60,7 +65,7 @@ def rest_head(record: Record) -> Rest | None:
     """The rest at the head of a record, or None where it begins in motion.
 
     Until the first command the inputs stay where they are; each output's measurements must then not
-    drift, and their spread must be small against the whole range.
+    drift, and their spread and the error of their mean must be small against the whole range.
     """
     range_u, range_y = np.ptp(record.u, axis=0), np.ptp(record.y, axis=0)
     moved = np.any(np.abs(record.u - record.u[0]) > STILL * range_u, axis=1)
@@ -74,9 +79,11 @@ def rest_head(record: Record) -> Rest | None:
     drifting = [_drifts(column, least) for column, least in zip(y.T, tiny, strict=True)]
     if any(drifting) or np.any(spread > QUIET * range_y):
         return None
+    y_error = spread * np.sqrt(memory / n)
+    if np.any(y_error > KNOWN * range_y):
+        return None
     u = np.median(record.u[:n], axis=0)
     u = np.where(np.abs(u) <= STILL * range_u, 0.0, u)
-    y_error = spread * np.sqrt(memory / n)
     mean = np.where(np.abs(mean) <= tiny, 0.0, mean)
     return Rest(u, mean, y_error, n)
 

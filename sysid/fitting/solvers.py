@@ -137,7 +137,7 @@ def levenberg_marquardt(problem: Problem, p0: Array, how: Descent) -> Solution:
 
 
 class _StalledError(Exception):
-    """The cost no longer falls; the only way to stop MINPACK early."""
+    """The cost no longer falls: raised by a residual to end the search."""
 
 
 class _Best:

@@ -205,7 +205,7 @@ def worst_size(
 def draw_worst(
     figure: "Figure", windows: Sequence[Window], *, changed: bool, layout: Layout = WIDE
 ) -> None:
-    """Measured and simulated traces where the model before errs most, the command below."""
+    """Measured and simulated traces where the original model errs most, the command below."""
     abreast = layout.columns(2)
     rows = -(-len(windows) // abreast)
     columns: list[list[tuple[int, Axes]]] = [[] for _ in range(min(abreast, len(windows)))]

@@ -30,12 +30,12 @@ def drawing_tools() -> None:
 
 
 def diagnosis_page(
-    found: Diagnosis, before: str, after: str, second: SecondProcess | None = None
+    diagnosis: Diagnosis, before: str, after: str, second: SecondProcess | None = None
 ) -> str:
     """The page as text.
 
     Args:
-        found: the diagnosis, its experiments with the names of their files.
+        diagnosis: the diagnosis, its experiments with the names of their files.
         before, after: ids of the models in the workspace.
         second: draws half of the pictures.
     """
@@ -50,28 +50,28 @@ def diagnosis_page(
     )
     place.filters |= {"number": _number, "percent": words.percent, "fit": style.percent}
     gallery = _Gallery()
-    pictures, experiments = _pictures(gallery, found), _experiments(gallery, found)
+    pictures, experiments = _pictures(gallery, diagnosis), _experiments(gallery, diagnosis)
     with _uncollected():
         gallery.draw(second or SecondProcess(drawing_tools))
     text = place.get_template(_TEMPLATE).render(
-        found=found,
+        found=diagnosis,
         words=words,
         look=style,
         narrowest_wide=NARROWEST_WIDE,
-        headline=words.headline(found),
-        channels=words.channel_lines(found),
-        moved=words.moved(found),
-        regions=words.leading_regions(found, 10),
-        logs=_logs(found),
-        log_table=table_of_logs(found.several) if found.several.logs else (),
-        log_sentences=sentences(found.several),
+        headline=words.headline(diagnosis),
+        channels=words.channel_lines(diagnosis),
+        moved=words.moved(diagnosis),
+        regions=words.leading_regions(diagnosis, 10),
+        logs=_logs(diagnosis),
+        log_table=table_of_logs(diagnosis.several) if diagnosis.several.logs else (),
+        log_sentences=sentences(diagnosis.several),
         before=before,
         after=after,
         picture=pictures,
         experiments=experiments,
-        path_rows=words.path_table(found.path),
-        detectable=words.detectable(found),
-        equations=_equations(found),
+        path_rows=words.path_table(diagnosis.path),
+        detectable=words.detectable(diagnosis),
+        equations=_equations(diagnosis),
     )
     text = re.sub(r"(?<=\d) %(?!\w)", "\N{NO-BREAK SPACE}%", text)
     return share_letters(text)
@@ -151,9 +151,9 @@ class _Gallery:
             p.narrow = narrow()
 
 
-def _pictures(gallery: _Gallery, found: Diagnosis) -> dict[str, Any]:
+def _pictures(gallery: _Gallery, diagnosis: Diagnosis) -> dict[str, Any]:
     """Every picture by name; those whose data are missing are left out."""
-    shown = words.leading_regions(found, 10)
+    shown = words.leading_regions(diagnosis, 10)
     drawn: dict[str, Any] = {"channels": [], "regions": "", "candidates": "", "gap": ""}
     if shown:
         drawn["regions"] = gallery.add(
@@ -162,19 +162,19 @@ def _pictures(gallery: _Gallery, found: Diagnosis) -> dict[str, Any]:
             partial(diagnosis_drawing.draw_regions, regions=shown),
             "Shares of the excess error by regime",
         )
-    lines = words.channel_lines(found)
-    if found.grown:
+    lines = words.channel_lines(diagnosis)
+    if diagnosis.grown:
         drawn["gap"] = gallery.add(
             "gap",
             partial(diagnosis_bars.gap_size, lines),
             partial(diagnosis_bars.draw_gap, lines=lines),
             "Errors before and after by output, with the noise floor",
         )
-    if found.candidates:
+    if diagnosis.candidates:
         facts: dict[str, Any] = {
-            "candidates": found.candidates,
-            "accepted": tuple(e.id for e in found.effects),
-            "tied": tuple(i for e in found.effects for i in e.indistinguishable),
+            "candidates": diagnosis.candidates,
+            "accepted": tuple(e.id for e in diagnosis.effects),
+            "tied": tuple(i for e in diagnosis.effects for i in e.indistinguishable),
         }
         drawn["candidates"] = gallery.add(
             "candidates",
@@ -183,31 +183,31 @@ def _pictures(gallery: _Gallery, found: Diagnosis) -> dict[str, Any]:
             "Candidates by score",
         )
     drawn["paths"] = [
-        _path(gallery, k, *entry) for k, entry in enumerate(words.path_lines(found.path))
+        _path(gallery, k, *entry) for k, entry in enumerate(words.path_lines(diagnosis.path))
     ]
-    if words.held_out(found):
-        outputs = words.held_out(found)[0].record.outputs
-        drawn["channels"] = [_channel(gallery, found, k) for k in range(len(outputs))]
+    if words.held_out(diagnosis):
+        outputs = words.held_out(diagnosis)[0].record.outputs
+        drawn["channels"] = [_channel(gallery, diagnosis, k) for k in range(len(outputs))]
     return drawn
 
 
-def _channel(gallery: _Gallery, found: Diagnosis, i: int) -> dict[str, Any]:
+def _channel(gallery: _Gallery, diagnosis: Diagnosis, i: int) -> dict[str, Any]:
     """The pictures of one output."""
-    record = words.held_out(found)[0].record
+    record = words.held_out(diagnosis)[0].record
     channel = record.outputs[i]
-    known = found.gap.channels.get(channel.name)  # a gap of the path knows no wheel speeds
+    known = diagnosis.gap.channels.get(channel.name)  # a gap of the path knows no wheel speeds
     floor = known.noise_floor if known is not None else 0.0
-    windows = diagnosis_picture.worst_windows(found, i)
-    profiles = diagnosis_picture.profiles(found, i)
-    regimes = diagnosis_picture.regime_lines(found, i)
-    unit, changed, draw = channel.unit, found.grown, diagnosis_drawing
+    windows = diagnosis_picture.worst_windows(diagnosis, i)
+    profiles = diagnosis_picture.profiles(diagnosis, i)
+    regimes = diagnosis_picture.regime_lines(diagnosis, i)
+    unit, changed, draw = channel.unit, diagnosis.grown, diagnosis_drawing
     return {
         "name": channel.name,
         "worst": gallery.add(
             f"worst{i}",
             partial(draw.worst_size, windows, changed=changed),
             partial(draw.draw_worst, windows=windows, changed=changed),
-            f"{channel.name} where the model before is worst",
+            f"{channel.name} where the original model is worst",
         ),
         "profiles": gallery.add(  # a short log has none
             f"profiles{i}",
@@ -239,10 +239,10 @@ def _path(
     return {"record": record, "picture": picture}
 
 
-def _experiments(gallery: _Gallery, found: Diagnosis) -> list[dict[str, Any]]:
+def _experiments(gallery: _Gallery, diagnosis: Diagnosis) -> list[dict[str, Any]]:
     return [
         {"it": e, "picture": _schedule(gallery, k, e) if len(e.rows) > 1 else ""}
-        for k, e in enumerate(found.next_experiments)
+        for k, e in enumerate(diagnosis.next_experiments)
     ]
 
 
@@ -257,18 +257,18 @@ def _schedule(gallery: _Gallery, k: int, e: Experiment) -> _Picture:
     )
 
 
-def _logs(found: Diagnosis) -> list[tuple[str, str]]:
+def _logs(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     """(role, names) of the records."""
-    roles = dict.fromkeys(t.role for t in found.traces)
-    return [(r, ", ".join(dict.fromkeys(_names(found, r)))) for r in roles]
+    roles = dict.fromkeys(t.role for t in diagnosis.traces)
+    return [(r, ", ".join(dict.fromkeys(_names(diagnosis, r)))) for r in roles]
 
 
-def _names(found: Diagnosis, role: str) -> Iterable[str]:
-    return (t.record.name for t in found.traces if t.role == role)
+def _names(diagnosis: Diagnosis, role: str) -> Iterable[str]:
+    return (t.record.name for t in diagnosis.traces if t.role == role)
 
 
-def _equations(found: Diagnosis) -> tuple[str, ...]:
-    return found.after.equations()
+def _equations(diagnosis: Diagnosis) -> tuple[str, ...]:
+    return diagnosis.after.equations()
 
 
 def _number(value: Any, digits: int = 4) -> str:

@@ -1,7 +1,10 @@
-"""Markdown tables for the reports that are committed: the same rows give the same bytes."""
+"""Markdown of the reports: a table (the same rows give the same bytes), and the last line."""
 
 import unicodedata
 from collections.abc import Sequence
+from datetime import date
+
+from sysid.version import __version__
 
 _RULES = {"l": (":", "-"), "r": ("-", ":"), "c": (":", ":")}
 
@@ -40,6 +43,11 @@ def table(headers: Sequence[str], rows: Sequence[Sequence[str]], align: str = ""
         for line in lines
     ]
     return "".join(f"| {' | '.join(line)} |\n" for line in (body[0], rule, *body[1:]))
+
+
+def foot(command: str, seeds: str = "none") -> str:
+    """The last line of a report: version of the tool, date, command, seeds of what was drawn."""
+    return f"\n---\nsysid {__version__}, {date.today()}: `{command}`; seeds: {seeds}.\n"
 
 
 def _cell(text: str) -> str:

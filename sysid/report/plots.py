@@ -16,14 +16,13 @@ import html
 import io
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from sysid.data.files import write_atomic
 from sysid.errors import UsageError
 from sysid.report import (
-    dynamics_drawing,
     fan_drawing,
     fit_drawing,
     mission_drawing,
@@ -32,7 +31,6 @@ from sysid.report import (
     vehicle_drawing,
 )
 from sysid.report.correlation_panels import LagTest
-from sysid.report.dynamics_drawing import DynamicsPicture, PoleZeroSet, StepResponse
 from sysid.report.fan_drawing import FanPanel, FanPicture
 from sysid.report.fit_picture import FitPicture, FitSegment
 from sysid.report.mission_drawing import MissionPicture, Obstacle
@@ -55,7 +53,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CurvePanel",
-    "DynamicsPicture",
     "FanPanel",
     "FanPicture",
     "FitPicture",
@@ -68,30 +65,31 @@ __all__ = [
     "Obstacle",
     "Panel",
     "PlanPicture",
-    "PoleZeroSet",
     "RankingPicture",
     "RankingRow",
     "ResponsePicture",
     "RunsPicture",
-    "StepResponse",
     "Trade",
     "VehiclePicture",
     "WheelMark",
     "inline_svg",
     "picture_format",
-    "plot_dynamics",
-    "plot_fan",
-    "plot_fit",
-    "plot_front",
-    "plot_mission",
-    "plot_plan",
-    "plot_ranking",
-    "plot_responses",
-    "plot_vehicle",
     "share_letters",
+    "write_picture",
 ]
 
 PictureFormat = Literal["svg", "png"]
+Picture = (
+    FitPicture
+    | RankingPicture
+    | MissionPicture
+    | FanPicture
+    | PlanPicture
+    | RunsPicture
+    | FrontPicture
+    | ResponsePicture
+    | VehiclePicture
+)
 
 _PNG_DPI = 200
 """Twice the 100 px/in at which a picture is 900 px wide: sharp on dense screens."""
@@ -111,104 +109,30 @@ def picture_format(path: Path) -> PictureFormat:
     raise UsageError(f"cannot draw to {str(path)!r}: choose a file name that ends in .svg or .png")
 
 
-def plot_fit(path: Path, picture: FitPicture) -> None:
-    """Draw measured and simulated outputs, residuals, their tests and the inputs.
+_DRAWN_BY: Mapping[type, Any] = {
+    FitPicture: fit_drawing,
+    RankingPicture: ranking_drawing,
+    MissionPicture: mission_drawing,
+    FanPicture: fan_drawing,
+    PlanPicture: plan_drawing,
+    RunsPicture: runs_drawing,
+    FrontPicture: front_drawing,
+    ResponsePicture: response_drawing,
+    VehiclePicture: vehicle_drawing,
+}
+"""Kind of picture → the module that knows its size (``size_inches``) and draws it (``draw``)."""
+
+
+def write_picture(path: Path, picture: Picture) -> None:
+    """Draw a picture of any kind into a file.
 
     Raises:
         UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
     """
-    size = fit_drawing.size_inches(picture)
-    _write(path, size, lambda figure: fit_drawing.draw(figure, picture))
-
-
-def plot_ranking(path: Path, picture: RankingPicture) -> None:
-    """Draw models as bars in the order of a criterion, with their fits beside them.
-
-    Raises:
-        UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
-    """
-    size = ranking_drawing.size_inches(picture)
-    _write(path, size, lambda figure: ranking_drawing.draw(figure, picture))
-
-
-def plot_mission(path: Path, picture: MissionPicture) -> None:
-    """Draw the path among the obstacles, and speed, heading, PWM and distance over time.
-
-    Raises:
-        UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
-    """
-    size = mission_drawing.size_inches(picture)
-    _write(path, size, lambda figure: mission_drawing.draw(figure, picture))
-
-
-def plot_fan(path: Path, picture: FanPicture) -> None:
-    """Draw a measured drive over the runs that were predicted for it.
-
-    Raises:
-        UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
-    """
-    size = fan_drawing.size_inches(picture)
-    _write(path, size, lambda figure: fan_drawing.draw(figure, picture))
-
-
-def plot_plan(path: Path, picture: PlanPicture) -> None:
-    """Draw the field lines of a guidance law, its potential, forces and references of speed.
-
-    Raises:
-        UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
-    """
-    size = plan_drawing.size_inches(picture)
-    _write(path, size, lambda figure: plan_drawing.draw(figure, picture))
-
-
-def plot_runs(path: Path, picture: RunsPicture) -> None:
-    """Draw the paths of many runs, how they ended and what their time depends on.
-
-    Raises:
-        UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
-    """
-    size = runs_drawing.size_inches(picture)
-    _write(path, size, lambda figure: runs_drawing.draw(figure, picture))
-
-
-def plot_front(path: Path, picture: FrontPicture) -> None:
-    """Draw what sets of gains trade, and answers of the proposed one.
-
-    Raises:
-        UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
-    """
-    size = front_drawing.size_inches(picture)
-    _write(path, size, lambda figure: front_drawing.draw(figure, picture))
-
-
-def plot_responses(path: Path, picture: ResponsePicture) -> None:
-    """Draw answers over time beside their references, and paths in the plane.
-
-    Raises:
-        UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
-    """
-    size = response_drawing.size_inches(picture)
-    _write(path, size, lambda figure: response_drawing.draw(figure, picture))
-
-
-def plot_dynamics(path: Path, picture: DynamicsPicture) -> None:
-    """Draw poles and zeros beside the unit circle, and the step responses.
-
-    Raises:
-        UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
-    """
-    size = dynamics_drawing.size_inches(picture)
-    _write(path, size, lambda figure: dynamics_drawing.draw(figure, picture))
-
-
-def plot_vehicle(path: Path, picture: VehiclePicture) -> None:
-    """Draw a vehicle from above, with its axles and the centre it turns about.
-
-    Raises:
-        UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
-    """
-    size = vehicle_drawing.size_inches(picture)
-    _write(path, size, lambda figure: vehicle_drawing.draw(figure, picture))
+    drawing = _DRAWN_BY[type(picture)]
+    kind = picture_format(path)
+    size = drawing.size_inches(picture)
+    write_atomic(path, _render(kind, size, lambda figure: drawing.draw(figure, picture)))
 
 
 def inline_svg(
@@ -267,11 +191,6 @@ def share_letters(page: str) -> str:
     letters = "".join(f'<path id="{id}"{outline}/>\n' for outline, id in short.items())
     shared = f'<svg width="0" height="0" aria-hidden="true" class="letters"><defs>\n{letters}'
     return page.replace("<body>\n", f"<body>\n{shared}</defs></svg>\n", 1)
-
-
-def _write(path: Path, size: tuple[float, float], draw: Callable[["Figure"], None]) -> None:
-    kind = picture_format(path)
-    write_atomic(path, _render(kind, size, draw))
 
 
 def _render(

@@ -7,8 +7,8 @@ import json
 
 import numpy as np
 import pytest
-import studies
 
+from studies import nonlinear_tests as study
 from sysid.criteria.nonlinear import FURTHER, NAMES, further_tests, nonlinear_tests
 from sysid.criteria.residuals import independence_test, whiteness_test
 from sysid.data.record import Record
@@ -20,7 +20,6 @@ from sysid.fitting.options import FitOptions
 from sysid.structures.narmax.structure import NARMAX
 from sysid.structures.registry import structure_class
 
-study = studies.load("benchmarks/study_nonlinear_tests.py")
 RIGHT = {c.name: c for c in study.RIGHT}
 WRONG = {c.name: c for c in study.WRONG}
 

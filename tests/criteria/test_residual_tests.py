@@ -7,13 +7,13 @@ import json
 
 import numpy as np
 import pytest
-import studies
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 from scipy.special import chdtrc
 
+from studies import residual_tests as study
 from sysid.criteria import portmanteau
 from sysid.criteria.coloured import ar_fit
 from sysid.criteria.residuals import (
@@ -29,7 +29,6 @@ from sysid.errors import DataError
 laws = settings(max_examples=12, deadline=None, derandomize=True)
 seeds = st.integers(0, 10_000)
 
-study = studies.load("benchmarks/study_residual_tests.py")
 RIGHT = {c.name: c for c in study.RIGHT}
 WRONG = {c.name: c for c in study.WRONG}
 
@@ -180,7 +179,7 @@ REPLICATES = 60
 )
 def test_right_models_alarm_at_the_nominal_rate(name: str, replaced: str | None) -> None:
     """At a true rate of 1 %, 5 alarms of 60 come up once in 3000; of single lags 2 % never."""
-    found = study.rates(RIGHT[name], REPLICATES, 600)
+    found = study.rates([study.alarms(RIGHT[name], seed, 600) for seed in range(REPLICATES)])
     for test in ("independent", "feedback", "white"):
         assert found.get(test, 0.0) <= 100.0 * 4 / REPLICATES, test
     assert found["band_share"] < 2.0
@@ -217,7 +216,7 @@ def test_p_values_of_right_models_are_uniform() -> None:
     ],
 )
 def test_wrong_models_are_caught_and_by_the_right_test(name: str, alarm: str, silent: str) -> None:
-    found = study.rates(WRONG[name], 20, 1000)
+    found = study.rates([study.alarms(WRONG[name], seed, 1000) for seed in range(20)])
     assert found[alarm] >= 95.0
     assert found[silent] <= 10.0
 

@@ -5,12 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import studies
 from scipy.signal import butter, filtfilt
 
+from studies import real_diagnose as study
 from sysid.effects.catalogue import is_known
 
-study = studies.load("benchmarks/study_real_diagnose.py")
 DATA = Path(os.environ.get("SYSID_DATA", Path(__file__).parents[3] / "shared" / "data"))
 CASES = {c.name: c for c in study.CASES}
 

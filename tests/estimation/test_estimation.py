@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import studies
 from estimation_cases import estimated, every_structure, free_run, of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from polynomial_cases import SYSTEMS
 from scipy.signal import lfilter
 
+from studies import coverage
 from sysid.criteria.fit import fit_percent, rmse
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
@@ -308,9 +308,8 @@ def test_the_callers_arrays_are_left_alone() -> None:
 @pytest.mark.parametrize("name", ["ARX", "ARMAX", "OE, white noise", "OE, AR(1) noise 0.9", "BJ"])
 def test_intervals_cover_the_truth(name: str) -> None:
     """The fast part of the coverage study: 60 records, intervals over all parameters pooled."""
-    study = studies.load("benchmarks/study_coverage.py")
-    case = next(c for c in study.CASES if c.name == name)
-    found = study.outcome(replace(case, samples=500), records=60)
+    case = replace(next(c for c in coverage.CASES if c.name == name), samples=500)
+    found = coverage.outcome([coverage.standardised(case, seed) for seed in range(60)])
     # 240 intervals and more, those of one record alike: 95 % with a standard deviation of 2
     assert 89.0 <= found.pooled <= 99.5
     assert found.beyond <= 0.5

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import studies
 from command_line import run
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from studies import robust as study
 from sysid.data.record import HARDLY, Array, Record
 from sysid.estimation.pem import fit
 from sysid.estimation.robust_fit import again
@@ -29,8 +29,14 @@ from sysid.structures.registry import structure_class
 
 Capture = pytest.CaptureFixture[str]
 
-study = studies.load("benchmarks/study_robust.py")
 CASES = study.CASES
+
+
+def fits(name: str, kind: str, robust: bool, records: int, first: int = 0) -> study.Fits:
+    """Fits of a case to as many records, from one seed on."""
+    seeds = range(first, first + records)
+    return study.fits([study.one(name, seed, kind, robust) for seed in seeds])
+
 
 FROM = {"oe": 6}
 """First record: in an earlier one of ``oe`` the noise alone moves three estimates by 3.2 standard
@@ -51,7 +57,7 @@ QUICK = ("arx", "armax", "oe", "bj", "hammerstein-wiener", "narmax", "dc-motor")
 )
 def test_the_truth_is_found_behind_outliers(name: str, kind: str) -> None:
     """The fast part of the study: every parameter within three honest standard errors."""
-    found = study.fits(name, kind, True, FEW.get(name, 6), FROM.get(name, 0))
+    found = fits(name, kind, True, FEW.get(name, 6), FROM.get(name, 0))
     # of 3 to 36 estimates, those of one record alike: one record may miss with two of them
     assert found.within > 90.0
     if len(found.off) >= 6:
@@ -62,7 +68,7 @@ def test_the_truth_is_found_behind_outliers(name: str, kind: str) -> None:
 
 
 def test_the_truth_is_found_behind_a_sensor_that_saturates() -> None:
-    found = study.fits("hammerstein-wiener, sensor saturates", "reading", True, 2)
+    found = fits("hammerstein-wiener, sensor saturates", "reading", True, 2)
     assert found.within == 100.0
     np.testing.assert_allclose(found.found, found.struck, atol=2)
 
@@ -106,7 +112,7 @@ def test_a_fit_to_cleaner_data_starts_where_the_last_one_ended() -> None:
 
 def test_least_squares_needs_it() -> None:
     """Outliers in the regressors of ARX bias least squares by ten of its standard errors."""
-    assert study.fits("arx", "reading", False, 6).within < 50.0
+    assert fits("arx", "reading", False, 6).within < 50.0
 
 
 @pytest.mark.slow
@@ -117,7 +123,7 @@ def test_a_clean_record_costs_nothing(name: str) -> None:
     case = replace(CASES[name], samples=300) if name in SLOW else CASES[name]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study, "CASES", {name: case})
-        plain, careful = (study.fits(name, "clean", robust, few) for robust in (False, True))
+        plain, careful = (fits(name, "clean", robust, few) for robust in (False, True))
     moved = np.abs(careful.clean_fit - plain.clean_fit)
     # in one record of thirty a single error is taken for an outlier
     assert np.count_nonzero(moved > 1e-9) <= few // 4

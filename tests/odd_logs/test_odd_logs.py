@@ -2,7 +2,7 @@
 
 A gain is right within 3 % or three standard errors, whichever is larger: an estimate misses three
 standard errors in one log of 370, and 3 % is what a person with a robot cares for. All of them,
-slow ones included, run under ``make study`` on other seeds (``benchmarks/study_odd_logs.py``).
+slow ones included, run under ``make study`` on other seeds (``studies/odd_logs.py``).
 """
 
 import re

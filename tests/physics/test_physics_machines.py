@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies import ROOT, load
 from sysid_datasets.physics.logs import (
     PERIOD,
     _on_ground,
@@ -20,6 +19,7 @@ from sysid_datasets.physics.others import MACHINES, OUTSIDE
 from sysid_datasets.physics.processes import GRAVITY, Heater, Tanks
 from sysid_datasets.physics.suites import FRESH, NOTHINGS, SUITES, case
 
+from studies import physics_diagnose as study
 from sysid import read_log
 
 
@@ -155,11 +155,7 @@ def test_every_suite_draws_seeds_of_both_kinds() -> None:
         case("singles", -1)
 
 
-def test_two_causes_for_which_either_name_is_right_ask_for_one_entry(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    study = load("benchmarks/study_physics_diagnose.py")
+def test_two_causes_for_which_either_name_is_right_ask_for_one_entry() -> None:
     motor = {"id": "direction-asymmetry", "also": ["viscous-asymmetry"]}
     friction = {"id": "viscous-asymmetry", "also": ["direction-asymmetry"]}
     late = {"id": "input-delay", "also": []}
@@ -169,12 +165,8 @@ def test_two_causes_for_which_either_name_is_right_ask_for_one_entry(
     assert study._shown({"hidden": [motor, late], "shows": [0.5, 2.0]}) == ("input-delay",)
 
 
-def test_a_share_of_the_largest_command_is_judged_in_volts(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_share_of_the_largest_command_is_judged_in_volts() -> None:
     """The log never went beyond 11 of 12 V: 0.8116 of that is 0.744 of full drive."""
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    study = load("benchmarks/study_physics_diagnose.py")
     same = {"plus": 0.744}
     hidden = [{"id": "input-saturation", "also": [], "same_meaning": same, "spread": 0.0}]
     number = {"name": "plus[speed]", "value": 0.8116, "std_error": 5e-4, "unit": "drive"}
@@ -188,11 +180,7 @@ def test_a_share_of_the_largest_command_is_judged_in_volts(
     assert "0.8116" in wrong[0]
 
 
-def test_a_number_of_a_tie_of_two_that_are_both_there_is_of_both(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    study = load("benchmarks/study_physics_diagnose.py")
+def test_a_number_of_a_tie_of_two_that_are_both_there_is_of_both() -> None:
     zero = {"id": "sensor-bias", "also": ["load-bias"], "same_meaning": {"bias": 1.0}}
     load_ = {"id": "load-bias", "also": ["sensor-bias"], "same_meaning": {}, "spread": 0.0}
     number = {"name": "bias[omega_l]", "value": 5.0, "std_error": 0.1, "unit": "speed"}
@@ -201,11 +189,7 @@ def test_a_number_of_a_tie_of_two_that_are_both_there_is_of_both(
     assert study._numbers([{**zero, "spread": 0.0}], [entry], 1.0)[1]
 
 
-def test_a_number_with_a_true_value_of_its_own_output_is_judged_by_that(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    study = load("benchmarks/study_physics_diagnose.py")
+def test_a_number_with_a_true_value_of_its_own_output_is_judged_by_that() -> None:
     same = {"plus": 0.2, "plus[omega_r]": 0.15}
     hidden = [{"id": "dead-zone", "also": [], "same_meaning": same, "spread": 0.0}]
     numbers = [
@@ -216,9 +200,7 @@ def test_a_number_with_a_true_value_of_its_own_output_is_judged_by_that(
     assert study._numbers(hidden, told, 1.0) == (2, [])
 
 
-def test_a_name_that_is_also_right_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    study = load("benchmarks/study_physics_diagnose.py")
+def test_a_name_that_is_also_right_counts_once() -> None:
     gap = {"id": "backlash", "also": ["coulomb-friction"]}
     lag = {"id": "actuator-lag", "also": ["sensor-lag"]}
     said = [("coulomb-friction",), ("backlash",), ("sensor-lag", "input-delay"), ("dead-zone",)]
@@ -230,11 +212,7 @@ def test_a_name_that_is_also_right_counts_once(monkeypatch: pytest.MonkeyPatch) 
     assert study.translated([], said) == tuple(said)
 
 
-def test_a_study_that_is_stopped_has_run_its_share_of_every_suite(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    study = load("benchmarks/study_physics_diagnose.py")
+def test_a_study_that_is_stopped_has_run_its_share_of_every_suite() -> None:
     wanted = study.interleaved({"singles": 40, "pairs": 20, "realistic": 2}, 500)
     assert len(set(wanted)) == len(wanted) == 62
     for share in (0.25, 0.5, 0.8):

@@ -9,10 +9,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-USERS = ("sysid", "cli", "datasets", "benchmarks", "examples", "docs")
+USERS = ("sysid", "cli", "datasets", "benchmarks", "studies", "thesis", "examples", "docs")
 
 KEPT = {
-    "plot_dynamics": "poles, zeros and steps as a picture: for a script, no command draws it",
     "wheel_speeds": "kinematics that vehicle physics is built on: thesis 2.13, inverted",
     "angular_velocity": "the same: after 2.1",
     "to_inertial": "the same: 2.3",

@@ -11,7 +11,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
-import studies
+import scripts
 import typer
 from pydantic import BaseModel
 from sysid_cli.app import app
@@ -133,20 +133,20 @@ def test_every_page_is_linked_from_the_index() -> None:
 
 
 def test_command_page_is_up_to_date() -> None:
-    fresh = studies.load("docs/generate_commands.py").page()
+    fresh = scripts.load("docs/generate_commands.py").page()
     stored = (DOCS / "commands.md").read_text(encoding="utf-8")
     assert stored == fresh, "run python docs/generate_commands.py"
 
 
 def test_effects_page_is_up_to_date() -> None:
-    fresh = studies.load("docs/generate_effects.py").page()
+    fresh = scripts.load("docs/generate_effects.py").page()
     stored = (DOCS / "effects.md").read_text(encoding="utf-8")
     assert stored == fresh, "run python docs/generate_effects.py"
 
 
 def test_every_command_and_option_has_help() -> None:
     silent = []
-    for command in studies.load("docs/generate_commands.py").commands():
+    for command in scripts.load("docs/generate_commands.py").commands():
         if not command.help:
             silent.append(command.name)
         silent += [f"{command.name} {p.names}" for p in command.parameters if not p.help]

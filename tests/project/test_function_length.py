@@ -7,7 +7,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-ROOMS = ("sysid", "cli", "benchmarks", "datasets", "docs", "examples", "tests")
+ROOMS = (
+    *("sysid", "cli", "benchmarks", "studies", "thesis"),
+    *("datasets", "docs", "examples", "tests"),
+)
 
 LONGEST = 60
 """Lines of a function without its docstring: what one screen shows."""

@@ -2,26 +2,19 @@
 
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
-import studies
 
-PAGE = studies.ROOT / "reports" / "thesis.md"
-PICTURES = studies.ROOT / "reports" / "thesis"
+from studies.runner import REPORTS
+from thesis import report
+
+PAGE = REPORTS / "thesis.md"
+PICTURES = REPORTS / "thesis"
 
 MOST_BYTES = 1_500_000
 """All pictures together: a clone of the project should stay small."""
-
-
-@pytest.fixture(scope="module")
-def report() -> Iterator[ModuleType]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(studies.ROOT / "benchmarks")
-        yield studies.load("benchmarks/thesis_report.py")
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +25,7 @@ def lines() -> list[tuple[str, ...]]:
     return [tuple(cell.strip() for cell in row) for row in rows]
 
 
-def test_every_figure_and_table_stands_in_the_inventory_once(report: ModuleType) -> None:
+def test_every_figure_and_table_stands_in_the_inventory_once() -> None:
     last = {1: 11, 2: 12, 3: 5, 4: 4, 5: 27, 6: 30, 7: 6, 8: 30}  # figures of each chapter
     wanted = [f"{c}.{k}" for c, n in last.items() for k in range(1, n + 1)]
     numbers = [item.number for item in report.ITEMS]
@@ -45,9 +38,7 @@ def test_every_figure_and_table_stands_in_the_inventory_once(report: ModuleType)
         assert item.missing or item.kind is not report.Kind.MISSING, item.number
 
 
-def test_the_page_has_a_line_for_every_item(
-    report: ModuleType, lines: list[tuple[str, ...]]
-) -> None:
+def test_the_page_has_a_line_for_every_item(lines: list[tuple[str, ...]]) -> None:
     computed = {cells[0] for cells in lines if len(cells) == 6}
     left_out = [cells[0] for cells in lines if len(cells) == 4]
     for item in report.ITEMS:
@@ -73,9 +64,7 @@ def test_pictures_are_those_of_the_page_and_small() -> None:
     assert sum(p.stat().st_size for p in files.values()) < MOST_BYTES
 
 
-def test_cheap_rows_are_those_of_the_committed_page(
-    report: ModuleType, lines: list[tuple[str, ...]]
-) -> None:
+def test_cheap_rows_are_those_of_the_committed_page(lines: list[tuple[str, ...]]) -> None:
     cheap = (
         *report.SHEETS[2],
         report.bench_motor.constants,
@@ -93,7 +82,7 @@ def test_cheap_rows_are_those_of_the_committed_page(
             assert cells in lines
 
 
-def test_published_numbers_come_back_to_their_digits(report: ModuleType) -> None:
+def test_published_numbers_come_back_to_their_digits() -> None:
     found = {
         row.what: row
         for sheet in (
@@ -109,14 +98,14 @@ def test_published_numbers_come_back_to_their_digits(report: ModuleType) -> None
     assert found["V_d over its maximum at 0.2 m with K_g = 0.4 [%]"].ours == "50.0"
 
 
-def test_differences_are_relative_and_none_where_the_digits_agree(report: ModuleType) -> None:
+def test_differences_are_relative_and_none_where_the_digits_agree() -> None:
     compared = report.chapter2.compared
     assert compared("1.1", "", 2.0, 2.004, ".2f").difference == "none"
     assert compared("1.1", "", 2.0, 1.5, ".2f").difference == "−25 %"
     assert compared("1.1", "", 0.0, 1.5, ".2f").difference == "1.50"
 
 
-def test_thinned_lines_keep_their_steps_and_ends(report: ModuleType) -> None:
+def test_thinned_lines_keep_their_steps_and_ends() -> None:
     x = np.arange(1000.0)
     step = report.chapter2.line("step", x, (x >= 500) * 1.0)
     np.testing.assert_array_equal(step.x, [0, 499, 500, 999])
@@ -125,11 +114,11 @@ def test_thinned_lines_keep_their_steps_and_ends(report: ModuleType) -> None:
     assert curve.x[-1] == 999
 
 
-def test_small_pictures_show_what_the_large_ones_show(report: ModuleType, tmp_path: Path) -> None:
+def test_small_pictures_show_what_the_large_ones_show(tmp_path: Path) -> None:
     sheet = report.chapter6.forces()
     large, small = tmp_path / "large.svg", tmp_path / "small.svg"
-    report.plot_responses(large, sheet.picture)
-    report.plot_responses(small, sheet.picture)
+    report.write_picture(large, sheet.picture)
+    report.write_picture(small, sheet.picture)
     report.made_small(small)
     assert small.stat().st_size < 0.75 * large.stat().st_size
     for tag in ("path", "use", "clipPath"):

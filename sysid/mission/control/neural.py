@@ -1,6 +1,6 @@
 """A small neural network as the law of one axis; its weights stand readable beside this file.
 
-``benchmarks/train_neural_control.py`` trains it on the best of the other laws, and says which.
+``studies/train_neural_control.py`` trains it on the best of the other laws, and says which.
 """
 
 import json

@@ -1,11 +1,9 @@
 """The study of prediction intervals: its twins are what its table says of them."""
 
 import numpy as np
-import studies
 
+from studies import prediction_intervals as study
 from sysid.data.record import PWM_FULL_SCALE
-
-study = studies.load("benchmarks/study_missions.py")
 
 
 def test_the_model_of_a_twin_inside_the_class_is_that_twin() -> None:

@@ -1,0 +1,177 @@
+"""``sysid localize``: where a robot was, from a log of its sensors."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sysid.errors import UsageError
+from sysid.workspace.store import Workspace
+
+from .. import reading, render, targets
+from .law_options import LawChoice, Navigation
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sysid.data.record import Array
+    from sysid.mission.localize import Localization
+
+
+def localize(
+    log: Annotated[
+        Path, typer.Argument(metavar="LOG", help="A log of the sensors: CSV, Parquet or bag.")
+    ],
+    mission: Annotated[
+        Path,
+        typer.Option(
+            "--mission", metavar="M.yaml", help="Mission: sensors, navigation, vehicle, start."
+        ),
+    ],
+    navigation: Navigation = None,
+    sensor: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=COLUMN",
+            help="Column that holds a measurement (omega_l, gyro_z, mag_x, vo_x, fix_x, …).",
+        ),
+    ] = None,
+    time: reading.Time = None,
+    ts: reading.SampleTime = None,
+    units: reading.Units = None,
+    map: reading.Map = None,
+    stamps: reading.Stamps = "auto",
+    latency: reading.Latency = None,
+    to: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="CSV to write [WORKSPACE/missions/NAME_localized.csv]."),
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw the path: .svg or .png.")
+    ] = None,
+    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
+    json: reading.Json = False,
+) -> None:
+    """Localize a robot from a log of its sensors: its path, with the uncertainty."""
+    from sysid.mission.localize import localize as follow
+    from sysid.mission.localize import write_localization
+    from sysid.mission.registry import kind_of
+    from sysid.mission.spec import load_mission
+
+    targets.check_picture(plot)
+    if to is not None:
+        targets.check(to, "--to")
+    target = to or Workspace(workspace).missions_dir / f"{log.stem}_localized.csv"
+    if target.exists() and log.exists() and target.samefile(log):
+        raise UsageError(f"--to {target} would overwrite the log; name another file")
+    given = LawChoice(navigation=navigation).applied(load_mission(mission))
+    options = reading.read_options(
+        time=time, ts=ts, units=units, map=map, stamps=stamps, latency=latency
+    )
+    with render.progress(f"Following {log.name}"):
+        localization = follow(log, given, columns_of(sensor or []), options)
+    targets.make_folder(target, "--to")
+    facts: dict[str, Any] = {
+        "navigation": kind_of("navigation", given.navigation),
+        "output": write_localization(localization, target),
+        "used": localization.used,
+        "consistency": localization.consistency,
+        "errors": localization.errors,
+        "end": {n: float(localization.columns[f"{n}_est"][-1]) for n in ("x", "y", "psi")},
+        "warnings": [*localization.notes, *(f.text for f in localization.log.findings)],
+    }
+    if plot is not None:
+        _draw(plot, log.stem, localization)
+        facts["plot"] = plot
+    render.document(facts) if json else _show(log.name, facts)
+
+
+def columns_of(given: list[str]) -> dict[str, str]:
+    """Reading → column, as ``NAME=COLUMN`` says.
+
+    Raises:
+        UsageError: one has another form.
+    """
+    columns: dict[str, str] = {}
+    for pair in (p for item in given for p in item.split(",")):
+        name, sign, column = (part.strip() for part in pair.partition("="))
+        if not (name and sign and column):
+            raise UsageError(f"--sensor cannot read {pair!r}; write NAME=COLUMN, as gyro_z=imu_wz")
+        columns[name] = column
+    return columns
+
+
+def _show(name: str, facts: dict[str, Any]) -> None:
+    end, errors, figures = facts["end"], facts["errors"], facts["consistency"]
+    rows = [
+        ("read", ", ".join(facts["used"])),
+        ("ends at x, y [m]", f"{end['x']:.3f}, {end['y']:.3f}"),
+        ("final heading [rad]", f"{end['psi']:.3f}"),
+    ]
+    if errors:
+        rows += [
+            ("error of the position, rms [m]", render.number(errors["position_rms_m"], 3)),
+            ("error of the position, at the end [m]", render.number(errors["position_end_m"], 3)),
+            ("error of the heading, rms [rad]", render.number(errors["heading_rms_rad"], 3)),
+        ]
+    for figure, words in (("nis", "innovations (NIS)"), ("nees", "errors (NEES)")):
+        if figures.get(f"{figure}_mean") is not None:
+            low, high = figures[f"{figure}_bounds"]
+            mean = figures[f"{figure}_mean"]
+            verdict = "as they should be" if low <= mean <= high else _verdict(mean > high)
+            rows.append((words, f"{mean:.3g}, bounds {low:.3g} to {high:.3g}: {verdict}"))
+    render.table((name, facts["navigation"]), rows)
+    for warning in facts["warnings"]:
+        render.warn(f"! {warning}")
+    render.say(f"Estimate: {facts['output']}")
+    if "plot" in facts:
+        render.say(f"Picture: {facts['plot']}")
+
+
+def _verdict(large: bool) -> str:
+    return "larger than believed" if large else "smaller than believed"
+
+
+def _draw(path: Path, name: str, localization: "Localization") -> None:
+    """The estimated path with ellipses of 95 %, and the errors beside what the filter believes."""
+    import numpy as np
+
+    from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
+
+    c, pose = localization.columns, localization.log.pose
+    lines = [Line("estimate", c["x_est"], c["y_est"])]
+    if pose is not None:
+        lines.append(Line("true", pose[:, 0], pose[:, 1], reference=True))
+    panels = [Panel("path", "x [m]", "y [m]", tuple(lines), plane=True, outlines=_ellipses(c))]
+    position: list[Line] = []
+    heading: list[Line] = []
+    if pose is not None:
+        away = np.hypot(c["x_est"] - pose[:, 0], c["y_est"] - pose[:, 1])
+        turned = c["psi_est"] - pose[:, 2]
+        position.append(Line("error", c["t"], away))
+        heading.append(Line("error", c["t"], np.abs(np.arctan2(np.sin(turned), np.cos(turned)))))
+    if "P_xx" in c:
+        position.append(Line("believed, 1 σ", c["t"], np.sqrt(c["P_xx"] + c["P_yy"])))
+        heading.append(Line("believed, 1 σ", c["t"], np.sqrt(c["P_psi"])))
+    if position:
+        panels.append(Panel("error of the position", "time [s]", "[m]", tuple(position)))
+        panels.append(Panel("error of the heading", "time [s]", "[rad]", tuple(heading)))
+    title = f"{name}: estimated path"
+    write_picture(path, ResponsePicture(title, ", ".join(localization.used), tuple(panels)))
+
+
+def _ellipses(columns: "Mapping[str, Array]") -> "tuple[tuple[Array, Array], ...]":
+    """Ellipses that hold the position with 95 %, at ten instants."""
+    import numpy as np
+
+    if "P_xx" not in columns:
+        return ()
+    angle = np.linspace(0.0, 2.0 * np.pi, 49)
+    circle = np.sqrt(-2.0 * np.log(0.05)) * np.array([np.cos(angle), np.sin(angle)])
+    ellipses = []
+    for k in np.linspace(0, len(columns["t"]) - 1, 11).astype(int)[1:]:
+        xx, xy, yy = (columns[n][k] for n in ("P_xx", "P_xy", "P_yy"))
+        size, axes = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))
+        x, y = axes @ (np.sqrt(np.maximum(size, 0.0))[:, None] * circle)
+        ellipses.append((columns["x_est"][k] + x, columns["y_est"][k] + y))
+    return tuple(ellipses)

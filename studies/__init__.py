@@ -1,0 +1,1 @@
+"""Statistics on the workbench, a module a report, run by ``python -m studies.NAME``."""

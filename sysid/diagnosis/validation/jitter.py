@@ -1,0 +1,244 @@
+"""Jitter: commands whose delay varies from one to the next, which no model predicts.
+
+A model knows one delay. Where the delay of each change of the command is drawn anew, the
+measurements behind a change are the model's, moved in time by as much as this one was early or
+late. A response may be over within a sample and its delay differ by several: so it is moved, and no
+slope is asked.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Array
+from sysid.diagnosis.base_model import Base
+from sysid.diagnosis.search.selection import CandidateModel
+
+FURTHEST, STEP = 4.0, 0.125
+"""By how much and in which steps a response is moved [samples]; between steps by a parabola. Most
+loops that log have at most a few samples of delay, and none is so early that it precedes its
+command."""
+
+MOVES = 0.05
+"""Change of the drive that shows an instant, of full drive."""
+
+HOLDS = 1e-3
+"""Change of the drive below which it holds."""
+
+MIN_CHANGES = 15
+"""Changes at least from which a spread is estimated, to about a fifth."""
+
+SHORTEST, LONGEST = 3, 12
+"""Samples behind a change that show when it acted; the next one must leave as many."""
+
+MOST = 0.5
+"""Share of the errors behind changes that uneven delays must explain: else it is something else."""
+
+MAX_PREDICTED_SHARE = 0.3
+"""Share of the delays that command and change may predict: else they are no jitter but an effect
+that depends on them."""
+
+SURE = 3.0
+"""Mean square of the delays in units of their squared standard errors, beyond noise alone."""
+
+
+MEDIAN = 0.455
+"""Median of a squared standard normal number."""
+
+REACH = 2.0
+"""Spreads by which a delay is early or late: one in twenty is by more."""
+
+SHIFTS = np.arange(-FURTHEST, FURTHEST + 0.5 * STEP, STEP)
+"""By how much a response is moved [samples]; later is positive."""
+
+Rows = tuple[Array, ...]
+"""A parameter a sample, (N, ny) a record."""
+
+
+@dataclass(frozen=True, eq=False)
+class Behind:
+    """What is seen behind the changes of the command of an output.
+
+    Attributes:
+        costs: squared error of each change for each of ``SHIFTS``, (changes, shifts).
+        power: Σ (∂y/∂δ)² of each, δ in samples.
+        errors: squared errors as they are; ``samples`` they are of.
+        before, after: the drive.
+    """
+
+    costs: Array
+    power: Array
+    errors: Array
+    samples: Array
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True)
+class Jitter:
+    """Delays of one output that differ from change to change.
+
+    Attributes:
+        output: name.
+        spread: standard deviation of the delays [s].
+        changes: of the command, from which it is read.
+        share: of the error beyond the noise behind these changes that it explains.
+        furthest: that one of them was early or late [s].
+    """
+
+    output: str
+    spread: float
+    changes: int
+    share: float
+    furthest: float = 0.0
+
+    @property
+    def sentence(self) -> str:
+        """What it is, and how large."""
+        return (
+            f"The delay of {self.output} varies from command to command by {self.spread:.2g} s "
+            f"(standard deviation of {self.changes} changes). This jitter is "
+            f"{100.0 * self.share:.0f} % of its errors there, and no model predicts it: log the "
+            "time at which each command acts."
+        )
+
+
+def detect_jitter(base: Base, candidate: CandidateModel, floor: Array) -> tuple[Jitter, ...]:
+    """Outputs whose errors behind changes of the command are delays that differ.
+
+    δ_k is the least of Σ (y(t) − ŷ(t − δ))² over the samples behind change k.
+
+    Args:
+        base: the search.
+        candidate: the model whose errors are asked.
+        floor: noise of each output, (ny,).
+    """
+    search, names = base.search, base.parts.estimation[0].output_names
+    data = search.data
+    run = search.model.run(candidate.q, data)[0]
+    errors = np.where(data.weight > 0.0, data.y - run, np.nan)
+    starts = np.cumsum([0, *data.lengths])
+    jitters = []
+    for i, name in enumerate(names):
+        seen = [
+            _behind(data.drive[a:b, i], errors[a:b, i], run[a:b, i])
+            for a, b in pairwise(starts.tolist())
+        ]
+        parts = [s for s in seen if s is not None]
+        measured = _spread(parts, float(floor[i])) if parts else None
+        if measured is not None:
+            changes = sum(len(p.power) for p in parts)
+            spread, share, furthest = measured
+            dt = search.model.dt
+            jitters.append(Jitter(name, spread * dt, changes, share, furthest * dt))
+    return tuple(jitters)
+
+
+def rows_without_jitter(base: Base, late: Sequence[Jitter], floor: Array) -> tuple[Rows, Rows]:
+    """Which samples of both parts such delays do not spoil: 1, else 0, (N, ny) a record.
+
+    Within ``REACH`` spreads to either side, and as far as a change was early or late, the
+    model's reading moves by less than the noise. One sample that a large step spoils outweighs all
+    that a dead zone leaves at constant speed.
+    """
+    search = base.search
+    parts = []
+    for data in (search.data, search.holdout_data):
+        runs = data.split(search.model.run(base.candidate.q, data)[0])
+        rows = [np.ones(run.shape) for run in runs]
+        for u in late:
+            i = base.parts.estimation[0].output_names.index(u.output)
+            reach = int(np.ceil(max(REACH * u.spread, u.furthest) / search.model.dt))
+            for run, kept in zip(runs, rows, strict=True):
+                near = np.pad(run[:, i], reach, mode="edge")
+                around = np.lib.stride_tricks.sliding_window_view(near, 2 * reach + 1)
+                kept[:, i] = np.ptp(around, axis=1) < floor[i]
+        parts.append(tuple(rows))
+    return parts[0], parts[1]
+
+
+def _behind(drive: Array, errors: Array, run: Array) -> Behind | None:
+    """What is seen behind each change of one record; None where none shows an instant."""
+    steps = np.abs(np.diff(drive))
+    changes = 1 + np.flatnonzero(steps > HOLDS)  # a command that always moves shows no instant
+    ends = np.minimum(np.append(changes[1:], len(drive)), changes + LONGEST)
+    costs, rows = [], []
+    for a, b in zip(changes, ends, strict=True):
+        if steps[a - 1] <= MOVES:
+            continue
+        good = a + np.flatnonzero(np.isfinite(errors[a:b]))
+        if len(good) < SHORTEST:
+            continue
+        moved = _moved(run, good, int(b))
+        slope = moved(0.5) - moved(-0.5)
+        if not np.any(slope):
+            continue
+        y = errors[good] + run[good]
+        costs.append([float(np.sum((y - moved(d)) ** 2)) for d in SHIFTS])
+        e = errors[good]
+        rows.append([slope @ slope, e @ e, len(e), drive[a - 1], drive[a]])
+    if not rows:
+        return None
+    return Behind(np.array(costs), *np.array(rows).T)
+
+
+def _moved(run: Array, at: NDArray[np.intp], end: int) -> Callable[[float], Array]:
+    """A run that is late by a number of samples, at some samples; none of it is from the end on."""
+    t = np.arange(end)
+    return lambda late: np.interp(at - late, t, run[:end])
+
+
+def _spread(parts: Sequence[Behind], floor: float) -> tuple[float, float, float] | None:
+    """Standard deviation [samples] of delays, the share of the errors they are, the largest one.
+
+    None where they are no jitter.
+    """
+    costs = np.concatenate([p.costs for p in parts])
+    if len(costs) < MIN_CHANGES:
+        return None
+    power, errors, samples, before, after = (
+        np.concatenate([getattr(p, n) for p in parts])
+        for n in ("power", "errors", "samples", "before", "after")
+    )
+    about, _ = _least(np.sum(costs, axis=0))
+    least = [_least(c) for c in costs]
+    delays = np.array([d for d, _ in least])
+    gain = np.array([_at(c, about) for c in costs]) - np.array([c for _, c in least])
+    if float(np.median(gain)) < SURE * floor**2 * MEDIAN or np.mean(gain) < SURE * floor**2:
+        return None
+    excess = float(np.sum(errors - samples * floor**2))
+    share = float(np.sum(gain - floor**2)) / excess if excess > 0.0 else 0.0
+    step = after - before
+    sizes = (np.ones(len(step)), step, after)
+    known = np.column_stack([*sizes, *(f(x) for x in sizes[1:] for f in (np.abs, np.sign))])
+    root = np.sqrt(power)[:, None]
+    fitted = known @ np.linalg.lstsq(known * root, delays * root[:, 0], rcond=None)[0]
+    rest = float(np.sum((delays - fitted) ** 2 * power)) / (len(step) - known.shape[1])
+    apart = (delays - about) ** 2 * power
+    whole = float(np.sum(apart)) / (len(step) - 1)
+    if share < MOST or not rest > (1.0 - MAX_PREDICTED_SHARE) * whole:
+        return None
+    spread = np.sqrt(max(float(np.sum(apart - floor**2)) / float(np.sum(power)), 0.0))
+    seen = gain > SURE * floor**2
+    furthest = float(np.max(np.abs(delays - about)[seen]))
+    return float(spread), min(share, 1.0), furthest
+
+
+def _least(costs: Array) -> tuple[float, float]:
+    """The shift of the least cost and that cost, by a parabola through three neighbours."""
+    k = int(np.clip(np.argmin(costs), 1, len(costs) - 2))
+    slope, bend = (costs[k + 1] - costs[k - 1]) / 2.0, costs[k + 1] - 2.0 * costs[k] + costs[k - 1]
+    part = float(np.clip(-slope / bend, -1.0, 1.0)) if bend > 0.0 else 0.0
+    shift = float(SHIFTS[k]) + part * STEP
+    return shift, _at(costs, shift)
+
+
+def _at(costs: Array, shift: float) -> float:
+    """The cost at a shift, by the parabola through the three nearest."""
+    k = int(np.clip(round((shift + FURTHEST) / STEP), 1, len(costs) - 2))
+    x = (shift - float(SHIFTS[k])) / STEP
+    slope, bend = (costs[k + 1] - costs[k - 1]) / 2.0, costs[k + 1] - 2.0 * costs[k] + costs[k - 1]
+    return float(costs[k] + slope * x + 0.5 * bend * x**2)
