@@ -10,7 +10,6 @@ from sysid.workspace.store import StoredModel, Workspace
 
 if TYPE_CHECKING:
     from sysid.diagnosis.diagnosis import Diagnosis, Experiment
-    from sysid.second_process import SecondProcess
     from sysid.structures.model import Model
 
 
@@ -38,16 +37,13 @@ def keep_models(
     return before, before if same else _keep(place, found.after, found, origin, judged)
 
 
-def write_results(
-    folder: Path, found: "Diagnosis", before: str, after: str, second: "SecondProcess"
-) -> dict[str, Any]:
+def write_results(folder: Path, found: "Diagnosis", before: str, after: str) -> dict[str, Any]:
     """Write schedules, page and document; return the document.
 
     Args:
         folder: where to.
         found: the diagnosis.
         before, after: ids of the models in the workspace.
-        second: draws half of the pictures.
 
     Raises:
         UsageError, DataError: the folder cannot be written.
@@ -58,7 +54,7 @@ def write_results(
     found = replace(found, next_experiments=_named(found.next_experiments))
     document: dict[str, Any] = documents.plain(found.to_json(before, after))
     files = {e.file: schedule_text(e) for e in found.next_experiments if e.file}
-    files["index.html"] = diagnosis_page(found, before, after, second)
+    files["index.html"] = diagnosis_page(found, before, after)
     files["diagnosis.json"] = documents.text(document)
     for name, content in files.items():
         write_atomic(folder / name, content)
