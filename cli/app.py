@@ -1,6 +1,5 @@
 """The root of the command line: its commands, and the one place where errors become sentences."""
 
-import gc
 import os
 import sys
 import traceback
@@ -53,10 +52,6 @@ app.command(context_settings=_HELP, cls=plan.PlotMayStandAlone)(plan.plan)
 for _command in (motor.motor, pendulum.pendulum, power.power):
     bench.command(context_settings=_HELP, cls=Command)(_command)
 app.add_typer(bench, name="bench", context_settings=_HELP)
-
-_ALLOCATIONS = 100_000
-"""New objects after which Python looks for circles of them; its own 700 suit a program that has no
-imports to wait for, and cost a short command a tenth of a second."""
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -194,10 +189,8 @@ def _prepare() -> None:
     """Set what must be set before NumPy is imported or anything is printed.
 
     One BLAS thread: the matrices of a fit are small, and on a busy machine a second thread made
-    a fit of 7 ms take 208 ms. What is imported stays, so garbage is looked for more rarely. A name
-    that the terminal cannot show must not end a command.
+    a fit of 7 ms take 208 ms. A name that the terminal cannot show must not end a command.
     """
-    gc.set_threshold(_ALLOCATIONS)
     for name in _THREADS:
         os.environ.setdefault(name, "1")
     for stream in (sys.stdout, sys.stderr):

@@ -22,12 +22,7 @@ if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
     from sysid.data.record import Record
     from sysid.diagnosis.diagnosis import Diagnosis
-    from sysid.second_process import SecondProcess
     from sysid.structures.model import Model
-
-SEARCHING = 0.1
-"""Share of a diagnosis from which it searches, on less than two cores: a second process is then
-ready to draw when there is something to be drawn."""
 
 
 @reading.composed(drive=driven, steps=reading.preparation, read=reading.read_options)
@@ -84,13 +79,9 @@ def diagnose(
     files = [str(p.resolve()) for p in logs]
     origin = {"files": files, "read": data.read.to_json(), "prepare": steps.to_json()}
     judged = judged_on(holdout or (), validation or ())
-    from sysid.report.html import drawing_tools
-    from sysid.second_process import SecondProcess
-
-    with SecondProcess(drawing_tools) as second:
-        result = _run(data, holdout, drive, (*data.findings, *holdout_findings), bench, second)
-        before, after = keep_models(place, result, data.base, origin, judged)
-        document = write_results(folder, result, before, after, second)
+    result = _run(data, holdout, drive, (*data.findings, *holdout_findings), bench)
+    before, after = keep_models(place, result, data.base, origin, judged)
+    document = write_results(folder, result, before, after)
     render.document(document) if json else show(result, before, after, folder, validation or ())
 
 
@@ -164,7 +155,6 @@ def _run(
     drive: Driven,
     read_as: "tuple[Finding, ...]",
     bench: Path | None,
-    second: "SecondProcess",
 ) -> "Diagnosis":
     """The diagnosis, with what there is to say about the reading of its logs.
 
@@ -174,7 +164,6 @@ def _run(
         drive: the mission and the vehicle.
         read_as: what there is to say about the reading.
         bench: what a bench measured.
-        second: started with the search: it will draw.
     """
     from sysid.data.finding import notes, warned
     from sysid.diagnosis.diagnose import diagnose
@@ -188,12 +177,6 @@ def _run(
         if data.model is not None:
             data.model.check(record)
     with render.stages("Diagnosing") as shown:
-
-        def progress(what: str, share: float) -> None:
-            if share >= SEARCHING:
-                second.start()
-            shown(what, share)
-
         result = diagnose(
             data.records,
             holdout,
@@ -201,7 +184,7 @@ def _run(
             mission=drive.mission,
             geometry=drive.geometry,
             measured=measured,
-            progress=progress,
+            progress=shown,
         )
     said = (*warned(read_as), *result.warnings)
     read = tuple(map(with_options, notes(read_as)))

@@ -10,7 +10,6 @@ from sysid.workspace.store import StoredModel, Workspace
 
 if TYPE_CHECKING:
     from sysid.diagnosis.diagnosis import Diagnosis, Experiment
-    from sysid.second_process import SecondProcess
     from sysid.structures.model import Model
 
 
@@ -38,16 +37,13 @@ def keep_models(
     return before, before if same else _keep(place, result.after, result, origin, judged)
 
 
-def write_results(
-    folder: Path, result: "Diagnosis", before: str, after: str, second: "SecondProcess"
-) -> dict[str, Any]:
+def write_results(folder: Path, result: "Diagnosis", before: str, after: str) -> dict[str, Any]:
     """Write schedules, page and document; return the document.
 
     Args:
         folder: where to.
         result: the diagnosis.
         before, after: ids of the models in the workspace.
-        second: draws half of the pictures.
 
     Raises:
         UsageError, DataError: the folder cannot be written.
@@ -58,7 +54,7 @@ def write_results(
     result = replace(result, next_experiments=_named(result.next_experiments))
     document: dict[str, Any] = documents.plain(result.to_json(before, after))
     files = {e.file: schedule_text(e) for e in result.next_experiments if e.file}
-    files["index.html"] = diagnosis_page(result, before, after, second)
+    files["index.html"] = diagnosis_page(result, before, after)
     files["diagnosis.json"] = documents.text(document)
     for name, content in files.items():
         write_atomic(folder / name, content)

@@ -42,9 +42,7 @@ TRUTHS: Mapping[str, Mapping[str, Mapping[str, float]]] = {
     "dead zone of 8 %, then a jump of 4 %": {
         "dead-zone": {"plus": 0.08, "minus": 0.08, "jump": 0.04}
     },
-    "dry friction of 15 % of full drive": {
-        "coulomb-friction": {"level": 0.15 * TOP, "of_load": 0.0, "by_load": 0.0}
-    },
+    "dry friction of 15 % of full drive": {"coulomb-friction": {"level": 0.15 * TOP}},
     "friction that holds 20 % and rubs with 10 %": {
         "stiction": {"level": 0.1 * TOP, "excess": 0.1 * TOP, "speed": 2.0}
     },
@@ -57,7 +55,7 @@ def twin(effects: Mapping[str, Mapping[str, float]]) -> Plant:
     lag = -float(np.exp(-DT / 0.2))
     theta = [0.95 * TOP, lag, 1.05 * TOP, lag]
     for id, values in effects.items():
-        theta += [values[p.name] for p in effect(id).parameters] * 2
+        theta += [values.get(p.name, p.null) for p in effect(id).parameters] * 2
     none = Detrend(np.zeros(2), np.zeros(2))
     ranges = np.array([[-PWM_FULL_SCALE, PWM_FULL_SCALE]] * 2)
     return Plant.of_structure(

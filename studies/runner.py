@@ -25,7 +25,7 @@ REPORTS = ROOT / "reports"
 LINES = 100
 """Lines of progress at most: a study of thousands of quick runs does not tell of each."""
 
-_CHANGE_NOTHING = ("jobs", "results", "out")
+_CHANGE_NOTHING = ("parser", "jobs", "results", "out")
 
 
 @dataclass(frozen=True)
@@ -64,6 +64,7 @@ class Study:
         parser.add_argument("--jobs", type=int, default=self.jobs, help="processes")
         parser.add_argument("--results", type=Path, metavar="FILE", help="keep finished runs here")
         parser.add_argument("-o", "--out", type=Path, default=REPORTS / self.report)
+        parser.set_defaults(parser=parser)
         return parser
 
     def asked(self, doc: str | None, words: Sequence[str] | None = None) -> Namespace:
@@ -86,15 +87,13 @@ class Study:
 
     def _command(self, asked: Namespace) -> str:
         """What a person types for the same report."""
-        plain = vars(self.parser(None).parse_args([]))
-        words = []
+        words = ["python", "-m", f"studies.{self.name}"]
         for name, value in vars(asked).items():
-            if value != plain.get(name) and name not in _CHANGE_NOTHING:
-                words += [
-                    f"--{name}",
-                    *(map(str, value) if isinstance(value, list) else [str(value)]),
-                ]
-        return shlex.join(["python", "-m", f"studies.{self.name}", *words])
+            if name in _CHANGE_NOTHING or value == asked.parser.get_default(name):
+                continue
+            given = value if isinstance(value, list) else [value]
+            words += [f"--{name}", *(str(v) for v in given if v is not True)]
+        return shlex.join(words)
 
 
 def restored(fields: Any) -> Any:

@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid.report import style
 from sysid.report.diagnosis_words import ChannelLine, percent, score_words
-from sysid.report.layout import LINE, WIDE, Layout, legend, legend_height
+from sysid.report.layout import LINE, WIDTH, legend, legend_height
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,29 +42,23 @@ _ERRORS = {
     "after": (style.BLUE, 5.0),
     "noise floor": (style.INK, 1.6),
 }
-_GAP_ROW, _GAP_ROW_STACKED = 0.55, 0.55 + 2.0 * LINE
+_GAP_ROW = 0.55 + 2.0 * LINE
 _TIED = "#8dbfe0"
 _CANDIDATE_ROW = 0.24
 
 
-def gap_size(lines: Sequence[ChannelLine], layout: Layout = WIDE) -> tuple[float, float]:
+def gap_size(lines: Sequence[ChannelLine]) -> tuple[float, float]:
     """Width and height of the picture [in]."""
-    if layout.stacked:
-        top = legend_height(list(_ERRORS), layout)
-        return layout.width, 0.4 + top + _GAP_ROW_STACKED * len(lines)
-    return layout.width, 0.75 + _GAP_ROW * len(lines)
+    return WIDTH, 0.4 + legend_height(list(_ERRORS)) + _GAP_ROW * len(lines)
 
 
-def draw_gap(figure: "Figure", lines: Sequence[ChannelLine], layout: Layout = WIDE) -> None:
+def draw_gap(figure: "Figure", lines: Sequence[ChannelLine]) -> None:
     """Two bars an output, RMSE before and after; what lies left of the tick is noise.
 
     Each output has its own unit, so the bars are in per cent of the error before.
     """
-    if layout.stacked:
-        axes = _panel(figure, len(lines) * _GAP_ROW_STACKED, len(lines), 0.14, 0.18)
-    else:
-        axes = _panel(figure, len(lines) * _GAP_ROW, len(lines), 1.5, 2.5)
-    above = LINE / _GAP_ROW_STACKED
+    axes = _panel(figure, len(lines) * _GAP_ROW, len(lines), 0.14, 0.18)
+    above = LINE / _GAP_ROW
     for k, line in enumerate(lines):
         whole = max(line.rmse_before, line.rmse_after, 1e-300)
         before, after, floor = (
@@ -73,33 +67,25 @@ def draw_gap(figure: "Figure", lines: Sequence[ChannelLine], layout: Layout = WI
         unit = f" {line.unit}" if line.unit else ""
         words = f"{line.rmse_before:.3g} → {line.rmse_after:.3g}{unit}"
         noise = f"noise {line.noise_floor:.3g}, closed {percent(line.closed_percent)}"
-        top, row = (k + 2.0 * above, 1.0 - 2.0 * above) if layout.stacked else (float(k), 1.0)
+        top, row = k + 2.0 * above, 1.0 - 2.0 * above
         axes.barh(top + 0.3 * row, before, 0.26 * row, color=style.VERMILION)
         axes.barh(top + 0.62 * row, after, 0.26 * row, color=style.BLUE)
         ends = [top + 0.1 * row, top + 0.84 * row]
         axes.plot([floor] * 2, ends, color=style.INK, linewidth=1.6)
-        if layout.stacked:
-            _name(axes, k + 0.6 * above, line.name, -4.0, "left", Look(bold=True, room=1.4))
-            _name(axes, k + 0.6 * above, words, 6.0, "right", Look(room=1.65), right=True)
-            _name(axes, k + 1.6 * above, noise, -4.0, "left", Look(faint=True, room=3.1))
-        else:
-            _name(axes, k + 0.46, line.name, -8.0, "right", Look(bold=True))
-            _name(axes, k + 0.32, words, 8.0, "left", right=True)
-            _name(axes, k + 0.64, noise, 8.0, "left", Look(faint=True), right=True)
+        _name(axes, k + 0.6 * above, line.name, -4.0, "left", Look(bold=True, room=1.4))
+        _name(axes, k + 0.6 * above, words, 6.0, "right", Look(room=1.65), right=True)
+        _name(axes, k + 1.6 * above, noise, -4.0, "left", Look(faint=True, room=3.1))
     axes.set_xlim(0.0, 100.0)
     axes.set_xlabel("RMSE on held-out data [% of the larger]")
-    legend(axes, _ERRORS, layout)
+    legend(axes, _ERRORS)
 
 
 def candidates_size(
-    candidates: Sequence[tuple[str, float]],
-    accepted: Sequence[str],
-    tied: Sequence[str],
-    layout: Layout = WIDE,
+    candidates: Sequence[tuple[str, float]], accepted: Sequence[str], tied: Sequence[str]
 ) -> tuple[float, float]:
     """Width and height of the picture [in]."""
-    top = legend_height(list(_kinds(accepted, tied)), layout) if layout.stacked else 0.3
-    return layout.width, 0.4 + top + _CANDIDATE_ROW * min(len(candidates), MOST)
+    top = legend_height(list(_kinds(accepted, tied)))
+    return WIDTH, 0.4 + top + _CANDIDATE_ROW * min(len(candidates), MOST)
 
 
 def draw_candidates(
@@ -107,13 +93,11 @@ def draw_candidates(
     candidates: Sequence[tuple[str, float]],
     accepted: Sequence[str],
     tied: Sequence[str],
-    layout: Layout = WIDE,
 ) -> None:
     """Every effect tried first by its score; accepted ones and their ties in colour."""
     shown = candidates[:MOST]
-    left, right = (1.5, 0.6) if layout.stacked else (1.9, 0.9)
-    axes = _panel(figure, _CANDIDATE_ROW * len(shown), len(shown), left, right)
-    size = style.SMALL if layout.stacked else style.NORMAL
+    left = 1.5
+    axes = _panel(figure, _CANDIDATE_ROW * len(shown), len(shown), left, 0.6)
     for k, (id, score) in enumerate(shown):
         colour = style.MEASURED
         if id in accepted:
@@ -123,18 +107,17 @@ def draw_candidates(
         value = score if np.isfinite(score) else 0.0
         axes.barh(k + 0.5, value, 0.62, color=colour)
         taken = id in accepted
-        room = left - 0.15 if layout.stacked else 2.5
-        _name(axes, k + 0.5, id, -8.0, "right", Look(bold=taken, size=size, room=room))
-        look = Look(faint=not taken, size=size)
+        name = Look(bold=taken, size=style.SMALL, room=left - 0.15)
+        _name(axes, k + 0.5, id, -8.0, "right", name)
+        look = Look(faint=not taken, size=style.SMALL)
         _name(axes, k + 0.5, score_words(score), 8.0, "left", look, right=True)
     scores = [s for _, s in shown if np.isfinite(s)] or [0.0]
     axes.set_xlim(min(0.0, 1.05 * min(scores)), max(1.02 * max(scores), 1e-9))
-    if layout.stacked:
-        axes.locator_params(axis="x", nbins=3)
+    axes.locator_params(axis="x", nbins=3)
     axes.set_xlabel("score of the first round")
     entries = _kinds(accepted, tied)
     if entries:
-        legend(axes, entries, layout)
+        legend(axes, entries)
 
 
 def _kinds(accepted: Sequence[str], tied: Sequence[str]) -> dict[str, tuple[str, float]]:

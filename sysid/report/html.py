@@ -1,12 +1,8 @@
 """The page of a diagnosis: one HTML file that needs nothing beside it."""
 
-import gc
 import re
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-from functools import partial
-from typing import Any, Protocol
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
@@ -15,29 +11,17 @@ from sysid.diagnosis.diagnosis import Diagnosis, Experiment
 from sysid.diagnosis.several.words import sentences, table_of_logs
 from sysid.report import diagnosis_bars, diagnosis_drawing, diagnosis_picture, style
 from sysid.report import diagnosis_words as words
-from sysid.report.layout import NARROW, NARROWEST_WIDE, WIDE, Layout
 from sysid.report.plots import inline_svg, share_letters
-from sysid.second_process import SecondProcess
 
 _TEMPLATE = "diagnosis.html.j2"
 
 
-def drawing_tools() -> None:
-    """Import what pictures are drawn with."""
-    import matplotlib.backends.backend_agg
-    import matplotlib.backends.backend_svg
-    import matplotlib.figure  # noqa: F401
-
-
-def diagnosis_page(
-    diagnosis: Diagnosis, before: str, after: str, second: SecondProcess | None = None
-) -> str:
+def diagnosis_page(diagnosis: Diagnosis, before: str, after: str) -> str:
     """The page as text.
 
     Args:
         diagnosis: the diagnosis, its experiments with the names of their files.
         before, after: ids of the models in the workspace.
-        second: draws half of the pictures.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -49,15 +33,10 @@ def diagnosis_page(
         lstrip_blocks=True,
     )
     place.filters |= {"number": _number, "percent": words.percent, "fit": style.percent}
-    gallery = _Gallery()
-    pictures, experiments = _pictures(gallery, diagnosis), _experiments(gallery, diagnosis)
-    with _uncollected():
-        gallery.draw(second or SecondProcess(drawing_tools))
     text = place.get_template(_TEMPLATE).render(
-        found=diagnosis,
+        diagnosis=diagnosis,
         words=words,
         look=style,
-        narrowest_wide=NARROWEST_WIDE,
         headline=words.headline(diagnosis),
         channels=words.channel_lines(diagnosis),
         moved=words.moved(diagnosis),
@@ -67,8 +46,8 @@ def diagnosis_page(
         log_sentences=sentences(diagnosis.several),
         before=before,
         after=after,
-        picture=pictures,
-        experiments=experiments,
+        picture=_pictures(diagnosis),
+        experiments=_experiments(diagnosis),
         path_rows=words.path_table(diagnosis.path),
         detectable=words.detectable(diagnosis),
         equations=_equations(diagnosis),
@@ -77,121 +56,42 @@ def diagnosis_page(
     return share_letters(text)
 
 
-@contextmanager
-def _uncollected() -> Iterator[None]:
-    """Without collecting garbage: all that is drawn is in use until it is done, and to look through
-    it again and again takes an eighth of the time.
-    """
-    was = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was:
-            gc.enable()
-
-
-class _Size(Protocol):
-    """Width and height of a picture in a layout [in]."""
-
-    def __call__(self, *, layout: Layout) -> tuple[float, float]: ...
-
-
-class _Draw(Protocol):
-    """Draws a picture on a figure."""
-
-    def __call__(self, figure: Any, *, layout: Layout) -> None: ...
-
-
-@dataclass(eq=False)
-class _Picture:
-    """A picture in both layouts, of which the page's style shows the one that can be read.
-
-    Attributes:
-        name, label: as ``inline_svg`` has them.
-        size, draw: can be sent to another process.
-        wide, narrow: as text, once the gallery is drawn.
-    """
-
-    name: str
-    size: _Size
-    draw: _Draw
-    label: str
-    wide: str = ""
-    narrow: str = ""
-
-    def __html__(self) -> str:
-        return f'<div class="wide">{self.wide}</div>\n<div class="narrow">{self.narrow}</div>'
-
-
-def _svg(name: str, size: _Size, draw: _Draw, label: str, layout: Layout) -> str:
-    return inline_svg(name, size(layout=layout), partial(draw, layout=layout), label)
-
-
-@dataclass(frozen=True, eq=False)
-class _Gallery:
-    """The pictures of a page."""
-
-    pictures: list[_Picture] = field(default_factory=list)
-
-    def add(self, name: str, size: _Size, draw: _Draw, label: str) -> _Picture:
-        """One more picture."""
-        self.pictures.append(_Picture(name, size, draw, label))
-        return self.pictures[-1]
-
-    def draw(self, second: SecondProcess) -> None:
-        """Draw all: the narrow ones in the second process, if it was started."""
-        drawn = [
-            second.call(partial(_svg, f"{p.name}-narrow", p.size, p.draw, p.label, NARROW))
-            for p in self.pictures
-        ]
-        for p in self.pictures:
-            p.wide = _svg(p.name, p.size, p.draw, p.label, WIDE)
-        for p, narrow in zip(self.pictures, drawn, strict=True):
-            p.narrow = narrow()
-
-
-def _pictures(gallery: _Gallery, diagnosis: Diagnosis) -> dict[str, Any]:
+def _pictures(diagnosis: Diagnosis) -> dict[str, Any]:
     """Every picture by name; those whose data are missing are left out."""
     shown = words.leading_regions(diagnosis, 10)
     drawn: dict[str, Any] = {"channels": [], "regions": "", "candidates": "", "gap": ""}
     if shown:
-        drawn["regions"] = gallery.add(
+        drawn["regions"] = inline_svg(
             "regions",
-            partial(diagnosis_drawing.regions_size, shown),
-            partial(diagnosis_drawing.draw_regions, regions=shown),
+            diagnosis_drawing.regions_size(shown),
+            lambda figure: diagnosis_drawing.draw_regions(figure, shown),
             "Shares of the excess error by regime",
         )
     lines = words.channel_lines(diagnosis)
     if diagnosis.grown:
-        drawn["gap"] = gallery.add(
+        drawn["gap"] = inline_svg(
             "gap",
-            partial(diagnosis_bars.gap_size, lines),
-            partial(diagnosis_bars.draw_gap, lines=lines),
+            diagnosis_bars.gap_size(lines),
+            lambda figure: diagnosis_bars.draw_gap(figure, lines),
             "Errors before and after by output, with the noise floor",
         )
     if diagnosis.candidates:
-        facts: dict[str, Any] = {
-            "candidates": diagnosis.candidates,
-            "accepted": tuple(e.id for e in diagnosis.effects),
-            "tied": tuple(i for e in diagnosis.effects for i in e.indistinguishable),
-        }
-        drawn["candidates"] = gallery.add(
+        tied = tuple(i for e in diagnosis.effects for i in e.indistinguishable)
+        facts = (diagnosis.candidates, tuple(e.id for e in diagnosis.effects), tied)
+        drawn["candidates"] = inline_svg(
             "candidates",
-            partial(diagnosis_bars.candidates_size, **facts),
-            partial(diagnosis_bars.draw_candidates, **facts),
+            diagnosis_bars.candidates_size(*facts),
+            lambda figure: diagnosis_bars.draw_candidates(figure, *facts),
             "Candidates by score",
         )
-    drawn["paths"] = [
-        _path(gallery, k, *entry) for k, entry in enumerate(words.path_lines(diagnosis.path))
-    ]
+    drawn["paths"] = [_path(k, *entry) for k, entry in enumerate(words.path_lines(diagnosis.path))]
     if words.held_out(diagnosis):
         outputs = words.held_out(diagnosis)[0].record.outputs
-        drawn["channels"] = [_channel(gallery, diagnosis, k) for k in range(len(outputs))]
+        drawn["channels"] = [_channel(diagnosis, k) for k in range(len(outputs))]
     return drawn
 
 
-def _channel(gallery: _Gallery, diagnosis: Diagnosis, i: int) -> dict[str, Any]:
+def _channel(diagnosis: Diagnosis, i: int) -> dict[str, Any]:
     """The pictures of one output."""
     record = words.held_out(diagnosis)[0].record
     channel = record.outputs[i]
@@ -203,56 +103,54 @@ def _channel(gallery: _Gallery, diagnosis: Diagnosis, i: int) -> dict[str, Any]:
     unit, changed, draw = channel.unit, diagnosis.grown, diagnosis_drawing
     return {
         "name": channel.name,
-        "worst": gallery.add(
+        "worst": inline_svg(
             f"worst{i}",
-            partial(draw.worst_size, windows, changed=changed),
-            partial(draw.draw_worst, windows=windows, changed=changed),
-            f"{channel.name} where the original model is worst",
+            draw.worst_size(windows, changed=changed),
+            lambda figure: draw.draw_worst(figure, windows, changed=changed),
+            f"{channel.name} where the model before is worst",
         ),
-        "profiles": gallery.add(  # a short log has none
+        "profiles": inline_svg(  # a short log has none
             f"profiles{i}",
-            partial(draw.profiles_size, profiles, changed=changed),
-            partial(draw.draw_profiles, profiles=profiles, unit=unit, floor=floor, changed=changed),
+            draw.profiles_size(profiles, changed=changed),
+            lambda figure: draw.draw_profiles(figure, profiles, unit, floor, changed=changed),
             f"Residuals of {channel.name} against the regime variables",
         )
         if profiles
         else "",
-        "regimes": gallery.add(
+        "regimes": inline_svg(
             f"regimes{i}",
-            partial(draw.regimes_size, regimes, changed=changed),
-            partial(draw.draw_regimes, lines=regimes, unit=unit, floor=floor, changed=changed),
+            draw.regimes_size(regimes, changed=changed),
+            lambda figure: draw.draw_regimes(figure, regimes, unit, floor, changed=changed),
             f"Errors of {channel.name} by regime before and after",
         ),
     }
 
 
-def _path(
-    gallery: _Gallery, k: int, record: str, lines: tuple[tuple[str, Array], ...]
-) -> dict[str, Any]:
+def _path(k: int, record: str, lines: tuple[tuple[str, Array], ...]) -> dict[str, Any]:
     """The picture of one replayed path."""
-    picture = gallery.add(
+    picture = inline_svg(
         f"path{k}",
-        partial(diagnosis_drawing.path_size, lines),
-        partial(diagnosis_drawing.draw_path, paths=lines),
+        diagnosis_drawing.path_size(lines),
+        lambda figure: diagnosis_drawing.draw_path(figure, lines),
         f"Paths of {record}: measured, and by both models under its commands",
     )
     return {"record": record, "picture": picture}
 
 
-def _experiments(gallery: _Gallery, diagnosis: Diagnosis) -> list[dict[str, Any]]:
+def _experiments(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     return [
-        {"it": e, "picture": _schedule(gallery, k, e) if len(e.rows) > 1 else ""}
+        {"it": e, "picture": _schedule(k, e) if len(e.rows) > 1 else ""}
         for k, e in enumerate(diagnosis.next_experiments)
     ]
 
 
-def _schedule(gallery: _Gallery, k: int, e: Experiment) -> _Picture:
+def _schedule(k: int, e: Experiment) -> str:
     """The picture of one experiment's commands."""
     rows = np.array(e.rows, dtype=np.float64)
-    return gallery.add(
+    return inline_svg(
         f"next{k}",
-        partial(diagnosis_drawing.schedule_size, e.columns),
-        partial(diagnosis_drawing.draw_schedule, columns=e.columns, rows=rows),
+        diagnosis_drawing.schedule_size(e.columns),
+        lambda figure: diagnosis_drawing.draw_schedule(figure, e.columns, rows),
         f"Schedule of the experiment for {', '.join(e.effects)}",
     )
 

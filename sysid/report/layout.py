@@ -1,8 +1,12 @@
-"""The two layouts of a picture in a page: beside one another, or in one column for a phone."""
+"""The layout of a picture in a page: one column, as wide as a phone shows it with legible letters.
+
+A wide window shows several such pictures beside one another, magnified.
+"""
 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from sysid.report import style
@@ -11,31 +15,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
-@dataclass(frozen=True)
-class Layout:
-    """How a picture shares out its room.
-
-    Attributes:
-        width: of the picture [in]; a hundred pixels of the page each.
-        stacked: panels in one column, names above their marks and legends on lines of their own.
-    """
-
-    width: float
-    stacked: bool
-
-    def columns(self, most: int) -> int:
-        """Panels beside one another where there is room for ``most``."""
-        return 1 if self.stacked else most
-
-
-WIDE = Layout(style.WIDTH, stacked=False)
-NARROW = Layout(3.28, stacked=True)
-"""A phone 360 px wide less the page's margins of 16 px, so that 7.5 pt text is 10.4 px high."""
-
-NARROWEST_WIDE = 944
-"""Width of a window [px] in which a wide picture's 7.5 pt text is 10 px high, margins of 40 px
-included: 80 + 900 · 10 / 10.4, rounded up; narrower windows show the narrow picture."""
+WIDTH = 3.28
+"""Of a picture [in]: a phone 360 px wide less the page's margins of 16 px, so that 7.5 pt text is
+10.4 px high."""
 
 LINE = 0.17
 """Height of a line of text [in]."""
@@ -43,23 +25,21 @@ _HANDLE, _GAP = 0.23, 0.17
 """Room of a legend's line before its name, and between two entries [in]."""
 _MEASURED = 0.95
 """Letters measured on a grid of pixels may be that much narrower than their outlines."""
-_WIDTHS = (
-    ("ijl .,:;!'|·", 0.34),
-    ("ftr()[]-/", 0.46),
-    ("abcdeghknopqsuvxyz_0123456789", 0.64),
-    ("ABCDEFGHIJKLNOPQRSTUVXYZ", 0.79),
-)
-"""Letters of DejaVu Sans and the widest among them, over the size; any other is at most 1 wide."""
 
 
+@lru_cache(maxsize=4096)
 def _room(words: str) -> float:
-    """Width that small words do not exceed [in]."""
-    widths = {letter: wide for letters, wide in _WIDTHS for letter in letters}
-    return sum(widths.get(letter, 1.0) for letter in words) * style.SMALL / 72.0
+    """Width of small words [in]."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import text_to_path
+
+    font = FontProperties(family=style.RC["font.family"], size=style.SMALL)
+    width, _, _ = text_to_path.get_text_width_height_descent(style.printable(words), font, False)
+    return float(width) / 72.0
 
 
 def broken(words: str, inches: float) -> list[str]:
-    """Words on as many lines as surely fit in a width; a per cent sign stays with its number."""
+    """Words on as many lines as fit in a width; a per cent sign stays with its number."""
     lines = [""]
     for word in re.split(r" +(?!%)", words):
         longer = f"{lines[-1]} {word}".strip()
@@ -74,18 +54,18 @@ def broken(words: str, inches: float) -> list[str]:
     return [line for line in lines if line] or [""]
 
 
-def legend_height(entries: Sequence[str], layout: Layout) -> float:
-    """Room at a picture's top that its legend needs [in]; a wide one stands on a title's line."""
-    return LINE * len(_legend_rows(entries, layout)) + 0.07 if layout.stacked and entries else 0.0
+def legend_height(entries: Sequence[str]) -> float:
+    """Room at a picture's top that its legend needs [in]."""
+    return LINE * len(_legend_rows(entries)) + 0.07 if entries else 0.0
 
 
-def _legend_rows(entries: Sequence[str], layout: Layout) -> list[list[str]]:
-    """Names of a legend by line, as many on each as surely fit."""
+def _legend_rows(entries: Sequence[str]) -> list[list[str]]:
+    """Names of a legend by line, as many on each as fit."""
     rows: list[list[str]] = []
     used = 0.0
     for name in entries:
         wide = _HANDLE + _GAP + _room(name)
-        if not rows or used + wide > layout.width:
+        if not rows or used + wide > WIDTH:
             rows.append([])
             used = 0.0
         rows[-1].append(name)
@@ -93,23 +73,18 @@ def _legend_rows(entries: Sequence[str], layout: Layout) -> list[list[str]]:
     return rows
 
 
-def legend(axes: "Axes", entries: Mapping[str, tuple[str, float]], layout: Layout) -> None:
+def legend(axes: "Axes", entries: Mapping[str, tuple[str, float]]) -> None:
     """Name lines by colour and width above the panels, on as many lines as the names need."""
-    if not layout.stacked:
-        style.legend_above(axes, dict(entries))
-        return
     figure = axes.get_figure(root=True)
     assert figure is not None
-    for row, names in enumerate(_legend_rows(list(entries), layout)):
+    for row, names in enumerate(_legend_rows(list(entries))):
         left = 0.06
         for name in names:
-            left = _entry(axes, name, entries[name], left, (row + 0.5) * LINE, layout)
-    reserve_top(figure, legend_height(list(entries), layout))
+            left = _entry(axes, name, entries[name], left, (row + 0.5) * LINE)
+    reserve_top(figure, legend_height(list(entries)))
 
 
-def _entry(
-    axes: "Axes", name: str, look: tuple[str, float], left: float, down: float, layout: Layout
-) -> float:
+def _entry(axes: "Axes", name: str, look: tuple[str, float], left: float, down: float) -> float:
     """Draw a line and its name ``left`` from the edge and ``down`` from the top [in].
 
     Returns:
@@ -132,7 +107,7 @@ def _entry(
     at = left + _HANDLE
     text = figure.text(at / width, y, name, size=style.SMALL, va="center_baseline")
     text.set_in_layout(False)
-    style.shorten(text, _MEASURED * (layout.width - at))
+    style.shorten(text, _MEASURED * (WIDTH - at))
     return at + style.width_inches(text) + _GAP
 
 
@@ -156,50 +131,39 @@ class Row:
     below: float = 0.42
 
 
-_BESIDE = 0.14
-"""Room between panels beside one another and at a picture's right edge [in], into which the last
-number of an axis reaches half."""
+_RIGHT = 0.14
+"""Room at a picture's right edge [in], into which the last number of an axis reaches half."""
 
 
 def arrange(
-    figure: "Figure",
-    rows: Sequence[Row],
-    columns: Sequence[Sequence[tuple[int, "Axes"]]],
-    top: float = 0.0,
+    figure: "Figure", rows: Sequence[Row], panels: Sequence["Axes"], top: float = 0.0
 ) -> None:
-    """Place panels so that their numbers and names have room.
+    """Place panels below one another so that their numbers and names have room.
 
     Only the widths of vertical axes are measured; a layout that finds all places takes as long as
     the drawing.
 
     Args:
         figure: that holds them.
-        rows: from the top.
-        columns: the panels of each column with their rows; all columns are of one width.
+        rows: from the top, one a panel.
+        panels: in the order of the rows.
         top: room kept free at the top [in].
     """
     figure.set_layout_engine("none")
     width, height = (float(v) for v in figure.get_size_inches())
     left = height - top - sum(r.above + r.below for r in rows)
     each = left / sum(r.share for r in rows)
-    tall = [each * r.share for r in rows]
-    ends, at = [], height - top  # bottoms of the panels
-    for r, panel in zip(rows, tall, strict=True):
-        ends.append(at - r.above - panel)
-        at = ends[-1] - r.below
 
-    def place(margins: Sequence[float]) -> None:
-        wide = (width - sum(margins) - _BESIDE * len(columns)) / len(columns)
-        begin = 0.0
-        for margin, panels in zip(margins, columns, strict=True):
-            begin += margin
-            for row, axes in panels:
-                box = (begin / width, ends[row] / height, wide / width, tall[row] / height)
-                axes.set_position(box)
-            begin += wide + _BESIDE
+    def place(margin: float) -> None:
+        at = height - top
+        for axes, r in zip(panels, rows, strict=True):
+            at -= r.above + each * r.share
+            box = (margin, at, width - margin - _RIGHT, each * r.share)
+            axes.set_position((box[0] / width, box[1] / height, box[2] / width, box[3] / height))
+            at -= r.below
 
-    place([0.6] * len(columns))  # how many ticks there are follows from the heights, final now
-    place([max(_left_room(axes) for _, axes in panels) for panels in columns])
+    place(0.6)  # how many ticks there are follows from the heights, final now
+    place(max(_left_room(axes) for axes in panels))
 
 
 def _left_room(axes: "Axes") -> float:

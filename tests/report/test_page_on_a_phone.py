@@ -20,7 +20,6 @@ from sysid.report import diagnosis_bars, diagnosis_drawing
 from sysid.report.diagnosis_picture import RegimeLine, Window
 from sysid.report.diagnosis_words import ChannelLine
 from sysid.report.html import diagnosis_page
-from sysid.report.layout import NARROW, NARROWEST_WIDE, WIDE
 from sysid.report.plots import inline_svg
 
 if TYPE_CHECKING:
@@ -47,8 +46,8 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
     return diagnosis_page(diagnosis, "before", "after")
 
 
-def narrow_pictures(page: str) -> list[str]:
-    return re.findall(r'<div class="narrow">\s*(<svg.*?</svg>)', page, re.S)
+def pictures_of(page: str) -> list[str]:
+    return re.findall(r'<svg role="img".*?</svg>', page, re.S)
 
 
 def viewbox(svg: str) -> tuple[float, float]:
@@ -78,7 +77,7 @@ def text_boxes(svg: str) -> list[tuple[float, float, float, float, float]]:
     return boxes
 
 
-def check_narrow(svg: str) -> None:
+def check_picture(svg: str) -> None:
     """All text inside the picture, none below the legible size, no text over another."""
     width, height = viewbox(svg)
     assert width * 96.0 / 72.0 <= ROOM  # at the size it asks for: a pixel is 1/96 in
@@ -95,26 +94,19 @@ def check_narrow(svg: str) -> None:
         assert apart, (a, b)
 
 
-def test_every_picture_is_also_drawn_for_a_phone(page: str) -> None:
-    pictures = narrow_pictures(page)
-    assert len(pictures) == page.count('<div class="wide">') == 11
+def test_every_picture_is_legible_on_a_phone(page: str) -> None:
+    pictures = pictures_of(page)
+    assert len(pictures) == 11
     for svg in pictures:
-        check_narrow(svg)
+        check_picture(svg)
 
 
-def test_one_layout_is_shown_and_nothing_moves_sideways(page: str) -> None:
+def test_nothing_moves_sideways(page: str) -> None:
     look = "".join(re.findall(r"<style>(.*?)</style>", page[: page.index("<body>")], re.S))
     assert "overflow-x" not in look
     assert not re.search(r"min-width: *\d", look)
     for width in re.findall(r"[^-]width: *(\d+)px", look):
         assert float(width) <= ROOM
-    assert ".narrow { display: none; }" in look
-    narrow = re.search(r"@media screen and \(max-width: (\d+)px\) \{ \.wide \{ display: none", look)
-    assert narrow
-    assert int(narrow[1]) == NARROWEST_WIDE - 1
-    smallest = min(box[4] for svg in re.findall(r'"wide">(<svg.*?</svg>)', page, re.S)
-                   for box in text_boxes(svg))  # fmt: skip
-    assert smallest / 72.0 / WIDE.width * (NARROWEST_WIDE - 80.0) >= LEGIBLE
     heads = len(re.findall(r"<th\b[^>]*>[^<]", page))
     assert heads > 10
     assert set(re.findall(r'data-is="([^"]+)"', page)) >= {"parameter", "RMSE before", "unit"}
@@ -140,31 +132,31 @@ PATHS = tuple((name, np.column_stack([T, T])) for name in ("measured", "before",
 COLUMNS = ("t", *(f"pwm_of_motor_{k}" for k in range(9)))
 ODD: dict[str, tuple[tuple[float, float], Callable[["Figure"], None]]] = {
     "regions": (
-        diagnosis_drawing.regions_size([REGION] * 2, NARROW),
-        lambda figure: diagnosis_drawing.draw_regions(figure, [REGION] * 2, NARROW),
+        diagnosis_drawing.regions_size([REGION] * 2),
+        lambda figure: diagnosis_drawing.draw_regions(figure, [REGION] * 2),
     ),
     "regimes": (
-        diagnosis_drawing.regimes_size(REGIMES, changed=True, layout=NARROW),
-        lambda figure: diagnosis_drawing.draw_regimes(
-            figure, REGIMES, "rad/s", 0.1, changed=True, layout=NARROW
-        ),
+        diagnosis_drawing.regimes_size(REGIMES, changed=True),
+        lambda figure: diagnosis_drawing.draw_regimes(figure, REGIMES, "rad/s", 0.1, changed=True),
     ),
     "worst": (
-        diagnosis_drawing.worst_size([WINDOW], changed=True, layout=NARROW),
-        lambda figure: diagnosis_drawing.draw_worst(figure, [WINDOW], changed=True, layout=NARROW),
+        diagnosis_drawing.worst_size([WINDOW], changed=True),
+        lambda figure: diagnosis_drawing.draw_worst(figure, [WINDOW], changed=True),
     ),
     "gap": (
-        diagnosis_bars.gap_size(LINES, NARROW),
-        lambda figure: diagnosis_bars.draw_gap(figure, LINES, NARROW),
+        diagnosis_bars.gap_size(LINES),
+        lambda figure: diagnosis_bars.draw_gap(figure, LINES),
     ),
     "path": (
-        diagnosis_drawing.path_size(PATHS, NARROW),
-        lambda figure: diagnosis_drawing.draw_path(figure, PATHS, NARROW),
+        diagnosis_drawing.path_size(PATHS),
+        lambda figure: diagnosis_drawing.draw_path(figure, PATHS),
     ),
     "schedule": (
-        diagnosis_drawing.schedule_size(COLUMNS, NARROW),
+        diagnosis_drawing.schedule_size(COLUMNS),
         lambda figure: diagnosis_drawing.draw_schedule(
-            figure, COLUMNS, np.ones((3, 10)) * [[0.0], [1.0], [2.0]], NARROW
+            figure,
+            COLUMNS,
+            np.ones((3, 10)) * [[0.0], [1.0], [2.0]],
         ),
     ),
 }
@@ -173,7 +165,7 @@ ODD: dict[str, tuple[tuple[float, float], Callable[["Figure"], None]]] = {
 @pytest.mark.parametrize("case", ODD)
 def test_long_names_and_many_of_them_keep_their_room(case: str) -> None:
     size, draw = ODD[case]
-    check_narrow(inline_svg(case, size, draw, "odd names"))
+    check_picture(inline_svg(case, size, draw, "odd names"))
 
 
 def test_no_effect_of_the_catalogue_is_cut() -> None:
@@ -183,11 +175,11 @@ def test_no_effect_of_the_catalogue_is_cut() -> None:
     shown: list[str] = []
 
     def draw(figure: "Figure") -> None:
-        diagnosis_bars.draw_candidates(figure, candidates, ids, (), NARROW)
+        diagnosis_bars.draw_candidates(figure, candidates, ids, ())
         shown.extend(text.get_text() for text in figure.axes[0].texts)
 
-    size = diagnosis_bars.candidates_size(candidates, ids, (), NARROW)
-    check_narrow(inline_svg("candidates", size, draw, "candidates"))
+    size = diagnosis_bars.candidates_size(candidates, ids, ())
+    check_picture(inline_svg("candidates", size, draw, "candidates"))
     assert set(ids) <= set(shown)
 
 
@@ -206,7 +198,7 @@ def test_a_browser_needs_no_more_than_the_phone(page: str, tmp_path: Path) -> No
         .filter(e => e.getBoundingClientRect().width > 0).length;
       parent.postMessage(JSON.stringify({inner: innerWidth,
         full: document.documentElement.scrollWidth, wide,
-        narrow: seen(".narrow svg"), broad: seen(".wide svg")}), "*"); });</script></body>"""
+        pictures: seen("figure svg")}), "*"); });</script></body>"""
     (tmp_path / "page.html").write_text(page.replace("</body>", measure), encoding="utf-8")
     (tmp_path / "frame.html").write_text(
         '<!DOCTYPE html><body><pre id="said"></pre><script>addEventListener("message", '
@@ -221,7 +213,7 @@ def test_a_browser_needs_no_more_than_the_phone(page: str, tmp_path: Path) -> No
          "--virtual-time-budget=10000", "--dump-dom", (tmp_path / "frame.html").as_uri()],
         capture_output=True, text=True, timeout=120, check=False,
     ).stdout  # fmt: skip
-    pictures = page.count('<div class="narrow">')
+    pictures = len(pictures_of(page))
     said = re.search(r'<pre id="said">(.*?)</pre>', seen, re.S)
     assert said, seen[-500:]
-    assert said[1] == f'{{"inner":360,"full":360,"wide":[],"narrow":{pictures},"broad":0}}'
+    assert said[1] == f'{{"inner":360,"full":360,"wide":[],"pictures":{pictures}}}'
