@@ -10,8 +10,8 @@ def through(D: Array, C: Array, h: Array | None, rows: Array, out: Array) -> Non
     """(D/C) of rows that are consecutive lags of one signal; h is the impulse response of D/C.
 
     Each row is the one before it a sample later, but for its first value: so is its response, but
-    for that value times h, which may be longer. One filter run serves all lags. Without h the
-    rows are copied.
+    for that value times h, which may be longer. One filter run serves all lags. Without h the rows
+    are copied.
     """
     if h is None or not rows.size:
         out[:] = rows
