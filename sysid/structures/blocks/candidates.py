@@ -43,6 +43,22 @@ class Candidate(Generic[Chained]):
         return dict(zip(names, self.found.theta.tolist(), strict=True))
 
 
+def preferred(tried: Sequence[Candidate[Chained]], data: ChainData) -> Candidate[Chained]:
+    """Of the models within one standard error of the smallest held-out error that of least BIC.
+
+    Held-out data cannot tell them apart, so the fitted data decide, where a parameter costs ln N.
+    """
+    ahead = min(tried, key=lambda c: c.found.held).found
+    limit = (1.0 + data.held_margin(ahead.chain, ahead.p)) * ahead.held
+    near = [c for c in tried if c.found.held <= limit] or list(tried)
+    size = data.samples * len(data.scales)
+
+    def bic(c: Candidate[Chained]) -> float:
+        return float(size * np.log(max(c.found.cost, 1e-300)) + c.n * np.log(size))
+
+    return min(near, key=lambda c: (bic(c), c.found.held))
+
+
 def by_names(
     structure: BlockStructure, values: Mapping[str, float], records: Sequence[Record]
 ) -> Array:

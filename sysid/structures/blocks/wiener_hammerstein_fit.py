@@ -10,11 +10,11 @@ from typing import Any
 
 from sysid.data.record import Record
 from sysid.errors import ModelError
-from sysid.fitting.holdout import hold_out, shortened, tie_margin
+from sysid.fitting.holdout import hold_out, shortened
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter
 from sysid.structures.base import Structure
-from sysid.structures.blocks.candidates import by_names, last_search, points_last
+from sysid.structures.blocks.candidates import by_names, last_search, points_last, preferred
 from sysid.structures.blocks.changed_statics import with_statics
 from sysid.structures.blocks.fit import (
     ChainData,
@@ -83,7 +83,7 @@ def fit(
     finer = [_with_static(c, fine, middle) for c in _best_of_each(longer, 1, FINER, _held)]
     finer.sort(key=lambda c: c.found.held)
     models = [_moved(c, settled, 40) for c in finer[:CHOSEN]]
-    best = min(models, key=lambda c: c.found.held)
+    best = preferred(models, settled.data)
     if open_static:
         best, more = _grown(best, settled)
     else:
@@ -102,12 +102,11 @@ class Part:
 
     records: tuple[Record, ...]
     data: ChainData
-    margin: float
 
 
 def _held_out(records: Sequence[Record], samples: int) -> Part:
     cut = hold_out(shortened(records, samples))
-    return Part(cut.whole, ChainData.of(cut.whole, cut.counted), tie_margin(cut.held))
+    return Part(cut.whole, ChainData.of(cut.whole, cut.counted))
 
 
 def _orders(structure: WienerHammerstein, samples: int) -> Iterator[WienerHammerstein]:
@@ -173,7 +172,7 @@ def _with_static(c: Candidate, statics: Sequence[Static], part: Part) -> Candida
 
 
 def _grown(best: Candidate, part: Part) -> tuple[Candidate, list[Candidate]]:
-    """Finer splines as long as they pay, then simpler kinds that do as well.
+    """Finer splines as long as they pay, then the simpler kinds beside them.
 
     Points moved to where the spline bends gained nothing, even for a sharp diode: what is left
     then is what happens between the samples.
@@ -186,13 +185,8 @@ def _grown(best: Candidate, part: Part) -> tuple[Candidate, list[Candidate]]:
         if finer.found.held > PAYS * best.found.held:
             break
         best = finer
-    limit = (1.0 + part.margin) * best.found.held
-    for kind in KINDS:
-        other = _with_static(best, [parse_static(kind)] * nu, part)
-        tried.append(other)
-        if other.found.held <= limit and other.structure.chain.n < best.structure.chain.n:
-            best = other
-    return best, tried
+    kinds = [_with_static(best, [parse_static(kind)] * nu, part) for kind in KINDS]
+    return preferred([best, *kinds], part.data), [*tried, *kinds]
 
 
 def _widened(
@@ -210,10 +204,8 @@ def _widened(
         nonlocal best
         wide = _wider(best, records, part, more)
         tried.append(wide)
-        if wide.found.held < PAYS * best.found.held:
-            best = wide
-            return True
-        return False
+        before, best = best, preferred([best, wide], part.data)
+        return best is not before
 
     while min(min(row) for row in best.structure.orders.nk) > 0 and paid(nk=-1, nb=1):
         pass
