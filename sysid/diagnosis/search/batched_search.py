@@ -13,7 +13,7 @@ import numpy as np
 from sysid.data.record import Array, Index
 from sysid.diagnosis.search.edges import edges_of, on_levels
 from sysid.diagnosis.search.full_model import FullModel
-from sysid.diagnosis.search.prepared import Data
+from sysid.diagnosis.search.prepared import OVERFLOW, Data
 from sysid.fitting.batched import Damping, descend_together
 
 PROFILES, PROFILE_POINTS, PROFILE_STEPS = (3.0, 1.3), 9, 8
@@ -195,6 +195,7 @@ def best_tracks(model: FullModel, q: Array, cost: Array) -> Array:
         q: (batch, parameters).
         cost: (batch, tracks).
     """
+    cost = np.where(cost < OVERFLOW, cost, np.inf)
     out = q[int(np.argmin(cost.sum(axis=1)))].copy()
     for k, parameter in enumerate(model.parameters):
         if parameter.track >= 0:

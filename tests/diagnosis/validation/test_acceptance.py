@@ -213,7 +213,7 @@ def test_a_noise_that_a_model_undercuts_was_none_and_beside_a_name_less_asks_for
         node = replace(base.model, effects=effects, errors=replace(errors, holdout=white))
         return Selection(base.model, node, (), (), ())
 
-    assert study.refuted(of(0.5, ("unsigned-speed",))) < VERDICT.noise_refuted_below
+    assert study.refuted(of(0.5, ("unsigned-speed",))) < VERDICT.refuting
     assert study.refuted(of(1.0, ("unsigned-speed",))) == 1.0
     between = (VERDICT.residual_to_noise_later + VERDICT.residual_to_noise) / 2.0
     assert study.remains(of(between, ())) == 0.0
