@@ -1,4 +1,4 @@
-"""``sysid verify``: whether a plant package gives the same wherever it runs."""
+"""``sysid verify``: the self-test of a plant package on every installed runtime."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""``sysid soil``: what a ground gives a tracked vehicle and takes from it."""
+"""``sysid soil``: thrust and resistances of a tracked vehicle on a soil."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The guidance half of a mission: what the robot says in, references or PWM out.
+"""The guidance half of a mission: estimates in, references or PWM out.
 
 It is the loop of :mod:`sysid.mission.loop` itself, whose motion and navigation are what the robot
 says; its clock ticks when the robot says something.

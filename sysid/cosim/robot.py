@@ -1,4 +1,4 @@
-"""The robot half of a mission: references or PWM in, where the robot believes to be out.
+"""The robot half of a mission: references or PWM in, estimated pose out.
 
 It is the loop of :mod:`sysid.mission.loop` itself, whose guidance (for PWM its controller, too) is
 what the other half asks.

@@ -1,4 +1,4 @@
-"""Where a robot was, estimated from a log of its sensors by the navigation of a mission."""
+"""A robot's path, estimated from a log of its sensors by the navigation of a mission."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What guidance wants before anything drives: its field, the way it leads, and where it ends."""
+"""The references of guidance without a plant: its field, its path, and where it ends."""
 
 import math
 from dataclasses import dataclass

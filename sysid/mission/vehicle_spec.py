@@ -1,4 +1,4 @@
-"""The vehicle of a mission file: its lengths, its mass, what it stands on, and how it moves."""
+"""The vehicle of a mission file: its lengths, its mass, the ground, and its motion."""
 
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any

@@ -1,4 +1,4 @@
-"""Open loop: the inputs of a log through a plant, its outputs beside the measured ones."""
+"""Open-loop simulation of a plant on the inputs of a log, beside the measured outputs."""
 
 import csv
 import io

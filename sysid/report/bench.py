@@ -1,4 +1,4 @@
-"""Pictures of the bench: a motor's characteristics, its steps, and steady states measured."""
+"""Pictures of the test bench: a motor's characteristics, its steps, and measured steady states."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""Panels of what decides about residuals: each test's statistic, lag by lag, against its limit."""
+"""Panels of the residual tests: each statistic, lag by lag, against its limit."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING

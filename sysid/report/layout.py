@@ -1,4 +1,4 @@
-"""The two layouts of a picture in a page: beside one another, or in one column for a phone."""
+"""The two layouts of a picture in a page: side by side, or one column for a phone."""
 
 import re
 from collections.abc import Mapping, Sequence

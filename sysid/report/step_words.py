@@ -1,4 +1,4 @@
-"""What a model does to a step of its input, in sentences a person with the machine reads."""
+"""The step response of a model in sentences."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Dry friction that really sticks, for one motor or two coupled ones, exact within a time step.
+"""Dry friction with true sticking, for one motor or two coupled ones, exact within a time step.
 
 Speeds w of a motor, or of two that one body couples, obey, in units of steady speed,
 

@@ -1,4 +1,4 @@
-"""Motion by another physics: MuJoCo drives the vehicle on its wheels, contact by contact."""
+"""Motion by MuJoCo: the vehicle on its wheels, contact by contact."""
 
 import math
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""The ROS master, asked with bounded patience: who publishes what, and of which type."""
+"""The ROS master, queried with a time limit: publishers and types of topics."""
 
 import os
 import socket

@@ -1,4 +1,4 @@
-"""Topics as the lines of a log, so that a topic is followed as a file that grows is."""
+"""Topics as the lines of a log, so that a topic is followed like a growing file."""
 
 import math
 import queue

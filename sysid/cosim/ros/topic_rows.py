@@ -1,4 +1,4 @@
-"""The numbers of a topic as they come, as rows with their time."""
+"""Numbers of a topic as timed rows, as they arrive."""
 
 import contextlib
 import math

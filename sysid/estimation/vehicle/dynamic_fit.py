@@ -1,4 +1,4 @@
-"""Masses, friction and stiffness of a vehicle, from what its motors did to its speeds and its pose.
+"""Masses, friction and stiffness of a vehicle, from commands, speeds and pose.
 
 Errors of the wheel speeds in runs of the dynamics, and errors of increments of the pose over two
 seconds, both in units of their typical size, are fitted together: torques tell masses and friction

@@ -1,4 +1,4 @@
-"""The vehicle with mass as one of the motions that are fitted to logs with a pose."""
+"""The motion with mass, fitted to logs with a pose."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

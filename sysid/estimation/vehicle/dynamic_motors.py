@@ -1,4 +1,4 @@
-"""What is known of the motors of a vehicle that is to be weighed: a bench's numbers, or less."""
+"""Motor parameters for the fit of a vehicle with mass: from a bench, or partly unknown."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What the fit of a vehicle with mass found, quantity by quantity, in the units of a person."""
+"""Estimates of a vehicle with mass, as quantities with units and sentences."""
 
 import math
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""The vehicle's radius and track distance from a pose and wheel speeds, where nobody has told them.
+"""Radius and track distance estimated from a pose and wheel speeds.
 
 With the measured heading ψ the way of a window is linear in the radius, its turn in r/B:
 

@@ -1,4 +1,4 @@
-"""How well a vehicle's numbers foretell its pose: on windows that they were not fitted on."""
+"""Prediction errors of a vehicle model on held-out windows of its pose."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

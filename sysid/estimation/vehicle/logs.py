@@ -1,4 +1,4 @@
-"""Logs of drives as the fit of a vehicle reads them: every row as logged, inputs or none."""
+"""Logs for the fit of a vehicle: every row as logged, with or without inputs."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The numbers of a vehicle as a person reads them: value, standard error, what they mean."""
+"""Parameters of a vehicle for display: value, standard error, meaning."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The numbers of the vehicle that slips, from increments of its pose over two seconds.
+"""Parameters of the slipping vehicle, from increments of its pose over two seconds.
 
 Robust least squares with a weak prior: errors beyond a few times the typical one count less (Huber
 1964), because a lidar's pose now and then is late by a second; and every number is drawn to what it

@@ -1,4 +1,4 @@
-"""What the fit of a vehicle that slips found, quantity by quantity, in the units of a person."""
+"""Estimates of the slipping vehicle, as quantities with units and sentences."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""Squares driven both ways: what their returns say of radii and width (Borenstein & Feng 1996).
+"""Radii and width from squares driven both ways (Borenstein & Feng 1996).
 
 A vehicle whose odometry is wrong comes back to another place than the one it left. Unequal wheels
 bend the sides of a square, a wrong width changes its corners; driven one way the two errors add up,

@@ -1,4 +1,4 @@
-"""A vehicle's numbers from logs that hold its pose, and how far they foretell paths not used.
+"""A vehicle's parameters from logs with its pose, and its prediction errors on held-out paths.
 
 ``MOTIONS`` says which models of motion can be fitted; each makes a ``MotionFit`` of windows, and
 everything that is judged here (held-out errors, halves that judge each other, drift) is judged of

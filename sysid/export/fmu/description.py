@@ -1,4 +1,4 @@
-"""What a unit says of itself in the words of the standard: FMI 2.0.4 and 3.0, co-simulation."""
+"""The model description of a unit: FMI 2.0.4 and 3.0, co-simulation."""
 
 import hashlib
 import math

@@ -1,4 +1,4 @@
-"""Units of a package by the tools that run such units, each in a process of its own."""
+"""Units of a package in co-simulation tools, each in its own process."""
 
 import json
 import sys

@@ -1,4 +1,4 @@
-"""Runtimes of a plant package: each replays the self-test and says how far off it was."""
+"""Runtimes of a plant package: each replays the self-test and reports its error."""
 
 import shutil
 import subprocess

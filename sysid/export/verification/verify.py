@@ -1,4 +1,4 @@
-"""``verify``: the self-test of a package on every runtime that is here."""
+"""``verify``: the self-test of a package on every installed runtime."""
 
 import tempfile
 from dataclasses import asdict, dataclass

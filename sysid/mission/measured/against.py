@@ -1,4 +1,4 @@
-"""A measured mission against the runs predicted for it: one call for both."""
+"""A measured mission and its simulated runs in one call."""
 
 from collections.abc import Sequence
 from dataclasses import replace

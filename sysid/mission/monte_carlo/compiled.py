@@ -1,4 +1,4 @@
-"""Runs of one mission and one plant, side by side in a compiled loop.
+"""Runs of one mission and one plant, batched in a compiled loop.
 
 The loop is :class:`sysid.mission.loop.Loop` itself on traced numbers, one run of it, which JAX
 makes into many. A run that has ended goes on unseen: its figures are those of its last sample.

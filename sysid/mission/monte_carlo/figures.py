@@ -1,4 +1,4 @@
-"""The figures of runs: a few numbers each, no logs."""
+"""The results of runs: a few numbers each, no logs."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""What many runs of a mission came to: how surely it arrives, and what decides it."""
+"""The result of many runs of a mission: outcomes, quantiles, variance shares."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Driving a mission many times: chunks of runs to workers, their figures to one result."""
+"""Many runs of a mission: chunks to workers, their results joined."""
 
 from collections.abc import Callable, Sequence
 from time import perf_counter

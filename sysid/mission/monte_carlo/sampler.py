@@ -1,4 +1,4 @@
-"""What differs from run to run, drawn once, in NumPy: the same for one run alone and for many."""
+"""Random samples of what varies between runs, by NumPy: the same for one run and for many."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

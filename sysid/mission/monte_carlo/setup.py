@@ -1,4 +1,4 @@
-"""A mission, the plants that may drive it and what varies: one run of it as NumPy takes it."""
+"""A mission, its plant variants and its variation; single runs in NumPy."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

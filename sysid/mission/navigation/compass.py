@@ -1,4 +1,4 @@
-"""Dead reckoning along the heading that a magnetometer shows."""
+"""Dead reckoning with the heading of a magnetometer."""
 
 from typing import Any, ClassVar
 

@@ -1,4 +1,4 @@
-"""Whether a filter is as good as it believes: errors and innovations against their covariances.
+"""Consistency of a filter: errors and innovations against their covariances.
 
 Where model and noise are right, the normalised error eᵀP⁻¹e (NEES) and the normalised innovation
 νᵀS⁻¹ν (NIS) are χ² with as many degrees of freedom as numbers (Bar-Shalom, Li & Kirubarajan 2001,

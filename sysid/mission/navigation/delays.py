@@ -1,4 +1,4 @@
-"""Measurements that come late or out of order: kept for a while, and used where they belong.
+"""Late or out-of-order measurements: buffered, and used at their instant.
 
 A measurement that comes ``d`` samples after the instant it is of is put into the sample ``d`` back,
 and the filter runs again from there (replay). That gives, to the last bit, what the filter would

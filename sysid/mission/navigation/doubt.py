@@ -1,4 +1,4 @@
-"""When a filter that rejects reading after reading must doubt itself and not the sensor.
+"""Recovery of a filter that rejects one measurement after another.
 
 A gate keeps outliers away. Once the vehicle has moved as the filter's process does not know, to the
 side for instance, every right measurement lies beyond the gate as well, and the filter would never

@@ -1,4 +1,4 @@
-"""Which sensors a navigation law has: those of the file, or the plainest ones that serve it."""
+"""The sensors of a navigation law: those of the file, or the simplest suitable ones."""
 
 from collections.abc import Callable, Mapping
 from typing import Any

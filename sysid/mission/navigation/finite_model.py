@@ -1,4 +1,4 @@
-"""A bank of filters, one for each hypothesis, that tells which of them holds."""
+"""A bank of filters, one for each hypothesis, with their probabilities."""
 
 import math
 from collections.abc import Mapping

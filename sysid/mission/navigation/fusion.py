@@ -1,4 +1,4 @@
-"""What all filters that fuse sensors have in common: keys, order of work, what they report."""
+"""The common part of all fusing filters: keys, order of work, reported columns."""
 
 from abc import abstractmethod
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""What each measurement tells about the state of the vehicle: expected values and their slopes.
+"""Measurement models: expected values and their derivatives.
 
 Encoders read the mean of ω_l,r = (v ∓ ψ̇B/2)/r of the tracks (2.13) since their last measurement, a
 gyroscope ψ̇ over ground, an accelerometer the mean of v̇ since its last measurement and vψ̇ to the

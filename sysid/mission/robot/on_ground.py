@@ -1,4 +1,4 @@
-"""A robot plant whose motors feel the ground: what controllers and limits know of it then."""
+"""A robot plant with ground forces on its motors, as controllers and limits see it."""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,4 @@
-"""What all sensors have in common: they are read at a rate, err, come late and fail at times."""
+"""Common errors of all sensors: rate, noise, bias, latency, drop-outs."""
 
 import math
 from abc import abstractmethod

@@ -1,4 +1,4 @@
-"""Runs of one mission with many sets of gains: side by side in a compiled loop, or one by one.
+"""Runs of one mission with many sets of gains, compiled in batches or sequential.
 
 As in :mod:`sysid.mission.monte_carlo.compiled` it is the loop itself that is traced; what differs
 from run to run are the gains and the plant's parameters.

@@ -1,4 +1,4 @@
-"""What gains are judged by: answers to steps of speed and yaw, and the mission itself."""
+"""Criteria of gains: step responses of speed and yaw, and the mission itself."""
 
 import math
 from dataclasses import dataclass

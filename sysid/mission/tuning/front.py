@@ -1,4 +1,4 @@
-"""Which of many sets of gains are worth a choice, and which of those is proposed."""
+"""The Pareto front of many sets of gains, and the proposed set."""
 
 from dataclasses import dataclass
 

@@ -1,5 +1,4 @@
-"""The gains that are searched: their names, their bounds, and points of a unit cube that stand for
-them."""
+"""The search space of gains: names, bounds, and the unit cube that they map to."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Gains by driving: sets spread over their bounds, then more around those worth a choice."""
+"""Search for gains by simulation: spread over the bounds first, then refined around the front."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor

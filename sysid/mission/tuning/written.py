@@ -1,4 +1,4 @@
-"""A mission file with another law: its text as it is, but for the section of that law."""
+"""A mission file with another law: its text unchanged except for the section of that law."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A picture of a choice between sets of gains: what they trade, and what the proposed one does."""
+"""The picture of a front of gains: trade-offs, and the proposed set."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING

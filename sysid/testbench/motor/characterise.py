@@ -1,4 +1,4 @@
-"""From files of the motor bench to the motor's constants with what they are worth."""
+"""From files of the motor bench to the motor's constants with their errors."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

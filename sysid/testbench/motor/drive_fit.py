@@ -1,4 +1,4 @@
-"""Tables and drives together: which constants they tell, where to begin, how to hold the input."""
+"""Tables and drives together: identifiable constants, initial guesses, hold of the input."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What is measured on a motor: experiments in steady state, and values known otherwise."""
+"""Measurements of a motor: steady-state experiments and known values."""
 
 import math
 from collections.abc import Mapping

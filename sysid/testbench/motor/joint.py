@@ -1,4 +1,4 @@
-"""All experiments of a motor at once: weighted least squares with a noise level each.
+"""All experiments of a motor at once: weighted least squares with a noise estimate for each.
 
 Every measurement is compared with what the constants predict at its voltage. Each quantity of each
 file has a noise level of its own, estimated along with the constants from its residuals over its

@@ -1,4 +1,4 @@
-"""Constants that no motor has, and experiments that contradict each other."""
+"""Impossible constants, and experiments that contradict each other."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations

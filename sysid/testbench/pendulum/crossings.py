@@ -1,4 +1,4 @@
-"""Periods counted without a model: passages through the middle, and turning points.
+"""Periods without a model: zero crossings and turning points.
 
 They say which part of a log is a free swing (before it the body is held, after it somebody stops
 it), give the fit its start, and check its result.

@@ -1,4 +1,4 @@
-"""The swing of a pendulum out of a log: its angle, from an angle, a quaternion or a position."""
+"""The swing angle of a log: from an angle, a quaternion or a position."""
 
 import re
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""A battery from rests and loads: open-circuit voltage, resistance, and what recovers slowly.
+"""A battery from rests and loads: open-circuit voltage, resistance, and slow recovery.
 
     V = E − s q − R₀ I − Σ v_k,    τ_k v̇_k = R_k I − v_k,    q = ∫ I dt
 

@@ -1,4 +1,4 @@
-"""Files of the power bench: which column is the battery's voltage, its current, PWM, what answers.
+"""Files of the power bench: columns of voltage, current, PWM and response.
 
 A file that holds the battery's voltage and current tells of the battery; one that holds PWM and
 what the motor gets or does tells of the bridge; one that holds all of them tells of both.

@@ -1,4 +1,4 @@
-"""The power bench as a whole: battery, bridges, what a mission and a diagnosis take of them."""
+"""The power bench as a whole: battery, bridges, and their use in missions and diagnoses."""
 
 import math
 from collections.abc import Mapping, Sequence

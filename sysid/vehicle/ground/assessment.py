@@ -1,4 +1,4 @@
-"""What a soil does to a tracked vehicle, in numbers with their uncertainty.
+"""The effects of a soil on a tracked vehicle, with uncertainty.
 
 Standard deviations are those of the soil's numbers, taken as independent: each number is moved by
 one of its own to both sides, as far as it can be, half the difference is what it contributes, and

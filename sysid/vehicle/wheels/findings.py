@@ -1,4 +1,4 @@
-"""What is to be said of a vehicle, in words: its type, and what its wheels do not let it do."""
+"""Findings about a vehicle in words: its type and its restrictions."""
 
 import math
 from collections.abc import Iterator

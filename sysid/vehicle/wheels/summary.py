@@ -1,4 +1,4 @@
-"""A vehicle and its answers as plain documents, to be printed or kept."""
+"""A vehicle and its kinematics as plain documents, to be printed or stored."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""A described vehicle: its wheels and body, and the questions one has about them."""
+"""A described vehicle: its wheels, body, mobility and kinematics."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
