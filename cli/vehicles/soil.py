@@ -61,7 +61,7 @@ def soil(
     ] = None,
     json: reading.Json = False,
 ) -> None:
-    """List soils with their sources, or tell what one gives a tracked vehicle and takes from it."""
+    """List soils with their sources, or assess a tracked vehicle on one."""
     from sysid.vehicle.ground.assessment import RADII, SLIPS, assess
 
     if ground is None and vehicle is None and not numbers:

@@ -135,7 +135,7 @@ class _GuidingLoop(Loop):
     def sample(
         self, state: LoopState, tick: Tick, draws: Sequence[Sequence[Real]] = ()
     ) -> tuple[LoopState, tuple[Real, ...]]:
-        """A sample of the loop; then the robot is told, or that it is over."""
+        """A sample of the loop; then a command, or the end, is sent to the robot."""
         state, row = super().sample(state, tick, draws)
         if self.port is None:
             return state, row

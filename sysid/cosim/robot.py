@@ -59,7 +59,7 @@ class Pace:
 
 
 class _OtherHalf:
-    """What the other half asks, as a law of guidance; it is told first where the robot is.
+    """What the other half asks, as a law of guidance; the robot's pose is sent first.
 
     Attributes:
         asked: the last it asked for.

@@ -32,7 +32,7 @@ MEASUREMENTS = (
     Wanted("fix_x", "m"),
     Wanted("fix_y", "m"),
 )
-"""What the sensors of a robot read; the field of a magnetometer only tells a direction."""
+"""What the sensors of a robot read; a magnetometer gives a direction only."""
 
 DRIVES = (Wanted("pwm_l", "µs", "command", "left"), Wanted("pwm_r", "µs", "command", "right"))
 

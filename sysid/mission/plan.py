@@ -120,7 +120,7 @@ class Plan:
 
 
 def plan(mission: Mission) -> Plan:
-    """Follow a mission's guidance without a plant: a point that goes exactly as it is told.
+    """Follow a mission's guidance without a plant: a point that follows its references exactly.
 
     Obstacles that move are taken where they are at the start.
 

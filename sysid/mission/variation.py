@@ -17,7 +17,7 @@ QUANTITIES = (
     *("parameters", "noise", "start", "obstacles"),
     *("friction", "soil", "mass", "models"),
 )
-"""What can vary, in the order in which it is told."""
+"""Quantities that can vary, in the order of the report."""
 
 Deviation = Annotated[float, Field(ge=-1e6, le=1e6)]
 

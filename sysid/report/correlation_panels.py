@@ -50,7 +50,7 @@ def draw_whiteness(axes: "Axes", test: LagTest) -> None:
 
 
 def draw_independence(axes: "Axes", test: LagTest, feedback: LagTest | None) -> None:
-    """Draw what past inputs tell of the residuals, and what decides.
+    """Draw the correlation of residuals with past inputs, and the test.
 
     Future inputs, which correlate under feedback only, stand faded at negative lags.
     """

@@ -78,7 +78,7 @@ class TopicLines(Lines):
         return b""
 
     def _header(self) -> str:
-        """The names of the columns, each with the unit that is told or that ROS prescribes."""
+        """The names of the columns, each with its given unit or that of ROS."""
         names = ["t"]
         for topic, mapped in self._sources.items():
             kind = self._kinds(topic) or ""

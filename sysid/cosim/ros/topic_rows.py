@@ -89,7 +89,7 @@ def _rows(
             any_came = True
             yield _stamp(message) or arrival, tuple(read(message) for read in take)
     finally:
-        with contextlib.suppress(Exception):  # a master that has gone cannot be told
+        with contextlib.suppress(Exception):  # the master may be gone
             listening.unregister()
 
 

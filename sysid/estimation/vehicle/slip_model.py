@@ -36,7 +36,7 @@ class Term:
         optional: whether it is in the model only where the log shows it.
         lower: smallest value that can be.
         meaning: what it is, in words.
-        shown_by: the manoeuvre that tells it.
+        shown_by: the manoeuvre that determines it.
     """
 
     name: str

@@ -19,7 +19,8 @@ class BufferedSample(NamedTuple):
     Attributes:
         dt: time since the sample before [s].
         drive: mean command of both tracks [drive].
-        z: what each group of measurements tells of this sample, (m,) each; NaN where nothing came.
+        z: the values of each group of measurements for this sample, (m,) each; NaN where nothing
+            came.
         fresh: which groups came now, (groups,); the others were used before.
     """
 

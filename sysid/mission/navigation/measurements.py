@@ -201,7 +201,7 @@ class Group:
         return xp.array([measurements.get(name, xp.nan) for name in self.names])
 
     def direct_values(self, z: Any, last: Any, elapsed: Real, xp: Any) -> Any:
-        """What numbers read tell by themselves, (m,); NaN where they tell nothing.
+        """Values that the measurements give directly, (m,); NaN without any.
 
         Args:
             z: the numbers, (m,).

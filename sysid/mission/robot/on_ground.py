@@ -80,7 +80,7 @@ def on_ground(plant: SteppablePlant, scene: Scene) -> GroundedPlant:
     """The plant's motors under the vehicle of a scene, on its floor without patches and slope.
 
     Raises:
-        ModelError: the plant tells no torques.
+        ModelError: the plant has no torques.
     """
     assert scene.car is not None
     assert scene.floor is not None

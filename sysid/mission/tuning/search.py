@@ -40,7 +40,7 @@ class SearchRule:
         widths: standard deviation of a refined set from a member of the front, in the unit cube, in
             the first and the last round: a tenth of the decades between the bounds is what one set
             in a hundred leaves open in three dimensions.
-        most: sets, more of which nobody waits for.
+        most: largest number of sets.
     """
 
     spread: float = 0.5

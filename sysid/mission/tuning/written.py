@@ -93,7 +93,7 @@ def write_vehicle(source: Path, target: Path, sections: Sections) -> Path:
 
 
 def _rounded(keys: Mapping[str, Any]) -> dict[str, Any]:
-    """Numbers to six digits: more than any log tells."""
+    """Numbers to six digits: more than any log determines."""
 
     def short(value: Any) -> Any:
         if isinstance(value, float):

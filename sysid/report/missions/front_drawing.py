@@ -21,7 +21,7 @@ _LEGEND = 0.62
 """Where the legend begins below the upper edge [in]: under title and subtitle."""
 
 _SHADES = ("#cfe4f1", "#7fb8dc", "#0072b2", "#00304d")
-"""From little to much, told apart in grey print."""
+"""From little to much, distinguishable in grey print."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ APART = 3.0
 """Standard errors of their difference beyond which two experiments contradict each other."""
 
 HARDLY = 0.5
-"""Standard error over value from which a constant is hardly told."""
+"""Standard error over value from which a constant is weakly identifiable."""
 
 
 def missing_experiments(

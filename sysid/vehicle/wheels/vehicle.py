@@ -136,7 +136,7 @@ class Vehicle:
     def forward(
         self, speeds: Mapping[str, float], angles: Angles | None = None
     ) -> ForwardKinematics:
-        """The twist that wheel speeds [rad/s] by name tell, and what speaks against it."""
+        """The twist from wheel speeds [rad/s] by name, and its residual."""
         self._known(speeds)
         return twists.forward(self.wheels, speeds, self._steered(angles))
 
