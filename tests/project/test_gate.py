@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import pytest
+
 import studies
 
 gate = studies.load("benchmarks/gate_judging.py")
