@@ -4,13 +4,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sysid.data.checks.delay import Delay, estimate_delays
 from sysid.data.checks.feedback import FeedbackTest, feedback_tests
 from sysid.data.checks.nonlinearity import NonlinearityTest, nonlinearity_tests
 from sysid.data.finding import Finding
+from sysid.data.noise import measurement_noise, settles
 from sysid.data.outliers import Bridged, bridged
 from sysid.data.reading.stale import Refresh, at_own_rate, refreshes, without_repeats
-from sysid.data.record import Record
+from sysid.data.record import Array, Record
+from sysid.data.resolution import sensor_step
 from sysid.data.rest import Rest, rest_head
 from sysid.data.shortened import shortened
 from sysid.data.speed import Speed, estimate_speed
@@ -71,6 +76,22 @@ class LogFacts:
         if not any(self.refreshes):
             return self
         return LogFacts(without_repeats(self.records, self.refreshes))
+
+    @cached_property
+    def noise(self) -> Array:
+        """Measurement noise of each output, (ny,)."""
+        return measurement_noise(self.records, self.refreshes)
+
+    @cached_property
+    def settles(self) -> NDArray[np.bool_]:
+        """Outputs whose commands rest often enough to see the noise between changes, (ny,)."""
+        return settles(self.records)
+
+    @cached_property
+    def steps(self) -> tuple[float, ...]:
+        """The step in which the sensor of each output measures; 0 for none."""
+        columns = np.concatenate([r.y for r in self.records]).T
+        return tuple(sensor_step(y) for y in columns)
 
     @cached_property
     def rest(self) -> Rest | None:

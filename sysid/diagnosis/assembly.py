@@ -184,7 +184,7 @@ def _poor(session: DiagnosisSession, selection: Selection) -> str:
     if not not_followed(holdout, errors, session.floor, ()):
         return ""
     try:
-        checks = inspect_records(session.base.parts.estimation)
+        checks = inspect_records(session.base.parts.facts)
     except SysidError:
         checks = ()
     return not_followed(holdout, errors, session.floor, checks)

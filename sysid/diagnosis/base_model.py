@@ -44,26 +44,36 @@ class Parts:
     """Estimation and held-out part of the logs.
 
     Attributes:
-        estimation, holdout: records; the same ones where blocks of them are held out.
+        facts, holdout_facts: what is known of both; the same where blocks are held out.
         weights: weight of each sample of both, (N, ny) a record.
         words: how the data were divided.
         samples: what the measurements of the estimation part show by themselves.
     """
 
-    estimation: tuple[Record, ...]
-    holdout: tuple[Record, ...]
+    facts: LogFacts
+    holdout_facts: LogFacts
     weights: tuple[tuple[Array, ...], tuple[Array, ...]]
     words: str
     samples: SampleEffects
 
+    @property
+    def estimation(self) -> tuple[Record, ...]:
+        """The estimation records."""
+        return self.facts.records
 
-Inspection = Callable[[Sequence[Record]], SampleEffects]
+    @property
+    def holdout(self) -> tuple[Record, ...]:
+        """The held-out records; the estimation records where blocks of them are held out."""
+        return self.holdout_facts.records
+
+
+Inspection = Callable[[LogFacts], SampleEffects]
 """What the measurements of records show by themselves."""
 
 
 def divided(
-    estimation: Sequence[Record],
-    holdout: Sequence[Record] | None,
+    estimation: Sequence[Record] | LogFacts,
+    holdout: Sequence[Record] | LogFacts | None,
     inspect: Inspection = inspect_samples,
 ) -> Parts:
     """Validation logs as the held-out part; else interleaved blocks of the estimation logs.
@@ -71,21 +81,39 @@ def divided(
     Both parts are then scored on free runs from the beginning of each record. Lost measurements do
     not count in either.
     """
-    seen = inspect(estimation)
+    facts = LogFacts.of(estimation)
+    seen = inspect(facts)
     weights = seen.weights
     if holdout:
-        judging = inspect(holdout).weights
+        holdout_facts = LogFacts.of(holdout)
+        judging = inspect(holdout_facts).weights
         if inspect is inspect_samples:
-            seen = with_steps_of(seen, (*estimation, *holdout))
-        return Parts(
-            tuple(estimation), tuple(holdout), (weights, judging), "the validation data", seen
-        )
-    cut = hold_out(estimation)
+            seen = with_steps_of(seen, (*facts.records, *holdout_facts.records))
+        return Parts(facts, holdout_facts, (weights, judging), "the validation data", seen)
+    cut = hold_out(facts.records)
     masks = [m[:, None].astype(np.float64) for m in cut.counted]
     judging = tuple(w * m for w, m in zip(weights, masks, strict=True))
     weights = tuple(w * (1.0 - m) for w, m in zip(weights, masks, strict=True))
-    whole = tuple(cut.whole)
-    return Parts(whole, whole, (weights, judging), cut.words, seen)
+    return Parts(facts, facts, (weights, judging), cut.words, seen)
+
+
+def _divided_rates(
+    positions: Sequence[Record] | LogFacts, judging: Sequence[Record] | LogFacts | None
+) -> Parts:
+    """``divided`` of the rates of an output that integrates."""
+    read = [LogFacts.of(part).records for part in (positions, judging) if part]
+    step = step_of(read[0])
+    speeds = [LogFacts(tuple(rates(records, step))) for records in read]
+    behind = {
+        id(rate): position
+        for part, records in zip(speeds, read, strict=True)
+        for rate, position in zip(part.records, records, strict=True)
+    }
+
+    def inspect(some: LogFacts) -> SampleEffects:
+        return inspect_rates(some, [behind[id(r)] for r in some.records], step)
+
+    return divided(speeds[0], speeds[1] if len(speeds) > 1 else None, inspect)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,8 +179,8 @@ class Base:
 
 
 def fit_baseline(
-    estimation: Sequence[Record],
-    holdout: Sequence[Record] | None,
+    data: Sequence[Record] | LogFacts,
+    judging: Sequence[Record] | LogFacts | None,
     effects: Sequence[Effect],
     highest: int = LARGEST_ORDER,
 ) -> Base:
@@ -160,8 +188,8 @@ def fit_baseline(
     third order with dead time and level chosen on the estimation part.
 
     Args:
-        estimation: what is fitted.
-        holdout: validation logs; None holds blocks out.
+        data: what is fitted, or what is known of it.
+        judging: validation logs; None holds blocks out.
         effects: those that are tried.
         highest: order at most.
 
@@ -169,17 +197,9 @@ def fit_baseline(
         DataError: numbers of inputs and outputs differ.
         ModelError: the base cannot be fitted.
     """
-    on_rate, linear = integrates(estimation), None
-    inspect: Inspection = inspect_samples
-    if on_rate:
-        step, read = step_of(estimation), (*estimation, *(holdout or ()))
-        estimation, holdout = rates(estimation, step), rates(holdout, step) if holdout else None
-        behind = dict(zip(map(id, (*estimation, *(holdout or ()))), read, strict=True))
-
-        def inspect(some: Sequence[Record]) -> SampleEffects:
-            return inspect_rates(some, [behind[id(r)] for r in some], step)
-
-    parts = divided(estimation, holdout, inspect)
+    on_rate, linear = integrates(LogFacts.of(data).records), None
+    parts = _divided_rates(data, judging) if on_rate else divided(data, judging)
+    estimation = parts.estimation
     first = _require_tracks(estimation)
     scales = full_drive(estimation)
     if first.is_robot_log:
@@ -190,7 +210,7 @@ def fit_baseline(
         # a body that a force moves: friction would otherwise hide in a higher order
         order, delay = 1, 1
         if not on_rate:
-            linear, delay = _linear(LogFacts(tuple(estimation)).without_repeats)
+            linear, delay = _linear(parts.facts.without_repeats)
             order = int(np.max(linear.structure.order_values()["nf"]))
             order = max(order, LEAST_OF_SERVO if _is_servo(first) else 1)
         level = not may_lack_sign(estimation)
@@ -203,11 +223,11 @@ def fit_baseline(
     if order == 1:  # a numerator of a higher order holds it
         effects = (*effects, SAMPLING)
     model = FullModel(effects, order, first.ny, typical_speed(estimation), first.dt)
-    in_loop = LogFacts(tuple(estimation)).at_own_rate.surely_closed_loop
+    in_loop = parts.facts.at_own_rate.surely_closed_loop
     search = ForwardSelection(
         model,
-        parts.estimation,
-        parts.holdout,
+        parts.facts,
+        parts.holdout_facts,
         scales,
         delay,
         level,
@@ -225,8 +245,8 @@ def fit_baseline(
 
 def given_base(
     model: Model,
-    estimation: Sequence[Record],
-    holdout: Sequence[Record] | None,
+    data: Sequence[Record] | LogFacts,
+    judging: Sequence[Record] | LogFacts | None,
     effects: Sequence[Effect],
 ) -> Base:
     """A model of any structure as the base, unchanged.
@@ -239,10 +259,11 @@ def given_base(
         DataError: channels do not fit the model.
         ModelError: the model cannot be simulated on this log.
     """
-    for r in (*estimation, *(holdout or ())):
+    parts = divided(data, judging)
+    estimation = parts.estimation
+    for r in (*estimation, *parts.holdout):
         model.check(r)
     first = _require_tracks(estimation)
-    parts = divided(estimation, holdout)
     scales = full_drive(estimation)
     every = (*parts.estimation, *parts.holdout)
     runs = {id(r): outputs(model, r, None, _start(model, r)) for r in every}
@@ -261,7 +282,7 @@ def given_base(
     def driven(r: Record) -> Record:
         return replace(r, u=given.drive(runs[id(r)]))
 
-    in_loop = LogFacts(tuple(estimation)).at_own_rate.surely_closed_loop
+    in_loop = parts.facts.at_own_rate.surely_closed_loop
     search = ForwardSelection(
         plain,
         [driven(r) for r in parts.estimation],

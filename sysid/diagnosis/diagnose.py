@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.facts import LogFacts
 from sysid.data.record import Record
 from sysid.data.same_kind import require_same_kind
 from sysid.diagnosis.assembly import assemble
@@ -75,17 +76,19 @@ def diagnose(
     say = progress or (lambda text, share: None)
     say("original model", 0.02)
     effects = within(chain_effects(), measured or {})
+    facts = LogFacts(tuple(estimation))
+    holdout_facts = LogFacts(tuple(holdout)) if holdout else None
     if model is None:
-        base = fit_baseline(estimation, holdout, effects)
+        base = fit_baseline(facts, holdout_facts, effects)
     else:
-        base = given_base(model, estimation, holdout, effects)
+        base = given_base(model, facts, holdout_facts, effects)
     session = DiagnosisSession(base, noise_of(base), full_drive(estimation), seed)
     say("testing the residuals", 0.06)
     if model is None:
         result = session.searched(base.search.model.effects, say)
-        result = or_on_first_order(result, estimation, holdout, say)
+        result = or_on_first_order(result, facts, holdout_facts, say)
     else:
-        result = around_model(model, session, estimation, holdout, say)
+        result = around_model(model, session, facts, holdout_facts, say)
     say("validation", 0.72)
     if geometry is None and mission is not None:
         geometry = load_mission(mission).vehicle.given_geometry

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Record
 from sysid.diagnosis.augment import covariance_of, values_of
 from sysid.diagnosis.base_model import Base, full_drive
@@ -187,9 +186,9 @@ def traces(base: Base, selection: Selection) -> tuple[Trace, ...]:
     """
     both_parts = []
     model = base.search.model
-    for role, records, data in (
-        ("estimation", base.parts.estimation, base.search.data),
-        ("held-out", base.parts.holdout, base.search.holdout_data),
+    for role, facts, data in (
+        ("estimation", base.parts.facts, base.search.data),
+        ("held-out", base.parts.holdout_facts, base.search.holdout_data),
     ):
         turned = [
             base.search.in_phase(n.q, n.effects) if role == "held-out" else n.q
@@ -197,10 +196,11 @@ def traces(base: Base, selection: Selection) -> tuple[Trace, ...]:
         ]
         before, after = (data.split(run) for run in model.run(np.array(turned), data))
         weights = data.split(data.weight)
-        fresh = LogFacts(tuple(records)).without_repeats.records
         both_parts += [
             Trace(r, x, y, role, np.asarray(w.max(axis=1) > 0.0, dtype=np.float64))
-            for r, x, y, w in zip(fresh, before, after, weights, strict=True)
+            for r, x, y, w in zip(
+                facts.without_repeats.records, before, after, weights, strict=True
+            )
         ]
     return tuple(both_parts)
 

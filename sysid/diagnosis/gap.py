@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.noise import white_noise
 from sysid.data.record import Array
-from sysid.diagnosis.samples import reading_noise
 
 REPLICATES = 400
 BLOCKS = 30
@@ -223,8 +223,9 @@ def floor_of_errors(errors: Sequence[Array]) -> Array:
     measurements.
 
     What a model misses is smooth beside white noise, and what it explains is gone: so this is the
-    better estimate where a signal is too quick for ``evidence.noise_floor``. The median absolute
+    better estimate where a signal is too quick for ``noise.measurement_noise``. The median absolute
     deviation passes over the samples that are not. Of a slow sensor only fresh measurements count.
     """
     columns = range(errors[0].shape[1])
-    return np.array([reading_noise([e[np.isfinite(e[:, i]), i] for e in errors]) for i in columns])
+    fresh = [[e[np.isfinite(e[:, i]), i : i + 1] for e in errors] for i in columns]
+    return np.concatenate([white_noise(column) for column in fresh])

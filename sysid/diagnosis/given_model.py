@@ -3,11 +3,10 @@
 A model that fits a log partly has absorbed part of what is missing.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 from sysid.data.column_words import may_move
-from sysid.data.record import Record
+from sysid.data.facts import LogFacts
 from sysid.diagnosis.base_model import LARGEST_ORDER, fit_baseline
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.search.forward_selection import Progress
@@ -20,8 +19,8 @@ from sysid.structures.model import Model
 def around_model(
     model: Model,
     session: DiagnosisSession,
-    estimation: Sequence[Record],
-    holdout: Sequence[Record] | None,
+    facts: LogFacts,
+    holdout: LogFacts | None,
     say: Progress,
 ) -> SelectionResult:
     """Effects around a given model as it is, or on the baseline where that explains more.
@@ -33,9 +32,9 @@ def around_model(
     if not session.needs_explanation:
         return session.searched((), say)
     fitted_logs = {s.sha256 for s in model.provenance.data}
-    absorbed = any(r.sha256 in fitted_logs for r in estimation)
+    absorbed = any(r.sha256 in fitted_logs for r in facts.records)
     if absorbed:
-        on_baseline = _on_baseline(session, estimation, holdout, say)
+        on_baseline = _on_baseline(session, facts, holdout, say)
         if on_baseline is not None:
             return on_baseline
     effects = session.base.search.model.effects
@@ -44,7 +43,7 @@ def around_model(
     named = [n.id for n in result.selection.selected]
     if absorbed or (len(named) == 1 and not session.unexplained(result.selection)):
         return result
-    on_plain_base = _on_baseline(session, estimation, holdout, say)
+    on_plain_base = _on_baseline(session, facts, holdout, say)
     if on_plain_base is None:
         return result
     simpler = len(on_plain_base.selection.selected) < len(named) and CHANGED.id not in named
@@ -60,8 +59,8 @@ def around_model(
 
 def or_on_first_order(
     result: SelectionResult,
-    estimation: Sequence[Record],
-    holdout: Sequence[Record] | None,
+    facts: LogFacts,
+    holdout: LogFacts | None,
     say: Progress,
 ) -> SelectionResult:
     """What a search on the plain base has found, or on one of first order where that explains more.
@@ -75,7 +74,7 @@ def or_on_first_order(
         return result
     if selection.selected and not session.unexplained(selection):
         return result
-    on_first_order = _on_baseline(session, estimation, holdout, say, highest=1)
+    on_first_order = _on_baseline(session, facts, holdout, say, highest=1)
     if on_first_order is None or not on_first_order.session.explains_more(
         on_first_order.selection, selection.final
     ):
@@ -85,14 +84,14 @@ def or_on_first_order(
 
 def _on_baseline(
     given: DiagnosisSession,
-    estimation: Sequence[Record],
-    holdout: Sequence[Record] | None,
+    facts: LogFacts,
+    holdout: LogFacts | None,
     say: Progress,
     highest: int = LARGEST_ORDER,
 ) -> SelectionResult | None:
     """Effects on the baseline, where they explain more than the given model; else None."""
     try:
-        base = fit_baseline(estimation, holdout, chain_effects(), highest)
+        base = fit_baseline(facts, holdout, chain_effects(), highest)
     except SysidError:
         return None
     sizes = [[len(e) for e in b.model.errors.holdout] for b in (base, given.base)]

@@ -11,48 +11,33 @@ changes. They are masked. Standstill, a reversal and a clipped sensor are no dro
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.reading.stale import refreshes
+from sysid.data.facts import LogFacts
+from sysid.data.noise import white_noise
 from sysid.data.record import Array, Record
+from sysid.data.resolution import (
+    AGREE,
+    CLEARLY_AGREE,
+    VISIBLE,
+    blurred_step,
+    last_digit,
+    last_digits,
+)
 from sysid.effects.samples import DROPOUTS, HELD_TELEMETRY, QUANTISATION
 
 Mask = NDArray[np.bool_]
 
-ON_LATTICE = 0.98
-"""Share of the measurements that must lie on the lattice."""
-
 COARSE = 1.2
 """A step matters when it is at least this many standard deviations of the measurements' noise."""
-
-VISIBLE = 0.015
-"""… and at least this share of the largest reading (95 % quantile)."""
 
 TOP = 0.98
 """Measurements beyond this share of the largest may be clipped."""
 
 LONGEST = 8
 """Longest burst of lost measurements [samples]."""
-
-MIN_REPEATED_VALUES = 10
-"""Values that stand twice, of which a lattice can be told: by chance all of so many lie within a
-twentieth of one of the thousands of steps that are tried once in a million times."""
-
-RECURS, MIN_RECURRING_VALUES = 4, 4
-"""Of fewer, a value that recurs in so many bursts is a step of a coarse sensor, where there are so
-many of them."""
-
-MAX_REPEATED_VALUES = 100
-"""Such values that are compared with every step."""
-
-MIN_CELLS, MAX_CELLS = 4.0, 1200.0
-"""Steps within the largest of them: a finer one is as good as none."""
-
-IN_CELL = 0.8
-"""Mean cosine of the phases of values that lie on a lattice."""
 
 MIN_BURSTS = 3
 MIN_BURST_SHARE = 0.002
@@ -139,22 +124,23 @@ class SampleEffects:
         return int(sum(np.sum(w == 0.0) for w in self.weights))
 
 
-def inspect_samples(records: Sequence[Record]) -> SampleEffects:
+def inspect_samples(data: Sequence[Record] | LogFacts) -> SampleEffects:
     """Quantisation and dropouts of every output, and the mask of lost measurements.
 
     Args:
-        records: with the same channels.
+        data: records with the same channels, or what is known of them.
     """
+    facts = LogFacts.of(data)
+    records = facts.records
     weights = [np.ones(r.y.shape) for r in records]
     coarse: list[Coarse] = []
     lost: list[Lost] = []
     stale: list[Stale] = []
     total = sum(len(r) for r in records)
-    slow, few_ways = refreshes(records), _on_few_ways(records)
+    slow, few_ways = facts.refreshes, _on_few_ways(records)
     for i, name in enumerate(records[0].output_names):
         series = [r.y[:, i] for r in records]
-        whole = np.concatenate(series)
-        step = lattice(whole) or recurring_step(whole)
+        step = facts.steps[i]
         masks = [np.zeros(len(y), dtype=bool) for y in series]
         refresh = slow[i]
         if refresh is not None:
@@ -180,8 +166,8 @@ def inspect_samples(records: Sequence[Record]) -> SampleEffects:
         behind_noise = 0.0 if step else blurred_step(kept, agree)
         step = step or behind_noise
         if step > 0.0:
-            fresh_only = [y[~m] for y, m in zip(series, masks, strict=True)]
-            noise = max(reading_noise(fresh_only), step / np.sqrt(12.0))
+            fresh_only = [y[~m, None] for y, m in zip(series, masks, strict=True)]
+            noise = max(float(white_noise(fresh_only)[0]), step / np.sqrt(12.0))
             size = float(np.quantile(np.abs(kept), 0.95)) or 1.0
             clear = behind_noise > 0.0 or step >= COARSE * noise  # gathered: no chance
             if clear and step >= VISIBLE * size:
@@ -199,7 +185,9 @@ def with_steps_of(seen: SampleEffects, records: Sequence[Record]) -> SampleEffec
     return replace(seen, coarse=(*seen.coarse, *more)) if more else seen
 
 
-def inspect_rates(rates: Sequence[Record], positions: Sequence[Record], step: int) -> SampleEffects:
+def inspect_rates(
+    rates: Sequence[Record] | LogFacts, positions: Sequence[Record], step: int
+) -> SampleEffects:
     """The same of rates of an output that integrates: what gets lost are its own measurements.
 
     A difference of two measurements repeats where these are coarse in the file, and a lost reading
@@ -218,81 +206,11 @@ def inspect_rates(rates: Sequence[Record], positions: Sequence[Record], step: in
 
 def smallest_named(records: Sequence[Record]) -> dict[str, float | None]:
     """The smallest quantum (mean over the outputs) and share of dropouts that would be named."""
-    steps, total = [], sum(len(r) for r in records)
-    for i in range(records[0].ny):
-        series = [r.y[:, i] for r in records]
-        size = float(np.quantile(np.abs(np.concatenate(series)), 0.95))
-        steps.append(max(COARSE * reading_noise(series), VISIBLE * size))
+    total = sum(len(r) for r in records)
+    sizes = np.quantile(np.abs(np.concatenate([r.y for r in records])), 0.95, axis=0)
+    steps = np.maximum(COARSE * white_noise([r.y for r in records]), VISIBLE * sizes)
     share = max(MIN_BURSTS, MIN_BURST_SHARE * total) / max(total, 1)
     return {QUANTISATION.id: float(np.mean(steps)), DROPOUTS.id: float(share)}
-
-
-def reading_noise(series: Sequence[Array]) -> float:
-    """Standard deviation of white reading noise, from third differences (median of |Δ³y|)."""
-    third = np.concatenate([np.diff(y, n=3) for y in series if len(y) > 3] or [np.zeros(1)])
-    return float(1.4826 * np.median(np.abs(third)) / np.sqrt(20.0))
-
-
-def lattice(y: Array) -> float:
-    """Step of the lattice on which the measurements lie; 0 when there is none.
-
-    The step is the median distance of neighbouring distinct values; it is one only when nearly all
-    measurements are whole multiples of it apart and the values are used over and over.
-    """
-    values, counts = np.unique(np.round(y[np.isfinite(y)], 9), return_counts=True)
-    if len(values) < 4 or len(values) > 0.35 * counts.sum():
-        return 0.0
-    often = values[counts >= max(2.0, 0.1 * float(np.median(counts)))]
-    if len(often) < 4:
-        return 0.0
-    # files carry a fixed number of digits: distances below a thousandth of the median are rounding
-    gaps = np.diff(often)
-    gaps = gaps[gaps > 1e-3 * float(np.median(gaps))]
-    step = float(np.median(gaps))
-    near = gaps[np.abs(gaps - step) < 0.2 * step]
-    step = float(np.mean(near)) if len(near) else step
-    whole = np.round((often - often[0]) / step)
-    if whole[-1] > 0:
-        step = float(np.polyfit(whole, often, 1)[0])
-    offset = (y - often[0]) / step
-    close = np.abs(offset - np.round(offset)) < 0.05
-    return step if float(np.mean(close)) >= ON_LATTICE else 0.0
-
-
-CELLS = 8
-"""Steps within the largest reading, at least: of fewer no lattice is certain."""
-
-MIN_STEPS = 3
-"""… and of a multiple of one that is certain."""
-
-MIN_IN_CELL = 5
-
-SURE_LATTICE = 16.0
-"""Phases of so many steps that agree: by chance once in e^16, of some hundred steps tried."""
-
-IN_MOTION, SURE_MOVING = 0.25, 3.0
-"""Measurements that move by more than this share of a step in a sample are none of a steady speed,
-and gather by so many standard errors of chance."""
-
-AGREE, CLEARLY_AGREE = 0.3, 0.7
-"""Mean resultant of a step's measurements: noise of a quarter of a step leaves it; one of an eighth
-leaves more than those few values do that a command of one size leads to again and again."""
-
-
-PARTS, NEARBY = (2, 3, 4), np.linspace(0.98, 1.02, 9)
-"""A certain step may be such a part of the true one: of a step so coarse that fewer than `CELLS`
-lie within the measurements only a part is sought, and multiples are tried near by."""
-
-
-class _Gathered(NamedTuple):
-    """How measurements gather within steps of one length."""
-
-    share: float
-    """Mean resultant of their phases over the steps."""
-    sure: bool
-    """Whether chance gathers them so once in e^16."""
-    moves: bool
-    """Whether measurements in motion gather there, too."""
 
 
 def _on_few_ways(records: Sequence[Record]) -> bool:
@@ -307,54 +225,6 @@ def _on_few_ways(records: Sequence[Record]) -> bool:
     return all(len(np.unique(c[c > 0.0])) < 2 for c in commands)
 
 
-def blurred_step(y: Array, agree: float = AGREE) -> float:
-    """Step of a lattice that noise has blurred, as of ticks behind a noisy line; 0 for none.
-
-    In every interval of one step measurements gather at one place. Each interval has one vote,
-    however many measurements it holds: a few levels held for long are no lattice. Nor are many at
-    equal distances, as a staircase of the command leaves: measurements in motion must gather there,
-    too.
-
-    Args:
-        y: measurements, (N,).
-        agree: mean resultant within the steps that is asked.
-    """
-    size = float(np.quantile(np.abs(y), 0.95)) if len(y) else 0.0
-    if size <= 0.0:
-        return 0.0
-    best, most = 0.0, agree  # half a step gathers them, too, but less
-    change = np.abs(np.gradient(y)) if len(y) > 1 else np.zeros(len(y))
-    for f in np.arange(CELLS, 1.0 / VISIBLE, 0.25) / size:
-        gathered = _gathered(y, change, float(f))
-        if gathered.sure and gathered.moves and gathered.share > most:
-            best, most = 1.0 / float(f), gathered.share
-    for coarser in [best * k * near for k in PARTS for near in NEARBY] if best > 0.0 else []:
-        if size < MIN_STEPS * coarser:
-            continue
-        gathered = _gathered(y, change, 1.0 / coarser)
-        if gathered.moves and gathered.share > most:
-            best, most = coarser, gathered.share
-    return float(best)
-
-
-def _gathered(y: Array, change: Array, f: float) -> _Gathered:
-    """How measurements `y` that change by `change` a sample gather within steps of 1/f."""
-    cell, turned = np.floor(y * f).astype(np.intp), np.exp(2j * np.pi * y * f)
-    cell -= cell.min()
-    count = np.bincount(cell)
-    there = count >= MIN_IN_CELL
-    mean = np.bincount(cell, turned.real) + 1j * np.bincount(cell, turned.imag)
-    mean = mean[there] / count[there]
-    total, square = abs(np.sum(mean)), float(np.sum(np.abs(mean) ** 2))
-    moving = turned[change * f > IN_MOTION]
-    chance = SURE_MOVING / np.sqrt(max(len(moving), 1))
-    return _Gathered(
-        total / max(len(mean), 1),
-        bool(square > 0.0 and total**2 / square > SURE_LATTICE),
-        bool(abs(np.sum(moving)) > max(0.5 * AGREE, chance) * len(moving)),
-    )
-
-
 def _bursts(record: Record, i: int, step: float, holds: bool, strict: bool) -> Mask:
     """Samples of one output that were lost.
 
@@ -367,10 +237,10 @@ def _bursts(record: Record, i: int, step: float, holds: bool, strict: bool) -> M
     if len(y) < 8:
         return lost
     ordinary = step > 0.0 or _repeats_by_chance(y)
-    noise = max(reading_noise([y]), 1e-9)
+    noise = max(float(white_noise([y[:, None]])[0]), 1e-9)
     size = float(np.quantile(np.abs(y), 0.95)) or 1.0
     least = max(8.0 * noise, 3.0 * step, (0.1 if holds else 0.25) * size)
-    if holds and not ordinary and _resolution(y) < 0.1 * noise:
+    if holds and not ordinary and last_digit(y) < 0.1 * noise:
         least = 0.0  # noise this far above the last digit never repeats a reading
     elif not strict:
         least = max(4.0 * noise, 2.0 * step, 0.05 * size)
@@ -389,82 +259,16 @@ def _bursts(record: Record, i: int, step: float, holds: bool, strict: bool) -> M
     return lost
 
 
-def _resolution(y: Array) -> float:
-    """Last digit of most measurements; infinite when there is none."""
-    last = _last_digits(y)
-    return float(np.median(last)) if len(last) else np.inf
-
-
-def _last_digits(y: Array) -> Array:
-    """Last digit of each reading but the first, (N − 1,); nothing where no reading changes.
-
-    Files with so many digits in all have coarser ones where measurements are larger: the digit is
-    the smallest change among measurements of the same power of ten or above.
-    """
-    change = np.round(np.abs(np.diff(y)), 9)
-    moved = change > 0.0
-    if not moved.any():
-        return np.zeros(0)
-    size = np.maximum(np.abs(y[1:]), np.abs(y[:-1]))
-    power = np.floor(np.log10(np.maximum(size, 1e-9)))
-    digits = np.zeros(len(change))
-    for p in np.unique(power):
-        there = moved & (power >= p)
-        if there.any():
-            digits[power == p] = np.min(change[there])
-    return np.maximum(digits, np.min(change[moved]))
-
-
 def _repeats_by_chance(y: Array) -> bool:
     """Whether measurements repeat hardly more often than they change by one last digit either way.
 
     A clipped sensor repeats its largest value, and a lost one zero: neither is asked.
     """
     change = np.round(np.abs(np.diff(y)), 9)
-    last = _last_digits(y)
+    last = last_digits(y)
     asked = (np.abs(y[1:]) < TOP * np.max(np.abs(y))) & (y[1:] != 0.0)
     near = float(np.sum(asked & (change > 0.0) & (change < 1.5 * last))) / 2.0 if len(last) else 0.0
     return float(np.sum(asked & (change == 0.0))) <= 3.0 * near + 5.0
-
-
-def recurring_step(y: Array) -> float:
-    """Step of a coarse sensor whose measurements were interpolated onto a grid; 0 for none.
-
-    They lie on no lattice any more, but where two measurements were alike the lattice value still
-    stands twice. All such values lie on one lattice through zero, however seldom each comes; a
-    reading of a fine sensor that was held is a number of its own.
-    """
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.diff(y) == 0.0, [0]])))
-    twice = np.round(y[edges[::2]], 9)
-    repeated = np.unique(np.abs(twice[twice != 0.0]))
-    if len(repeated) < MIN_REPEATED_VALUES:
-        return _recurring(twice)
-    some = repeated[:: -(-len(repeated) // MAX_REPEATED_VALUES)]
-    cells = np.arange(MIN_CELLS, MAX_CELLS, 0.1) / repeated[-1]
-    agree = np.mean(np.cos(2.0 * np.pi * np.outer(cells, some)), axis=1)
-    near = np.flatnonzero(agree > IN_CELL)
-    if not len(near):
-        return 0.0
-    first = int(near[0]) + int(np.argmax(agree[near[0] : near[0] + 10]))
-    whole = np.maximum(np.round(repeated * cells[first]), 1.0)
-    if len(np.unique(whole)) < MIN_REPEATED_VALUES:  # one settled speed agrees with any step
-        return _recurring(twice)
-    step = float(np.sum(repeated * whole) / np.sum(whole**2))
-    off = repeated / step
-    return step if float(np.mean(np.abs(off - np.round(off)) < 0.05)) >= ON_LATTICE else 0.0
-
-
-def _recurring(twice: Array) -> float:
-    """Step of so coarse a sensor that few values stand twice, each of them again and again."""
-    values, counts = np.unique(twice, return_counts=True)
-    often, moving = values[counts >= RECURS], values != 0.0
-    known = np.sum(counts[moving & (counts >= RECURS)])
-    if len(often) < MIN_RECURRING_VALUES or known <= 0.5 * np.sum(counts[moving]):
-        return 0.0
-    gaps = np.diff(often)
-    step = float(np.min(gaps[gaps > 1e-3 * float(np.median(gaps))]))
-    off = (often - often[0]) / step
-    return step if float(np.mean(np.abs(off - np.round(off)) < 0.05)) >= ON_LATTICE else 0.0
 
 
 def _moved_before(record: Record, i: int, k: int, stop: int, least: float) -> bool:

@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Record
 from sysid.diagnosis.policies import BUDGET, RULE
 from sysid.diagnosis.search.admission import admissible, beyond_sampling
@@ -34,7 +35,7 @@ class CandidateSearch:
 
     Args:
         model: full model of the system.
-        estimation, holdout: records.
+        estimation, holdout: records, or what is known of them.
         scales: full drive of each track's command.
         delay: dead time of the base in samples.
         level: whether a constant load belongs to the base.
@@ -46,8 +47,8 @@ class CandidateSearch:
     def __init__(
         self,
         model: FullModel,
-        estimation: Sequence[Record],
-        holdout: Sequence[Record],
+        estimation: Sequence[Record] | LogFacts,
+        holdout: Sequence[Record] | LogFacts,
         scales: Array,
         delay: int,
         level: bool = False,
@@ -56,12 +57,13 @@ class CandidateSearch:
         fixed_core: bool = False,
     ) -> None:
         self.model, self.level, self.needed = model, level, needed
-        self.estimation, self.holdout = tuple(estimation), tuple(holdout)
+        known, known_holdout = LogFacts.of(estimation), LogFacts.of(holdout)
+        self.estimation, self.holdout = known.records, known_holdout.records
         fitted, judged = weights if weights is not None else (None, None)
         self.logs = logs_of(self.estimation, self.holdout)
-        self.data = prepare(self.estimation, scales, delay, fitted, logs=self.logs.estimation)
+        self.data = prepare(known, scales, delay, fitted, logs=self.logs.estimation)
         rows = len(self.data.drive)
-        self.holdout_data = prepare(self.holdout, scales, delay, judged, rows, self.logs.holdout)
+        self.holdout_data = prepare(known_holdout, scales, delay, judged, rows, self.logs.holdout)
         owners = ("core", LEVEL.id) if level else ("core",)
         core = tuple(k for k, s in enumerate(model.parameters) if s.owner in owners)
         self.core = () if fixed_core else core

@@ -1,4 +1,4 @@
-"""Evidence for an effect: likelihood, paired blocks, held-out error; and the noise floor."""
+"""Evidence for an effect: likelihood, paired blocks, held-out error."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,19 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.criteria.coloured import effective_sample_size
-from sysid.data.reading.stale import fresh_only, refreshes
-from sysid.data.record import Array, Record
+from sysid.data.record import Array
 from sysid.diagnosis.policies import RULE
 from sysid.fitting.holdout import Errors
 
 BLOCKS = 24
 """Blocks that before and after are compared on; each still holds many time constants."""
-
-MIN_SETTLED_DIFFERENCES = 200
-"""Third differences on which no command changes, at least, to read the noise from them alone."""
-
-WITHIN_THREE = 0.98658
-"""Standard deviation of a normal law cut off at three of its own."""
 
 
 @dataclass(frozen=True)
@@ -168,76 +161,3 @@ def _block_gains(
                 gains.append(-WORST)
                 moved.append(True)
     return np.array(gains), np.array(moved, dtype=bool)
-
-
-def noise_floor(records: Sequence[Record]) -> Array:
-    """Measurement noise of each output from the data alone, (ny,), at least q/√12 of resolution q.
-
-    Third differences of a smooth signal vanish; over √20 (the norm of 1, −3, 3, −1) they are white
-    measurement noise. Where commands rest often enough, only samples without a recent change count,
-    by their root mean square without outliers; otherwise the median absolute deviation of all. Of a
-    sensor slower than the log only fresh measurements count.
-    """
-    slow = refreshes(records)
-    if any(slow):
-        each = [_floor(fresh_only(records, i, s)) for i, s in enumerate(slow)]
-        return np.concatenate(each)
-    return _floor(records)
-
-
-def settled(records: Sequence[Record]) -> NDArray[np.bool_]:
-    """Outputs whose commands rest often enough to read the noise between their changes, (ny,)."""
-    calm = [_calm(r) for r in records if len(r) > 3]
-    return np.asarray(np.concatenate(calm).sum(axis=0) >= MIN_SETTLED_DIFFERENCES)
-
-
-def _floor(records: Sequence[Record]) -> Array:
-    """``noise_floor`` of measurements that are all fresh."""
-    third = np.concatenate([np.diff(r.y, n=3, axis=0) for r in records if len(r) > 3])
-    calm = np.concatenate([_calm(r) for r in records if len(r) > 3])
-    rough = 1.4826 * np.median(np.abs(third), axis=0)
-    spreads = [
-        _spread(third[calm[:, i], i], rough[i])
-        if calm[:, i].sum() >= MIN_SETTLED_DIFFERENCES
-        else rough[i]
-        for i in range(third.shape[1])
-    ]
-    rounding = _step(records) / np.sqrt(12.0)
-    return np.asarray(np.maximum(np.array(spreads) / np.sqrt(20.0), rounding))
-
-
-def _step(records: Sequence[Record]) -> Array:
-    """Resolution of each output, (ny,): the smallest difference between two measurements."""
-    values = np.concatenate([r.y for r in records])
-    steps = np.zeros(values.shape[1])
-    for i, column in enumerate(values.T):
-        apart = np.diff(np.unique(column))
-        # rounding of a computation is no step of a sensor
-        apart = apart[apart > 1e-9 * float(np.max(np.abs(column), initial=0.0))]
-        steps[i] = float(np.min(apart, initial=np.inf))
-    return np.where(np.isfinite(steps), steps, 0.0)
-
-
-def _calm(record: Record) -> NDArray[np.bool_]:
-    """Third differences (N − 3, ny) on which no command changes, nor in the two samples before.
-
-    Measurements that rest on zero or on their largest size (a clip) do not show the noise.
-    """
-    u, y = record.u, record.y
-    changes = np.any(np.abs(np.diff(u, axis=0)) > 1e-3 * np.max(np.abs(u), axis=0), axis=1)
-    before = np.concatenate([[0], np.cumsum(changes)])
-    first = np.arange(len(u) - 3)
-    calm = before[first + 3] == before[np.maximum(first - 2, 0)]
-    size = np.abs(y[:-3])
-    same = np.all([y[k : len(y) - 3 + k] == y[:-3] for k in (1, 2, 3)], axis=0)
-    stuck = same & ((size == 0.0) | (size == np.max(np.abs(y), axis=0)))
-    return np.asarray(calm[:, None] & ~stuck)
-
-
-def _spread(x: Array, start: float) -> float:
-    """Root mean square within three times itself, for a normal law."""
-    size = max(start, 1.4826 * float(np.median(np.abs(x))))
-    for _ in range(5):
-        inside = x[np.abs(x) <= 3.0 * size]
-        size = float(np.sqrt(np.mean(inside**2))) / WITHIN_THREE if len(inside) else size
-    return size

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Record
-from sysid.diagnosis.search.evidence import noise_floor
 from sysid.structures.augmented.chain import drive_before
 
 LENGTHS = (512, 1024, 1536, 2048, 3072, 4096, 5120, 6144, 8192)
@@ -35,7 +35,7 @@ class Data:
         weight: 0 where a sample does not count, (M, tracks).
         log: which of several logs a row belongs to, from 0, (M, 1).
         lengths: samples of each record.
-        noise: noise of the measurements (see ``noise_floor``), (tracks,).
+        noise: noise of the measurements (see ``LogFacts``), (tracks,).
     """
 
     drive: Array
@@ -79,7 +79,7 @@ def padded_length(samples: int) -> int:
 
 
 def prepare(
-    records: Sequence[Record],
+    data: Sequence[Record] | LogFacts,
     scales: Array,
     delay: int,
     weights: Sequence[Array] | None = None,
@@ -89,13 +89,15 @@ def prepare(
     """Stack records.
 
     Args:
-        records: experiments.
+        data: experiments, or what is known of them.
         scales: full drive of each input.
         delay: whole samples of dead time.
         weights: weight of each sample of each record, (N, tracks).
         least: rows at least, so that two parts of the data share one compilation.
         logs: which of several logs each record belongs to; all to the first when None.
     """
+    facts = LogFacts.of(data)
+    records = facts.records
     drive: list[Array] = []
     before: list[Array] = []
     for r in records:
@@ -128,7 +130,7 @@ def prepare(
         stacked(weight),
         stacked([np.full((n, 1), float(k)) for n, k in zip(lengths, of, strict=True)]),
         lengths,
-        noise_floor(records),
+        facts.noise,
     )
 
 

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sysid.data.facts import LogFacts
 from sysid.diagnosis.base_model import Base
 from sysid.diagnosis.policies import RULE
-from sysid.diagnosis.search.evidence import noise_floor
 from sysid.diagnosis.search.selection import SelectedEffect, Selection
 from sysid.diagnosis.session import DiagnosisSession
 from sysid.diagnosis.several.single_log_fits import LogFit, fits_of_logs
@@ -66,7 +66,7 @@ def _view(
     effects = tuple(_shown(base, selection, n, fit) for n in named)
     every = (*base.parts.estimation, *base.parts.holdout)
     of = (*logs.estimation, *logs.holdout)
-    noise = noise_floor([r for r, i in zip(every, of, strict=True) if i == k])
+    noise = LogFacts(tuple(r for r, i in zip(every, of, strict=True) if i == k)).noise
     names = base.parts.estimation[0].output_names
     return LogView(
         logs.names[k],

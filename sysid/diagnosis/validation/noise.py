@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Record
 from sysid.diagnosis.gap import REFUTED, floor_of_errors
-from sysid.diagnosis.search.evidence import noise_floor, settled
 
 MIN_PAIRS = 60
 """Pairs of rows with the same commands before, that a noise is read off."""
@@ -58,16 +58,16 @@ class NoiseFloor:
         return NoiseFloor(value, np.maximum(self.low, rounding), np.maximum(self.high, value))
 
 
-def floor_of(records: Sequence[Record], errors: Sequence[Array], pole: float) -> NoiseFloor:
+def floor_of(data: Sequence[Record] | LogFacts, errors: Sequence[Array], pole: float) -> NoiseFloor:
     """Noise of the measurements of all logs.
 
     Args:
-        records: every log.
+        data: every log, or what is known of all.
         errors: those of a model there, (N, ny) a record; NaN where a sample does not count.
         pole: of that model, which says how long it remembers a command.
     """
-    value = noise_floor(records)
-    calm = settled(records)
+    facts = LogFacts.of(data)
+    records, value, calm = facts.records, facts.noise, facts.settles
     repeated = between_repeats(records, errors, pole)
     for other in (floor_of_errors(errors), repeated):
         value = np.where(other < REFUTED * value, other, value)

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.noise import white_noise
 from sysid.data.record import Array, Record
 from sysid.effects.ground import Ground
 from sysid.effects.lag import followed
@@ -233,7 +234,7 @@ def increments_noise(tracks: Sequence[Track], geometry: Geometry) -> Noise:
     transients), the pose's after the way of the wheels is taken off. The noise of the ends is
     added to that of the speeds summed over the window; a wrong heading at the start turns the way.
     """
-    third = []
+    signals = []
     for track in tracks:
         path = track.path(Ground(), geometry)
         lost = np.unwrap(np.nan_to_num(track.pose[:, 2] - path[:, 2]))
@@ -243,8 +244,8 @@ def increments_noise(tracks: Sequence[Track], geometry: Geometry) -> Noise:
         gone = np.nan_to_num(mean)[:, None] * np.column_stack([np.cos(middle), np.sin(middle)])
         rolled = np.concatenate([np.zeros((1, 2)), np.cumsum(gone, axis=0)])
         columns = np.column_stack([track.pose[:, :2] - rolled, lost, track.omega])
-        third.append(np.diff(columns, n=3, axis=0))
-    sigma = 1.4826 * np.nanmedian(np.abs(np.concatenate(third)), axis=0) / np.sqrt(20.0)
+        signals.append(columns)
+    sigma = white_noise(signals)
     place, psi = float(np.mean(sigma[:2] ** 2)), float(sigma[2] ** 2)
     wheel = float(np.mean(sigma[3:] ** 2)) * tracks[0].dt ** 2 * tracks[0].span
     return Noise(

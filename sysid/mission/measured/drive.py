@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.data.noise import white_noise
 from sysid.data.record import Array, Record
 from sysid.errors import DataError
 from sysid.mission.result import MissionResult
@@ -86,7 +87,7 @@ class MeasuredDrive:
             )
         t, pose = (record.t - record.t0)[known], record.pose[known].copy()
         pose[:, 2] = np.unwrap(pose[:, 2])
-        noise = measurement_noise(pose)
+        noise = np.maximum(white_noise([pose]), FINEST)
         distance = max(MOVED[0], BEYOND_NOISE * float(noise[:2].max()))
         angle = max(MOVED[1], BEYOND_NOISE * float(noise[2]))
         moves = sets_off(t, pose[None], distance, angle)[0]
@@ -122,17 +123,6 @@ class MeasuredDrive:
                 f"{turned:.2g} rad from the mission's start: the runs start where it does."
             )
         return tuple(sentences)
-
-
-def measurement_noise(pose: Array) -> Array:
-    """Standard deviation of white noise on x, y and ψ: MAD(Δ³)/(0.6745 √20), at least ``FINEST``.
-
-    Third differences of a way are tiny beside its own, and those of white noise have 20 times its
-    variance; the median does not mind the few samples in which a robot jerks.
-    """
-    third = np.diff(pose, 3, axis=0)
-    spread = np.median(np.abs(third - np.median(third, axis=0)), axis=0) / 0.6745
-    return np.asarray(np.maximum(spread / np.sqrt(20.0), FINEST))
 
 
 def sets_off(t: Array, pose: Array, distance: float, angle: float) -> Array:
