@@ -207,7 +207,7 @@ def _channel(gallery: _Gallery, found: Diagnosis, i: int) -> dict[str, Any]:
             f"worst{i}",
             partial(draw.worst_size, windows, changed=changed),
             partial(draw.draw_worst, windows=windows, changed=changed),
-            f"{channel.name} where the model before is worst",
+            f"{channel.name} where the original model is worst",
         ),
         "profiles": gallery.add(  # a short log has none
             f"profiles{i}",
