@@ -90,7 +90,7 @@ def _what(result: "Diagnosis") -> None:
     for d in result.rejected:
         render.say(f"Rejected: {d.id}, because {d.reason}.")
     if result.minor:
-        render.say(f"Minor or unproven, not added: {', '.join(result.minor)}.")
+        render.say(f"Minor or not significant, not added: {', '.join(result.minor)}.")
     if result.candidates:
         best = (f"{id} {score_words(s)}" for id, s in result.candidates[:_MOST])
         render.say(f"Tried first, by score: {', '.join(best)}.", "dim")

@@ -107,7 +107,7 @@ def _channel(diagnosis: Diagnosis, i: int) -> dict[str, Any]:
             f"worst{i}",
             draw.worst_size(windows, changed=changed),
             lambda figure: draw.draw_worst(figure, windows, changed=changed),
-            f"{channel.name} where the model before is worst",
+            f"{channel.name} where the original model is worst",
         ),
         "profiles": inline_svg(  # a short log has none
             f"profiles{i}",
